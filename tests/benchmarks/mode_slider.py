@@ -107,7 +107,7 @@ def timed(name: str, work, arguments) -> dict[str, list[float]]:
 
 def time_window(shape, folder: Path, moves: int) -> dict[str, list[float]]:
     """Time slider to picture in the real window, then how late events are while a mode plays [ms]."""
-    from homolog_app.window.explore.player import Player
+    from homolog_app.window.explore.controls import Player
     from homolog_app.window.scene import Scene
     from homolog_app.window.start import make_application, make_window
 

@@ -8,8 +8,7 @@ from PySide6.QtWidgets import QMainWindow, QMenu, QToolButton, QToolTip, QWidget
 
 from homolog_app.window.availability import REASONS
 from homolog_app.window.commands import COMMANDS, MENUS, Command, command
-from homolog_app.window.icons import icon
-from homolog_app.window.theme import Theme
+from homolog_app.window.theme import Theme, icon
 
 __all__ = ["Actions", "shortcuts"]
 

@@ -10,13 +10,11 @@ from PySide6.QtWidgets import QDialog, QFileDialog, QMessageBox
 from homolog import __version__
 from homolog.errors import user_message
 from homolog.files.atomic import write_text
-from homolog_app.window.error_dialog import ErrorDialog
-from homolog_app.window.icons import pixmap
-from homolog_app.window.palette import CommandPalette
+from homolog_app.window.error_dialog import ErrorDialog, problem_report
+from homolog_app.window.palette import CommandPalette, ShortcutSheet
 from homolog_app.window.preferences import PreferencesDialog
-from homolog_app.window.problem_report import problem_report
 from homolog_app.window.questions import Controller, reported
-from homolog_app.window.shortcut_sheet import ShortcutSheet
+from homolog_app.window.theme import pixmap
 
 __all__ = ["HelpController"]
 

@@ -1,4 +1,4 @@
-"""The rail of four steps: where one stands and what is next."""
+"""The four steps of a study: how far each is, and the rail that leads to them."""
 
 from dataclasses import dataclass
 
@@ -6,11 +6,13 @@ from PySide6.QtCore import QRect, QSize, Qt
 from PySide6.QtGui import QColor, QFont, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QAbstractButton, QFrame, QVBoxLayout, QWidget
 
-from homolog_app.window.icons import pixmap
-from homolog_app.window.theme import Theme, scaled
+from homolog_app.window.session import Session
+from homolog_app.window.theme import Theme, pixmap, scaled
 from homolog_app.window.widgets import GRID
+from homolog_app.window.work import Work
 
-__all__ = ["STEPS", "Rail", "Step"]
+__all__ = ["STEPS", "Rail", "Step", "steps_of"]
+
 
 STEPS = ("cohort", "groom", "correspond", "explore")
 _WIDTH, _HEIGHT = 96, 104
@@ -117,3 +119,35 @@ class _StepButton(QAbstractButton):
         painter.setPen(QColor(self._theme.colours.dim if self._step.enabled else self._theme.colours.faint))
         text = self._step.status or ("next" if self._step.following and not self._current else "")
         painter.drawText(box.adjusted(2, 54 + scaled(12), -2, 0), flags | Qt.TextFlag.TextWordWrap, text)
+
+
+def steps_of(session: Session, work: Work) -> dict[str, Step]:
+    """Return the state of the steps, with a few words each; exactly one open one is next."""
+    included = len(session.study.included)
+    groomed = len(session.groomed_names)
+    result = session.result
+    done = {
+        "cohort": included >= 2,
+        "groom": session.is_groomed or result is not None,
+        "correspond": result is not None,
+        "explore": False,
+    }
+    enabled = {
+        "cohort": session.is_open,
+        "groom": included > 0,
+        "correspond": included >= 2,
+        "explore": result is not None or work.preliminary is not None,
+    }
+    texts = {
+        "cohort": f"{included} subjects" if session.is_open else "",
+        "groom": f"{groomed} of {included}" if groomed else "",
+        "correspond": f"{result.result.world.shape[1]} particles" if result else "",
+        "explore": "preliminary" if work.preliminary is not None else "",
+    }
+    if work.status is not None and work.kind in ("groom", "run"):
+        texts["groom" if work.kind == "groom" else "correspond"] = f"{100 * work.status.fraction:.0f} %"
+    following = next((name for name, is_done in done.items() if not is_done), "") if session.is_open else ""
+    return {
+        name: Step(enabled[name], done[name], name == following and enabled[name], texts[name])
+        for name in done
+    }

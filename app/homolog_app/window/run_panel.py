@@ -8,10 +8,9 @@ from homolog.settings import OptimizeSettings
 from homolog_app.studies.files import interrupted_text
 from homolog_app.window.actions import Actions
 from homolog_app.window.form import SettingsPair
-from homolog_app.window.progress import Progress
 from homolog_app.window.runner import Status
 from homolog_app.window.session import Session
-from homolog_app.window.widgets import GRID, ActionButton, Panel, label, rule, set_primary
+from homolog_app.window.widgets import GRID, ActionButton, Panel, Progress, label, rule, set_primary
 
 __all__ = ["RunPanel"]
 

@@ -1,20 +1,23 @@
-"""Runs jobs in a computing thread and reports to the GUI thread; nothing else crosses between the two."""
+"""The computing thread, and Python's garbage, which only the thread of the window may collect."""
 
+import gc
 import os
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from queue import SimpleQueue
 from typing import Any, Protocol
 
-from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtCore import QObject, QTimer, Signal, Slot
 
 from homolog.cancellation import CancelToken
 from homolog.errors import Cancelled
 from homolog.progress import Tick
 
-__all__ = ["Job", "JobOutcome", "Runner", "Status", "Task"]
+__all__ = ["GarbageCollector", "Job", "JobOutcome", "Runner", "Status", "Task"]
+
 
 POLL_MS = 33
 _NICENESS = 10
@@ -195,3 +198,45 @@ def _step_back() -> None:
     """Let the window's thread go first where threads have priorities of their own."""
     if hasattr(os, "setpriority"):
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
+
+
+_EVERY_MS = 500
+_REST = 100.0
+"""After a collection of everything there is none for so many times as long as it took."""
+
+
+class GarbageCollector(QObject):
+    """Collects garbage in place of Python's own collector, which is off until `close`."""
+
+    def __init__(self, parent: QObject) -> None:
+        super().__init__(parent)
+        self._next_whole = 0.0
+        gc.disable()
+        self._timer = QTimer(self, interval=_EVERY_MS)
+        self._timer.timeout.connect(self.sweep)
+        self._timer.start()
+
+    def settle(self) -> None:
+        """Leave what there is by now out of all further collections, which are short then."""
+        gc.freeze()
+
+    def close(self) -> None:
+        """Hand over to Python's own collector."""
+        self._timer.stop()
+        gc.enable()
+
+    @Slot()
+    def sweep(self) -> None:
+        """Collect the generations that are due."""
+        young, middle, old = (
+            count > most for count, most in zip(gc.get_count(), gc.get_threshold(), strict=True)
+        )
+        began = time.monotonic()
+        if old and began > self._next_whole:
+            gc.collect()
+            now = time.monotonic()
+            self._next_whole = now + _REST * (now - began)
+        elif middle:
+            gc.collect(1)
+        elif young:
+            gc.collect(0)

@@ -1,18 +1,308 @@
-"""The middle of the window: the views, what to do while there is nothing to see, and the strips around."""
+"""The stage of the views with its bars: what is shown, the cutting plane, the range of colours, the menu."""
 
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QLabel, QSplitter, QStackedWidget, QVBoxLayout, QWidget
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
+from PySide6.QtCore import Qt, Signal, Slot
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QDialog,
+    QDialogButtonBox,
+    QFormLayout,
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QMenu,
+    QSlider,
+    QSplitter,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from homolog_app.rendering.camera import Clip, ClipPlane
+from homolog_app.rendering.colours import ColourScale
+from homolog_app.rendering.text import parse_number, short
+from homolog_app.views.cell import VIEWS
 from homolog_app.window.actions import Actions
-from homolog_app.window.clip_bar import ClipBar
-from homolog_app.window.icons import pixmap
 from homolog_app.window.scene import Scene
 from homolog_app.window.slice_view import SliceView
-from homolog_app.window.theme import Theme
-from homolog_app.window.view_bar import ViewBar, ViewFooter
-from homolog_app.window.widgets import GRID, label
+from homolog_app.window.theme import Theme, pixmap
+from homolog_app.window.widgets import GRID, button, choice, label
 
-__all__ = ["Stage"]
+if TYPE_CHECKING:
+    from homolog_app.window.main_window import MainWindow
+
+__all__ = ["ClipBar", "RangeDialog", "Stage", "ViewBar", "ViewFooter", "view_menu"]
+
+
+_IN_MENU = ("view.raw", "view.groomed", "view.particles", "view.clip")
+_PICTURES = ("view.copy", "view.screenshot", "view.range")
+
+
+def view_menu(window: "MainWindow", name: str) -> QMenu:
+    """Return the menu of a view.
+
+    Parameters
+    ----------
+    window : MainWindow
+    name : str
+        Of the subject or shape that the view shows; nothing if it shows none.
+    """
+    menu, views = QMenu(window), window.views
+    subjects = {member.name for member in window.workspace.session.study.included}
+    if name in subjects and views is not None:
+        menu.addAction(f"Select {name.replace('&', '&&')}", lambda: window.workspace.session.select([name]))
+        only = menu.addAction("Show only this subject", lambda: views.show_only(name))
+        only.setEnabled(not views.shows_model)
+        menu.addSeparator()
+    camera = menu.addMenu("Look from")
+    for view in VIEWS:
+        camera.addAction(window.commands[f"view.{view}"])
+    menu.addAction(window.commands["view.reset"])
+    menu.addSeparator()
+    for part in (_IN_MENU, _PICTURES):
+        for identifier in part:
+            menu.addAction(window.commands[identifier])
+        menu.addSeparator()
+    return menu
+
+
+_SHOWN = ("view.raw", "view.groomed", "view.particles", "view.slice", "view.clip")
+_GRIDS = ("view.grid1", "view.grid4", "view.grid9", "view.grid16")
+
+
+class ViewBar(QFrame):
+    """Buttons of the views' commands and the opacity of surfaces."""
+
+    opacity_changed = Signal(float)
+
+    def __init__(self, actions: Actions) -> None:
+        super().__init__()
+        self.setObjectName("ViewBar")
+        row = QHBoxLayout(self)
+        row.setContentsMargins(GRID, GRID // 2, GRID, GRID // 2)
+        row.setSpacing(2)
+        for identifier in _SHOWN:
+            row.addWidget(actions.button(identifier, self))
+        row.addSpacing(GRID)
+        row.addWidget(label("Opacity", "Hint"))
+        self.opacity = QSlider(Qt.Orientation.Horizontal)
+        self.opacity.setRange(10, 100)
+        self.opacity.setValue(100)
+        self.opacity.setFixedWidth(56)
+        self.opacity.setToolTip("Opacity of the surfaces")
+        self.opacity.setAccessibleName("Opacity of surfaces")
+        self.opacity.valueChanged.connect(lambda value: self.opacity_changed.emit(value / 100.0))
+        row.addWidget(self.opacity)
+        row.addStretch()
+        for identifier in _GRIDS:
+            row.addWidget(actions.button(identifier, self))
+        row.addSpacing(GRID)
+        for identifier in ("view.link", "view.reset", "view.screenshot"):
+            row.addWidget(actions.button(identifier, self))
+
+
+class ViewFooter(QFrame):
+    """The strip below: pages, and the playback of a run."""
+
+    frame_chosen = Signal(int)
+
+    def __init__(self, actions: Actions) -> None:
+        super().__init__()
+        self.setObjectName("ViewFooter")
+        row = QHBoxLayout(self)
+        row.setContentsMargins(GRID, GRID // 2, GRID, GRID // 2)
+        row.setSpacing(GRID)
+        self.play = actions.button("run.play", self)
+        self.time = QSlider(Qt.Orientation.Horizontal)
+        self.time.setAccessibleName("Position in the run")
+        self.time.valueChanged.connect(self.frame_chosen)
+        self.moment = label("", "Hint")
+        self.moment.setMinimumWidth(120)
+        self.page = label("", "Hint")
+        row.addWidget(self.play)
+        row.addWidget(self.time, 1)
+        row.addWidget(self.moment)
+        row.addStretch()
+        row.addWidget(actions.button("view.previous", self))
+        row.addWidget(self.page)
+        row.addWidget(actions.button("view.next", self))
+        self.show_frames(0)
+
+    def show_frames(self, count: int) -> None:
+        """Offer the frames of a run, or none; the last one is shown."""
+        self.time.blockSignals(True)
+        self.time.setRange(0, max(0, count - 1))
+        self.time.setValue(max(0, count - 1))
+        self.time.blockSignals(False)
+        for widget in (self.play, self.time, self.moment):
+            widget.setVisible(count > 1)
+
+    def show_page(self, first: int, last: int, total: int) -> None:
+        """Say which subjects are shown."""
+        text = f"{first}–{last} of {total}" if last > first else f"{first} of {total}"
+        self.page.setText(text if total else "")
+
+
+class RangeDialog(QDialog):
+    """Lowest and highest value of the colours; what is chosen is seen at once.
+
+    Parameters
+    ----------
+    parent : QWidget
+    scale : ColourScale
+        The present range.
+    choose : callable
+        Takes the range that is chosen, or None for an automatic one.
+    present : callable
+        Returns the range that is then in force, None if colours are no longer shown.
+    """
+
+    def __init__(
+        self,
+        parent: QWidget,
+        scale: ColourScale,
+        choose: Callable[[tuple[float, float] | None], object],
+        present: Callable[[], ColourScale | None],
+    ) -> None:
+        super().__init__(parent)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self._choose, self._present = choose, present
+        self.setWindowTitle("Colour range")
+        self.setMinimumWidth(360)
+        self.low, self.high = QLineEdit(short(scale.low)), QLineEdit(short(scale.high))
+        unit = f" ({scale.unit})" if scale.unit else ""
+        self.symmetric = QCheckBox("Symmetric about 0")
+        form = QFormLayout()
+        form.setVerticalSpacing(GRID)
+        for text, box in ((f"Lowest{unit}", self.low), (f"Highest{unit}", self.high)):
+            box.setAccessibleName(text)
+            form.addRow(text, box)
+        form.addRow("", self.symmetric)
+        self.problem = label("", "Problem", wrap=True)
+        self.automatic = button("Automatic")
+        self.automatic.setToolTip("Choose the range by the values that are shown")
+        buttons = QDialogButtonBox(
+            QDialogButtonBox.StandardButton.Apply | QDialogButtonBox.StandardButton.Close
+        )
+        buttons.addButton(self.automatic, QDialogButtonBox.ButtonRole.ResetRole)
+        self.apply = buttons.button(QDialogButtonBox.StandardButton.Apply)
+        self.apply.setDefault(True)
+        self.apply.clicked.connect(self._apply)
+        self.automatic.clicked.connect(lambda: self._receive(None))
+        buttons.rejected.connect(self.reject)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(3 * GRID, 3 * GRID, 3 * GRID, 2 * GRID)
+        layout.setSpacing(2 * GRID)
+        layout.addWidget(label(scale.title, "SectionTitle", wrap=True))
+        layout.addLayout(form)
+        layout.addWidget(self.problem)
+        layout.addWidget(buttons)
+        self.symmetric.toggled.connect(self._follow)
+        self.symmetric.setChecked(scale.low == -scale.high)
+        self.high.textEdited.connect(self._follow)
+        self.problem.hide()
+        self.high.selectAll()
+        self.high.setFocus()
+
+    def _receive(self, chosen: tuple[float, float] | None) -> None:
+        """Choose a range, and show the one in force."""
+        self._choose(chosen)
+        if (scale := self._present()) is not None:
+            self.low.setText(short(scale.low))
+            self.high.setText(short(scale.high))
+
+    @Slot()
+    def _follow(self) -> None:
+        """Keep the lower end opposite to the upper one."""
+        self.low.setEnabled(not self.symmetric.isChecked())
+        if self.symmetric.isChecked():
+            text = self.high.text().strip()
+            self.low.setText(text[1:] if text[:1] in ("-", "−") else f"−{text}")
+
+    @Slot()
+    def _apply(self) -> None:
+        try:
+            low, high = parse_number(self.low.text()), parse_number(self.high.text())
+        except ValueError:
+            low = high = 0.0
+        valid = low < high and abs(low) + abs(high) < float("inf")
+        self.problem.setText("Enter two numbers; the lowest value must be less than the highest.")
+        self.problem.setVisible(not valid)
+        if valid:
+            self._receive((low, high))
+
+
+_PLANES = {
+    "Axial": ClipPlane.AXIAL,
+    "Coronal": ClipPlane.CORONAL,
+    "Sagittal": ClipPlane.SAGITTAL,
+    "Facing the camera": ClipPlane.VIEW,
+}
+_ENDS = {
+    ClipPlane.AXIAL: ("I", "S"),
+    ClipPlane.CORONAL: ("A", "P"),
+    ClipPlane.SAGITTAL: ("R", "L"),
+    ClipPlane.VIEW: ("near", "far"),
+}
+_STEPS = 200
+
+
+class ClipBar(QFrame):
+    """Orientation and position of the plane, and which side is removed."""
+
+    changed = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setObjectName("ViewBar")
+        self.plane = choice("Cutting plane", _PLANES)
+        self.plane.setMinimumContentsLength(14)
+        self.plane.setToolTip("Orientation of the cutting plane; the same for all shapes")
+        self.position = QSlider(Qt.Orientation.Horizontal)
+        self.position.setRange(0, _STEPS)
+        self.position.setValue(_STEPS // 2)
+        self.position.setPageStep(_STEPS // 10)
+        self.position.setMinimumWidth(120)
+        self.position.setAccessibleName("Position of the cutting plane")
+        self.position.setToolTip("Position of the cutting plane")
+        self.low, self.high = label("", "Hint"), label("", "Hint")
+        self.percent = label("", "Hint")
+        self.percent.setMinimumWidth(36)
+        self.flip = button("Flip", "pick")
+        self.flip.setCheckable(True)
+        self.flip.setToolTip("Remove the other side")
+        row = QHBoxLayout(self)
+        row.setContentsMargins(GRID, GRID // 2, GRID, GRID // 2)
+        row.setSpacing(GRID)
+        row.addWidget(self.plane)
+        for widget in (self.low, self.position, self.high, self.percent, self.flip):
+            row.addWidget(widget, 1 if widget is self.position else 0)
+        self.plane.currentIndexChanged.connect(self._follow)
+        self.position.valueChanged.connect(self._follow)
+        self.flip.toggled.connect(self._follow)
+        self._follow()
+        self.hide()
+
+    @property
+    def clip(self) -> Clip:
+        """The plane that is chosen."""
+        return Clip(
+            plane=self.plane.currentData(),
+            position=self.position.value() / _STEPS,
+            flipped=self.flip.isChecked(),
+        )
+
+    @Slot()
+    def _follow(self) -> None:
+        low, high = _ENDS[self.plane.currentData()]
+        self.low.setText(low)
+        self.high.setText(high)
+        self.percent.setText(f"{100 * self.position.value() / _STEPS:.0f} %")
+        self.changed.emit()
+
 
 _NARROWEST = 160
 

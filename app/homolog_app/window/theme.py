@@ -1,17 +1,20 @@
-"""Light and dark: one set of colours each, one style sheet for both."""
+"""Colours, fonts and icons of the window."""
 
 from dataclasses import asdict
+from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-from PySide6.QtCore import QObject, Qt, Signal, Slot
-from PySide6.QtGui import QColor, QFontInfo, QGuiApplication, QPalette
+from PySide6.QtCore import QByteArray, QObject, QSize, Qt, Signal, Slot
+from PySide6.QtGui import QColor, QFontInfo, QGuiApplication, QIcon, QPainter, QPalette, QPixmap
+from PySide6.QtSvg import QSvgRenderer
 from PySide6.QtWidgets import QApplication
 
 from homolog_app.rendering.scheme import DARK, LIGHT, Colours
 
-__all__ = ["Theme", "scaled", "text_scale"]
+__all__ = ["Theme", "application_icon", "icon", "pixmap", "scaled", "text_scale"]
+
 
 _SIZES, _USUAL = (12, 15, 17, 32), 12
 
@@ -97,3 +100,33 @@ def _palette(colours: Colours) -> QPalette:
     for which in (role.Text, role.WindowText, role.ButtonText):
         palette.setColor(QPalette.ColorGroup.Disabled, which, QColor(colours.faint))
     return palette
+
+
+@lru_cache
+def _source(name: str) -> str:
+    return (files("homolog_resources") / "icons" / f"{name}.svg").read_text(encoding="utf-8")
+
+
+def pixmap(name: str, colour: str, size: int = 24, ratio: float = 2.0) -> QPixmap:
+    """Draw an icon of `size` logical pixels for screens of a device pixel ratio up to `ratio`."""
+    image = QPixmap(QSize(size, size) * ratio)
+    image.fill(Qt.GlobalColor.transparent)
+    painter = QPainter(image)
+    QSvgRenderer(QByteArray(_source(name).replace("currentColor", colour).encode())).render(painter)
+    painter.end()
+    image.setDevicePixelRatio(ratio)
+    return image
+
+
+def icon(name: str, colour: str, faint: str, on: str | None = None) -> QIcon:
+    """Return an icon in a colour, greyed to `faint` where disabled and in `on` where checked."""
+    result = QIcon(pixmap(name, colour))
+    result.addPixmap(pixmap(name, faint), QIcon.Mode.Disabled)
+    if on is not None:
+        result.addPixmap(pixmap(name, on), QIcon.Mode.Normal, QIcon.State.On)
+    return result
+
+
+def application_icon() -> QIcon:
+    """Return the program's own icon."""
+    return QIcon(pixmap("homolog", "", 64))

@@ -9,8 +9,8 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QVBoxLayout
 
 from homolog_app.window.explore.groups_page import GroupsPage
-from homolog_app.window.samples import BEANS, HEARTS, Sample, Stop
-from homolog_app.window.steps import steps_of
+from homolog_app.window.rail import steps_of
+from homolog_app.window.start_page import BEANS, HEARTS, Sample, Stop
 from homolog_app.window.widgets import GRID, button, label
 
 if TYPE_CHECKING:

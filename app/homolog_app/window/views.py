@@ -20,10 +20,9 @@ from homolog_app.views.contents import Groomed, subject_contents
 from homolog_app.views.view_states import ColouredView, Snapshot, SubjectsView
 from homolog_app.window.availability import LAYOUTS
 from homolog_app.window.interactor import Pick
-from homolog_app.window.range_dialog import RangeDialog
 from homolog_app.window.run_particles import RunParticles
 from homolog_app.window.scans import ScanController, sliced_subject
-from homolog_app.window.view_menu import view_menu
+from homolog_app.window.stage import RangeDialog, view_menu
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.page import ExplorePage

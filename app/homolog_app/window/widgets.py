@@ -1,15 +1,18 @@
-"""The small parts that panels are made of; distances are multiples of 8 pixels."""
+"""Widgets that several parts use: labels and buttons in one grid, numbers, progress."""
 
 from collections.abc import Iterable, Mapping
 
-from PySide6.QtCore import Qt, Slot
-from PySide6.QtGui import QAction
+from PySide6.QtCore import Qt, Signal, Slot
+from PySide6.QtGui import QAction, QKeyEvent
 from PySide6.QtWidgets import (
     QComboBox,
     QFrame,
     QGraphicsOpacityEffect,
     QGridLayout,
+    QHBoxLayout,
     QLabel,
+    QLineEdit,
+    QProgressBar,
     QPushButton,
     QScrollArea,
     QSizePolicy,
@@ -19,20 +22,28 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from homolog_app.rendering.text import duration, parse_number, signed
+from homolog_app.window.actions import Actions
+from homolog_app.window.runner import Status
+
 __all__ = [
     "GRID",
     "ActionButton",
     "NumberBox",
     "Panel",
+    "Progress",
+    "ValueEdit",
     "button",
     "choice",
     "dress_table",
     "label",
     "named_rows",
+    "progress_text",
     "rule",
     "set_dimmed",
     "set_primary",
 ]
+
 
 GRID = 8
 
@@ -192,3 +203,98 @@ class NumberBox(QSpinBox):
     def __init__(self, low: int = 0, high: int = 99) -> None:
         super().__init__(minimum=low, maximum=high)
         self.lineEdit().setTextMargins(8, 0, 8, 0)
+
+
+class ValueEdit(QLineEdit):
+    """Shows a value with its sign; a number that is typed is kept within bounds, anything else is undone.
+
+    Parameters
+    ----------
+    name : str
+        Accessible name.
+    low, high : float
+        Bounds.
+    step : float
+        How far the arrow keys go.
+    """
+
+    entered = Signal(float)
+
+    def __init__(self, name: str, low: float, high: float, step: float = 0.1) -> None:
+        super().__init__()
+        self._low, self._high, self._step = low, high, step
+        self._value = 0.0
+        self.setAccessibleName(name)
+        self.setToolTip(f"Type a number from {signed(low, 0)} to {signed(high, 0)}")
+        self.setAlignment(Qt.AlignmentFlag.AlignRight)
+        self.setFixedWidth(64)
+        self.editingFinished.connect(self._receive)
+
+    def show_value(self, value: float) -> None:
+        """Show a value; `entered` does not follow."""
+        self._value = value
+        self.setText(signed(value))
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Go a step up or down."""
+        steps = {Qt.Key.Key_Up: 1, Qt.Key.Key_Down: -1}.get(Qt.Key(event.key()), 0)
+        if steps:
+            self._go_to(self._value + steps * self._step)
+        else:
+            super().keyPressEvent(event)
+
+    @Slot()
+    def _receive(self) -> None:
+        if self.text() == signed(self._value):
+            return
+        try:
+            value = parse_number(self.text())
+        except ValueError:
+            value = self._value
+        self._go_to(value if value == value else self._value)
+
+    def _go_to(self, value: float) -> None:
+        value = min(max(value, self._low), self._high)
+        changed = value != self._value
+        self.show_value(value)
+        if changed:
+            self.entered.emit(value)
+
+
+class Progress(QWidget):
+    """A bar, what is being done, the time left, and Cancel."""
+
+    def __init__(self, actions: Actions) -> None:
+        super().__init__()
+        self.bar = QProgressBar(maximum=1000)
+        self.bar.setTextVisible(False)
+        self.bar.setAccessibleName("Progress")
+        self.message: QLabel = label("", "Hint", wrap=True)
+        self.cancel = button("Cancel")
+        self.cancel.clicked.connect(actions["run.cancel"].trigger)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(GRID)
+        self.buttons = QHBoxLayout()
+        self.buttons.setSpacing(GRID)
+        self.buttons.addWidget(self.cancel)
+        layout.addWidget(self.bar)
+        layout.addWidget(self.message)
+        layout.addLayout(self.buttons)
+        self.hide()
+
+    def show_status(self, status: Status | None) -> None:
+        """Show how far a job is; hide if there is none."""
+        self.setVisible(status is not None)
+        if status is not None:
+            self.bar.setValue(round(1000 * status.fraction))
+            self.message.setText(progress_text(status))
+
+
+def progress_text(status: Status) -> str:
+    """Return a status as one line for people."""
+    message = status.message[:1].upper() + status.message[1:]
+    if status.paused:
+        return f"Paused · {message}"
+    left = f" · {duration(status.eta_s)} left" if status.eta_s is not None else ""
+    return f"{message}{left}"

@@ -27,8 +27,8 @@ from homolog_app.studies.loaded_result import LoadedResult, load_result
 from homolog_app.studies.model_shape import PreliminaryModel
 from homolog_app.views.contents import Groomed
 from homolog_app.window.runner import JobOutcome, Runner, Status, Task
-from homolog_app.window.samples import Sample
 from homolog_app.window.session import Session
+from homolog_app.window.start_page import Sample
 
 if TYPE_CHECKING:
     from homolog.arrays import FloatArray

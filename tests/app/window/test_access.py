@@ -297,7 +297,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     from homolog_app.window.commands import COMMANDS
     from homolog_app.window.explore.groups_page import GroupsPage
     from homolog_app.window.explore.measure_page import MeasurePage
-    from homolog_app.window.explore.plot_menu import EnlargedPlot
+    from homolog_app.window.explore.plot import EnlargedPlot
     from homolog_app.window.questions import ask
 
     def rest():

@@ -48,7 +48,7 @@ def test_plots_are_saved_with_their_texts(modes, tmp_path):
     from PySide6.QtGui import QImage
 
     from homolog.errors import InputError
-    from homolog_app.window.explore.plot_menu import save_plot
+    from homolog_app.window.explore.plot import save_plot
 
     plot = modes.charts.scatter
     save_plot(plot, tmp_path / "scores.svg")
@@ -67,7 +67,7 @@ def test_a_plot_opens_in_its_own_window_and_names_and_ellipses_are_switched_on(m
     from PySide6.QtCore import Qt
     from PySide6.QtTest import QTest
 
-    from homolog_app.window.explore.plot_menu import EnlargedPlot, plot_menu, plot_picture
+    from homolog_app.window.explore.plot import EnlargedPlot, plot_menu, plot_picture
 
     plot = modes.charts.scatter
     QTest.mouseDClick(plot.canvas, Qt.MouseButton.LeftButton)

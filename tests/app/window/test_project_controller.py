@@ -186,7 +186,7 @@ def test_the_label_picker_comes_up_where_files_hold_several_labels(window, tmp_p
 
 @pytest.mark.window
 def test_the_problem_report_names_no_subject_file_or_group(beans):
-    from homolog_app.window.problem_report import problem_report
+    from homolog_app.window.error_dialog import problem_report
 
     session = beans.workspace.session
     session.edit(
@@ -463,7 +463,7 @@ def test_the_start_page_shows_how_far_a_sample_is_and_can_cancel_it(window, monk
             tick(0.5, "writing")
             time.sleep(0.01)
 
-    monkeypatch.setattr("homolog_app.window.samples.Sample.make", make)
+    monkeypatch.setattr("homolog_app.window.start_page.Sample.make", make)
     page, card = window.start_page, window.start_page.findChild(ActionButton)
     assert card.isEnabled()
     window.commands["file.sample_hearts"].trigger()

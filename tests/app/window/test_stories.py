@@ -117,7 +117,7 @@ def test_twenty_good_files_load_and_five_bad_ones_are_listed_with_their_reason(
 def test_a_tour_leads_from_the_sample_to_a_result(
     window, monkeypatch, errors, wait, ellipsoids, groomed_cache, quick, sample, pages
 ):
-    monkeypatch.setattr("homolog_app.window.samples.Sample.make", lambda *_: ellipsoids)
+    monkeypatch.setattr("homolog_app.window.start_page.Sample.make", lambda *_: ellipsoids)
     window.commands[sample].trigger()
     wait(lambda: window.tour.card.isVisible())
     session, card = window.workspace.session, window.tour.card

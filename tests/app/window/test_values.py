@@ -5,7 +5,7 @@ import pytest
 
 from homolog_app.views.contents import outward_sign
 from homolog_app.views.view_states import ModesView
-from homolog_app.window.range_dialog import RangeDialog
+from homolog_app.window.stage import RangeDialog
 
 pytestmark = pytest.mark.window
 

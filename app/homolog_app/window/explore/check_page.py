@@ -1,33 +1,116 @@
-"""Find and repair places where the correspondence may be wrong."""
+"""The suspects as a table."""
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from PySide6.QtCore import Slot
-from PySide6.QtWidgets import QHBoxLayout
+from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, QSize, Qt, Slot
+from PySide6.QtWidgets import QHBoxLayout, QHeaderView, QTableView
 
 from homolog.arrays import FloatArray
 from homolog_app.views.check import checked_scene
 from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.view_states import CheckView
 from homolog_app.window.actions import Actions
-from homolog_app.window.explore.check_display import CheckDisplay
-from homolog_app.window.explore.check_sphere import NormalSphere
+from homolog_app.window.explore.check_display import CheckDisplay, NormalSphere
 from homolog_app.window.explore.check_state import InspectionState
-from homolog_app.window.explore.check_table import SuspectModel, suspect_table
-from homolog_app.window.explore.model_cache import ModelCache
-from homolog_app.window.explore.page import ExplorePage
-from homolog_app.window.progress import Progress
-from homolog_app.window.widgets import GRID, button, label
+from homolog_app.window.explore.page import ExplorePage, ModelCache
+from homolog_app.window.theme import Theme, icon
+from homolog_app.window.widgets import GRID, Progress, button, dress_table, label
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog.inspection import Suspect
     from homolog_app.window.interactor import Pick
 
-__all__ = ["CheckPage"]
+__all__ = ["CheckPage", "SuspectModel", "suspect_table"]
+
+
+_ICONS = {
+    "exchanged particles": "exchanged",
+    "normal outliers": "normal_outlier",
+    "swapped neighbourhood": "neighbourhood",
+    "folded triangles": "folded",
+    "uncovered region": "uncovered",
+}
+_HEADINGS = ("What", "Subject", "Severity")
+_Index = QModelIndex | QPersistentModelIndex
+
+
+class SuspectModel(QAbstractTableModel):
+    """One suspect a row, the most severe first."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self._theme = theme
+        self.suspects: Sequence[Suspect] = ()
+        self._names: Sequence[str] = ()
+        theme.changed.connect(self._refresh_icons)
+
+    def show_suspects(self, suspects: "Sequence[Suspect]", names: Sequence[str]) -> None:
+        """Show other suspects; `names` are those of the subjects."""
+        self.beginResetModel()
+        self.suspects, self._names = suspects, names
+        self.endResetModel()
+
+    def _refresh_icons(self) -> None:
+        if self.suspects:
+            self.dataChanged.emit(self.index(0, 0), self.index(len(self.suspects) - 1, 0))
+
+    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 - Qt's own default
+        """Return the number of suspects."""
+        return 0 if parent.isValid() else len(self.suspects)
+
+    def columnCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 - Qt's own default
+        """Return the number of columns."""
+        return len(_HEADINGS)
+
+    def headerData(self, section: int, orientation: Qt.Orientation, role: int = 0) -> Any:  # noqa: ANN401
+        """Return a heading."""
+        if orientation == Qt.Orientation.Horizontal and role == Qt.ItemDataRole.DisplayRole:
+            return _HEADINGS[section]
+        return None
+
+    def data(self, index: _Index, role: int = 0) -> Any:  # noqa: ANN401 - what Qt's roles ask for
+        """Return what a cell shows."""
+        suspect = self.suspects[index.row()]
+        cells = (suspect.kind.value.capitalize(), self._names[suspect.subject], f"{suspect.severity:.1f}")
+        if role == Qt.ItemDataRole.DisplayRole:
+            return cells[index.column()]
+        if role == Qt.ItemDataRole.ToolTipRole:
+            return suspect.description
+        if role == Qt.ItemDataRole.AccessibleTextRole:
+            return ", ".join(cells)
+        if role == Qt.ItemDataRole.DecorationRole and index.column() == 0:
+            colours = self._theme.colours
+            return icon(_ICONS[suspect.kind.value], colours.text, colours.faint)
+        if role == Qt.ItemDataRole.TextAlignmentRole and index.column() == 2:
+            return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+        return None
+
+
+def suspect_table(model: SuspectModel) -> QTableView:
+    """Return the widget that shows the table."""
+    table = QTableView()
+    dress_table(table, "Suspects", 200)
+    table.setModel(model)
+    table.setSelectionMode(QTableView.SelectionMode.SingleSelection)
+    table.setIconSize(QSize(20, 20))
+    table.verticalHeader().setDefaultSectionSize(28)
+    head = table.horizontalHeader()
+    head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+    for column, mode in enumerate(
+        (
+            QHeaderView.ResizeMode.ResizeToContents,
+            QHeaderView.ResizeMode.Stretch,
+            QHeaderView.ResizeMode.Fixed,
+        )
+    ):
+        head.setSectionResizeMode(column, mode)
+    head.resizeSection(2, 72)
+    return table
+
 
 _WORK = ("check", "mend", "keep", "distances", "energies", "texture")
 

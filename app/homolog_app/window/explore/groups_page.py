@@ -29,16 +29,11 @@ from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.scenes import GREY_WORDS, group_scene
 from homolog_app.views.view_states import GroupsView
 from homolog_app.window.actions import Actions
-from homolog_app.window.explore.compare_box import CompareBox
+from homolog_app.window.explore.controls import CompareBox, NumbersTable, Player
 from homolog_app.window.explore.group_form import GroupForm
-from homolog_app.window.explore.group_plot import GroupPlot
-from homolog_app.window.explore.group_results import GroupResults, correction_sentence
-from homolog_app.window.explore.model_cache import ModelCache
-from homolog_app.window.explore.numbers_table import NumbersTable
-from homolog_app.window.explore.page import ExplorePage
-from homolog_app.window.explore.player import Player
-from homolog_app.window.progress import Progress
-from homolog_app.window.widgets import GRID, button, choice, label, rule, set_dimmed, set_primary
+from homolog_app.window.explore.group_results import GroupPlot, GroupResults, correction_sentence
+from homolog_app.window.explore.page import ExplorePage, ModelCache
+from homolog_app.window.widgets import GRID, Progress, button, choice, label, rule, set_dimmed, set_primary
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:

@@ -22,10 +22,9 @@ from homolog_app.views.contents import single_subject
 from homolog_app.views.scenes import deviations_of, measured_scene
 from homolog_app.views.view_states import MeasureView
 from homolog_app.window.actions import Actions
+from homolog_app.window.explore.controls import SORTED_BY, SubjectTable
 from homolog_app.window.explore.measure_plot import MeasurePlots
-from homolog_app.window.explore.model_cache import ModelCache
-from homolog_app.window.explore.page import ExplorePage
-from homolog_app.window.explore.subject_table import SORTED_BY, SubjectTable
+from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.widgets import (
     ActionButton,
     NumberBox,

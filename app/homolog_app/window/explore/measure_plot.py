@@ -1,4 +1,4 @@
-"""Measures: curves along the range of a mode, box plots by group, and one measure against another."""
+"""Plots of measures, and of a patient among the controls."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -20,7 +20,10 @@ if TYPE_CHECKING:
     from matplotlib.backend_bases import MouseEvent
     from matplotlib.figure import Figure
 
-__all__ = ["MEASURES", "BoxPlot", "MeasurePlot", "MeasurePlots", "PairPlot"]
+    from homolog.patient import PatientComparison, Reference
+
+__all__ = ["MEASURES", "BoxPlot", "MeasurePlot", "MeasurePlots", "PairPlot", "PercentileBars"]
+
 
 MEASURES = {"Distance": "mm", "Volume": "ml", "Area": "cm²", "Wall": "mm"}
 """The measures in the order of the table, with their units."""
@@ -223,3 +226,37 @@ class MeasurePlots(QStackedWidget):
         self._show_pair()
         for plot in self.boxes:
             plot.clear()
+
+
+_HIGH = 232
+
+
+class PercentileBars(Plot):
+    """Controls as marks, their middle 90 % as a band, the patient as a diamond."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__(theme, "The patient among the controls", "")
+        self._shown: tuple[PatientComparison, Reference] | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is no patient."""
+        return self._shown is None
+
+    def show_patient(self, comparison: "PatientComparison | None", reference: "Reference | None") -> None:
+        """Show a patient, or nothing."""
+        self._shown = None if comparison is None or reference is None else (comparison, reference)
+        self.setFixedHeight(0 if self._shown is None else _HIGH)
+        if self._shown is not None:
+            from homolog_app.plots import percentile_rows
+
+            texts = (f"{name}: {text}" for name, text, *_ in percentile_rows(*self._shown))
+            self.setAccessibleDescription("; ".join(texts))
+        self.redraw()
+
+    def draw(self, figure: "Figure") -> None:
+        """Draw the lines."""
+        from homolog_app.plots import draw_percentiles
+
+        assert self._shown is not None
+        draw_percentiles(figure.subplots(4, 1), *self._shown, self.theme.colours)

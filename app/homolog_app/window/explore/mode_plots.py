@@ -11,8 +11,7 @@ from PySide6.QtWidgets import QHBoxLayout, QMenu, QToolTip, QWidget
 from homolog.analysis.parallel import ParallelAnalysis
 from homolog.arrays import FloatArray
 from homolog_app.rendering.text import signed
-from homolog_app.window.explore.plot import Plot
-from homolog_app.window.explore.plot_menu import axis_menu
+from homolog_app.window.explore.plot import Plot, axis_menu
 from homolog_app.window.theme import Theme
 
 if TYPE_CHECKING:

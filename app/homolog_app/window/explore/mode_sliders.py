@@ -17,8 +17,7 @@ from PySide6.QtWidgets import (
 
 from homolog.arrays import FloatArray
 from homolog_app.rendering.text import short
-from homolog_app.window.value_edit import ValueEdit
-from homolog_app.window.widgets import GRID, button, label
+from homolog_app.window.widgets import GRID, ValueEdit, button, label
 
 if TYPE_CHECKING:
     from homolog_app.studies.model_shape import ModelShape

@@ -12,12 +12,10 @@ from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.scenes import mode_scene
 from homolog_app.views.view_states import ModesView
 from homolog_app.window.actions import Actions
-from homolog_app.window.explore.compare_box import CompareBox
+from homolog_app.window.explore.controls import CompareBox, Player
 from homolog_app.window.explore.mode_plots import ModePlots
 from homolog_app.window.explore.mode_sliders import ModeSliders
-from homolog_app.window.explore.model_cache import ModelCache
-from homolog_app.window.explore.page import ExplorePage
-from homolog_app.window.explore.player import Player
+from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.widgets import GRID, choice, label, named_rows
 from homolog_app.window.workspace import Workspace
 

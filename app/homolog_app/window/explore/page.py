@@ -1,24 +1,152 @@
-"""What every page of Explore is."""
+"""What every page of Explore is, and the shape models that they share."""
 
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import QObject, Signal, Slot
 from PySide6.QtWidgets import QComboBox, QWidget
 
+from homolog.errors import InputError
+from homolog.files.project import ProjectFolder
+from homolog.progress import Tick
+from homolog_app.studies.loaded_result import LoadedResult
+from homolog_app.studies.model_shape import PreliminaryModel
 from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.view_states import View
 from homolog_app.window.actions import Actions
-from homolog_app.window.explore.model_cache import ModelCache
 from homolog_app.window.widgets import Panel
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
+    from homolog_app.studies.model_shape import ModelShape
     from homolog_app.views.slices import SliceScene
     from homolog_app.window.interactor import Pick
 
-__all__ = ["ExplorePage"]
+__all__ = ["ExplorePage", "ModelCache"]
+
+
+class ModelCache(QObject):
+    """Fits the model of the session's result when a page first wants it, in the computing thread."""
+
+    changed = Signal()
+
+    def __init__(self, workspace: Workspace, parent: QObject) -> None:
+        super().__init__(parent)
+        self._workspace = workspace
+        self._wanted = False
+        self._asked: LoadedResult | None = None
+        self._of: LoadedResult | None = None
+        self._shape: ModelShape | None = None
+        self._other: ModelShape | None = None
+        self._folder: Path | None = None
+        self._early: PreliminaryModel | None = None
+        self._early_of: tuple[int, LoadedResult | None] = (0, None)
+        self.draw_ms = 0.0
+        """How long the views take to draw [ms]; what plays rests accordingly."""
+        workspace.session.facts_changed.connect(self._look)
+        workspace.work.changed.connect(self._look)
+
+    @property
+    def shape(self) -> "ModelShape | None":
+        """The model of the result that is open; None until it is fitted."""
+        return self._shape if self._of is self._workspace.session.result else None
+
+    @property
+    def preliminary(self) -> PreliminaryModel | None:
+        """The model of a run that has not finished, until that of its result is fitted."""
+        return self._early if self.shape is None else None
+
+    @property
+    def other(self) -> "ModelShape | None":
+        """The model of another project that it is compared with."""
+        return self._other if self.shape is not None else None
+
+    @property
+    def beside(self) -> Path | None:
+        """The folder of that project."""
+        return self._folder if self.other is not None else None
+
+    @property
+    def both(self) -> "tuple[ModelShape, ...]":
+        """The models that are shown beside each other: none, the open one, or the other one after it."""
+        return tuple(shape for shape in (self.shape, self.other) if shape is not None)
+
+    def want(self) -> None:
+        """Fit the model unless that was done; `changed` follows. Asks again if it was cancelled before."""
+        self._wanted, self._asked = True, None
+        self._look()
+
+    def compare_with(self, folder: Path) -> None:
+        """Read another project's result and fit its model; `changed` follows.
+
+        Raises
+        ------
+        InputError
+            If the folder is no project.
+        """
+        project, shape = ProjectFolder(folder), self.shape
+        if not project.exists:
+            raise InputError(f"{folder}: is not a project; choose the folder of a project with a result")
+
+        def read(tick: Tick) -> "ModelShape":
+            from homolog_app.studies.model_shape import facing, read_model_shape
+
+            other = read_model_shape(folder.name, project, tick)
+            return other if shape is None else facing(other, shape)
+
+        def take(other: "ModelShape") -> None:
+            self._folder = folder
+            self._set_other(other)
+
+        self._workspace.work.compute("compare", read, f"reading {folder.name}", take)
+
+    def compare_no_more(self) -> None:
+        """Show the open result alone again."""
+        self._set_other(None)
+
+    def _set_other(self, shape: "ModelShape | None") -> None:
+        self._other = shape
+        self.changed.emit()
+
+    @Slot()
+    def _look(self) -> None:
+        result, work = self._workspace.session.result, self._workspace.work
+        self._update_preliminary(result)
+        if self._of is not None and self._of is not result:
+            self._of = self._shape = self._other = None
+            self.changed.emit()
+        if not self._wanted or result is None or result in (self._of, self._asked) or work.is_busy:
+            return
+        self._asked = result
+        name = self._workspace.session.title
+
+        def fit(tick: Tick) -> "ModelShape":
+            import homolog_app.plots  # noqa: F401 - slow; the plots that follow need it
+            from homolog_app.studies.model_shape import fit_model_shape
+
+            return fit_model_shape(name, result.method, result.result, tick)
+
+        def take(shape: "ModelShape") -> None:
+            self._of, self._shape = result, shape
+            self.changed.emit()
+
+        work.compute("model", fit, "fitting the shape model", take)
+
+    def _update_preliminary(self, result: LoadedResult | None) -> None:
+        """Take the newest preliminary model; drop one whose study, run or result is gone."""
+        early, generation = self._workspace.work.preliminary, self._workspace.session.generation
+        if early is not None:
+            self._early_of = generation, None
+        elif self._early is not None:
+            of_generation, of_result = self._early_of
+            if result is None or generation != of_generation or of_result not in (None, result):
+                early = None
+            else:
+                self._early_of, early = (generation, result), self._early
+        if early is not self._early:
+            self._early = early
+            self.changed.emit()
 
 
 class ExplorePage(Panel):

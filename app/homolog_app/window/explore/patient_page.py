@@ -43,11 +43,10 @@ from homolog_app.views.patient import (
     verdict_text,
 )
 from homolog_app.window.actions import Actions
+from homolog_app.window.explore.controls import SubjectTable
 from homolog_app.window.explore.follow_up_part import FollowUpPart
-from homolog_app.window.explore.model_cache import ModelCache
-from homolog_app.window.explore.page import ExplorePage
-from homolog_app.window.explore.percentile_bars import PercentileBars
-from homolog_app.window.explore.subject_table import SubjectTable
+from homolog_app.window.explore.measure_plot import PercentileBars
+from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.widgets import (
     GRID,
     ActionButton,

@@ -1,0 +1,209 @@
+"""Controls that several pages use: tables, the player, and what a result is compared with."""
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+from PySide6.QtCore import (
+    QAbstractTableModel,
+    QModelIndex,
+    QObject,
+    QPersistentModelIndex,
+    Qt,
+    QTimer,
+    Signal,
+)
+from PySide6.QtWidgets import QCheckBox, QGridLayout, QHBoxLayout, QWidget
+
+from homolog_app.window.actions import Actions
+from homolog_app.window.explore.page import ModelCache
+from homolog_app.window.widgets import GRID, ActionButton, button, choice, label
+
+__all__ = ["CompareBox", "NumbersTable", "Player", "SubjectTable"]
+
+
+class NumbersTable(QWidget):
+    """Names at the left, values at the right; the text can be selected and copied."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._grid = QGridLayout(self)
+        self._grid.setContentsMargins(0, 0, 0, 0)
+        self._grid.setHorizontalSpacing(2 * GRID)
+        self._grid.setVerticalSpacing(GRID // 2)
+        self.texts: list[tuple[str, ...]] = []
+
+    def show_rows(self, headings: Sequence[str], rows: Sequence[tuple[str, ...]]) -> None:
+        """Show rows of a name and one value for each heading; headings are shown if there are several."""
+        while (item := self._grid.takeAt(0)) is not None:
+            widget = item.widget()
+            if widget is not None:
+                widget.hide()  # what is deleted later is painted until then
+                widget.deleteLater()
+        self.texts = list(rows)
+        lines = [("", *headings), *rows] if len(headings) > 1 else list(rows)
+        for line, (name, *values) in enumerate(lines):
+            self._grid.addWidget(label(name, "FieldHelp"), line, 0, Qt.AlignmentFlag.AlignTop)
+            for column, value in enumerate(values, start=1):
+                text = label(value, "FieldHelp" if name == "" else "", wrap=True)
+                text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+                text.setAccessibleName(f"{name}: {value}")
+                self._grid.addWidget(text, line, column)
+        self._grid.setColumnStretch(len(headings), 1)
+
+
+_Index = QModelIndex | QPersistentModelIndex
+SORTED_BY = Qt.ItemDataRole.UserRole
+
+
+class SubjectTable(QAbstractTableModel):
+    """Rows of texts and numbers; numbers are shown with equal digits a column and sorted as numbers."""
+
+    def __init__(self, heads: Sequence[str], parent: QObject) -> None:
+        super().__init__(parent)
+        self._heads = heads
+        self._rows: list[tuple[str | float, ...]] = []
+        self._digits: list[int] = []
+
+    def show_rows(self, rows: Sequence[tuple[str | float, ...]]) -> None:
+        """Show other rows."""
+        self.beginResetModel()
+        self._rows = list(rows)
+        columns = zip(*rows, strict=True) if rows else ()
+        self._digits = [
+            _digits([value for value in column if isinstance(value, float)]) for column in columns
+        ]
+        self.endResetModel()
+
+    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 - Qt's
+        """Return the number of subjects."""
+        return 0 if parent.isValid() else len(self._rows)
+
+    def columnCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 - Qt's
+        """Return the number of columns."""
+        return 0 if parent.isValid() else len(self._heads)
+
+    def headerData(
+        self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole
+    ) -> object:
+        """Return a column's name."""
+        across = orientation == Qt.Orientation.Horizontal
+        return self._heads[section] if across and role == Qt.ItemDataRole.DisplayRole else None
+
+    def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> object:
+        """Return a cell: its text, its value to sort by, and its place."""
+        value = self._rows[index.row()][index.column()]
+        if role == Qt.ItemDataRole.DisplayRole:
+            return f"{value:.{self._digits[index.column()]}f}" if isinstance(value, float) else value
+        if role == SORTED_BY:
+            return value
+        if role == Qt.ItemDataRole.TextAlignmentRole and isinstance(value, float):
+            return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+        return None
+
+
+def _digits(values: Sequence[float]) -> int:
+    """Return the decimals that give the largest value three digits."""
+    most = max((abs(value) for value in values), default=0.0)
+    return max(0, 2 - math.floor(math.log10(most))) if most > 0.0 else 0
+
+
+class CompareBox(QWidget):
+    """Says what is beside the open result, and offers to choose or leave it."""
+
+    def __init__(self, actions: Actions, fitted: ModelCache) -> None:
+        super().__init__()
+        self._fitted = fitted
+        self.choose = ActionButton("Compare with…", actions["explore.compare"])
+        self.leave = button("Stop comparing", "flat")
+        self.leave.clicked.connect(fitted.compare_no_more)
+        self.hint = label("", "Hint", wrap=True)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(GRID)
+        row.addWidget(self.choose)
+        row.addWidget(self.hint, 1)
+        row.addWidget(self.leave)
+        fitted.changed.connect(self._show)
+        self._show()
+
+    def _show(self) -> None:
+        other = self._fitted.other
+        self.hint.setText(
+            f"Compared with: {other.title}" if other else "Another run or method, for comparison."
+        )
+        self.leave.setVisible(other is not None)
+
+
+_PERIOD_S = 4.0
+_LEAST_MS = 33
+_DRAWING_SHARE = 1.5
+_SPEEDS = {"½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0}
+
+
+class Player(QWidget):
+    """A button, speed, range and loop. Between two values it rests longer than drawing takes.
+
+    Parameters
+    ----------
+    actions : Actions
+    draw_ms : callable
+        How long a drawing takes now [ms].
+    ranges : mapping of str to float
+        How far it swings, by words; nothing is offered where there is one only.
+    """
+
+    swung = Signal(float)
+
+    def __init__(self, actions: Actions, draw_ms: Callable[[], float], ranges: Mapping[str, float]) -> None:
+        super().__init__()
+        self._draw_ms = draw_ms
+        self._timer = QTimer(self, interval=_LEAST_MS)
+        self._timer.timeout.connect(self._step)
+        self._phase = self._seen = 0.0
+        self.go = ActionButton("Play", actions["run.play"])
+        self.speed, self.reach = choice("Speed", _SPEEDS), choice("Range", ranges)
+        for box in (self.speed, self.reach):
+            box.setMinimumContentsLength(6 if box is self.reach else 3)
+            box.setToolTip(box.accessibleName())
+            box.setCurrentIndex(min(1, box.count() - 1))
+        self.reach.setVisible(len(ranges) > 1)
+        self.loop = QCheckBox("Loop")
+        self.loop.setChecked(True)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(GRID)
+        for widget in (self.go, self.reach, self.speed, self.loop):
+            row.addWidget(widget)
+        row.addStretch()
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether it swings."""
+        return self._timer.isActive()
+
+    def play_or_stop(self) -> None:
+        """Go on from where it was paused, or pause."""
+        if self.is_playing:
+            self.stop()
+        else:
+            self._seen = time.perf_counter()
+            self._timer.start()
+            self.go.setText("Pause")
+
+    def stop(self) -> None:
+        """Hold."""
+        self._timer.stop()
+        self.go.setText("Play")
+
+    def _step(self) -> None:
+        now = time.perf_counter()
+        self._phase += (now - self._seen) * float(self.speed.currentData()) / _PERIOD_S
+        self._seen = now
+        if self._phase >= 1.0 and not self.loop.isChecked():
+            self.stop()
+            self._phase = 0.0
+            self.swung.emit(0.0)
+            return
+        self.swung.emit(float(self.reach.currentData()) * math.sin(2.0 * math.pi * self._phase))
+        self._timer.setInterval(max(_LEAST_MS, round(_DRAWING_SHARE * self._draw_ms())))
