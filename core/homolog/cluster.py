@@ -8,8 +8,9 @@ are begun again.
 import logging
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
-from contextlib import ExitStack, contextmanager
-from typing import Any, TypeVar
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from functools import partial
+from typing import Any, Self, TypeVar
 
 from homolog import __version__
 from homolog.errors import InputError, NumericalError
@@ -19,7 +20,7 @@ from homolog.workers import worker_processes
 _J = TypeVar("_J")
 _T = TypeVar("_T")
 
-__all__ = ["LOCAL", "each_subject", "serve_as_worker", "subject_executor"]
+__all__ = ["LOCAL", "SubjectWorkers", "serve_as_worker", "subject_executor"]
 
 LOCAL = "local"
 """A Dask cluster of this machine's cores."""
@@ -85,57 +86,80 @@ def subject_executor(
         yield _ClusterExecutor(stack.enter_context(client.get_executor(pure=False)))
 
 
-def each_subject(
-    function: Callable[[_J], _T],
-    jobs: Mapping[str, _J],
-    doing: str,
-    *,
-    workers: int,
-    cluster: str | None = None,
-    tick: Tick = no_tick,
-    announce: Callable[[str], None] = _log.info,
-    in_process: bool = False,
-) -> Iterator[tuple[str, _T]]:
-    """Let workers call a function for every subject; yield the results as they come.
+class SubjectWorkers:
+    """Workers that are kept from one step of work on subjects to the next; one that dies is replaced.
 
-    When a worker dies, only the subjects in hand are begun again, in new processes. What raises an error is
-    not tried again, as it would fail again.
+    To be used as a context manager, whose end is theirs. They are started when they are first needed.
 
     Parameters
     ----------
-    function : callable
-        Takes a job; found by its name in the workers.
-    jobs : mapping of str to object
-        By subject.
-    doing : str
-        For progress: ``"fitting"``.
     workers, cluster, announce
         See `subject_executor`.
-    tick : Tick
-        Called at least every 0.1 s.
     in_process : bool
-        Call it in a thread of this process, one subject at a time.
-
-    Yields
-    ------
-    tuple of str and object
-        Subject and result, in the order in which they are done.
-
-    Raises
-    ------
-    NumericalError
-        If workers die again and again before any subject is done.
+        Work in a thread of this process, on one subject at a time.
     """
-    left, deaths = dict(jobs), 0
-    while left:
-        with (
-            ThreadPoolExecutor(1)
+
+    def __init__(
+        self,
+        workers: int,
+        cluster: str | None = None,
+        announce: Callable[[str], None] = _log.info,
+        *,
+        in_process: bool = False,
+    ) -> None:
+        self._start: Callable[[], AbstractContextManager[Executor]] = (
+            partial(ThreadPoolExecutor, 1)
             if in_process
-            else subject_executor(min(workers, len(left)), cluster, announce)
-        ) as executor:
-            futures = {executor.submit(function, job): name for name, job in left.items()}
-            pending = set(futures)
+            else partial(subject_executor, workers, cluster, announce)
+        )
+        self._stack = ExitStack()
+        self._executor: Executor | None = None
+
+    def __enter__(self) -> Self:
+        """Begin."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """End the workers, whatever they are doing."""
+        self._stack.close()
+
+    def each(
+        self, function: Callable[[_J], _T], jobs: Mapping[str, _J], doing: str, tick: Tick = no_tick
+    ) -> Iterator[tuple[str, _T]]:
+        """Let workers call a function for every subject; yield the results as they come.
+
+        When a worker dies, only the subjects in hand are begun again, in new processes. What raises an error
+        is not tried again, as it would fail again.
+
+        Parameters
+        ----------
+        function : callable
+            Takes a job; found by its name in the workers.
+        jobs : mapping of str to object
+            By subject.
+        doing : str
+            For progress: ``"fitting"``.
+        tick : Tick
+            Called at least every 0.1 s.
+
+        Yields
+        ------
+        tuple of str and object
+            Subject and result, in the order in which they are done.
+
+        Raises
+        ------
+        NumericalError
+            If workers die again and again before any subject is done.
+        """
+        left, deaths = dict(jobs), 0
+        while left:
+            pending: set[Future[_T]] = set()
             try:
+                if self._executor is None:
+                    self._executor = self._stack.enter_context(self._start())
+                futures = {self._executor.submit(function, job): name for name, job in left.items()}
+                pending = set(futures)
                 while pending:
                     busy = next(name for future, name in futures.items() if future in pending)
                     tick(1.0 - len(left) / len(jobs), f"{doing} {busy}")
@@ -146,6 +170,8 @@ def each_subject(
                         deaths = 0
                         yield name, result
             except BrokenExecutor as error:
+                self._executor = None
+                self._stack.close()
                 deaths += 1
                 if deaths >= _MOST_DEATHS:
                     raise NumericalError(

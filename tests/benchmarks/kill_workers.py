@@ -1,12 +1,13 @@
 """Workers, schedulers and programs killed, and disks filled, while subjects are groomed and fitted.
 
-    python tests/benchmarks/kill_workers.py [--tries 3 --seed 0] [--only "scheduler"]
+    python tests/benchmarks/kill_workers.py [--tries 20 --seed 0] [--only "scheduler"]
 
 A cohort of ellipsoids is run once with a core set. Each try runs a copy of the project again (half of the
-subjects groomed anew), does harm at a random moment of a phase, resumes the run if it ended, and compares
-every file of the result with the undisturbed run's. Prints a table for docs/reliability.md: how many runs
-finished in spite of it, how many ended with a message, results that differ, projects that could not be read,
-and processes left over. Full disks are file size limits. Linux only; needs distributed.
+subjects groomed anew), does harm at a random moment of a phase, resumes the run with processes if it ended,
+and compares every file of the result with the undisturbed run's. Phases take turns, until each kind of harm
+has its tries. Prints a table for docs/reliability.md: how many runs finished in spite of it, how many ended
+with a message, results that differ, projects that could not be read, and processes left over. Full disks are
+file size limits. Linux only; needs distributed.
 """
 
 import argparse
@@ -22,18 +23,18 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
+from distributed import Client
 from kill import contents, follow, is_readable, start, write_cohort
 
 from homolog.files.project import ProjectFolder
 
 SETTINGS = (
-    "--device cpu --alignment center --particles 32 --core-set 4 --mesh-edge 2 --split-iterations 20 "
+    "--device cpu --alignment center --particles 16 --core-set 3 --mesh-edge 3 --split-iterations 20 "
     "--anneal-iterations 60 --settle-iterations 40 --workers 2"
 )
 PHASES = ("grooming", "optimizing", "fitting", "writing")
@@ -41,7 +42,7 @@ CASES = [
     ("program, processes", PHASES),
     ("worker, processes", ("grooming", "fitting")),
     ("full disk, processes", PHASES),
-    ("program, Dask", ("grooming", "fitting")),
+    ("program, Dask", PHASES),
     ("worker, Dask", ("grooming", "fitting")),
     ("scheduler, Dask", ("grooming", "fitting")),
 ]
@@ -57,38 +58,54 @@ class Try:
     left_over: int
 
 
-@contextmanager
-def cluster() -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """Give the address of a scheduler, and the processes of it and of two workers."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    address = f"tcp://127.0.0.1:{port}"
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    scheduler = [sys.executable, "-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", str(port)]
-    parts = [subprocess.Popen([*scheduler, "--no-dashboard"], **quiet)]
-    parts += [
-        subprocess.Popen([sys.executable, "-m", "homolog_app", "worker", address], **quiet) for _ in range(2)
-    ]
-    time.sleep(8.0)
-    try:
-        yield address, parts
-    finally:
-        for part in parts:
+class Cluster:
+    """A scheduler and two workers, of which those that were killed are started again."""
+
+    def __init__(self) -> None:
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        self.address = f"tcp://127.0.0.1:{port}"
+        scheduler = [sys.executable, "-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", str(port)]
+        worker = [sys.executable, "-m", "homolog_app", "worker", self.address]
+        self._commands = [[*scheduler, "--no-dashboard"], worker, worker]
+        self.parts: list[subprocess.Popen[bytes]] = []
+
+    def start(self) -> None:
+        """Start what does not run, and wait for both workers."""
+        if self.parts and self.parts[0].poll() is not None:
+            self.end()  # workers of a lost scheduler end too, some time
+        if not self.parts:
+            self.parts = [self._started(command) for command in self._commands]
+        for number, part in enumerate(self.parts):
+            if part.poll() is not None:
+                self.parts[number] = self._started(self._commands[number])
+        with Client(self.address, timeout=60, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=60)
+
+    def end(self) -> None:
+        """Kill all, with the processes that workers have started."""
+        for part in self.parts:
+            with suppress(psutil.Error):
+                for child in psutil.Process(part.pid).children(recursive=True):
+                    child.kill()
             part.kill()
             part.wait()
+        self.parts = []
+
+    @staticmethod
+    def _started(command: list[str]) -> subprocess.Popen[bytes]:
+        return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
-def harm(case: str, running: subprocess.Popen[str], parts: list[subprocess.Popen[bytes]]) -> None:
+def harm(case: str, running: subprocess.Popen[str], cluster: Cluster | None) -> None:
     """Kill or fill what the case says."""
     if case.startswith("program"):
         running.kill()
     elif case.startswith("full disk"):
         psutil.Process(running.pid).rlimit(resource.RLIMIT_FSIZE, (500, 500))
-    elif case.startswith("scheduler"):
-        parts[0].kill()
-    elif parts:
-        random.choice(parts[1:]).kill()
+    elif cluster is not None:
+        cluster.parts[0].kill() if case.startswith("scheduler") else random.choice(cluster.parts[1:]).kill()
     else:
         children = psutil.Process(running.pid).children(recursive=True)
         workers = [child for child in children if "spawn_main" in " ".join(child.cmdline())]
@@ -96,72 +113,81 @@ def harm(case: str, running: subprocess.Popen[str], parts: list[subprocess.Popen
             random.choice(workers).kill()
 
 
-def one_try(whole: Path, project: ProjectFolder, case: str, phase: str, span: float) -> Try | None:
+def run_harmed(
+    project: ProjectFolder, case: str, phase: str, span: float, cluster: Cluster | None
+) -> tuple[int, str, set[psutil.Process]] | None:
+    """Run a project and do harm in a phase; return code, messages, and processes that the program had."""
+    running = start(project.folder, *([] if cluster is None else ["--cluster", cluster.address]))
+    children: set[psutil.Process] = set()
+    assert running.stdout is not None
+    assert running.stderr is not None
+    os.set_blocking(running.stdout.fileno(), False)
+    at, done = None, False
+    while running.poll() is None:
+        for line in running.stdout:
+            if json.loads(line).get("phase") == phase and at is None:
+                at = time.monotonic() + random.uniform(0.0, 0.3 * span)
+        if at is not None and not done and time.monotonic() >= at:
+            with suppress(psutil.Error):
+                children = set(psutil.Process(running.pid).children(recursive=True))
+                harm(case, running, cluster)
+                done = True
+        time.sleep(0.002)
+    return (running.returncode, running.stderr.read(), children) if done else None
+
+
+def one_try(
+    whole: Path, project: ProjectFolder, case: str, phase: str, span: float, cluster: Cluster | None
+) -> Try | None:
     """Do harm in a phase and see what is left; None if the phase was over before."""
     shutil.rmtree(project.folder, ignore_errors=True)
     shutil.copytree(whole, project.folder)
     for archive in sorted(project.groomed.glob("*.npz"))[::2]:
         archive.unlink()
-    with cluster() if "Dask" in case else no_cluster() as (address, parts):
-        running = start(project.folder, *(["--cluster", address] if address else []))
-        children: set[psutil.Process] = set()
-        assert running.stdout is not None
-        os.set_blocking(running.stdout.fileno(), False)
-        at, done = None, False
-        while running.poll() is None:
-            for line in running.stdout:
-                if json.loads(line).get("phase") == phase and at is None:
-                    at = time.monotonic() + random.uniform(0.0, 0.3 * span)
-            if at is not None and not done and time.monotonic() >= at:
-                with suppress(psutil.Error):
-                    children = set(psutil.Process(running.pid).children(recursive=True))
-                    harm(case, running, parts)
-                    done = True
-            time.sleep(0.002)
-        assert running.stderr is not None
-        message = running.stderr.read()
-    if not done:
+    if cluster is not None:
+        cluster.start()
+    harmed = run_harmed(project, case, phase, span, cluster)
+    if harmed is None:
         return None
-    ended = {0: "finished", -signal.SIGKILL: "killed"}.get(running.returncode, "message")
+    code, message, children = harmed
+    ended = {0: "finished", -signal.SIGKILL: "killed"}.get(code, "message")
     if ended == "message" and ("Traceback" in message or "homolog: " not in message):
         ended = f"ended badly: {message[-300:]}"
-    time.sleep(3.0)
-    left_over = sum(child.is_running() and child.status() != psutil.STATUS_ZOMBIE for child in children)
+    _, alive = psutil.wait_procs(children, timeout=3.0)
+    left_over = [child for child in alive if child.is_running() and child.status() != psutil.STATUS_ZOMBIE]
     readable = is_readable(project)
     if project.read().unfinished:
-        with cluster() if "Dask" in case else no_cluster() as (address, _):
-            again = start(project.folder, "--resume", *(["--cluster", address] if address else []))
-            dict(follow(again))
-    return Try(ended, readable, contents(project.folder) == contents(whole), left_over)
-
-
-@contextmanager
-def no_cluster() -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    yield "", []
+        dict(follow(start(project.folder, "--resume")))
+    return Try(ended, readable, contents(project.folder) == contents(whole), len(left_over))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--tries", type=int, default=3)
+    parser.add_argument("--tries", type=int, default=20, help="of each kind of harm")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", default="", help="cases with this word")
     options = parser.parse_args()
     random.seed(options.seed)
+    rows: dict[tuple[str, str], list[Try]] = defaultdict(list)
+    cluster, chosen = Cluster(), [item for item in CASES if options.only in item[0]]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        write_cohort(folder / "scans", 8)
+        write_cohort(folder / "scans", 6)
         began = time.monotonic()
         spans = dict(follow(start(folder / "scans", "--out", folder / "whole", *SETTINGS.split())))
         print(f"undisturbed: {time.monotonic() - began:.0f} s; phases from", spans, flush=True)
-        rows: dict[tuple[str, str], list[Try]] = defaultdict(list)
-        for _ in range(options.tries):
-            for case, phases in CASES:
-                for phase in phases if options.only in case else ():
+        try:
+            for number in range(options.tries):
+                for case, phases in chosen:
+                    phase = phases[number % len(phases)]
                     went = one_try(
-                        folder / "whole", ProjectFolder(folder / "harmed"), case, phase, spans[phase]
-                    )
+                        folder / "whole", ProjectFolder(folder / "harmed"), case, phase, spans[phase],
+                        cluster if "Dask" in case else None,
+                    )  # fmt: skip
                     print(case, phase, went, flush=True)
                     rows[case, phase] += [] if went is None else [went]
+        finally:
+            cluster.end()
     print("| harm | while | tries | finished all the same | message | unreadable | unlike | processes left |")
     print("|---|---|---|---|---|---|---|---|")
     for (case, phase), tries in rows.items():

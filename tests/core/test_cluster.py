@@ -2,7 +2,7 @@ import importlib
 
 import pytest
 
-from homolog.cluster import each_subject
+from homolog.cluster import SubjectWorkers
 from homolog.errors import InputError, NumericalError
 
 _WORK = """
@@ -17,6 +17,9 @@ def dies_once(path):
 
 def dies(path):
     os._exit(1)
+
+def process(path):
+    return os.getpid()
 
 def refuses(path):
     raise InputError(f"{path.name}: bad")
@@ -33,14 +36,21 @@ def work(tmp_path, monkeypatch):
 
 def test_what_a_dead_worker_had_in_hand_is_begun_again(tmp_path, work):
     jobs = {name: tmp_path / name for name in "abc"}
-    assert dict(each_subject(work.dies_once, jobs, "testing", workers=1)) == {name: name for name in "abc"}
+    with SubjectWorkers(1) as workers:
+        assert dict(workers.each(work.dies_once, jobs, "testing")) == {name: name for name in "abc"}
 
 
 def test_workers_that_always_die_end_the_work(tmp_path, work):
-    with pytest.raises(NumericalError, match="fewer workers"):
-        list(each_subject(work.dies, {"a": tmp_path / "a"}, "testing", workers=1))
+    with SubjectWorkers(1) as workers, pytest.raises(NumericalError, match="fewer workers"):
+        list(workers.each(work.dies, {"a": tmp_path / "a"}, "testing"))
 
 
 def test_an_error_of_a_subject_is_raised_at_once(tmp_path, work):
-    with pytest.raises(InputError, match="bad"):
-        list(each_subject(work.refuses, {"a": tmp_path / "a"}, "testing", workers=1))
+    with SubjectWorkers(1) as workers, pytest.raises(InputError, match="bad"):
+        list(workers.each(work.refuses, {"a": tmp_path / "a"}, "testing"))
+
+
+def test_workers_are_kept_from_one_step_to_the_next(tmp_path, work):
+    with SubjectWorkers(1) as workers:
+        first, second = (dict(workers.each(work.process, {"a": tmp_path}, "testing")) for _ in range(2))
+    assert first == second

@@ -17,14 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.cluster import each_subject
+from homolog.cluster import SubjectWorkers
 from homolog.cohort import Cohort
 from homolog.correspondence import Shape
 from homolog.correspondence.ensemble import Ensemble, ShapeState, generalization_error, make_ensemble
 from homolog.correspondence.poses import align_to_mean, entropy_step, generalized_procrustes
 from homolog.correspondence.shape_fit import first_particles, fit_shape, nearest_template, shape_state
 from homolog.correspondence.surface_sets import Similarity, length_unit, normalize_size, opening_scale
-from homolog.device import cores
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.atomic import report_os_errors
@@ -147,9 +146,8 @@ def fit_others(
     folder: Path,
     groomed: Path,
     settings: RunSettings,
+    workers: SubjectWorkers,
     tick: Tick = no_tick,
-    *,
-    in_process: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
     """Fit the subjects that are not in the core set to it, then all subjects to the ensemble of all.
 
@@ -169,8 +167,9 @@ def fit_others(
     groomed : Path
         Folder of the groomed subjects, which workers read.
     settings : RunSettings
-    tick, in_process
-        See `each_subject`.
+    workers : SubjectWorkers
+        Who fits.
+    tick : Tick
 
     Returns
     -------
@@ -186,7 +185,7 @@ def fit_others(
     NumericalError
         If a fit fails, or workers die again and again.
     """
-    fits = _Fits(shapes, names, folder, groomed, settings, in_process)
+    fits = _Fits(shapes, names, folder, groomed, settings.placing, workers)
     templates = tuple(names[index] for index in core)
     placed = [
         replace(shape, alignment=alignment)
@@ -231,12 +230,8 @@ class _Fits:
     names: Sequence[str]
     folder: Path
     groomed: Path
-    settings: RunSettings
-    in_process: bool
-
-    @property
-    def placing(self) -> OptimizeSettings:
-        return self.settings.placing
+    placing: OptimizeSettings
+    workers: SubjectWorkers
 
     def run(
         self,
@@ -266,11 +261,7 @@ class _Fits:
                 continue
             places[name] = index, file
             jobs[name] = _Job(self.groomed, path, name, placement, local, templates, self.placing, key)
-        done = each_subject(
-            _fitted, jobs, "fitting", workers=self.settings.workers or cores(), cluster=self.settings.cluster,
-            tick=tick, in_process=self.in_process,
-        )  # fmt: skip
-        for name, state in done:
+        for name, state in self.workers.each(_fitted, jobs, "fitting", tick):
             index, file = places[name]
             arrays = {field.name: getattr(state, field.name) for field in fields(state)}
             write_arrays(file, {"key": jobs[name].key, **arrays})

@@ -4,7 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from homolog.cluster import SubjectWorkers
 from homolog.cohort import Cohort
+from homolog.device import cores
 from homolog.errors import InputError
 from homolog.geometry import transform_points
 from homolog.grooming import GroomedSubject, align_cohort
@@ -86,10 +88,16 @@ def grow(
         )
     )
     control.enter(Phase.FITTING, "fitting to the core set")
-    local, aligned = fit_others(
-        whole.shapes, [item.name for item in annotated], core, outcome, fits, groomed, settings, tick,
+    with SubjectWorkers(
+        settings.workers or cores(),
+        settings.cluster,
+        lambda line: control.enter(Phase.FITTING, f"fitting on {line}"),
         in_process=in_process,
-    )  # fmt: skip
+    ) as workers:
+        local, aligned = fit_others(
+            whole.shapes, [item.name for item in annotated], core, outcome, fits, groomed, settings, workers,
+            tick,
+        )  # fmt: skip
     for index, item in zip(chosen, outcome.inputs.groomed, strict=True):
         annotated[index] = item
     return replace(
