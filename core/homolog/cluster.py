@@ -79,7 +79,7 @@ def subject_executor(
         except (OSError, ValueError) as error:
             raise InputError(
                 f"{cluster}: no Dask scheduler answers there ({error}); start one with dask scheduler, or "
-                "use the cluster local"
+                "use the cluster local, or none for processes of this machine"
             ) from error
         _check_workers(client, cluster)
         announce(f"Dask cluster {client.scheduler.address}, dashboard {client.dashboard_link}")

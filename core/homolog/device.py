@@ -42,29 +42,37 @@ def choose_device(name: str = "auto") -> str:
     Parameters
     ----------
     name : str
-        ``"auto"`` (first CUDA device, else the CPU), ``"cpu"`` or ``"cuda:<n>"``.
+        ``"auto"`` (first CUDA device, else the CPU), ``"cpu"``, ``"cuda:<n>"``, or several of one kind
+        separated by commas.
 
     Returns
     -------
     str
-        ``"cpu"`` or ``"cuda:<n>"``.
+        ``"cpu"``, ``"cuda:<n>"`` or several, separated by commas.
 
     Raises
     ------
     InputError
-        If the named device does not exist here; the message lists those that do.
+        If a named device does not exist here; the message lists those that do.
     """
     present = ["cpu", *(device.alias for device in wp.get_cuda_devices())]
     if name == "auto":
         return present[1] if len(present) > 1 else "cpu"
-    alias = "cuda:0" if name == "cuda" else name
-    if alias not in present:
-        raise InputError(f"device {name!r} is not on this machine; use one of: auto, {', '.join(present)}")
-    return alias
+    aliases = ["cuda:0" if item == "cuda" else item for item in name.split(",")]
+    for alias in aliases:
+        if alias not in present:
+            raise InputError(
+                f"device {alias!r} is not on this machine; use one of: auto, {', '.join(present)}"
+            )
+    if len({alias == "cpu" for alias in aliases}) > 1:
+        raise InputError(f"device {name!r}: the CPU and GPUs can't share a run; use either")
+    return ",".join(aliases)
 
 
 def describe_device(alias: str) -> str:
     """Return a line for people, such as ``"cuda:0 (NVIDIA H100, 80 GB)"`` or ``"CPU (2 cores)"``."""
+    if "," in alias:
+        return " and ".join(describe_device(item) for item in alias.split(","))
     if alias == "cpu":
         return f"CPU ({cores()} cores)"
     device = wp.get_device(alias)
@@ -96,7 +104,8 @@ def device_faults(alias: str) -> Iterator[None]:
             if full
             else "continue when it works again"
         )
-        elsewhere = "" if alias == "cpu" else "; or resume on the device cpu"
+        others = "those of the devices that work, or on cpu" if "," in alias else "the device cpu"
+        elsewhere = "" if alias == "cpu" else f"; or resume on {others}"
         raise InputError(f"{alias}: {what} ({error}); what was saved is kept: {remedy}{elsewhere}") from error
 
 

@@ -7,7 +7,7 @@ mean the same for a mouse femur in micrometres and a pelvis in millimetres (see 
 from enum import StrEnum
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 __all__ = [
     "Alignment",
@@ -274,8 +274,9 @@ class RunSettings(_Settings):
     device: Annotated[
         str,
         Field(
-            pattern=r"^(auto|cpu|cuda(:\d+)?)$",
-            description="Compute device: auto, cpu, cuda:0 …; auto takes the first GPU.",
+            pattern=r"^(auto|(cpu|cuda(:\d+)?)(,(cpu|cuda(:\d+)?))*)$",
+            description="Compute device: auto, cpu, cuda:0 …; auto takes the first GPU. Several, such as "
+            "cuda:0,cuda:1, share the shapes of a run.",
         ),
     ] = "auto"
     workers: Annotated[
@@ -302,9 +303,15 @@ class RunSettings(_Settings):
             pattern=r"^(local|(tcp|tls|ucx)://\S+)$",
             max_length=300,
             description="Dask cluster that grooms and fits subjects: local, or the address of a scheduler "
-            "(tcp://host:8786) whose workers see the same files; processes of this machine if not given.",
+            "(tcp://host:8786) whose workers see the same files; processes of this machine if none or not "
+            "given.",
         ),
     ] = None
+
+    @field_validator("cluster", mode="before")
+    @classmethod
+    def _or_none(cls, given: object) -> object:
+        return None if given == "none" else given
 
     @property
     def placing(self) -> OptimizeSettings:

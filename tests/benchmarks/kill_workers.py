@@ -157,7 +157,7 @@ def one_try(
     left_over = [child for child in alive if child.is_running() and child.status() != psutil.STATUS_ZOMBIE]
     readable = is_readable(project)
     if project.read().unfinished:
-        dict(follow(start(project.folder, "--resume")))
+        dict(follow(start(project.folder, "--resume", "--cluster", "none")))
     return Try(ended, readable, contents(project.folder) == contents(whole), len(left_over))
 
 

@@ -206,7 +206,8 @@ def correspond(
     voxel_size : float or three floats, optional
         Of label arrays, along their axes [mm].
     device : str
-        ``"auto"`` (the first GPU if there is one, else the CPU), ``"cpu"`` or ``"cuda:<n>"``.
+        ``"auto"`` (the first GPU if there is one, else the CPU), ``"cpu"`` or ``"cuda:<n>"``; several, as
+        ``"cuda:0,cuda:1"``, share the shapes.
     workers : int
         Processes that smooth and remesh shapes, and fit them to a core set. With more than one, a script
         must start its work under ``if __name__ == "__main__":``.

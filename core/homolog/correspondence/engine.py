@@ -89,13 +89,30 @@ class Engine:
         launcher.forget()
         saved = particles if isinstance(particles, Particles) else None
         positions = particles.positions if isinstance(particles, Particles) else particles
+        self.fields, self.opening_fields = fields, opening_fields
+        self._lay_out(positions, surface_set, free, geodesic=geodesic, area=area, launcher=launcher)
+        self._tie(any_fixed=free is not None)
+        self.sampling = Sampling(surface_set, self.layout, launcher)
+        self.set_poses(np.tile(np.eye(4), (self.shapes, 1, 1)) if poses is None else poses)
+        self._project(0 if saved is not None else NEWTON_STEPS)
+        if saved is not None:
+            self._restore(saved)
+        else:
+            self.faces = wp.array(self._nearest_faces(), dtype=int, device=launcher.device)
+            self._take_means()
+
+    def _lay_out(
+        self,
+        positions: FloatArray | Float32Array,
+        surface_set: SurfaceSet,
+        free: BoolArray | None,
+        *,
+        geodesic: bool,
+        area: float,
+        launcher: Launcher,
+    ) -> None:
         self.shapes, self.count = positions.shape[:2]
-        self.fields, self.opening_fields, self.surface_set, self.launch = (
-            fields,
-            opening_fields,
-            surface_set,
-            launcher,
-        )
+        self.surface_set, self.launch = surface_set, launcher
         self.total = self.shapes * self.count
         self.width = math.sqrt(area / (self.count * math.pi))
         self.layout = kernels.Layout()
@@ -104,16 +121,13 @@ class Engine:
         self.layout.expected_width = self.width
         self.layout.list_cutoff = LIST_CUTOFF * self.width
         self._allocate(positions)
-        self.sampling = Sampling(surface_set, self.layout, launcher)
         flags = np.ones(self.total) if free is None else free.ravel()
         self.free = wp.array(flags, dtype=int, device=launcher.device)
-        self.coupling = coupling(self.layout, self.free, free is not None, launcher)
-        self.set_poses(np.tile(np.eye(4), (self.shapes, 1, 1)) if poses is None else poses)
-        self._project(0 if saved is not None else NEWTON_STEPS)
-        if saved is not None:
-            self._restore(saved)
-        else:
-            self._initialize()
+
+    def _tie(self, *, any_fixed: bool) -> None:
+        """Make what ties the shapes together."""
+        self.coupling = coupling(self.layout, self.free, any_fixed, self.launch)
+        self.stiffness = self.coupling.stiffness
 
     def _allocate(self, positions: FloatArray | Float32Array) -> None:
         total, on_device = self.total, {"device": self.launch.device}
@@ -135,8 +149,7 @@ class Engine:
             faces.append(nearest)
         return np.concatenate(faces)
 
-    def _initialize(self) -> None:
-        self.faces = wp.array(self._nearest_faces(), dtype=int, device=self.launch.device)
+    def _take_means(self) -> None:
         normals = self.aligned_normals()
         mean = normals.sum(axis=0)
         is_short = np.linalg.norm(mean, axis=1) < 1e-3  # opposite normals: start from one shape's
@@ -295,7 +308,7 @@ class Engine:
                 self.stage,
                 self.iteration,
                 self.free,
-                self.coupling.stiffness,
+                self.stiffness,
                 self.surface_set.surfaces,
                 *surface,
                 *forces,

@@ -94,17 +94,19 @@ class FitEngine(Engine):
         *,
         is_in_it: bool,
     ) -> None:
-        self._ensemble = ensemble
+        self._ensemble, self._is_in_it = ensemble, is_in_it
         count = len(ensemble.mean)
         super().__init__(
             cohort.fields, cohort.opening_fields, cohort.surface_set(count), points,
             geodesic=cohort.geodesic, area=MEAN_AREA, launcher=launcher, poses=poses,
         )  # fmt: skip
-        self._own_coupling = EnsembleCoupling(self.layout, self.free, True, launcher).of(
-            ensemble, is_in_it=is_in_it
-        )
-        self.coupling = self._own_coupling
         self.means = wp.array(ensemble.normals, dtype=wp.vec3, device=launcher.device)
+
+    def _tie(self, *, any_fixed: bool) -> None:
+        self._own_coupling = EnsembleCoupling(self.layout, self.free, True, self.launch).of(
+            self._ensemble, is_in_it=self._is_in_it
+        )
+        self.coupling, self.stiffness = self._own_coupling, self._own_coupling.stiffness
 
     def compare(self) -> None:
         """Centre positions and normals on those of the ensemble."""

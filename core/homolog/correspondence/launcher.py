@@ -23,9 +23,10 @@ _Launch = tuple[Any, int, Sequence[Any]]  # kernel, number of threads, inputs af
 
 
 def load_kernels(device: str) -> None:
-    """Compile the kernels of an optimization for a device, or load them from Warp's cache."""
-    for part in ("geodesics", "correspondence"):
-        wp.load_module(f"homolog.{part}", device=device, recursive=True)
+    """Compile the kernels of an optimization for a device, or several, or load them from Warp's cache."""
+    for alias in device.split(","):
+        for part in ("geodesics", "correspondence"):
+            wp.load_module(f"homolog.{part}", device=alias, recursive=True)
 
 
 class Launcher:

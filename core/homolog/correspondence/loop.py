@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.correspondence.divided import make_engine
 from homolog.correspondence.engine import Engine, Particles, rotations
 from homolog.correspondence.entropy.dual import covariance, entropy
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
@@ -21,7 +22,7 @@ from homolog.correspondence.poses import (
     procrustes_step,
     scales_of,
 )
-from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort, landmarks_on_device
+from homolog.correspondence.prepared_cohort import PreparedCohort, landmarks_on_device
 from homolog.correspondence.recorder import CheckpointCallback, RunRecorder
 from homolog.correspondence.schedule import DoneFraction, StagePlan, time_shares
 from homolog.correspondence.types import (
@@ -196,17 +197,8 @@ class OptimizationLoop:
         """Replace the engine; without `repaired` no particle counts as repaired."""
         zeros = np.zeros((len(self.cohort.names), count), np.int32)
         self.repaired = zeros if repaired is None else repaired
-        self.engine = Engine(
-            self.cohort.fields,
-            self.cohort.opening_fields,
-            self.cohort.surface_set(count),
-            particles,
-            geodesic=self.cohort.geodesic,
-            area=MEAN_AREA,
-            launcher=self.launcher,
-            poses=self.poses,
-            free=None if self.initial is None else self.initial.free,
-        )
+        free = None if self.initial is None else self.initial.free
+        self.engine = make_engine(self.cohort, particles, self.launcher, self.poses, free)
 
     def _align(self, tangential_weight: float = 1.0, regularization: float | None = None) -> None:
         """Align the shapes during the run: by Procrustes analysis, or to lower H(Z)."""

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from homolog.arrays import BoolArray
+from homolog.correspondence.divided import prepare_on
 from homolog.correspondence.loop import OptimizationLoop
 from homolog.correspondence.mirror_images import with_mirror_images
-from homolog.correspondence.prepared_cohort import GeodesicSolver, prepare_cohort
+from homolog.correspondence.prepared_cohort import GeodesicSolver
 from homolog.correspondence.recorder import CheckpointCallback
 from homolog.correspondence.schedule import plan_stages, time_shares
 from homolog.correspondence.surface_sets import normalize_size
@@ -52,7 +53,7 @@ def optimize(
     settings : OptimizeSettings
         Method, number of particles, weights and schedule.
     device : str
-        ``"auto"``, ``"cpu"`` or ``"cuda:<n>"``.
+        ``"auto"``, ``"cpu"`` or ``"cuda:<n>"``; ``"cuda:0,cuda:1"`` divides the shapes among several GPUs.
     tick : Tick
         Progress and cancelling. When it raises `Cancelled`, a last checkpoint is handed over first.
     observe : callable, optional
@@ -82,7 +83,7 @@ def optimize(
     NumericalError
         If a position is not finite.
     """
-    device = choose_device(device)
+    devices = choose_device(device).split(",")
     if len(shapes) < 2:
         raise InputError("correspondence needs at least two shapes")
     if initial is not None:
@@ -99,10 +100,10 @@ def optimize(
     prepared_fraction, _ = time_shares(
         stages, geodesic=settings.method.uses_geodesics, registers=initial is None
     )
-    cohort = prepare_cohort(
+    cohort = prepare_on(
+        devices,
         shapes,
         settings,
-        device=device,
         counts=[plan.count for plan in (stages if resume is None else stages[-1 - resume.left :] or stages)],
         free_shapes=free_shapes,
         solve=solve,

@@ -28,3 +28,9 @@ def test_a_resumed_optimization_goes_on_where_it_stopped(ellipsoid_shapes, gpu):
     rest = optimize(ellipsoid_shapes, QUICK, device=gpu, resume=checkpoints[-1])
     assert np.abs(rest.world - found.world).max() < 0.5
     assert abs(rest.energies[-1, 1:].sum() - found.energies[-1, 1:].sum()) < 0.01
+
+
+def test_a_gpu_that_stands_for_two_places_particles_as_one_does(ellipsoid_shapes, gpu):
+    one, two = (optimize(ellipsoid_shapes, QUICK, device=name) for name in (gpu, f"{gpu},{gpu}"))
+    assert np.abs(two.world - one.world).max() < 0.5
+    np.testing.assert_allclose(two.energies[:, 1:].sum(axis=1), one.energies[:, 1:].sum(axis=1), atol=2e-3)

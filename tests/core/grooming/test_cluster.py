@@ -56,3 +56,7 @@ def test_without_dask_a_cluster_is_refused_with_the_command_that_installs_it(mon
 def test_addresses_of_clusters_are_checked_with_the_settings(address):
     with pytest.raises(ValueError, match="cluster"):
         RunSettings(cluster=address)
+
+
+def test_a_run_that_was_begun_on_a_cluster_can_go_on_without_one():
+    assert RunSettings(cluster="none").cluster is None
