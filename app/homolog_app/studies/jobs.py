@@ -59,6 +59,8 @@ def prepare(tick: Tick) -> Devices:
     aliases = ["cpu", *(device.alias for device in warp.get_cuda_devices())]
     names = {"auto": f"Automatic: {describe_device(automatic)}"}
     names |= {alias: describe_device(alias) for alias in aliases}
+    if len(aliases) > 2:
+        names[",".join(aliases[1:])] = f"All {len(aliases) - 1} GPUs"
     ours = [module for name, module in sys.modules.items() if name.startswith("homolog.")]
     kernels = [item for module in ours for item in vars(module).values() if isinstance(item, warp.Kernel)]
     modules = sorted({kernel.module.name for kernel in kernels})
