@@ -6,8 +6,7 @@ from PySide6.QtCore import QEvent, QObject, QSize, QTimer, Slot
 from PySide6.QtGui import QAction, QActionGroup, QCursor, QEnterEvent, QKeySequence
 from PySide6.QtWidgets import QMainWindow, QMenu, QToolButton, QToolTip, QWidget
 
-from homolog_app.window.availability import REASONS
-from homolog_app.window.commands import COMMANDS, MENUS, Command, command
+from homolog_app.window.commands import COMMANDS, MENUS, REASONS, Command, command
 from homolog_app.window.theme import Theme, icon
 
 __all__ = ["Actions", "shortcuts"]

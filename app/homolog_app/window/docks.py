@@ -8,9 +8,9 @@ from PySide6.QtCore import QObject, Qt
 from PySide6.QtWidgets import QDockWidget, QStackedWidget, QTabBar, QWidget
 
 from homolog.arrays import FloatArray
+from homolog_app.window.error_dialog import LogPane
 from homolog_app.window.explore.panel import OverviewPage
 from homolog_app.window.explore.plot import Plot
-from homolog_app.window.log_pane import LogPane
 from homolog_app.window.theme import Theme
 
 if TYPE_CHECKING:

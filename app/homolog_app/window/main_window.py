@@ -12,8 +12,8 @@ from PySide6.QtWidgets import QFrame, QMainWindow, QStackedWidget, QVBoxLayout
 
 from homolog_app.studies.jobs import Devices
 from homolog_app.window.actions import Actions
-from homolog_app.window.availability import available
 from homolog_app.window.cohort_panel import CohortPanel
+from homolog_app.window.commands import available
 from homolog_app.window.docks import Docks
 from homolog_app.window.explore.controller import ExploreController
 from homolog_app.window.explore.groups_page import GroupsPage
@@ -23,10 +23,9 @@ from homolog_app.window.export.controller import ExportController
 from homolog_app.window.groom_panel import GroomPanel
 from homolog_app.window.help_controller import HelpController
 from homolog_app.window.project_controller import ProjectController, dropped_paths
-from homolog_app.window.rail import STEPS, Rail, steps_of
+from homolog_app.window.rail import STEPS, Rail, StatusBar, steps_of
 from homolog_app.window.run_panel import RunPanel
 from homolog_app.window.start_page import StartPage
-from homolog_app.window.status_bar import StatusBar
 from homolog_app.window.tour import Tour
 from homolog_app.window.work import Work
 from homolog_app.window.workspace import Workspace

@@ -16,7 +16,7 @@ from PySide6.QtGui import QSurfaceFormat
 from PySide6.QtWidgets import QApplication
 
 from homolog_app.cli.progress import handling
-from homolog_app.window.log_pane import LogMemory
+from homolog_app.window.error_dialog import LogMemory
 from homolog_app.window.main_window import MainWindow
 from homolog_app.window.preferences import Preferences
 from homolog_app.window.theme import Theme, application_icon

@@ -18,7 +18,7 @@ from homolog_app.views.cell import VIEWS
 from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.contents import Groomed, subject_contents
 from homolog_app.views.view_states import ColouredView, Snapshot, SubjectsView
-from homolog_app.window.availability import LAYOUTS
+from homolog_app.window.commands import LAYOUTS
 from homolog_app.window.interactor import Pick
 from homolog_app.window.run_particles import RunParticles
 from homolog_app.window.scans import ScanController, sliced_subject

@@ -12,7 +12,7 @@ from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.settings import RunSettings
 from homolog_app.studies.files import Journal, JournalRecord, ViewRecord, record_of
-from homolog_app.window.log_pane import LogMemory
+from homolog_app.window.error_dialog import LogMemory
 from homolog_app.window.preferences import Preferences
 from homolog_app.window.runner import GarbageCollector
 from homolog_app.window.session import Session

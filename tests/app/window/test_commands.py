@@ -127,7 +127,7 @@ def test_live_energies_are_drawn_in_frames_that_stay_until_they_leave_them(windo
 
 
 def test_whatever_may_be_impossible_has_a_reason():
-    from homolog_app.window.availability import REASONS
+    from homolog_app.window.commands import REASONS
 
     assert {one.needs for one in COMMANDS} - {"always"} <= set(REASONS)
     assert all(words and not words.endswith(".") for words in REASONS.values())
