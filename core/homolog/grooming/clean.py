@@ -58,7 +58,8 @@ def cleaned(segmentation: Segmentation, pieces: Pieces = Pieces.LARGEST) -> Clea
         mask = labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
     del labels  # of four bytes a voxel
     filled = without_cavities(mask)
-    holes = int(ndimage.label(filled & ~mask)[1])
+    cavities = filled & ~mask
+    holes = int(ndimage.label(cavities)[1]) if cavities.any() else 0
     inner = _box(filled)
     start = np.array([outer.start + axis.start for outer, axis in zip(box, inner, strict=True)])
     stop = start + [axis.stop - axis.start for axis in inner]

@@ -104,9 +104,11 @@ def fill_tunnels(solid: BoolArray, width: float) -> tuple[BoolArray, int]:
 def _plugged(solid: BoolArray) -> BoolArray:
     """Return a solid with every single voxel added that fills a tunnel, again and again until none does."""
     padded = np.pad(solid, 1).astype(np.uint8)
-    inner = (slice(1, -1),) * 3
     places: IntArray = np.argwhere(np.pad(ndimage.binary_dilation(solid), 1) & (padded == 0))
-    while len(places := places[_gains(padded, places) > 0]):
+    places = places[_gains(padded, places) > 0]
+    if not len(places):
+        return solid
+    while len(places):
         changed = []
         parity = places % 2 @ (4, 2, 1)
         for kind in range(8):  # voxels that are no neighbours change independently
@@ -115,7 +117,8 @@ def _plugged(solid: BoolArray) -> BoolArray:
             padded[tuple(some.T)] = 1
             changed.append(some)
         places = _beside(padded, np.concatenate(changed))
-    filled: BoolArray = without_cavities(padded[inner] > 0)
+        places = places[_gains(padded, places) > 0]
+    filled: BoolArray = without_cavities(padded[1:-1, 1:-1, 1:-1] > 0)
     return filled
 
 

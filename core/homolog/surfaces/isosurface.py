@@ -199,24 +199,26 @@ def _far(
     return far
 
 
-def _weighted(mesh: TriangleMesh) -> sparse.csr_array:
+def _weighted(mesh: TriangleMesh) -> sparse.coo_array:
     """Return by how much edge lengths may differ between the ends of a mesh's edges, (V, V) [mm]."""
     ends = edges_of(mesh.faces)
     apart = _GRADING * np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
-    return sparse.csr_array((apart, tuple(ends.T)), shape=(len(mesh.vertices),) * 2)
+    return sparse.coo_array((apart, tuple(ends.T)), shape=(len(mesh.vertices),) * 2)
 
 
-def _graded(sizes: FloatArray, needed: FloatArray, edges: sparse.csr_array) -> FloatArray:
+def _graded(sizes: FloatArray, needed: FloatArray, edges: sparse.coo_array) -> FloatArray:
     """Return edge lengths that are no larger than needed, and grow slowly around small ones."""
     small = np.flatnonzero(needed < sizes)
     if not len(small):
         return sizes
     # as paths from a vertex of its own, which is as far from each small one as edges are long there
     n = len(sizes)
-    start = sparse.csr_array((needed[small], (np.zeros(len(small), int), small)), shape=(1, n))
-    graph = sparse.block_array([[edges, None], [start, sparse.csr_array((1, 1))]], format="csr")
-    reached = dijkstra(graph, directed=False, indices=n, limit=float(sizes.max()))[:n]
-    return np.minimum(sizes, reached)
+    lengths = np.concatenate([edges.data, needed[small]])
+    starts = np.concatenate([edges.coords[0], np.full(len(small), n)])
+    ends = np.concatenate([edges.coords[1], small])
+    graph = sparse.coo_array((lengths, (starts, ends)), shape=(n + 1, n + 1)).tocsr().astype(np.float64)
+    reached = dijkstra(graph, directed=False, indices=np.array([n]), limit=float(sizes.max()))
+    return np.asarray(np.minimum(sizes, reached[0, :n]))
 
 
 def _edge_for(area: float, n_vertices: int) -> float:
