@@ -19,6 +19,7 @@ from homolog_app.cli import main
 from homolog_app.report.findings import p_text
 from homolog_app.report.request import Answered, StudyRequest, read_requests, study_folder, write_request
 from homolog_app.report.study import column_of
+from homolog_app.report.surface_maps import SurfaceCarrier
 
 HOSTILE = "<script>alert('x')</script> & co"
 QUICK = ["--permutations", "199", "--null-repeats", "50", "--progress", "none"]
@@ -126,6 +127,18 @@ def test_regions_say_where_the_difference_is_how_large_and_which_way(project):
     assert float(row["peak_p_fwe_corrected"]) <= 0.05
     (tests,) = _rows(project.folder / "analysis" / "groups_group_A_C_as_it_lies" / "tests.csv")
     assert row["particles"] == tests["particles_p_fwe_corrected_05"]
+
+
+def test_the_inner_surface_of_a_hollow_shape_is_told_from_the_outer_one(unit_sphere):
+    points, faces = unit_sphere(300)
+    wall = TriangleMesh(
+        np.concatenate([20.0 * points, 14.0 * points]), np.concatenate([faces, faces[:, ::-1] + len(points)])
+    )
+    solid = TriangleMesh(20.0 * points, faces)
+    for mesh, inner in ((wall, [False, True]), (solid, [False, False])):
+        nearest = np.arange(len(mesh.vertices)) // len(points)
+        carrier = SurfaceCarrier(mesh, np.zeros((len(nearest), 2)), np.arange(2), nearest)
+        assert carrier.inner_at_particles(2).tolist() == inner
 
 
 def test_regression_and_pairs_are_analyzed(project, capsys):
