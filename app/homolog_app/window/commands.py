@@ -31,7 +31,7 @@ class Command:
     icon : str
         File name without suffix in the resources, or nothing.
     needs : str
-        What must hold for it to be possible: a name that `availability.available` returns.
+        What must hold for it to be possible: a name that `available` returns.
     checkable : bool
         Whether it switches something on and off.
     choice : str
