@@ -164,7 +164,7 @@ class CohortModel(QAbstractTableModel):
         if survey.awaits_choice:
             return "Choose a label", "warning"
         if survey.problem:
-            return survey.problem, "error"
+            return "Not usable", "error"
         if groomed is None:
             return "Read", ""
         if groomed.settings != self._session.study.settings.groom:
@@ -175,8 +175,10 @@ class CohortModel(QAbstractTableModel):
         return "Groomed", "done"
 
     def _tip(self, member: Member) -> str:
-        groomed = self._session.groomed.get(member.name)
+        survey, groomed = self._session.surveys.get(member.name), self._session.groomed.get(member.name)
         notes = groomed.subject.report.notes if groomed else ()
+        if survey is not None and survey.problem:
+            notes = (survey.problem,)
         status = () if notes else (self._status(member)[0],)
         return "\n".join([str(member.subject.path), *status, *notes])
 

@@ -19,7 +19,22 @@ from homolog_app.window.theme import pixmap
 __all__ = ["HelpController"]
 
 _AGAIN = {"groom": "run.groom", "run": "run.start"}
-_TITLES = {"groom": "Grooming stopped", "run": "The run stopped", "open": "The result can't be read"}
+_TITLES = {
+    "groom": "Grooming stopped",
+    "run": "The run stopped",
+    "open": "The project can't be opened",
+    "open_paths": "Nothing can be opened there",
+    "save_to": "The project can't be saved",
+    "import_table": "The table can't be imported",
+    "import_model": "The model can't be imported",
+    "import": "The model can't be imported",
+    "export_table": "The table can't be written",
+    "reference": "The reference can't be made",
+    "open_reference": "The reference can't be read",
+    "patient": "The patient can't be compared",
+    "groups": "The groups can't be compared",
+}
+_REFUSED, _BUG = "This can't be done", "Unexpected error"
 
 
 class HelpController(Controller):
@@ -39,11 +54,9 @@ class HelpController(Controller):
     @Slot(str, object)
     def show_error(self, kind: str, error: BaseException) -> None:
         """Show what happened and what to do; a defect of the program asks for a report."""
-        title = _TITLES.get(kind, "Unexpected error")
-        text = (
-            user_message(error)
-            or "This is a bug in Homolog. Please save a problem report and attach it to an issue."
-        )
+        said = user_message(error)
+        title = _TITLES.get(kind, _REFUSED if said else _BUG)
+        text = said or "This is a bug in Homolog. Please save a problem report and attach it to an issue."
         details = "".join(traceback.format_exception(error))
         remedies = self._remedies(kind, text)
         ErrorDialog(

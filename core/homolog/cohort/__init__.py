@@ -110,5 +110,5 @@ def _unused_tables(folder: Path) -> list[str]:
         if entry.suffix.lower() in TABLE_SUFFIXES and entry.is_file() and entry.name[0] not in ".~"
     )
     listed = f"{tables[0]} and {len(tables) - 1} more" if len(tables) > 1 else "".join(tables)
-    use = f"to take groups and covariates from a table, call it {MANIFEST}, or: homolog table PROJECT TABLE"
+    use = f"call a table {MANIFEST}, or import it later: homolog table PROJECT TABLE, or File > Import table"
     return [f"not used: {listed}; {use}"] if tables else []

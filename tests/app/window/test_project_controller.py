@@ -502,3 +502,39 @@ def test_the_selection_is_still_marked_after_columns_were_imported(beans, tmp_pa
     panel = beans.inspector.cohort
     (row,) = panel.table.selectionModel().selectedRows()
     assert row.data() == "b"
+
+
+@pytest.mark.window
+def test_what_cannot_be_opened_is_no_unexpected_error(window, tmp_path, wait):
+    from homolog_app.window.error_dialog import ErrorDialog
+
+    def title():
+        (dialog,) = window.findChildren(ErrorDialog)
+        text = dialog.windowTitle()
+        dialog.accept()
+        wait(lambda: not window.findChildren(ErrorDialog))
+        return text
+
+    (tmp_path / "empty").mkdir()
+    window.projects.open_paths([tmp_path / "empty"])
+    refused = title()
+    window.help.show_error("", ValueError("a bug"))
+    assert title() != refused
+    window.help.show_error("anything", InputError("a file: can't be read"))
+    assert title() != refused
+
+
+@pytest.mark.window
+def test_a_subject_that_cannot_be_used_says_why_in_its_tooltip(window, ellipsoids, tmp_path, wait):
+    from PySide6.QtCore import Qt
+
+    from homolog_app.window.cohort_model import STATUS
+
+    shutil.copytree(ellipsoids, tmp_path / "cohort")
+    (tmp_path / "cohort" / "z.nrrd").write_bytes(b"nothing")
+    window.projects.open_paths([tmp_path / "cohort"])
+    wait(lambda: len(window.workspace.session.surveys) == 5)
+    model = window.inspector.cohort.model
+    index = model.index(4, STATUS)
+    assert window.workspace.session.surveys["z"].problem in index.data(Qt.ItemDataRole.ToolTipRole)
+    assert len(index.data()) < 12  # has room in its column
