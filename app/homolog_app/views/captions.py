@@ -71,10 +71,13 @@ class Caption:
             self._fit(width)
 
     def paint(self, colours: Colours) -> None:
-        """Take the colours of the scheme."""
+        """Take the colours of the scheme; in close-ups texts are read over shapes."""
         self.caption.GetTextProperty().SetColor(*rgb(colours.text))
         for actor in self._letters:
             actor.GetTextProperty().SetColor(*rgb(colours.accent))
+        for actor in (self.caption, *self._letters):
+            actor.GetTextProperty().SetBackgroundColor(*rgb(colours.scene))
+            actor.GetTextProperty().SetBackgroundOpacity(_PLATE)
 
     def _fit(self, width: int) -> None:
         """Shorten lines that the view has no room for; leave out the letter that the caption would touch."""
