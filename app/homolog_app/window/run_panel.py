@@ -15,7 +15,9 @@ from homolog_app.window.widgets import GRID, ActionButton, Panel, Progress, labe
 __all__ = ["RunPanel"]
 
 _MAIN = ("method", "particles", "seed")
-_STOPPED = "The last run was stopped. Resume continues from its checkpoint; Run again starts from the beginning."
+_STOPPED = (
+    "The last run was stopped. Resume continues from its checkpoint; Run again starts from the beginning."
+)
 _FIRST = "Groom the shapes first, and check the surfaces."
 
 

@@ -297,6 +297,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     from homolog_app.window.commands import COMMANDS
     from homolog_app.window.explore.groups_page import GroupsPage
     from homolog_app.window.explore.measure_page import MeasurePage
+    from homolog_app.window.explore.patient_page import PatientPage
     from homolog_app.window.explore.plot import EnlargedPlot
     from homolog_app.window.questions import ask
 
@@ -345,6 +346,11 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
             yield page.title, page
             if page.plots is not None:
                 yield f"plots of {page.title}", page.plots
+            if isinstance(page, PatientPage):
+                page.answer.show()  # as with a patient
+                rest()
+                yield "a patient", page
+                page.answer.hide()
             if isinstance(page, MeasurePage):
                 page.charts.setCurrentIndex(1)
                 yield "measures by group", page.charts
