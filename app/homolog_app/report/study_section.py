@@ -302,8 +302,8 @@ def _sample_text(count: int, of: int, category: str, mean: float | None, spread:
         return f"{count} ({100.0 * count / max(of, 1):.0f} %)"
     if mean is None:
         return str(count)
-    words = _mean_text(mean, spread) if spread is not None else f"{mean:.3g}"
-    return words if count == of else f"{words} (of {count})"
+    value = _mean_text(mean, spread) if spread is not None else f"{mean:.3g}"
+    return value if count == of else f"{value} (of {count})"
 
 
 def _sample(page: Page, study: Study, result: Result) -> None:

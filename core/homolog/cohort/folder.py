@@ -187,8 +187,8 @@ def _nothing_in(folder: Path) -> InputError:
         if (suffix := suffix_of(file)) and file.name[0] != "." and file.is_file()
     )
     there = ", ".join(f"{suffix} ({count})" for suffix, count in others.most_common(_NAMED))
-    found = f"; it contains {there}, which have to be unpacked or converted first" if there else ""
-    return InputError(f"{folder}: contains no segmentation or mesh{found}; known files are {known}")
+    contents = f"; it contains {there}, which have to be unpacked or converted first" if there else ""
+    return InputError(f"{folder}: contains no segmentation or mesh{contents}; known files are {known}")
 
 
 def _subject_of(name: str, files: _Files, by_structure: bool) -> Subject:

@@ -76,7 +76,7 @@ def subjects_in(folder: Path, name: str = "") -> dict[str, dict[str, Path]]:
             subjects |= subjects_in(item, f"{name}_{item.name}")
     if subjects:
         return subjects
-    deeper = [found for item in below if (found := subjects_in(item, name))]
+    deeper = [nested for item in below if (nested := subjects_in(item, name))]
     return deeper[0] if len(deeper) == 1 else {}
 
 

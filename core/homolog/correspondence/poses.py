@@ -312,7 +312,8 @@ def _evenly_weighted_step(points: FloatArray, offsets: FloatArray, scaling: bool
     right[:3] = [cross[1, 2] - cross[2, 1], cross[2, 0] - cross[0, 2], cross[0, 1] - cross[1, 0]]
     right[3:6], right[6] = weights @ offsets, np.trace(cross)
     size = 7 if scaling else 6
-    return _similarity(centre, np.linalg.solve(matrix[:size, :size], right[:size]), scaling)
+    change = np.linalg.solve(matrix[:size, :size], right[:size]).astype(np.float64)
+    return _similarity(centre, change, scaling)
 
 
 def _similarity(centre: FloatArray, change: FloatArray, scaling: bool) -> FloatArray:

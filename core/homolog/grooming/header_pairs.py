@@ -84,7 +84,7 @@ def _header(path: Path) -> tuple[Any, bool]:
             return kind(content), is_nifti
     except (HeaderDataError, ValueError, EOFError, zlib.error, gzip.BadGzipFile, KeyError) as error:
         raise InputError(
-            f"{path}: is no header of Analyze or NIfTI; save the volume as .nii.gz or .nrrd ({error})"
+            f"{path}: has no valid Analyze or NIfTI header; save the volume as .nii.gz or .nrrd ({error})"
         ) from error
 
 

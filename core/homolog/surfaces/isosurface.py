@@ -217,8 +217,9 @@ def _graded(sizes: FloatArray, needed: FloatArray, edges: sparse.coo_array) -> F
     starts = np.concatenate([edges.coords[0], np.full(len(small), n)])
     ends = np.concatenate([edges.coords[1], small])
     graph = sparse.coo_array((lengths, (starts, ends)), shape=(n + 1, n + 1)).tocsr().astype(np.float64)
-    reached = dijkstra(graph, directed=False, indices=np.array([n]), limit=float(sizes.max()))
-    return np.asarray(np.minimum(sizes, reached[0, :n]))
+    reached = dijkstra(graph, directed=False, indices=[n], limit=float(sizes.max()))
+    graded: FloatArray = np.minimum(sizes, reached[0, :n])
+    return graded
 
 
 def _edge_for(area: float, n_vertices: int) -> float:

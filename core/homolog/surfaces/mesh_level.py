@@ -112,12 +112,14 @@ def _sides(surface: wp.Mesh, distances: Float32Array) -> BoolArray:
     before = len(left) + 1
     while 0 < len(left) < before:
         before = len(left)
-        found = np.zeros(before, np.int8)
+        adopted = np.zeros(before, np.int8)
         for step in (*steps, *(-step for step in steps)):
             beside = np.clip(left + step, 0, len(flat) - 1)
-            found = np.where((found == 0) & (flat[left] + flat[beside] > _BETWEEN), result[beside], found)
-        result[left] = found
-        left = left[found == 0]
+            adopted = np.where(
+                (adopted == 0) & (flat[left] + flat[beside] > _BETWEEN), result[beside], adopted
+            )
+        result[left] = adopted
+        left = left[adopted == 0]
     places = np.stack(np.unravel_index(left, distances.shape), axis=1)
     result[left] = np.where(_asked(surface, places), -1, 1)
     return np.asarray((result < 0).reshape(distances.shape))

@@ -256,9 +256,9 @@ def shape_distances(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> tup
 
     candidates = np.arange(0, len(meshes), max(1, len(meshes) // N_CANDIDATES))
     distances = np.empty((len(candidates), len(meshes)))
-    for row, found in enumerate(in_threads(to_all, candidates.tolist(), cores())):
+    for row, row_distances in enumerate(in_threads(to_all, candidates.tolist(), cores())):
         tick(0.5 + 0.5 * row / len(candidates), "most typical shape")
-        distances[row] = found
+        distances[row] = row_distances
     return candidates, distances
 
 
