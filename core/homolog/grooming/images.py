@@ -12,6 +12,7 @@ from homolog.cohort import IMAGE_SUFFIXES, suffix_of
 from homolog.errors import InputError
 from homolog.grooming.headers import read_header, segments_of
 from homolog.grooming.scans import StoredScan
+from homolog.grooming.values import labels_of_channels
 from homolog.grooming.volumes import Segment, Segmentation, Volume, check_size
 from homolog.progress import Tick, run_in_background
 
@@ -97,6 +98,9 @@ def _read_itk(path: Path) -> Volume:
     image, matrix, named, notes = _itk_image(path)
     values = np.moveaxis(SimpleITK.GetArrayFromImage(image), (2, 1, 0), (0, 1, 2))
     count = image.GetNumberOfComponentsPerPixel()
+    if count > 1 and not named:
+        values, note = labels_of_channels(path, values)
+        return Volume(path, [values], matrix, named, (*notes, note))
     layers = [values[..., layer] for layer in range(count)] if count > 1 else [values]
     return Volume(path, layers, matrix, named, notes)
 
@@ -137,8 +141,6 @@ def _itk_image(path: Path) -> tuple[Any, FloatArray, tuple[Segment, ...], tuple[
     known = (key for key in reader.GetMetaDataKeys() if key.isascii())  # others can't be asked for
     header = {key: reader.GetMetaData(key) for key in known}
     named, count = segments_of(path, header), reader.GetNumberOfComponents()
-    if count != 1 and not named:
-        raise InputError(f"{path}: has {count} values per voxel; export a label map")
     if any(not 0 <= item.layer < count for item in named):
         raise InputError(f"{path}: names segments in layers that it does not contain; save it again")
     voxel = SimpleITK.GetArrayViewFromImage(SimpleITK.Image([1, 1, 1], reader.GetPixelID())).itemsize

@@ -20,6 +20,7 @@ from nibabel.spatialimages import HeaderDataError
 from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
 from homolog.grooming.scans import StoredScan
+from homolog.grooming.values import labels_of_channels
 from homolog.grooming.volumes import Segment, Volume, check_size
 from homolog.progress import Tick
 
@@ -68,7 +69,7 @@ def read_nifti(path: Path) -> Volume:
         If it can't be read, is no 3-D volume of single numbers, too large, or if nothing tells which of
         qform and sform is true.
     """
-    image, shape, matrix, notes = _nifti_header(path)
+    image, shape, matrix, notes = _nifti_header(path, channels=True)
     kind, proxy = image.header.get_data_dtype(), image.dataobj
     begin = int(proxy.offset)
     content = _content(path, begin, begin + math.prod(shape) * kind.itemsize)
@@ -83,6 +84,9 @@ def read_nifti(path: Path) -> Volume:
         raise InputError(
             f"{path}: is cut short or damaged; copy or export it again ({_first_line(error)})"
         ) from error
+    if len(shape) > 3:
+        values, note = labels_of_channels(path, values)
+        notes = (*notes, note)
     return Volume(path, [values], matrix, _named(image.header), notes)
 
 
@@ -94,8 +98,10 @@ def read_nifti_scan(path: Path, tick: Tick) -> StoredScan:
     return values, matrix, float(proxy.slope), float(proxy.inter), notes
 
 
-def _nifti_header(path: Path) -> tuple[Any, list[int], FloatArray, tuple[str, ...]]:
-    """Return nibabel's image, unread; its size, matrix to LPS and notes."""
+def _nifti_header(
+    path: Path, *, channels: bool = False
+) -> tuple[Any, list[int], FloatArray, tuple[str, ...]]:
+    """Return nibabel's image, unread; its size (with channels, if wanted), matrix to LPS and notes."""
     _check_packing(path)
     try:
         image: Any = _opened(path)
@@ -109,13 +115,20 @@ def _nifti_header(path: Path) -> tuple[Any, list[int], FloatArray, tuple[str, ..
     shape = list(image.shape)
     while len(shape) > 3 and shape[-1] == 1:
         shape.pop()
+    if len(shape) == 5 and shape[3] == 1:  # vectors, as ITK stores them
+        del shape[3]
     kind = header.get_data_dtype()
-    if kind.fields is not None or kind.kind not in "iuf":
+    if kind.fields is not None:
+        raise InputError(f"{path}: has colours instead of single numbers; export a label map")
+    if kind.kind not in "iuf":
         raise InputError(f"{path}: has {kind} voxels instead of single numbers; export a label map")
+    count = shape[3] if channels and len(shape) == 4 else 1
     proxy: Any = image.dataobj
     scaled = (proxy.slope, proxy.inter) != (1.0, 0.0)
-    check_size(path, shape, kind.itemsize + (8.0 if scaled else kind.itemsize))
-    matrix, notes = placement(path, header, shape)
+    check_size(
+        path, shape[:3] if count > 1 else shape, count * (kind.itemsize + (8.0 if scaled else kind.itemsize))
+    )
+    matrix, notes = placement(path, header, shape[:3])
     return image, shape, _TO_LPS @ matrix, notes
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
 
-__all__ = ["labels_from", "labels_seen", "slices_of"]
+__all__ = ["labels_from", "labels_of_channels", "labels_seen", "slices_of"]
 
 _ROUNDING = 1e-3
 """How far label values may be from whole numbers: what scaling and single precision leave."""
@@ -85,6 +85,58 @@ def labels_from(path: Path, values: Array, spacing: FloatArray) -> tuple[Array, 
         note = f"its values are signed distances: where they are {inside} was taken for the structure"
         return (values * sign < 0.0).astype(np.uint8), note
     raise InputError(f"{path}: contains fractions, so it is not a label map; threshold it first")
+
+
+def labels_of_channels(path: Path, values: Array) -> tuple[Array, str]:
+    """Return the labels of a map of probabilities for each structure (one-hot, if they are 0 and 1).
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    values : (I, J, K, C) array
+
+    Returns
+    -------
+    labels : (I, J, K) array
+        The channel that has 0.5 or more, counted from 1; from 0 if the first one is the background. The only
+        channel that holds something, as it is.
+    note : str
+
+    Raises
+    ------
+    InputError
+        If the channels don't exclude each other: points in time, colours, or structures that overlap.
+    """
+    *size, count = values.shape
+    held = [channel + 1 for channel in range(count) if values[..., channel].any()]
+    if len(held) == 1 and count > 1:
+        return values[
+            ..., held[0] - 1
+        ], f"of its {count} channels or points in time only {held[0]} has labels"
+    total, labels = np.zeros(size, np.float32), np.zeros(size, np.uint8)
+    for channel in range(count):
+        part = values[..., channel]
+        if not np.isfinite(part).all() or part.min() < 0 or part.max() > 1.0 + _ROUNDING:
+            total += np.inf
+            continue
+        total += part
+        labels[(part >= _HALF) & (labels == 0)] = channel + 1
+    if total.max() > 1.0 + _ROUNDING:
+        of_which = f" ({', '.join(map(str, held))} hold something)" if len(held) < count else ""
+        raise InputError(
+            f"{path}: has {count} values per voxel{of_which}: points in time, colours, or structures that "
+            "overlap; save a label map for each subject and point in time"
+        )
+    note = f"its {count} channels were taken for labels 1 to {count}"
+    border = np.bincount(_border(labels), minlength=count + 1)
+    outside = int(np.argmax(border))
+    if outside and border[outside] > _MOST_OF_BORDER * border.sum():
+        labels[labels == outside] = 0
+        if outside == 1:
+            labels[labels > 0] -= 1
+        note = f"channel {outside} of {count} was taken for the background, the others for labels"
+    return labels, note
 
 
 def _border(values: Array) -> Array:

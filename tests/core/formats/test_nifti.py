@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.grooming.images import read_segmentation
+from homolog.grooming.images import read_segmentation, read_volume
 
 RAS = np.array([[0.0, -2.0, 0.0, 10.0], [1.5, 0.0, 0.0, 20.0], [0.0, 0.0, 3.0, 30.0], [0.0, 0.0, 0.0, 1.0]])
 MOVED = RAS + np.array([[0, 0, 0, 4.0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]])
@@ -155,8 +155,26 @@ def test_scaled_values_are_read_scaled(write, tmp_path, blocks, around):
 def test_a_fourth_axis_of_one_is_no_hindrance_and_of_two_is(write, blocks):
     path = write(RAS, None, "four.nii", values=blocks[..., None])
     assert np.array_equal(read_segmentation(path, None).mask.sum(), (blocks > 0).sum())
-    with pytest.raises(InputError, match="not a 3-D volume but 9 x 10 x 11 x 2"):
+    with pytest.raises(InputError, match="2 values per voxel"):
         read_segmentation(write(RAS, None, "two.nii", values=np.stack([blocks, blocks], axis=-1)), None)
+
+
+@pytest.mark.parametrize("background", [True, False])
+@pytest.mark.parametrize("kind", [np.uint8, np.float32])
+def test_a_channel_for_each_structure_becomes_its_label(write, blocks, background, kind):
+    first = 0 if background else 1
+    channels = np.stack([blocks == label for label in range(first, 3)], axis=-1).astype(kind)
+    path = write(RAS, None, "one.nii", values=channels * kind(0.8) if kind is np.float32 else channels)
+    volume = read_volume(path)
+    assert np.array_equal(volume.layers[0], blocks)
+    assert "background" in volume.notes[-1] or not background
+
+
+def test_the_only_point_in_time_with_labels_is_taken(write, blocks):
+    path = write(RAS, None, "time.nii", values=np.stack([0 * blocks, blocks, 0 * blocks], axis=-1))
+    volume = read_volume(path)
+    assert np.array_equal(volume.layers[0], blocks)
+    assert "only 2 has labels" in volume.notes[-1]
 
 
 def test_colours_are_refused(write):
