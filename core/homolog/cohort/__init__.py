@@ -4,7 +4,7 @@ from collections import Counter
 from os import PathLike
 from pathlib import Path
 
-from homolog.cohort.dicom import dicom_files, is_dicom_seg
+from homolog.cohort.dicom import dicom_files, is_dicom_seg, is_rtstruct
 from homolog.cohort.folder import read_folder
 from homolog.cohort.manifest import MANIFEST, names_files, read_manifest
 from homolog.cohort.sides import FROM_NAMES, LEFT, RIGHT, SIDE_COLUMN, Sides, other_side, sides_of
@@ -40,6 +40,7 @@ __all__ = [
     "dicom_files",
     "image_beside",
     "is_dicom_seg",
+    "is_rtstruct",
     "landmarks_beside",
     "mask_files",
     "other_side",

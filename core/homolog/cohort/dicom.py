@@ -3,10 +3,11 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["dicom_files", "holds_dicom", "is_dicom_seg", "series_below", "series_of"]
+__all__ = ["dicom_files", "holds_dicom", "is_dicom_seg", "is_rtstruct", "series_below", "series_of"]
 
 _SEG_CLASSES = (b"1.2.840.10008.5.1.4.1.1.66.4", b"1.2.840.10008.5.1.4.1.1.66.7")
 """Of segments that may overlap, and of label maps."""
+_RTSTRUCT = b"1.2.840.10008.5.1.4.1.1.481.3"
 
 
 def dicom_files(folder: Path) -> list[Path]:
@@ -31,6 +32,11 @@ def _dicom_files(folder: Path) -> Iterator[Path]:
 def is_dicom_seg(path: Path) -> bool:
     """Return whether a DICOM file is a segmentation object."""
     return any(item in _beginning(path) for item in _SEG_CLASSES)
+
+
+def is_rtstruct(path: Path) -> bool:
+    """Return whether a DICOM file holds the contours of radiotherapy's structures."""
+    return _RTSTRUCT in _beginning(path)
 
 
 def series_below(folder: Path) -> list[Path]:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from homolog.cohort import dicom_files, is_dicom_seg
+from homolog.cohort import dicom_files, is_dicom_seg, is_rtstruct
 from homolog.errors import InputError
 from homolog.grooming.dicom_seg import read_seg
 from homolog.grooming.dicom_series import read_series, series_voxels
@@ -21,6 +21,12 @@ def read_dicom(path: Path) -> Volume:
     InputError
         If a package is missing, the file is no SEG, or the folder holds several series or lacks slices.
     """
+    files = dicom_files(path) if path.is_dir() else [path]
+    if contours := [file for file in files if is_rtstruct(file)]:
+        raise InputError(
+            f"{contours[0]}: is a DICOM RTSTRUCT, whose contours are not read; open it in 3D Slicer (with "
+            "SlicerRT) and save its segmentation as .seg.nrrd"
+        )
     if path.is_file():
         if not is_dicom_seg(path):
             raise InputError(
@@ -28,7 +34,6 @@ def read_dicom(path: Path) -> Volume:
                 "series"
             )
         return read_seg(path)
-    files = dicom_files(path)
     segs = [file for file in files if is_dicom_seg(file)]
     if len(segs) == 1 and len(files) == 1:
         return read_seg(segs[0])
