@@ -369,10 +369,8 @@ class ProjectController(Controller):
         if not missing:
             return None
         text = f"{len(missing)} input files have moved, such as that of {missing[0]}."
-        if (
-            ask(self._window, "Files have moved", text, ("Locate folder…", "Continue without"))
-            != "Locate folder…"
-        ):
+        answers = ("Locate folder…", "Continue without")
+        if ask(self._window, "Files have moved", text, answers) != answers[0]:
             return None
         path = QFileDialog.getExistingDirectory(self._window, "Folder that contains the files now")
         return Path(path) if path else None
@@ -388,12 +386,8 @@ class ProjectController(Controller):
             views.restore_view(view)
 
     def _view(self) -> ViewRecord:
-        window = self._window
-        view = ViewRecord(
-            step=window.step,
-            page=window.inspector.explore.page.title,
-            selection=tuple(self._workspace.session.selection),
-        )
+        window, selection = self._window, tuple(self._workspace.session.selection)
+        view = ViewRecord(step=window.step, page=window.inspector.explore.page.title, selection=selection)
         return view if window.views is None else window.views.noted(view)
 
     def _forget(self) -> None:
