@@ -1,10 +1,10 @@
 """Any cohorts with default settings: groomed, aligned, optimized with several particle numbers and seeds.
 
 ``python tests/benchmarks/cohorts.py FOLDER… --particles 64 256 --seeds 0 1 2 [--label NUMBER] [--check]
-[--truth]`` prints a line a cohort on its surfaces, and a line a run: why it ended, iterations, particles that were
-repaired, the objective, and with ``--check`` how many findings of each kind `homolog check` has. ``--truth``
-is for meshes that share their topology: a particle's true place on another subject is the same point of the
-same face there, and the errors of all particles between all pairs of subjects are summed up in mm.
+[--truth]`` prints a line a cohort on its surfaces, and a line a run: why it ended, iterations, particles that
+were repaired, the objective, and with ``--check`` how many findings of each kind `homolog check` has.
+``--truth`` is for meshes that share their topology: a particle's true place on another subject is the same
+point of the same face there, and the errors of all particles between all pairs of subjects are summed up.
 """
 
 import argparse

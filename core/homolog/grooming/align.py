@@ -26,6 +26,7 @@ from homolog.threads import on_one_thread
 __all__ = ["Registration", "align", "medoid", "of_other_units", "register"]
 
 _OTHER_UNIT = 100.0
+_OTHER_SIZE = 5.0  # times the median: a file in cm among files in mm is ten times smaller
 _FEWEST = 3  # subjects that it takes to say which is the odd one
 _ODD, _USUAL = 2.0, 0.06  # of the usual distance, of at least this: from where on a subject is odd
 _TURNED = 60.0  # degrees
@@ -118,7 +119,7 @@ def register(
         if settings.alignment is Alignment.NONE:
             pose[:3, 3] += unit.centre
         result[index] = pose
-    return Registration(result, _notes(result, distances))
+    return Registration(result, _notes(result, distances, sizes))
 
 
 def _fits(
@@ -183,16 +184,20 @@ def _radii(oriented_shapes: Sequence[OrientedPoints]) -> FloatArray:
     )
 
 
-def _notes(alignments: FloatArray, distances: FloatArray) -> tuple[str | None, ...]:
+def _notes(alignments: FloatArray, distances: FloatArray, sizes: FloatArray) -> tuple[str | None, ...]:
     """Return what a person should know about the registrations, by subject."""
     if len(distances) < _FEWEST:
         return (None,) * len(distances)
     typical = float(np.median(distances))
     usual = _turns(alignments)
     notes: list[str | None] = []
-    for distance, angle in zip(distances.tolist(), usual.tolist(), strict=True):
+    ratios = sizes / np.median(sizes)
+    for distance, angle, ratio in zip(distances.tolist(), usual.tolist(), ratios.tolist(), strict=True):
         note = None
-        if distance > _ODD * max(typical, _USUAL):
+        if not 1.0 / _OTHER_SIZE < ratio < _OTHER_SIZE:
+            times, word = (ratio, "large") if ratio > 1.0 else (1.0 / ratio, "small")
+            note = f"is {times:.0f} times as {word} as most others; check that its unit is mm"
+        elif distance > _ODD * max(typical, _USUAL):
             note = (
                 f"does not look like the others: {100.0 * distance:.0f} % of its size away from the most "
                 f"typical subject, usually {100.0 * typical:.0f} %; check that it shows the same structure"
