@@ -111,10 +111,9 @@ def run_analyze(arguments: argparse.Namespace) -> int:
             tick = part_of(own, index / len(requests), (index + 1) / len(requests))
             study = run_study(result, request, tick)
             folder = save_study(project, study, result, carrier)
-            lines += [
-                request.title,
-                *(f"  {finding.verdict} {finding.numbers}" for finding in findings(study)),
-            ]
+            lines.append(request.title)
+            for finding in findings(study):
+                lines += [f"  {finding.verdict}", *(f"    - {sentence}" for sentence in finding.sentences)]
             lines += [f"  Caution: {caution}" for caution in cautions(study)]
             lines.append(f"  tables: {folder}")
             folders.append(folder)

@@ -98,7 +98,12 @@ class Finding:
     """What a comparison shows, in a few words, and the numbers to it, in sentences."""
 
     verdict: str
-    numbers: str
+    sentences: tuple[str, ...]
+
+    @property
+    def numbers(self) -> str:
+        """The sentences as one paragraph."""
+        return " ".join(self.sentences)
 
 
 def findings(study: Study) -> list[Finding]:
@@ -107,7 +112,8 @@ def findings(study: Study) -> list[Finding]:
     Significant is called what the permutation test, corrected for pairs of groups and answers, calls so.
     """
     return [
-        Finding(_verdict(study, comparison), _numbers(study, comparison)) for comparison in study.comparisons
+        Finding(_verdict(study, comparison), _sentences(study, comparison))
+        for comparison in study.comparisons
     ]
 
 
@@ -166,7 +172,7 @@ def _verdict(study: Study, comparison: Comparison) -> str:
     return f"{comparison.title} ({who}): {verdict}."
 
 
-def _numbers(study: Study, comparison: Comparison) -> str:
+def _sentences(study: Study, comparison: Comparison) -> tuple[str, ...]:
     kind = study.request.kind
     sentences = []
     if comparison.distance is not None and comparison.test.modes:
@@ -199,7 +205,7 @@ def _numbers(study: Study, comparison: Comparison) -> str:
     if correction:
         size = correction_text(study, size=True, overall=overall) or "not corrected"
         sentences.append(f"p values without a remark are {correction}; that of size is {size}.")
-    return " ".join(sentences)
+    return tuple(sentences)
 
 
 def _tested(p: float | None, permutations: int) -> str:
