@@ -54,3 +54,8 @@ def test_a_seed_makes_the_same_mesh(family):
 def test_interpolated_slices_that_reach_beyond_the_grid_give_a_closed_surface(tmp_path):
     trial = attempt("tubes", 600260, tmp_path)
     assert trial.outcome == "groomed", trial.reason
+
+
+def test_edges_longer_than_a_thin_thread_end_in_a_mesh_or_a_reason(tmp_path):
+    trial = attempt("tubes", 88655, tmp_path, most=3000.0, edges=12)
+    assert trial.outcome in ("groomed", "refused"), trial.reason

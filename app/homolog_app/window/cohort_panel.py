@@ -15,7 +15,7 @@ __all__ = ["CohortPanel"]
 
 _TOOLS = ("file.add", "file.import", "file.export", "edit.group", "edit.include", "edit.remove")
 _GROUP_PX = (56, 120)
-_NAME_PX, _STATUS_PX = 140, 96
+_NAME_PX, _STATUS_PX = 140, 76
 _MEASURED_ROWS = 100  # beyond those in sight, whose names are looked at for the width
 
 

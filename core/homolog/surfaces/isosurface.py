@@ -37,6 +37,7 @@ _MOST_TIMES = 2.0  # the wanted number of vertices
 _TOO_FINE = (
     4.0  # times the wanted number of vertices, of the source, which is used where no other mesh will do
 )
+_LEAST = 12  # vertices of a mesh: an icosahedron
 _VOLUME = 0.2  # of the source's volume: triangles too large for thin parts lose so much of it
 _REFERENCES = 20_000  # points of the surface at which a mesh is compared with it, or more if it is finer
 
@@ -146,7 +147,7 @@ def _meshed(
 
 def _uneven(source: TriangleMesh, count: int, field: DistanceField, volume: float) -> TriangleMesh:
     """Return the source with as few vertices as carry its shape, moved to the zero level; else the source."""
-    counts = [count]
+    counts = [max(count, _LEAST)]
     while _TOO_FINE * counts[-1] < len(source.vertices):
         counts.append(2 * counts[-1])
     for fewer in reversed(levels_of_detail(source, counts[-2::-1])):
