@@ -52,7 +52,7 @@ def ask(
     Parameters
     ----------
     parent : QWidget
-    title, words : str
+    title, details : str
         What is asked, and what to know for it.
     answers : tuple of str
         On the buttons; closing the box means the last one.
