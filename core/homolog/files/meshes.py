@@ -37,6 +37,8 @@ _READERS: dict[str, Callable[[bytes], Polygons]] = {
 }
 _WRITTEN = (".vtp", ".vtk", ".ply", ".stl", ".obj")
 _READ_BYTES = 32  # of memory for each byte of a file, at most about
+_MOST_LOST = 0.01
+"""Of the faces: with more corners that aren't numbers a file is damaged; fewer leave holes."""
 _LPS_HEADER = "SPACE=LPS"  # 3D Slicer's mark for the patient frame used here
 
 
@@ -58,8 +60,8 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     Raises
     ------
     InputError
-        If the file is missing or can't be read, or holds no triangles or values that aren't finite.
-        Whether the surface is closed is not looked at.
+        If the file is missing or can't be read, holds no triangles, or more than 1 % of them have a corner
+        that is not finite (fewer are left out). Whether the surface is closed is not looked at.
     """
     path = Path(path)
     reader = _READERS.get(path.suffix.lower())
@@ -71,13 +73,14 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     content = path.read_bytes()
     try:
         surface = reader(content)
-        faces = surface.triangles() if np.isfinite(surface.points).all() else None
+        every = surface.triangles()
     except Exception as error:  # what parsers raise on damaged files is no short list
         raise InputError(
             f"{path}: can't be read as a mesh (truncated, damaged or of another type: {_told(error)}); "
             "copy or export it again"
         ) from error
-    if faces is None:
+    faces = every[np.isfinite(surface.points).all(axis=1)[every].all(axis=1)]
+    if len(every) - len(faces) > _MOST_LOST * len(every):
         raise InputError(f"{path}: contains coordinates that aren't numbers; export the surface again")
     if not len(faces):
         raise InputError(f"{path}: contains no triangles; export the surface again")

@@ -101,8 +101,9 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
         level = level_of_mesh(_outward(largest), settings.spacing)
         dropped = int(pieces.max())
         kept = f"{100.0 - 100.0 * crumbs:.3g} % of the area"
-        note = (f"the largest of {dropped + 1} separate pieces was kept ({kept})",) if dropped else ()
-        return Triangles(level, abs(mesh.volume), dropped, 0, None, note)
+        notes = (f"the largest of {dropped + 1} separate pieces was kept ({kept})",) if dropped else ()
+        notes += ("all faces pointed inward and were flipped",) if largest.volume < 0.0 else ()
+        return Triangles(level, abs(mesh.volume), dropped, 0, None, notes)
     labels = clusters(mesh) if settings.pieces is Pieces.LARGEST else np.zeros(len(mesh.faces), np.int64)
     solid = solid_of(_chosen(mesh, labels == 0))
     if not solid.bounds.any():
@@ -121,6 +122,11 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
         )
     dropped = int(labels.max()) + apart
     share = _share(mesh.face_areas, labels == 0) * _share(area, touching)
+    if share < _KEPT and not labels.any() and not solid.is_closed:
+        raise InputError(
+            f"the mesh is open (rims of {solid.open_length:,.0f} mm in all), and only {100.0 * share:.0f} % "
+            "of its area is around one volume; export the complete surface, closed or with small openings"
+        )
     _check_share(share, dropped + 1)
     notes = _notes(solid, touching, dropped, share)
     surface = _chosen(solid.mesh, touching & solid.bounds)

@@ -20,8 +20,12 @@ from homolog.surfaces.topology import FLATTEST, face_components
 
 __all__ = ["Solid", "clusters", "solid_of"]
 
-_SAME = 1e-6
-"""Of the diagonal: vertices that are nearer to each other are welded."""
+_SAME = (1e-6, 1e-5, 1e-4)
+"""Of the diagonal: vertices that are nearer to each other are welded; the larger ones for loose faces."""
+_LOOSE = 0.1
+"""Of the sides: with more that have no other face the vertices were rounded for each face."""
+_LOST = 0.01
+"""Of the faces: with more that lose a corner the reach is too wide."""
 _SAMPLES = 24
 """Faces of a patch that are asked how much of the outside they see."""
 _DIRECTIONS = 16
@@ -168,14 +172,32 @@ def clusters(mesh: TriangleMesh) -> IntArray:
 
 
 def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """Merge vertices that nearly coincide, and drop faces that lose a corner."""
-    reach = _SAME * float(np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0)))
-    pairs = KDTree(vertices).query_pairs(reach, output_type="ndarray")
+    """Merge vertices that nearly coincide, and drop faces that lose a corner.
+
+    Where faces hardly share vertices, their corners were rounded one by one: the reach grows until they meet,
+    unless faces are lost by it.
+    """
+    size = float(np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0)))
+    tree = KDTree(vertices)
+    joined = _merged(tree, faces, _SAME[0] * size)
+    for reach in _SAME[1:]:
+        if np.mean(sides_of(joined)[2] == 1) <= _LOOSE:
+            break
+        wider = _merged(tree, faces, reach * size)
+        if len(wider) < (1.0 - _LOST) * len(joined):
+            break
+        joined = wider
+    return vertices, joined
+
+
+def _merged(tree: KDTree, faces: IntArray, reach: float) -> IntArray:
+    """Return faces of which vertices within a reach are one; without those that lose a corner."""
+    pairs = tree.query_pairs(reach, output_type="ndarray")
     if len(pairs):
-        graph = coo_array((np.ones(len(pairs), np.int8), tuple(pairs.T)), shape=(len(vertices),) * 2)
+        graph = coo_array((np.ones(len(pairs), np.int8), tuple(pairs.T)), shape=(tree.n,) * 2)
         labels = connected_components(graph, directed=False)[1]
         faces = np.unique(labels, return_index=True)[1][labels][faces]
-    return vertices, faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    return faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
 
 
 def _with_area(vertices: FloatArray, faces: IntArray) -> IntArray:

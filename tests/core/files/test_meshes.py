@@ -116,7 +116,7 @@ def test_a_file_cut_short_is_refused_or_open(tmp_path, suffix):
         check_mesh(read_mesh(path), "cut")
 
 
-def test_coordinates_that_are_not_numbers_are_refused(mesh, tmp_path):
+def test_many_coordinates_that_are_not_numbers_are_refused(mesh, tmp_path):
     bad = np.array(mesh.vertices)
     bad[1, 1] = np.nan
     write_mesh(tmp_path / "a.vtp", TriangleMesh(bad, mesh.faces))

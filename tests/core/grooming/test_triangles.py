@@ -39,6 +39,12 @@ def soup(mesh, noise=0.0, rng=None):
     return TriangleMesh(points, np.arange(len(points)).reshape(-1, 3))
 
 
+def with_corners_that_are_no_numbers(mesh, rng):
+    vertices = mesh.vertices.copy()
+    vertices[rng.choice(len(vertices))] = np.nan
+    return TriangleMesh(np.concatenate([vertices, np.full((3, 3), np.inf)]), mesh.faces)
+
+
 def without_a_ball(mesh, rng):
     middles = mesh.vertices[mesh.faces].mean(axis=1)
     return TriangleMesh(mesh.vertices, mesh.faces[np.linalg.norm(middles - [0, 0, 10.0], axis=1) > 5.0])
@@ -95,6 +101,7 @@ DAMAGED = {
     "faces missing here and there": lambda mesh, rng: TriangleMesh(
         mesh.vertices, mesh.faces[rng.random(len(mesh.faces)) > 0.05]
     ),
+    "a corner that is no number": with_corners_that_are_no_numbers,
     "a large hole": without_a_ball,
     "vertices in the middle of sides": split_at_sides,
     "slivers": with_slivers,
@@ -140,6 +147,18 @@ def test_a_sound_mesh_is_taken_as_it_is(egg):
     assert np.array_equal(result.level.values, expected.values)
     assert result.notes == ()
     assert result.surface is None
+
+
+def test_a_sound_mesh_that_points_inward_is_turned_and_noted(egg):
+    result = level_and_settings(TriangleMesh(egg.vertices, egg.faces[:, ::-1]))
+    assert np.array_equal(result.level.values, level_of_mesh(egg, None).values)
+    assert any("inward" in note for note in result.notes)
+
+
+def test_corners_rounded_face_by_face_meet_again(egg):
+    result = level_and_settings(soup(egg, 5e-4, np.random.default_rng(0)))
+    assert any("coincident vertices" in note for note in result.notes)
+    assert not any("openings" in note or "pieces" in note for note in result.notes)
 
 
 def test_a_shaft_cut_off_is_closed_flat_at_its_rim_and_noted(egg, tmp_path):
@@ -217,7 +236,16 @@ def test_what_encloses_no_volume_is_refused(egg, tmp_path):
     upper = egg.vertices[egg.faces][..., 2].min(axis=1) > 0.0
     cap = TriangleMesh(egg.vertices * [1.0, 1.0, 0.02], egg.faces[upper])
     flat = TriangleMesh(egg.vertices * [1.0, 1.0, 0.0], egg.faces[upper])
-    for mesh, words in ((cap, "encloses no volume"), (flat, "is flat and encloses no volume")):
+    across, along = np.meshgrid(np.linspace(0.0, 60.0, 121), np.linspace(-15.0, 15.0, 31), indexing="ij")
+    wave = np.stack([across, 9.0 * np.sin(across / 60.0 * 6.0 * np.pi), along], axis=-1).reshape(-1, 3)
+    corner = (31 * np.arange(120)[:, None] + np.arange(30)).ravel()
+    halves = [[corner, corner + 31, corner + 32], [corner, corner + 32, corner + 1]]
+    waves = TriangleMesh(wave, np.concatenate([np.stack(half, axis=1) for half in halves]))
+    for mesh, words in (
+        (cap, "encloses no volume"),
+        (waves, "mesh is open .* around one volume"),
+        (flat, "is flat and encloses no volume"),
+    ):
         path = tmp_path / "open.ply"
         write_mesh(path, mesh)
         with pytest.raises(InputError, match=words):
