@@ -158,7 +158,7 @@ def discriminant(
     extra = np.zeros((len(second), 0)) if covariates is None else covariates
     rows = particles.reshape(len(particles), -1)
     rows = rows - rows.mean(axis=0)
-    rows = _without_covariates(rows, second, extra, np.arange(len(rows)))
+    rows = _without_covariates(rows, second, extra, np.ones(len(rows)))
     rows = rows - rows.mean(axis=0)
     scores, basis = _leading(rows, modes)
     fit = _fit(scores, second, np.ones(len(second)))
@@ -174,26 +174,33 @@ def discriminant(
     folds = min(_MOST_FOLDS, smallest)
     # Of many subjects the leading modes without one fold hardly leave those of all.
     reduced, _ = leading_scores(rows, len(rows) if len(rows) <= _MANY else modes + _FURTHER)
-    rounds = [
-        _round(reduced, second, extra, modes, folds, generator, part_of(tick, 0.5, 0.6))
-        for _ in range(repeats)
-    ]
-    measured = np.array([_rates(held_out, second) for held_out in rounds])
-    accuracy, auc = (float(item) for item in measured.mean(axis=0))
+    tick(0.5, "cross-validation of the discriminant")
+    labels = np.repeat(second[None], repeats, axis=0)
+    fold_of = np.stack([_stratified(second, folds, generator) for _ in range(repeats)])
+    rounds = np.concatenate(
+        [
+            _held_out(reduced, labels[[index]], extra[None], fold_of[[index]], modes)
+            for index in range(repeats)
+        ]
+    )
+    accuracy, auc = (float(item) for item in _rates(rounds, labels).mean(axis=0))
     # A permutation test holds for any statistic: its rounds can do with the leading modes.
-    reduced = reduced[:, : modes + _FURTHER]
-    observed = _mean_rates(reduced, second, extra, modes, folds, generator)
-    null_rates = np.empty((permutations, 2))
-    for entry in range(permutations):
-        tick(0.6 + 0.4 * entry / permutations, "permutations of the discriminant")
-        order = generator.permutation(len(second))
-        null_rates[entry] = _mean_rates(reduced, second[order], extra[order], modes, folds, generator)
+    rates = _permuted_rates(
+        reduced[:, : modes + _FURTHER],
+        second,
+        extra,
+        modes,
+        folds,
+        permutations,
+        generator,
+        part_of(tick, 0.6, 1.0),
+    )
     p = [
         float(permutation_p_value(item, column)) if permutations else None
-        for item, column in zip(observed, null_rates.T, strict=True)
+        for item, column in zip(rates[0], rates[1:].T, strict=True)
     ]
     held_out = np.mean(rounds, axis=0)
-    correct = np.mean([(item > 0.0) == second for item in rounds], axis=0)
+    correct = np.mean((rounds > 0.0) == second, axis=0)
     return Discriminant(
         modes=basis.reshape(-1, *particles.shape[1:]),
         weights=fit.direction * fit.separation,
@@ -257,13 +264,13 @@ class _Fit:
 
 
 def _fit(scores: FloatArray, second: BoolArray, weights: FloatArray) -> _Fit:
-    """Fit discriminants to scores (..., M, k) of subjects who count so often (..., M)."""
+    """Fit discriminants to scores (..., M, k) of subjects who count so often (..., M); labels (..., M)."""
     means = []
     for own in (~second, second):
         part = weights * own
         means.append((part[..., None, :] @ scores)[..., 0, :] / part.sum(axis=-1)[..., None])
     first_mean, second_mean = means
-    group = np.where(second[:, None], second_mean[..., None, :], first_mean[..., None, :])
+    group = np.where(second[..., None], second_mean[..., None, :], first_mean[..., None, :])
     covariance, shrinkage = shrunk_covariance(scores - group, weights)
     difference = second_mean - first_mean
     direction = (np.linalg.pinv(covariance, hermitian=True) @ difference[..., None])[..., 0]
@@ -297,67 +304,94 @@ def _leading(rows: FloatArray, modes: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _without_covariates(
-    rows: FloatArray, second: BoolArray, covariates: FloatArray, train: IntArray
+    rows: FloatArray, second: BoolArray, covariates: FloatArray, trains: FloatArray
 ) -> FloatArray:
-    """Return the rows (M, P) without what covariates do to the training subjects."""
-    if not covariates.shape[1]:
+    """Return rows (..., M, P) without what covariates (..., M, c) do to the training subjects (..., M)."""
+    if not covariates.shape[-1]:
         return rows
-    columns = np.column_stack([covariates, np.ones(len(second)), second])
-    effect = np.linalg.pinv(columns[train])[: covariates.shape[1]]
-    rest: FloatArray = rows - covariates @ (effect @ rows[train])
+    others = np.stack([np.ones(second.shape), second], axis=-1)
+    columns = np.concatenate([covariates, others], axis=-1)
+    # The pseudoinverse of rows of zeros is zero: those who are left out have no effect.
+    effect = np.linalg.pinv(columns * trains[..., None])[..., : covariates.shape[-1], :]
+    rest: FloatArray = rows - covariates @ (effect @ rows)
     return rest
 
 
-def _round(
+def _permuted_rates(
     rows: FloatArray,
     second: BoolArray,
     covariates: FloatArray,
     modes: int,
     folds: int,
+    permutations: int,
     generator: np.random.Generator,
     tick: Tick,
 ) -> FloatArray:
-    """Return each subject's score when it is held out, in distances of the groups; all folds at once."""
-    tick(0.0, "cross-validation of the discriminant")
-    fold_of = _stratified(second, folds, generator)
-    trains = (fold_of != np.arange(folds)[:, None]).astype(np.float64)
-    if covariates.shape[1]:
-        rows = np.stack(
-            [_without_covariates(rows, second, covariates, np.flatnonzero(train)) for train in trains]
-        )
-    mean = trains[:, None, :] @ rows / trains.sum(axis=1)[:, None, None]
-    centred = rows - mean
-    squares, vectors = np.linalg.eigh(np.swapaxes(centred * trains[..., None], 1, 2) @ centred)
-    squares, axes = squares[:, ::-1][:, :modes], vectors[:, :, ::-1][:, :, :modes]
-    scores = centred @ (axes * (squares > _FLAT * squares[:, :1])[:, None, :])
-    fit = _fit(scores, second, trains)
-    along = (scores @ fit.direction[..., None])[..., 0] - fit.midpoint[:, None]
-    held_out = along[fold_of, np.arange(len(second))]
-    of_fold = np.where(fit.separation == 0.0, 1.0, fit.separation)
-    return np.asarray(held_out / of_fold[fold_of], np.float64)
+    """Return balanced accuracy and area under the curve (1 + B, 2): of labels as they are, then permuted."""
+    count = len(second)
+    rates = np.empty((1 + permutations, 2))
+    chunk = max(1, _CHUNK_VALUES // (_REPEATS_OF_P * folds * rows.size))
+    for start in range(0, len(rates), chunk):
+        tick(start / len(rates), "permutations of the discriminant")
+        stop = min(start + chunk, len(rates))
+        orders, fold_of = [], []
+        for entry in range(start, stop):
+            order = generator.permutation(count) if entry else np.arange(count)
+            orders += [order] * _REPEATS_OF_P
+            fold_of += [_stratified(second[order], folds, generator) for _ in range(_REPEATS_OF_P)]
+        labels = second[orders]
+        held_out = _held_out(rows, labels, covariates[orders], np.stack(fold_of), modes)
+        rates[start:stop] = _rates(held_out, labels).reshape(-1, _REPEATS_OF_P, 2).mean(axis=1)
+    return rates
 
 
-def _mean_rates(
-    rows: FloatArray,
-    second: BoolArray,
-    covariates: FloatArray,
-    modes: int,
-    folds: int,
-    generator: np.random.Generator,
+def _held_out(
+    rows: FloatArray, second: BoolArray, covariates: FloatArray, fold_of: IntArray, modes: int
 ) -> FloatArray:
-    """Return balanced accuracy and area under the curve, (2,), of the repeats that p is counted over."""
-    rates = [
-        _rates(_round(rows, second, covariates, modes, folds, generator, no_tick), second)
-        for _ in range(_REPEATS_OF_P)
-    ]
-    return np.asarray(np.mean(rates, axis=0), np.float64)
+    """Return each subject's score when it is held out, in distances of the groups.
+
+    Parameters
+    ----------
+    rows : (M, k) array
+    second : (R, M) bool array
+        Labels in each of R cross-validations; all have as many subjects in each group.
+    covariates : (R, M, c) array
+    fold_of : (R, M) int array
+        The fold in which a subject is held out.
+    modes : int
+
+    Returns
+    -------
+    (R, M) array
+    """
+    folds = int(fold_of.max()) + 1
+    trains = (fold_of[:, None, :] != np.arange(folds)[:, None]).astype(np.float64)
+    shared = rows[None, None]
+    if covariates.shape[2]:
+        shared = _without_covariates(rows, second[:, None], covariates[:, None], trains)
+    mean = trains[:, :, None, :] @ shared / trains.sum(axis=2)[..., None, None]
+    centred = shared - mean
+    squares, vectors = np.linalg.eigh(np.swapaxes(centred * trains[..., None], 2, 3) @ centred)
+    squares, axes = squares[..., ::-1][..., :modes], vectors[..., ::-1][..., :modes]
+    scores = centred @ (axes * (squares > _FLAT * squares[..., :1])[..., None, :])
+    fit = _fit(scores, second[:, None], trains)
+    along = (scores @ fit.direction[..., None])[..., 0] - fit.midpoint[..., None]
+    held_out = np.take_along_axis(along, fold_of[:, None, :], axis=1)[:, 0]
+    of_fold = np.where(fit.separation == 0.0, 1.0, fit.separation)
+    return np.asarray(held_out / np.take_along_axis(of_fold, fold_of, axis=1), np.float64)
 
 
-def _rates(held_out: FloatArray, second: BoolArray) -> tuple[float, float]:
-    """Return balanced accuracy and area under the curve of cross-validated scores."""
+def _rates(held_out: FloatArray, second: BoolArray) -> FloatArray:
+    """Return balanced accuracy and area under the curve (R, 2) of cross-validated scores (R, M)."""
     own_side = (held_out > 0.0) == second
-    above = shares_below(held_out[second], held_out[~second])
-    return float((own_side[second].mean() + own_side[~second].mean()) / 2.0), float(above.mean())
+    accuracy = [
+        (own[labels].mean() + own[~labels].mean()) / 2.0 for own, labels in zip(own_side, second, strict=True)
+    ]
+    area = [
+        shares_below(scores[labels], scores[~labels]).mean()
+        for scores, labels in zip(held_out, second, strict=True)
+    ]
+    return np.column_stack([accuracy, area])
 
 
 def _stratified(second: BoolArray, folds: int, generator: np.random.Generator) -> IntArray:
