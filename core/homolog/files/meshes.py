@@ -79,7 +79,7 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
             f"{path}: can't be read as a mesh (truncated, damaged or of another type: {_told(error)}); "
             "copy or export it again"
         ) from error
-    faces = every[np.isfinite(surface.points).all(axis=1)[every].all(axis=1)]
+    faces = every[np.isfinite(surface.points[every]).all(axis=(1, 2))]
     if len(every) - len(faces) > _MOST_LOST * len(every):
         raise InputError(f"{path}: contains coordinates that aren't numbers; export the surface again")
     if not len(faces):

@@ -101,8 +101,11 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
         level = level_of_mesh(_outward(largest), settings.spacing)
         dropped = int(pieces.max())
         kept = f"{100.0 - 100.0 * crumbs:.3g} % of the area"
-        notes = (f"the largest of {dropped + 1} separate pieces was kept ({kept})",) if dropped else ()
-        notes += ("all faces pointed inward and were flipped",) if largest.volume < 0.0 else ()
+        said = [
+            (dropped, f"the largest of {dropped + 1} separate pieces was kept ({kept})"),
+            (largest.volume < 0.0, "all faces pointed inward and were flipped"),
+        ]
+        notes = tuple(note for is_true, note in said if is_true)
         return Triangles(level, abs(mesh.volume), dropped, 0, None, notes)
     labels = clusters(mesh) if settings.pieces is Pieces.LARGEST else np.zeros(len(mesh.faces), np.int64)
     solid = solid_of(_chosen(mesh, labels == 0))

@@ -197,7 +197,7 @@ def _merged(tree: KDTree, faces: IntArray, reach: float) -> IntArray:
         graph = coo_array((np.ones(len(pairs), np.int8), tuple(pairs.T)), shape=(tree.n,) * 2)
         labels = connected_components(graph, directed=False)[1]
         faces = np.unique(labels, return_index=True)[1][labels][faces]
-    return faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    return np.asarray(faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)])
 
 
 def _with_area(vertices: FloatArray, faces: IntArray) -> IntArray:
