@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -209,6 +210,41 @@ def good_off(folder: Path) -> None:
     (folder / "a.off").write_text(f"OFF\n{len(ball.vertices)} {len(ball.faces)} 0\n{points}{faces}")
 
 
+def good_grid(folder: Path) -> None:
+    """Two tetrahedra."""
+    rows = "0 0 0 1 0 0 0 1 0 0 0 1 1 1 1", "0 1 2 3 1 2 3 4", "4 8", "10 10"
+    points, corners, ends, types = (
+        f'<DataArray type="Float64" Name="{name}" format="ascii">{row}</DataArray>'
+        for name, row in zip(("Points", "connectivity", "offsets", "types"), rows, strict=True)
+    )
+    (folder / "a.vtu").write_text(
+        '<VTKFile type="UnstructuredGrid"><UnstructuredGrid><Piece NumberOfPoints="5" NumberOfCells="2">'
+        f"<Points>{points}</Points><Cells>{corners}{ends}{types}</Cells></Piece></UnstructuredGrid></VTKFile>"
+    )
+
+
+def good_scene(folder: Path) -> None:
+    """A surface in a scene."""
+    import trimesh
+
+    ball = octahedron()
+    (folder / "a.glb").write_bytes(trimesh.Trimesh(ball.vertices, ball.faces).export(file_type="glb"))
+
+
+def good_3mf(folder: Path) -> None:
+    """A surface in an archive."""
+    ball = octahedron()
+    points = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in ball.vertices.tolist())
+    faces = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in ball.faces.tolist())
+    with zipfile.ZipFile(folder / "a.3mf", "w") as archive:
+        archive.writestr(
+            "3D/3dmodel.model",
+            f'<model><resources><object id="1"><mesh><vertices>{points}</vertices>'
+            f"<triangles>{faces}</triangles>"
+            '</mesh></object></resources><build><item objectid="1"/></build></model>',
+        )
+
+
 def good_series(folder: Path) -> None:
     """A label map of six slices."""
     import SimpleITK
@@ -376,6 +412,9 @@ NATIVE = {
         Target("lh.pial", good_freesurfer, lambda folder: read_mesh(folder / "lh.pial")),
         Target("a.surf.gii", good_gifti, lambda folder: read_mesh(folder / "a.surf.gii")),
         Target("a.off", good_off, lambda folder: read_mesh(folder / "a.off")),
+        Target("a.vtu", good_grid, lambda folder: read_mesh(folder / "a.vtu")),
+        Target("a.glb", good_scene, lambda folder: read_mesh(folder / "a.glb")),
+        Target("a.3mf", good_3mf, lambda folder: read_mesh(folder / "a.3mf")),
         Target("series/3.dcm", good_series, lambda folder: read_segmentation(folder / "series", None)),
         Target("a.dcm", good_seg, lambda folder: read_segmentation(folder / "a.dcm", None, "all")),
         Target(

@@ -27,7 +27,10 @@ IMAGE_SUFFIXES = (
 )  # fmt: skip
 FREESURFER_SUFFIXES = (".pial", ".white", ".smoothwm", ".midthickness", ".surf")
 """Of FreeSurfer's surfaces: the last part of their names, which says what they are (``lh.pial``)."""
-MESH_SUFFIXES = (".vtp", ".vtk", ".ply", ".stl", ".obj", ".off", ".surf.gii", ".gii", *FREESURFER_SUFFIXES)
+MESH_SUFFIXES = (
+    ".vtp", ".vtk", ".ply", ".stl", ".obj", ".off", ".vtu", ".glb", ".gltf", ".3mf", ".surf.gii", ".gii",
+    *FREESURFER_SUFFIXES,
+)  # fmt: skip
 
 _MARKUPS = ".mrk.json"
 IMAGE_ENDING = "_image"

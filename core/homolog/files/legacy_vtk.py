@@ -10,6 +10,7 @@ import numpy as np
 
 from homolog.arrays import Array
 from homolog.files.polygons import Cells, Polygons, numbers_of
+from homolog.files.volume_cells import surface_of_cells
 
 __all__ = ["read_legacy_vtk"]
 
@@ -27,28 +28,32 @@ _KINDS = {
     "vtktypeuint32": ">u4", "vtktypeint64": ">i8", "vtktypeuint64": ">u8",
 }  # fmt: skip
 _TEXTS = ("string", "utf8_string")
-_CELLS = ("vertices", "lines", "polygons", "triangle_strips")
+_CELLS = ("vertices", "lines", "polygons", "triangle_strips", "cells")
+_SETS = (b"polydata", b"unstructured_grid")
 
 
 def read_legacy_vtk(content: bytes) -> Polygons:
-    """Read the surface of a legacy file; values at points and faces are not looked at.
+    """Read the surface of a legacy file, of volume cells the outer one; values are not looked at.
 
     Raises
     ------
     ValueError
-        If it is damaged or no POLYDATA.
+        If it is damaged, or neither POLYDATA nor UNSTRUCTURED_GRID.
     """
     head = _HEAD.match(content)
-    if head is None or head[4].lower() != b"polydata":
-        raise ValueError("no POLYDATA of a VTK file" if head else "no VTK file")
+    if head is None or head[4].lower() not in _SETS:
+        raise ValueError("neither POLYDATA nor UNSTRUCTURED_GRID of a VTK file" if head else "no VTK file")
     file = _File(content, head.end(), binary=head[3].lower() == b"binary", version=int(head[1]))
     points, cells, space = np.empty((0, 3)), dict.fromkeys(_CELLS, Cells.of_lists([])), ""
+    types: Array = np.empty(0, np.int64)
     while (part := file.word()) not in ("", "point_data", "cell_data"):
         if part == "points":
             count = file.number()
             points = file.values(3 * count, file.word()).astype(np.float64).reshape(-1, 3)
         elif part in _CELLS:
             cells[part] = file.cells()
+        elif part == "cell_types":
+            types = file.values(file.number(), "int")
         elif part == "field":
             space = file.field_data() or space
         elif part == "metadata":
@@ -56,6 +61,8 @@ def read_legacy_vtk(content: bytes) -> Polygons:
         else:
             raise ValueError(f"unknown part {part[:40]!r}")
     header = f"{head[2].decode('latin-1')} SPACE={space}"
+    if head[4].lower() == _SETS[1]:
+        return surface_of_cells(points, cells["cells"], types, header)
     return Polygons(points, cells["polygons"], cells["triangle_strips"], header)
 
 
@@ -121,8 +128,9 @@ class _File:
             )
             return Cells.of(corners, starts) if count else Cells.of_lists([])
         flat = self.values(size, "int").astype(np.int64)
-        if size == 4 * count and (flat[::4] == 3).all():
-            return Cells.of_triangles(flat.reshape(-1, 4)[:, 1:])
+        step = size // max(count, 1)
+        if count and size == step * count and (flat[::step] == step - 1).all():
+            return Cells.of(flat.reshape(-1, step)[:, 1:].ravel(), (step - 1) * np.arange(count + 1))
         lists: list[list[int]] = []
         at = 0
         while len(lists) < count and at < size:

@@ -1,4 +1,4 @@
-"""Surface meshes as files: VTP, VTK, PLY, STL, OBJ, OFF, GIFTI and FreeSurfer's.
+"""Surface meshes as files: VTP, VTU, VTK, PLY, STL, OBJ, OFF, glTF, 3MF, GIFTI and FreeSurfer's.
 
 VTK's readers follow damaged files out of memory, which ends the program; here files are read without it.
 """
@@ -18,6 +18,7 @@ from homolog.files.brain_surfaces import read_freesurfer, read_gifti
 from homolog.files.legacy_vtk import read_legacy_vtk
 from homolog.files.ply import read_ply, write_ply
 from homolog.files.polygons import Polygons
+from homolog.files.scenes import read_3mf, read_gltf
 from homolog.files.stl_obj import read_obj, read_off, read_stl
 from homolog.files.vtp import read_vtp
 from homolog.memory import check_fits
@@ -27,11 +28,15 @@ __all__ = ["read_mesh", "write_mesh"]
 
 _READERS: dict[str, Callable[[bytes], Polygons]] = {
     ".vtp": read_vtp,
+    ".vtu": read_vtp,
     ".vtk": read_legacy_vtk,
     ".ply": read_ply,
     ".stl": read_stl,
     ".obj": read_obj,
     ".off": read_off,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
+    ".3mf": read_3mf,
     ".gii": read_gifti,
     **dict.fromkeys((".pial", ".white", ".smoothwm", ".midthickness", ".surf"), read_freesurfer),
 }
@@ -48,9 +53,9 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     Parameters
     ----------
     path : path
-        A file that ends in .vtp, .vtk, .ply, .stl, .obj, .off, .gii (GIFTI), or .pial, .white, .smoothwm,
-        .midthickness or .surf (FreeSurfer). Coordinates are millimetres, LPS unless the file says
-        ``SPACE=RAS``; those of GIFTI and FreeSurfer are RAS.
+        A file that ends in .vtp, .vtu, .vtk, .ply, .stl, .obj, .off, .glb, .gltf, .3mf, .gii (GIFTI), or
+        .pial, .white, .smoothwm, .midthickness or .surf (FreeSurfer). Coordinates are millimetres, LPS unless
+        the file says ``SPACE=RAS``; those of GIFTI and FreeSurfer are RAS. Of volume cells the outer surface.
 
     Returns
     -------
@@ -72,7 +77,7 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     check_fits(path, _READ_BYTES * path.stat().st_size, "simplify the surface")
     content = path.read_bytes()
     try:
-        surface = reader(content)
+        surface = read_gltf(content, path.parent) if reader is read_gltf else reader(content)
         every = surface.triangles()
     except Exception as error:  # what parsers raise on damaged files is no short list
         raise InputError(

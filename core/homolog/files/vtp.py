@@ -1,4 +1,6 @@
-"""XML surfaces of VTK (``.vtp``): VTK's own reader believes damaged ones for gigabytes and seconds.
+"""XML surfaces and grids of VTK (``.vtp``, ``.vtu``), read without VTK.
+
+VTK's own reader believes damaged ones for gigabytes and seconds.
 
 After *VTK XML Formats* (docs.vtk.org) and the sources of ``vtkXMLDataParser``: text, base64 and raw, inline
 and appended, compressed by zlib, LZMA and LZ4. How long each array is follows from the counts before it, and
@@ -17,6 +19,7 @@ import numpy as np
 
 from homolog.arrays import Array
 from homolog.files.polygons import MOST, Cells, Polygons, numbers_of
+from homolog.files.volume_cells import surface_of_cells
 
 __all__ = ["read_vtp"]
 
@@ -31,12 +34,12 @@ _SPACE = "FieldData/*[@Name='SPACE']"
 
 
 def read_vtp(content: bytes) -> Polygons:
-    """Read the surface of an XML file; values at points and faces are not looked at.
+    """Read the surface of an XML file, of volume cells the outer one; values are not looked at.
 
     Raises
     ------
     ValueError
-        If it is damaged, or no PolyData.
+        If it is damaged, or neither PolyData nor UnstructuredGrid.
     """
     appended = _APPENDED.search(content)
     head, tail = (
@@ -45,10 +48,11 @@ def read_vtp(content: bytes) -> Polygons:
     if b"<!DOCTYPE" in head:
         raise ValueError("a document type, which could stand for anything")
     root = ElementTree.fromstring(head + (b"</AppendedData></VTKFile>" if appended else b""))
-    if root.tag != "VTKFile" or root.get("type") != "PolyData":
-        raise ValueError("no PolyData of a VTK file")
+    kind = root.get("type", "")
+    if root.tag != "VTKFile" or kind not in ("PolyData", "UnstructuredGrid"):
+        raise ValueError("neither PolyData nor UnstructuredGrid of a VTK file")
     file = _File(root, tail)
-    whole = root.find("PolyData")
+    whole = root.find(kind)
     pieces: list[Polygons] = []
     for item in [] if whole is None else whole.findall("Piece"):
         pieces.append(_piece(file, item, len(content)))
@@ -85,8 +89,12 @@ def _piece(file: "_File", piece: ElementTree.Element, size: int) -> Polygons:
         corners = file.values(piece.find(f"{name}/DataArray[@Name='connectivity']"), int(starts[-1]))
         return Cells.of(corners, starts)
 
-    points = file.values(piece.find("Points/DataArray"), 3 * count("Points"))
-    return Polygons(points.astype(np.float64).reshape(-1, 3), cells("Polys"), cells("Strips"))
+    stored = file.values(piece.find("Points/DataArray"), 3 * count("Points"))
+    points = stored.astype(np.float64).reshape(-1, 3)
+    if piece.get("NumberOfCells") is None:
+        return Polygons(points, cells("Polys"), cells("Strips"))
+    types = file.values(piece.find("Cells/DataArray[@Name='types']"), count("Cells"))
+    return surface_of_cells(points, cells("Cells"), types)
 
 
 def _moved(cells: Cells, count: int, shift: int) -> Cells:

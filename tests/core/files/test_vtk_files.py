@@ -123,6 +123,66 @@ def test_strips_become_triangles_of_one_orientation(tmp_path, version, binary):
     assert mesh.volume == pytest.approx(4.0 / 3.0 * np.pi * 1000.0, rel=0.05)
 
 
+CELLS = (10, 11, 12, 13, 14, 24, 25, 26, 27, 29, 71, 72, 73)
+
+
+@pytest.fixture(params=[*CELLS, 5, 8, 9, 22, 23], ids=lambda kind: f"type {kind}")
+def grid(request):
+    """Return cells of one type, three along each axis, as VTK's own source has them, and the area."""
+    from vtkmodules.vtkFiltersSources import vtkCellTypeSource
+
+    source = vtkCellTypeSource(cell_type=request.param)
+    source.SetBlocksDimensions(3, 3, 3)
+    source.Update()
+    return source.GetOutput(), 54.0 if request.param in CELLS else 9.0
+
+
+def check_surface(mesh, area):
+    assert mesh.area == pytest.approx(area)
+    sides = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    uses = np.unique(sides, axis=0, return_counts=True)[1]
+    assert area < 54.0 or (uses == 2).all()
+
+
+@pytest.mark.parametrize("version", [42, 51])
+def test_volume_cells_of_legacy_files_become_their_surface(grid, tmp_path, version):
+    from vtkmodules.vtkIOLegacy import vtkUnstructuredGridWriter
+
+    cells, area = grid
+    writer = vtkUnstructuredGridWriter(file_name=str(tmp_path / "a.vtk"), input_data=cells)
+    writer.SetFileVersion(version)
+    assert writer.Write()
+    check_surface(read_mesh(tmp_path / "a.vtk"), area)
+
+
+def test_volume_cells_of_xml_files_become_their_surface(grid, tmp_path):
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
+    cells, area = grid
+    assert vtkXMLUnstructuredGridWriter(file_name=str(tmp_path / "a.vtu"), input_data=cells).Write()
+    check_surface(read_mesh(tmp_path / "a.vtu"), area)
+
+
+GRID = (
+    "# vtk DataFile Version 3.0\nby hand\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 3 int 0 0 0 1 0 0 0 1 0\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("part", "words"),
+    [
+        ("CELLS 1 4 3 0 1 2\nCELL_TYPES 1 42\n", "cells of the types 42 are not read"),
+        ("CELLS 1 4 3 0 1 2\nCELL_TYPES 1 10\n", "cells of too few corners"),
+        ("CELLS 1 4 3 0 1 3\nCELL_TYPES 1 5\n", "refers to vertices"),
+        ("CELLS 1 4 3 0 1 2\n", "cells without a type"),
+    ],
+)
+def test_cells_that_make_no_sense_are_refused_with_the_reason(tmp_path, part, words):
+    (tmp_path / "a.vtk").write_text(GRID + part)
+    with pytest.raises(InputError, match=words):
+        read_mesh(tmp_path / "a.vtk")
+
+
 HEAD = "# vtk DataFile Version 3.0\nby hand\nASCII\nDATASET POLYDATA\n"
 
 
@@ -164,7 +224,7 @@ def test_legacy_files_that_make_no_sense_are_refused_with_the_reason(tmp_path, p
 
 def test_a_volume_in_a_legacy_file_is_no_surface(tmp_path):
     (tmp_path / "a.vtk").write_text(HEAD.replace("POLYDATA", "STRUCTURED_POINTS") + "DIMENSIONS 2 2 2\n")
-    with pytest.raises(InputError, match="no POLYDATA"):
+    with pytest.raises(InputError, match="neither POLYDATA nor"):
         read_mesh(tmp_path / "a.vtk")
 
 
