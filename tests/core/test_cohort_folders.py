@@ -217,8 +217,8 @@ def test_the_data_set_s_name_above_a_subject_s_folder_is_no_part_of_structures_n
 
 
 def test_what_is_no_segmentation_is_named_in_the_refusal(tmp_path):
-    with pytest.raises(InputError, match=r"\.tif \(2\), \.zip \(1\)"):
-        cohort_of(tmp_path, "a/1.tif", "a/2.tif", "b.zip")
+    with pytest.raises(InputError, match=r"\.jpg \(2\), \.zip \(1\)"):
+        cohort_of(tmp_path, "a/1.jpg", "a/2.jpg", "b.zip")
 
 
 def test_folders_with_files_of_the_same_subjects_are_no_groups(tmp_path):

@@ -7,6 +7,7 @@ from pathlib import Path
 from homolog.cohort.dicom import dicom_files, is_dicom_seg, is_rtstruct
 from homolog.cohort.folder import read_folder
 from homolog.cohort.manifest import MANIFEST, names_files, read_manifest
+from homolog.cohort.pictures import pictures_in
 from homolog.cohort.sides import FROM_NAMES, LEFT, RIGHT, SIDE_COLUMN, Sides, other_side, sides_of
 from homolog.cohort.subject import (
     IMAGE_SUFFIXES,
@@ -44,6 +45,7 @@ __all__ = [
     "landmarks_beside",
     "mask_files",
     "other_side",
+    "pictures_in",
     "read_cohort",
     "sides_of",
     "stem_of",

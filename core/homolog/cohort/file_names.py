@@ -5,6 +5,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
+from homolog.cohort.pictures import has_pages
 from homolog.cohort.sides import is_side
 from homolog.cohort.subject import IMAGE_SUFFIXES, MESH_SUFFIXES, stem_of, suffix_of
 
@@ -71,13 +72,17 @@ _FULL = 0.75
 
 
 def known_files(entries: Sequence[Path]) -> list[Path]:
-    """Return the segmentations and meshes, without GIFTI files of values or of what is no anatomy."""
+    """Return the segmentations and meshes, without GIFTI files of values or of what is no anatomy.
+
+    Of TIFF files those of several pages are segmentations; others may be slices, see `picture_cohort`.
+    """
     return [
         entry
         for entry in entries
         if suffix_of(entry) in IMAGE_SUFFIXES + MESH_SUFFIXES
         and not _OTHER_GIFTI.search(entry.name)
         and entry.is_file()
+        and not (suffix_of(entry) in (".tif", ".tiff") and not has_pages(entry))
     ]
 
 

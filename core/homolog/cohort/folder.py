@@ -20,6 +20,7 @@ from homolog.cohort.file_names import (
     scans_beside,
     structures_in_names,
 )
+from homolog.cohort.pictures import picture_cohort
 from homolog.cohort.sides import SIDE_COLUMN, is_side
 from homolog.cohort.subject import (
     IMAGE_SUFFIXES,
@@ -132,6 +133,7 @@ def _listed(names: Sequence[str]) -> str:
 
 def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
     """Read folders of subjects: one file in each, or one for each structure; or the one with all files."""
+    every_below = below
     pipelines = [item for item in below if item.name.casefold() == _DERIVATIVES]
     if pipelines and below != pipelines:
         return read_folder(pipelines[0])
@@ -155,6 +157,8 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
         if len(above) == 1:
             return read_folder(above[0])
         if not above:
+            if pictures := picture_cohort(folder, every_below):
+                return pictures
             raise _nothing_in(folder)
         return _of_parts(folder, above)
     every = {name: files for subjects in by_place.values() for name, files in subjects.items()}

@@ -23,7 +23,7 @@ __all__ = [
 
 IMAGE_SUFFIXES = (
     ".nii.gz", ".nii", ".seg.nrrd", ".nrrd", ".nhdr", ".mha", ".mhd", ".mgz", ".mgh", ".hdr", ".hdr.gz",
-    ".dcm",
+    ".dcm", ".tif", ".tiff",
 )  # fmt: skip
 FREESURFER_SUFFIXES = (".pial", ".white", ".smoothwm", ".midthickness", ".surf")
 """Of FreeSurfer's surfaces: the last part of their names, which says what they are (``lh.pial``)."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from homolog.arrays import FloatArray
-from homolog.cohort import IMAGE_SUFFIXES, suffix_of
+from homolog.cohort import IMAGE_SUFFIXES, dicom_files, pictures_in, suffix_of
 from homolog.errors import InputError
 from homolog.grooming.headers import read_header, segments_of
 from homolog.grooming.scans import StoredScan
@@ -35,8 +35,8 @@ def read_segmentation(path: Path, label: int | None, segment: str | None = None)
     Parameters
     ----------
     path : Path
-        NRRD (also detached, also ``.seg.nrrd``), NIfTI, Analyze, MetaImage, DICOM SEG, or the folder of
-        a DICOM series.
+        NRRD (also detached, also ``.seg.nrrd``), NIfTI, Analyze, MetaImage, DICOM SEG, TIFF of several
+        pages, or the folder of a DICOM series or of pictures.
     label : int or None
         The value to keep; every value above 0 if neither value nor name are given.
     segment : str or None
@@ -55,6 +55,10 @@ def read_volume(path: Path) -> Volume:
     """Read a label map with all its structures; raises as `read_segmentation` does."""
     path = Path(path)
     name = check_kind(path)
+    if name.endswith((".tif", ".tiff")) or (path.is_dir() and pictures_in(path) and not dicom_files(path)):
+        from homolog.grooming.pictures import read_pictures
+
+        return read_pictures(path)
     if path.is_dir() or name.endswith(".dcm"):
         from homolog.grooming.dicom import read_dicom
 

@@ -2,6 +2,7 @@
 
 import gzip
 import html
+import io
 import logging
 import math
 import re
@@ -16,6 +17,7 @@ from nibabel.filebasedimages import ImageFileError
 from nibabel.freesurfer.mghformat import MGHHeader
 from nibabel.imageglobals import ErrorLevel, logger
 from nibabel.spatialimages import HeaderDataError
+from nibabel.wrapstruct import WrapStructError
 
 from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
@@ -48,8 +50,19 @@ _NAMED = re.compile(
 )
 """An entry of the table of labels that TotalSegmentator and Connectome Workbench put into an extension."""
 _GZIP = b"\x1f\x8b"
+_NIFTI_2 = (b"\x1c\x02", b"\x02\x1c")
+"""How a header of 540 bytes begins."""
 DUBIOUS = 30  # of nibabel's levels: sizes of zero or below, unknown codes
-_FAULTS = (ImageFileError, HeaderDataError, OSError, EOFError, zlib.error, ValueError, OverflowError)
+_FAULTS = (
+    ImageFileError,
+    HeaderDataError,
+    WrapStructError,
+    OSError,
+    EOFError,
+    zlib.error,
+    ValueError,
+    OverflowError,
+)
 _AGREE = 0.1  # voxels: more than rounding makes qform and sform differ anywhere in the volume
 _SCANNER = 1
 _FRAMES = {_SCANNER: "scanner", 2: "aligned", 3: "Talairach", 4: "MNI", 5: "template"}
@@ -102,7 +115,6 @@ def _nifti_header(
     path: Path, *, channels: bool = False
 ) -> tuple[Any, list[int], FloatArray, tuple[str, ...]]:
     """Return nibabel's image, unread; its size (with channels, if wanted), matrix to LPS and notes."""
-    _check_packing(path)
     try:
         image: Any = _opened(path)
     except _FAULTS as error:
@@ -129,6 +141,7 @@ def _nifti_header(
         path, shape[:3] if count > 1 else shape, count * (kind.itemsize + (8.0 if scaled else kind.itemsize))
     )
     matrix, notes = placement(path, header, shape[:3])
+    notes = (*notes, *_misnamed(path))
     return image, shape, _TO_LPS @ matrix, notes
 
 
@@ -169,7 +182,6 @@ def read_mgh_scan(path: Path, tick: Tick) -> StoredScan:
 
 def _mgh_header(path: Path) -> tuple[list[int], np.dtype[Any], FloatArray, tuple[str, ...]]:
     """Return the size of an MGH volume, the type of its voxels, its matrix to LPS, and notes."""
-    _check_packing(path)
     begin = _unpacked(path, _MGH_HEADER)
     if len(begin) < _MGH_HEADER:
         raise InputError(f"{path}: is cut short ({len(begin)} bytes); copy or export it again")
@@ -185,7 +197,8 @@ def _mgh_header(path: Path) -> tuple[list[int], np.dtype[Any], FloatArray, tuple
         shape.pop()
     check_size(path, shape, kind.itemsize * 2)
     placed = int.from_bytes(begin[28:30], "big") > 0
-    return shape, kind, _TO_LPS @ matrix, () if placed else (_NO_MGH_PLACE,)
+    notes = () if placed else (_NO_MGH_PLACE,)
+    return shape, kind, _TO_LPS @ matrix, (*notes, *_misnamed(path))
 
 
 def stored_values(
@@ -200,7 +213,7 @@ def stored_values(
     count = math.prod(shape)
     size = count * kind.itemsize
     cut = f"{path}: is cut short, or contains more voxels than its header declares; copy or export it again"
-    if not path.name.lower().endswith((".gz", ".mgz")):
+    if not _is_packed(path):
         there = path.stat().st_size - begin
         if there < size or (to_end and there > size):
             raise InputError(f"{cut} ({there} of {size} bytes)")
@@ -222,28 +235,30 @@ def stored_values(
     return values.reshape(shape, order="F")
 
 
-def _check_packing(path: Path) -> None:
-    """Refuse a file whose name says wrongly whether it is packed."""
+def _is_packed(path: Path) -> bool:
     with path.open("rb") as stream:
-        packed = stream.read(2) == _GZIP
-    name = path.name.lower()
-    said = name.endswith((".gz", ".mgz"))
-    right = {".nii": ".nii.gz", ".mgh": ".mgz", "i.gz": ".nii", ".mgz": ".mgh"}[name[-4:]]
-    if packed and not said:
-        raise InputError(
-            f"{path}: is compressed, although its name does not say so; rename it to end in {right}"
-        )
-    if said and not packed:
-        raise InputError(
-            f"{path}: is not compressed, although its name says so; copy it again, or rename it to end in "
-            f"{right}"
-        )
+        return stream.read(2) == _GZIP
+
+
+def _misnamed(path: Path) -> tuple[str, ...]:
+    """Return a note on a file whose name says wrongly whether it is packed."""
+    packed = _is_packed(path)
+    if packed == path.name.lower().endswith((".gz", ".mgz")):
+        return ()
+    return (
+        f"is {'' if packed else 'not '}compressed, although its name says otherwise; it was read as it is",
+    )
 
 
 def _opened(path: Path) -> Any:  # noqa: ANN401 - half of nibabel is untyped
     """Return an image whose header makes sense; nibabel would correct others."""
     with ErrorLevel(DUBIOUS):  # type: ignore[no-untyped-call]
-        return nibabel.load(path, mmap=False)
+        if not _misnamed(path):
+            return nibabel.load(path, mmap=False)
+        stream = io.BytesIO(_unpacked(path, _FARTHEST))
+        kind: Any = nibabel.Nifti2Image if stream.read(2) in _NIFTI_2 else nibabel.Nifti1Image
+        stream.seek(0)
+        return kind.from_file_map({"image": nibabel.FileHolder(fileobj=stream)}, mmap=False)
 
 
 def _content(path: Path, begin: int, end: int) -> bytes:
@@ -262,9 +277,8 @@ def _content(path: Path, begin: int, end: int) -> bytes:
 
 def _unpacked(path: Path, count: int) -> bytes:
     """Return the first bytes of a file, unpacked, as many as there are up to a number."""
-    packed = path.name.lower().endswith((".gz", ".mgz"))
     try:
-        with gzip.open(path) if packed else path.open("rb") as stream:
+        with gzip.open(path) if _is_packed(path) else path.open("rb") as stream:
             content: bytes = stream.read(count)
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(f"{path}: is cut short or damaged; copy or export it again ({error})") from error

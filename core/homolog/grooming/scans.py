@@ -90,8 +90,8 @@ def read_scan(path: Path, tick: Tick = no_tick) -> Scan:
     Parameters
     ----------
     path : Path
-        NRRD, NIfTI, Analyze, MetaImage, MGH, or the folder of a DICOM series. Voxels of uncompressed NIfTI
-        and MGH files stay on the disk (memory-mapped).
+        NRRD, NIfTI, Analyze, MetaImage, MGH, TIFF, or the folder of a DICOM series. Voxels of uncompressed
+        NIfTI and MGH files stay on the disk (memory-mapped).
     tick : Tick
 
     Raises
@@ -111,6 +111,8 @@ def read_scan(path: Path, tick: Tick = no_tick) -> Scan:
         from homolog.grooming.nifti import read_mgh_scan as read
     elif name.endswith((".hdr", ".hdr.gz")):
         from homolog.grooming.header_pairs import read_pair_scan as read
+    elif name.endswith((".tif", ".tiff")):
+        from homolog.grooming.pictures import read_picture_scan as read
     else:
         from homolog.grooming.images import read_itk_scan as read
     tick(0.0, f"reading {path.name}")
