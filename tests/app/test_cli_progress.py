@@ -3,7 +3,7 @@ import json
 
 import pytest
 
-from homolog_app.cli.progress import Progress
+from homolog_app.cli.options import Progress
 
 
 class Terminal(io.StringIO):
@@ -16,7 +16,7 @@ def clock(monkeypatch):
     class Clock:
         now = 100.0
 
-    monkeypatch.setattr("homolog_app.cli.progress.time.monotonic", lambda: Clock.now)
+    monkeypatch.setattr("homolog_app.cli.options.time.monotonic", lambda: Clock.now)
     return Clock
 
 

@@ -136,7 +136,7 @@ def read_window(folder: Path) -> object:
 
 
 def good_preferences(folder: Path) -> None:
-    from homolog_app.window.preferences import Preferences
+    from homolog_app.window.workspace import Preferences
 
     preferences = Preferences(folder / "preferences.ini")
     preferences.scheme = "dark"
@@ -144,7 +144,7 @@ def good_preferences(folder: Path) -> None:
 
 
 def read_preferences(folder: Path) -> object:
-    from homolog_app.window.preferences import Preferences
+    from homolog_app.window.workspace import Preferences
 
     one = Preferences(folder / "preferences.ini")
     return one.scheme, one.ask_on_close, one.recent, one.geometry

@@ -39,7 +39,7 @@ _COMMANDS = {
     "patient": ("patient", "compare a patient's shape with a reference: how unusual, and where"),
     "import": ("project", "import a ShapeWorks project or a folder of particles"),
     "export": ("export", "films, pictures, plots, meshes, tables and particles for other programs"),
-    "geodesics": ("geodesics", "compute geodesic distances on a surface"),
+    "geodesics": ("analysis", "compute geodesic distances on a surface"),
     "worker": ("run", "work for a Dask scheduler, for runs with --cluster"),
 }
 """Module and purpose of each command, for ``homolog --help``, which imports none of them."""

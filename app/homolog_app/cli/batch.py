@@ -8,8 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from homolog.errors import InputError, NumericalError
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
-from homolog_app.cli.options import add_former_name, add_options, with_all_options
-from homolog_app.cli.progress import Progress, add_progress_option, show_progress
+from homolog_app.cli.options import (
+    Progress,
+    add_former_name,
+    add_options,
+    add_progress_option,
+    show_progress,
+    with_all_options,
+)
 from homolog_app.cli.run import cohort_of, interrupt_cancels
 
 if TYPE_CHECKING:

@@ -25,9 +25,8 @@ from homolog_app.cli.export_pictures import (
     run_screenshot,
     run_still,
 )
-from homolog_app.cli.options import add_options, with_options
+from homolog_app.cli.options import add_options, handling, with_options
 from homolog_app.cli.patient import add_patient_report, run_patient_report
-from homolog_app.cli.progress import handling
 from homolog_app.exports.settings import MeshSettings, ParticleSettings, TableSettings
 
 if TYPE_CHECKING:
@@ -49,7 +48,7 @@ def add_cohort(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
 
 def run_cohort(arguments: argparse.Namespace) -> int:
     """Write the table; returns the exit code."""
-    from homolog_app.exports.measures import write_cohort
+    from homolog_app.exports.tables import write_cohort
 
     with exporting(arguments):
         write_cohort(arguments.out, ProjectFolder(arguments.project).cohort())
@@ -107,7 +106,7 @@ def add_measures(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
 def run_measures(arguments: argparse.Namespace) -> int:
     """Write the table; returns the exit code."""
     from homolog.files.results import read_result, read_surface
-    from homolog_app.exports.measures import measure_meshes, write_measures
+    from homolog_app.exports.tables import measure_meshes, write_measures
 
     project = ProjectFolder(arguments.project)
     with exporting(arguments) as tick:

@@ -10,16 +10,21 @@ from typing import TYPE_CHECKING, Any
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.progress import Tick
-from homolog_app.cli.options import add_options, with_options
-from homolog_app.cli.progress import add_progress_option, show_progress
-from homolog_app.exports.settings import PlotSettings, ScreenshotSettings
-from homolog_app.films.settings import SIGHTS, FilmSettings, StillSettings, camera_view
+from homolog_app.cli.options import add_options, add_progress_option, show_progress, with_options
+from homolog_app.exports.settings import (
+    SIGHTS,
+    FilmSettings,
+    PlotSettings,
+    ScreenshotSettings,
+    StillSettings,
+    camera_view,
+)
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from homolog_app.films.motion import Motion
+    from homolog_app.exports.motion import Motion
     from homolog_app.rendering.camera import Canvas
     from homolog_app.views.content import ViewContents
     from homolog_app.views.view_states import Snapshot
@@ -96,7 +101,7 @@ def chosen_motions(arguments: argparse.Namespace, deviations: float) -> "Sequenc
         If the project has no result, or no such mode or group.
     """
     from homolog.files.results import read_result
-    from homolog_app.films.motion import group_motion, mode_motions, standing
+    from homolog_app.exports.motion import group_motion, mode_motions, standing
 
     result = read_result(ProjectFolder(arguments.project))
     if len(set(arguments.view)) < len(arguments.view) or len(set(arguments.mode or [])) < len(
@@ -127,8 +132,8 @@ def run_film(arguments: argparse.Namespace) -> int:
     """Write the film; returns the exit code."""
     settings = with_options(FilmSettings(), arguments)
     from homolog.progress import part_of
-    from homolog_app.films.encode import FILM_SUFFIXES, write_film
-    from homolog_app.films.film import Film
+    from homolog_app.exports.encode import FILM_SUFFIXES, write_film
+    from homolog_app.exports.film import Film
     from homolog_app.rendering.draw import renderer_name
 
     if arguments.out.suffix.lower() not in FILM_SUFFIXES:
@@ -167,8 +172,8 @@ def add_still(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pri
 def run_still(arguments: argparse.Namespace) -> int:
     """Write the picture; returns the exit code."""
     settings = with_options(StillSettings(), arguments)
-    from homolog_app.films.encode import write_still
-    from homolog_app.films.film import Film
+    from homolog_app.exports.encode import write_still
+    from homolog_app.exports.film import Film
     from homolog_app.rendering.draw import renderer_name
 
     with exporting(arguments) as tick:
@@ -205,7 +210,7 @@ def add_screenshot(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
 def run_screenshot(arguments: argparse.Namespace) -> int:
     """Write the picture; returns the exit code."""
     settings = with_options(ScreenshotSettings(), arguments)
-    from homolog_app.films.encode import write_still
+    from homolog_app.exports.encode import write_still
     from homolog_app.rendering.draw import with_opengl
     from homolog_app.views.content import KEPT, read_shown
     from homolog_app.views.snapshot import view_contents_of

@@ -9,7 +9,7 @@ from typing import Any
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog_app.cli.export_pictures import exporting
-from homolog_app.cli.progress import add_progress_option, handling, show_progress
+from homolog_app.cli.options import add_progress_option, handling, show_progress
 
 __all__ = [
     "add_patient",

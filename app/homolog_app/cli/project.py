@@ -10,7 +10,7 @@ from homolog.cohort import with_table
 from homolog.errors import InputError, NumericalError
 from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord, ResultRecord
-from homolog_app.cli.progress import add_progress_option, show_progress
+from homolog_app.cli.options import add_progress_option, show_progress
 
 __all__ = ["add_import", "add_info", "add_table", "how_it_ended", "run_import", "run_info", "run_table"]
 

@@ -29,8 +29,14 @@ from homolog.cohort import (
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
-from homolog_app.cli.options import add_former_name, add_options, with_all_options
-from homolog_app.cli.progress import add_progress_option, handling, show_progress
+from homolog_app.cli.options import (
+    add_former_name,
+    add_options,
+    add_progress_option,
+    handling,
+    show_progress,
+    with_all_options,
+)
 from homolog_app.cli.project import how_it_ended
 
 if TYPE_CHECKING:

@@ -14,8 +14,7 @@ import numpy as np
 from homolog.errors import InputError
 from homolog.progress import Tick, part_of
 from homolog.settings import Alignment, GroomSettings, Method, OptimizeSettings, RunSettings
-from homolog_app.cli.options import with_options
-from homolog_app.cli.progress import add_progress_option, remaining_seconds, show_progress
+from homolog_app.cli.options import add_progress_option, remaining_seconds, show_progress, with_options
 
 if TYPE_CHECKING:
     from homolog.beans.generate import Bean

@@ -22,9 +22,9 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import mirrors
 from homolog.surfaces.nearest import nearest_particles
+from homolog_app.exports.motion import Motion, group_motion, mode_motions
 from homolog_app.exports.settings import MeshFormat, MeshSettings
 from homolog_app.exports.tables import compare
-from homolog_app.films.motion import Motion, group_motion, mode_motions
 from homolog_app.pictures import LIGHT
 from homolog_app.rendering.colours import common_limit, diverging_colours, outward_displacement
 

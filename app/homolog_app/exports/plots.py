@@ -9,10 +9,9 @@ from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result, read_result
 from homolog.progress import Tick, no_tick
-from homolog_app.exports.settings import Plot, PlotSettings
+from homolog_app.exports.motion import mode_motions
+from homolog_app.exports.settings import Background, Plot, PlotSettings
 from homolog_app.exports.tables import compare
-from homolog_app.films.motion import mode_motions
-from homolog_app.films.settings import Background
 from homolog_app.pictures import DARK, LIGHT, ModeSurfaces, Theme, draw_modes
 from homolog_app.report.figures import (
     discriminant_figure,

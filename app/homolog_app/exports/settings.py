@@ -1,22 +1,203 @@
-"""What is exported, and how: command line and dialogs are made from these."""
+"""What exports ask for: pictures, films, meshes, tables and plots; forms and options are made from it."""
 
+from collections.abc import Sequence
 from enum import StrEnum
+from math import hypot, inf
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from homolog_app.films.settings import Background
+from homolog_app.rendering.camera import Clip, ClipPlane, View
 
 __all__ = [
+    "SIGHTS",
+    "Background",
+    "Colouring",
     "Coordinates",
+    "CutAway",
+    "CutSettings",
+    "FilmSettings",
     "MeshFormat",
     "MeshSettings",
     "ParticleSettings",
+    "PictureSettings",
     "Plot",
     "PlotSettings",
     "ScreenshotSettings",
+    "StillSettings",
     "TableSettings",
+    "camera_direction",
+    "camera_view",
 ]
+
+
+SIGHTS = ("oblique", "opposite", "anterior", "posterior", "left", "right", "superior", "inferior")
+"""From where to look: obliquely at the side that moves most, from opposite, or along a patient axis."""
+
+_CAMERA = "camera:"
+
+
+def camera_direction(toward: Sequence[float], up: Sequence[float]) -> str:
+    """Return a camera as a word of the command line: the directions to the viewer and upwards in LPS."""
+    length = hypot(*toward)
+    return _CAMERA + ",".join(f"{value:.4g}" for value in (*(part / length for part in toward), *up))
+
+
+def camera_view(sight: str) -> View | None:
+    """Return the view of such a word; None if it is none, or its directions make no picture."""
+    try:
+        x, y, z, right, back, up = map(float, sight.removeprefix(_CAMERA).split(","))
+    except ValueError:
+        return None
+    sides = x * x + y * y + z * z, right * right + back * back + up * up
+    along = x * right + y * back + z * up
+    upright = along * along < 0.999 * sides[0] * sides[1] < inf
+    return View((x, y, z), (right, back, up), "camera") if sight.startswith(_CAMERA) and upright else None
+
+
+class Background(StrEnum):
+    """Behind the shapes."""
+
+    LIGHT = "light"
+    DARK = "dark"
+
+
+class Colouring(StrEnum):
+    """What the surface's colours mean."""
+
+    DISPLACEMENT = "displacement"
+    PLAIN = "plain"
+
+
+class CutAway(StrEnum):
+    """Plane that cuts the shapes open."""
+
+    NONE = "none"
+    AXIAL = "axial"
+    CORONAL = "coronal"
+    SAGITTAL = "sagittal"
+    VIEW = "view"
+
+
+_PIXELS = {"unit": "pixels"}
+
+
+class CutSettings(BaseModel):
+    """Cut away."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    clip: Annotated[
+        CutAway,
+        Field(title="cut away", description="Plane that cuts the shapes open; view faces the viewer."),
+    ] = CutAway.NONE
+    clip_at: Annotated[
+        float,
+        Field(
+            ge=0.0, le=1.0, title="position of the cut",
+            description="0 at the feet, front, right or viewer, 1 at the other end of the mean shape.",
+        ),
+    ] = 0.5  # fmt: skip
+    clip_flip: Annotated[
+        bool, Field(title="flip the cut", description="Remove the other side of the plane.")
+    ] = False
+
+    @property
+    def cutting(self) -> Clip | None:
+        """The plane that cuts the shapes open."""
+        if self.clip is CutAway.NONE:
+            return None
+        return Clip(plane=ClipPlane(self.clip.value), position=self.clip_at, flipped=self.clip_flip)
+
+
+class PictureSettings(CutSettings):
+    """Picture."""
+
+    width: Annotated[
+        int,
+        Field(
+            ge=480, le=7680, multiple_of=2, json_schema_extra=_PIXELS, description="Width in pixels (even)."
+        ),
+    ] = 1280
+    height: Annotated[
+        int,
+        Field(
+            ge=320, le=7680, multiple_of=2, json_schema_extra=_PIXELS, description="Height in pixels (even)."
+        ),
+    ] = 720
+    deviations: Annotated[
+        float,
+        Field(
+            gt=0.0,
+            le=6.0,
+            title="range",
+            json_schema_extra={"unit": "SD"},
+            description="Range of a mode on both sides of the mean; also the range of the colours.",
+        ),
+    ] = 2.0
+    colours: Annotated[
+        Colouring,
+        Field(description="displacement: blue out of the tissue, yellow into it, with a scale; or plain."),
+    ] = Colouring.DISPLACEMENT
+    background: Annotated[Background, Field(description="Light for print, dark for slides.")] = (
+        Background.LIGHT
+    )
+    caption: Annotated[bool, Field(description="Describe what is shown and how far it has moved.")] = True
+    scale_bar: Annotated[bool, Field(description="Draw a scale bar in mm.")] = True
+    directions: Annotated[
+        bool, Field(description="Letters of the patient's directions: R, L, A, P, S, I.")
+    ] = True
+
+
+class FilmSettings(PictureSettings):
+    """Film."""
+
+    fps: Annotated[
+        int,
+        Field(
+            ge=1,
+            le=60,
+            title="frame rate",
+            json_schema_extra={"unit": "fps"},
+            description="Frames per second; 25 is smooth, fewer make smaller files.",
+        ),
+    ] = 25
+    seconds: Annotated[
+        float,
+        Field(
+            ge=0.2,
+            le=600.0,
+            title="length",
+            json_schema_extra={"unit": "s"},
+            description="Duration of the animation.",
+        ),
+    ] = 4.0
+    loop: Annotated[
+        bool, Field(description="Play forward and back, so that the film repeats without a jump.")
+    ] = True
+    turntable: Annotated[bool, Field(description="Turn the shape once around its upright axis.")] = False
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return max(round(self.fps * self.seconds), 2)
+
+
+class StillSettings(PictureSettings):
+    """Still."""
+
+    at: Annotated[
+        float | None,
+        Field(
+            ge=-6.0,
+            le=6.0,
+            title="place",
+            description="Position in SD along a mode, or from 0 (first) to 1 (second group); upper end if "
+            "not given.",
+        ),
+    ] = None
+    transparent: Annotated[bool, Field(description="Transparent background.")] = False
+
 
 _Permutations = Annotated[
     int,

@@ -23,7 +23,7 @@ from homolog_app.studies.files import (
 )
 from homolog_app.studies.loaded_result import write_from_memory
 from homolog_app.studies.study import FILES, Study, found_subjects, is_there, with_table
-from homolog_app.window.questions import Controller, ask, reported, waited
+from homolog_app.window.dialogs import Controller, ask, reported, waited
 
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
@@ -340,7 +340,7 @@ class ProjectController(Controller):
     @reported
     def export_table(self, path: Path) -> None:
         """Write names, files, groups and covariates; the file can be read as a cohort again."""
-        from homolog_app.exports.measures import write_cohort
+        from homolog_app.exports.tables import write_cohort
 
         write_cohort(path, self._workspace.session.study.whole)
         self._window.status.say(f"Table written to {path}")

@@ -15,7 +15,7 @@ from homolog.errors import InputError
 from homolog.grooming.scans import Scan, check_frame, read_scan
 from homolog.progress import Tick
 from homolog_app.views.slices import Outline, SliceScene, first_preset
-from homolog_app.window.questions import Controller, reported
+from homolog_app.window.dialogs import Controller, reported
 from homolog_app.window.runner import JobOutcome, Runner, Task
 from homolog_app.window.session import Session
 

@@ -15,12 +15,11 @@ from PySide6.QtCore import QStandardPaths, QTimer
 from PySide6.QtGui import QSurfaceFormat
 from PySide6.QtWidgets import QApplication
 
-from homolog_app.cli.progress import handling
-from homolog_app.window.error_dialog import LogMemory
+from homolog_app.cli.options import handling
+from homolog_app.window.dialogs import LogMemory
 from homolog_app.window.main_window import MainWindow
-from homolog_app.window.preferences import Preferences
 from homolog_app.window.theme import Theme, application_icon
-from homolog_app.window.workspace import Workspace
+from homolog_app.window.workspace import Preferences, Workspace
 
 __all__ = ["interrupt_closes", "make_application", "make_window", "start"]
 

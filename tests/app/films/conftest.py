@@ -14,7 +14,7 @@ def ellipsoid(unit_sphere):
 @pytest.fixture
 def bulging(ellipsoid):
     """It grows and shrinks by 3 mm an amount at its upper half, from -2 to 2."""
-    from homolog_app.films.motion import Motion
+    from homolog_app.exports.motion import Motion
 
     up = np.clip(ellipsoid.vertices[:, 2:], 0.0, None) / 20.0
     return Motion(

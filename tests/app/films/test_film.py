@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog_app.films.film import Film
-from homolog_app.films.motion import Motion
-from homolog_app.films.settings import SIGHTS, FilmSettings, PictureSettings, camera_direction, camera_view
+from homolog_app.exports.film import Film
+from homolog_app.exports.motion import Motion
+from homolog_app.exports.settings import SIGHTS, FilmSettings, PictureSettings, camera_direction, camera_view
 
 SMALL = {"width": 480, "height": 320}
 BARE = {"caption": False, "scale_bar": False, "colours": "plain"}

@@ -253,7 +253,7 @@ def close(qapp):
 @pytest.fixture
 def errors(monkeypatch):
     """Return the list of errors that would have been shown, instead of dialogs that nobody closes."""
-    from homolog_app.window.help_controller import HelpController
+    from homolog_app.window.help import HelpController
 
     shown = []
     monkeypatch.setattr(HelpController, "show_error", lambda _self, kind, error: shown.append((kind, error)))

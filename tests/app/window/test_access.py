@@ -295,11 +295,11 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
 
     from homolog.errors import InputError
     from homolog_app.window.commands import COMMANDS
+    from homolog_app.window.dialogs import ask
     from homolog_app.window.explore.groups_page import GroupsPage
     from homolog_app.window.explore.measure_page import MeasurePage
     from homolog_app.window.explore.patient_page import PatientPage
     from homolog_app.window.explore.plot import EnlargedPlot
-    from homolog_app.window.questions import ask
 
     def rest():
         wait(lambda: not work.is_busy, seconds=120)

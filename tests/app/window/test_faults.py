@@ -170,7 +170,7 @@ def test_preferences_that_cannot_be_written_are_told_and_those_before_stay(windo
 
 
 def test_the_problem_report_names_nobody_who_was_ever_in_the_session(window, ellipsoids, tmp_path, errors):
-    from homolog_app.window.error_dialog import problem_report
+    from homolog_app.window.dialogs import problem_report
 
     folder = tmp_path / "Klinik Ost"
     folder.mkdir()

@@ -186,7 +186,7 @@ def test_the_label_picker_comes_up_where_files_hold_several_labels(window, tmp_p
 
 @pytest.mark.window
 def test_the_problem_report_names_no_subject_file_or_group(beans):
-    from homolog_app.window.error_dialog import problem_report
+    from homolog_app.window.dialogs import problem_report
 
     session = beans.workspace.session
     session.edit(
@@ -215,7 +215,7 @@ def test_the_problem_report_names_no_subject_file_or_group(beans):
 def test_an_error_says_what_to_do_and_folds_its_details(window):
     from PySide6.QtWidgets import QLabel
 
-    from homolog_app.window.error_dialog import ErrorDialog
+    from homolog_app.window.dialogs import ErrorDialog
 
     window.help.show_error("groom", InputError("a: holds no voxel"))
     dialog = window.findChild(ErrorDialog)
@@ -269,7 +269,7 @@ def test_closing_asks_about_unsaved_edits_and_obeys(beans, close, monkeypatch, t
 def test_the_question_whether_to_stop_is_closed_when_the_work_has_ended(window, monkeypatch, wait):
     from PySide6.QtWidgets import QMessageBox
 
-    from homolog_app.window.questions import ask
+    from homolog_app.window.dialogs import ask
 
     monkeypatch.undo()  # the box is to be shown
     shown = []
@@ -339,7 +339,7 @@ def test_enter_closes_an_error_and_does_not_unfold_it(window, wait):
     from PySide6.QtCore import Qt
     from PySide6.QtTest import QTest
 
-    from homolog_app.window.error_dialog import ErrorDialog
+    from homolog_app.window.dialogs import ErrorDialog
 
     dialog = ErrorDialog(window, window.workspace.theme, "Title", "Words", "Details", print)
     ended = []
@@ -354,7 +354,7 @@ def test_enter_closes_an_error_and_does_not_unfold_it(window, wait):
 def test_the_subject_that_an_error_names_can_be_shown_or_left_out(groomed, wait):
     from PySide6.QtWidgets import QPushButton
 
-    from homolog_app.window.error_dialog import ErrorDialog
+    from homolog_app.window.dialogs import ErrorDialog
 
     def pressed(text):
         groomed.help.show_error("run", InputError("c: its surface is open; close it"))
@@ -506,7 +506,7 @@ def test_the_selection_is_still_marked_after_columns_were_imported(beans, tmp_pa
 
 @pytest.mark.window
 def test_what_cannot_be_opened_is_no_unexpected_error(window, tmp_path, wait):
-    from homolog_app.window.error_dialog import ErrorDialog
+    from homolog_app.window.dialogs import ErrorDialog
 
     def title():
         (dialog,) = window.findChildren(ErrorDialog)

@@ -37,7 +37,7 @@ from homolog_app.window.widgets import (
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
-    from homolog_app.exports.measures import Measures
+    from homolog_app.exports.tables import Measures
     from homolog_app.studies.model_shape import ModelShape
     from homolog_app.window.interactor import Pick
 
@@ -187,7 +187,7 @@ class MeasurePage(ExplorePage):
 
     def write(self, path: Path) -> None:
         """Write the table of the subjects; raises InputError if it can't be written."""
-        from homolog_app.exports.measures import write_measures
+        from homolog_app.exports.tables import write_measures
 
         result = self.workspace.session.result
         if result is not None and self._subjects is not None:
@@ -234,7 +234,7 @@ class MeasurePage(ExplorePage):
 
         def measure(tick: Tick) -> "tuple[Measures, Measures]":
             from homolog.surfaces.mesh import TriangleMesh
-            from homolog_app.exports.measures import measure_meshes
+            from homolog_app.exports.tables import measure_meshes
 
             own = [loaded.surfaces[name][0] for name in loaded.result.names]
             meshes = []
@@ -289,7 +289,7 @@ class MeasurePage(ExplorePage):
             self.table.show_rows([])
             self.charts.clear_measures()
             return
-        from homolog_app.exports.measures import distances
+        from homolog_app.exports.tables import distances
 
         result, measures = with_present_table(loaded.result, self.workspace.session.study), self._subjects
         columns = (distances(result.local, *self.pair), measures.volumes, measures.areas, measures.walls)

@@ -12,9 +12,8 @@ from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.scenes import mode_scene
 from homolog_app.views.view_states import ModesView
 from homolog_app.window.actions import Actions
-from homolog_app.window.explore.controls import CompareBox, Player
+from homolog_app.window.explore.controls import CompareBox, ModeSliders, Player
 from homolog_app.window.explore.mode_plots import ModePlots
-from homolog_app.window.explore.mode_sliders import ModeSliders
 from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.widgets import GRID, choice, label, named_rows
 from homolog_app.window.workspace import Workspace

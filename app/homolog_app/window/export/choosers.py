@@ -9,13 +9,16 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
 from homolog_app.exports.settings import (
+    SIGHTS,
+    CutSettings,
+    FilmSettings,
     MeshSettings,
     ParticleSettings,
     PlotSettings,
     ScreenshotSettings,
+    StillSettings,
     TableSettings,
 )
-from homolog_app.films.settings import SIGHTS, CutSettings, FilmSettings, StillSettings
 from homolog_app.window.widgets import GRID, choice, label
 
 __all__ = [

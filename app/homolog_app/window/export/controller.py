@@ -12,10 +12,10 @@ from homolog.errors import InputError
 from homolog.files.names import file_stems
 from homolog_app.studies.files import ViewRecord, save_project
 from homolog_app.studies.questions import with_present_table
+from homolog_app.window.dialogs import Controller, reported
 from homolog_app.window.explore.check_page import CheckPage
 from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.export.choosers import KINDS
-from homolog_app.window.questions import Controller, reported
 
 if TYPE_CHECKING:
     from PySide6.QtGui import QPixmap
@@ -118,7 +118,7 @@ class ExportController(Controller):
 
     def _camera(self) -> str:
         """Return from where the views are seen; the first of them, where each has its own camera."""
-        from homolog_app.films.settings import camera_direction
+        from homolog_app.exports.settings import camera_direction
 
         if (views := self._window.views) is None:
             return ""

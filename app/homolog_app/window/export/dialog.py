@@ -22,9 +22,8 @@ from PySide6.QtWidgets import (
 
 from homolog.errors import InputError
 from homolog_app.cli.options import options_of
-from homolog_app.exports.settings import ScreenshotSettings
-from homolog_app.films.encode import write_still
-from homolog_app.films.settings import CutAway, CutSettings, PictureSettings
+from homolog_app.exports.encode import write_still
+from homolog_app.exports.settings import CutAway, CutSettings, PictureSettings, ScreenshotSettings
 from homolog_app.rendering.camera import Canvas, Clip
 from homolog_app.views.content import KEPT, ViewContents, write_shown
 from homolog_app.views.grid import drawn
@@ -64,7 +63,7 @@ class Exported:
     columns : mapping of str to sequence of str
         Columns of the cohort's table with a value for each subject.
     camera : str
-        How the window's views are seen (`films.settings.camera_direction`); may be empty.
+        How the window's views are seen (`exports.settings.camera_direction`); may be empty.
     clip : Clip or None
         The plane that cuts them open.
     caution : str

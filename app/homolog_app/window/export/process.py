@@ -12,7 +12,7 @@ from PySide6.QtGui import QPixmap, Qt
 from PySide6.QtWidgets import QLabel, QWidget
 
 from homolog_app.cli.options import options_of
-from homolog_app.films.settings import PictureSettings, StillSettings
+from homolog_app.exports.settings import PictureSettings, StillSettings
 
 __all__ = ["ExportProcess", "Preview"]
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
-from homolog_app.films.motion import SCALE_SHARE, Box, Motion, ViewCell, make_plan, turned
-from homolog_app.films.settings import Background, Colouring, FilmSettings, PictureSettings, camera_view
+from homolog_app.exports.motion import SCALE_SHARE, Box, Motion, ViewCell, make_plan, turned
+from homolog_app.exports.settings import Background, Colouring, FilmSettings, PictureSettings, camera_view
 from homolog_app.pictures import DARK, LIGHT, VIEWS, View, three_quarter_view
 from homolog_app.pictures.layout import draw_displacement_bar
 from homolog_app.rendering.camera import Clip, Frame, cut_of, round_length
