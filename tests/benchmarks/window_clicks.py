@@ -53,12 +53,12 @@ def measure(project: Path, home: Path, *, run: bool) -> list[tuple[str, float, f
 
     work, session = window.workspace.work, window.workspace.session
     window.projects.open_paths([project])
-    settle(lambda: session.result is not None and not work.is_busy)
+    settle(lambda: session.result is not None and not work.session.job.is_busy)
     window.commands["explore.modes"].trigger()
-    settle(lambda: window.inspector.explore.fitted.shape is not None and not work.is_busy)
+    settle(lambda: window.inspector.explore.fitted.shape is not None and not work.session.job.is_busy)
     if run:
         window.commands["run.start"].trigger()
-        settle(lambda: work.run_job is None or work.run_job.frame is not None)
+        settle(lambda: work.session.job.run is None or work.session.job.run.frame is not None)
     spent: dict[str, list[float]] = {}
     for turn in range(2):
         counts: dict[str, int] = {}
@@ -69,11 +69,11 @@ def measure(project: Path, home: Path, *, run: bool) -> list[tuple[str, float, f
             app.processEvents()
             row = spent.setdefault(f"{click} ({counts[click]})", [])
             row.append(1000.0 * (time.thread_time() - began))
-            settle(lambda: run or not work.is_busy)
+            settle(lambda: run or not work.session.job.is_busy)
             assert len(row) == turn + 1
     if run:
         window.commands["run.cancel"].trigger()
-        settle(lambda: not work.is_busy)
+        settle(lambda: not work.session.job.is_busy)
     window.close()
     return [(name, first, again) for name, (first, again) in spent.items()]
 

@@ -51,15 +51,15 @@ def measure(options: argparse.Namespace, folder: Path) -> None:
     until(lambda: len(window.workspace.session.surveys) == options.shapes)
     window.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=options.particles))
     window.commands["run.groom"].trigger()
-    until(lambda: not work.is_busy)
+    until(lambda: not work.session.job.is_busy)
     window.commands[f"view.grid{options.views}"].trigger()
-    window.show_step("correspond")
+    window.workspace.session.show_step("correspond")
     window.commands["run.start"].trigger()
-    until(lambda: work.run_job is None or work.run_job.frame is not None)
+    until(lambda: work.session.job.run is None or work.session.job.run.frame is not None)
     late, frames = watch(app, window, options.seconds)
     began = time.perf_counter()
     window.commands["run.cancel"].trigger()
-    until(lambda: not work.is_busy)
+    until(lambda: not work.session.job.is_busy)
     idle = time.perf_counter() - began
     p50, p99 = np.percentile(late, (50, 99))
     print("| views | shapes x particles | median late ms | p99 | most | frames/s | draw ms | cancel s |")
@@ -98,9 +98,9 @@ def watch(app, window, seconds: float) -> tuple[list[float], int]:
 
     thread = threading.Thread(target=post)
     thread.start()
-    job, last, frames = window.workspace.work.run_job, None, 0
+    job, last, frames = window.workspace.session.job.run, None, 0
     end = time.monotonic() + seconds
-    while time.monotonic() < end and window.workspace.work.run_job is job:
+    while time.monotonic() < end and window.workspace.session.job.run is job:
         app.processEvents()
         shown = window.views.run.frame
         frames += shown is not last

@@ -70,10 +70,10 @@ def play(options: argparse.Namespace, folder: Path) -> None:
     until(lambda: len(window.workspace.session.surveys) == 4)
     for order in ("run.groom", "run.start"):
         window.commands[order].trigger()
-        until(lambda: not window.workspace.work.is_busy)
+        until(lambda: not window.workspace.session.job.is_busy)
     if window.workspace.session.result is None:
         raise SystemExit("the run came to no result")
-    window.show_step("explore")
+    window.workspace.session.show_step("explore")
     print("| minutes | memory MB | moments shown |")
     print("|---|---|---|")
     begin, shown, views, after = time.monotonic(), 0, ("front", "left", "corner", "head"), []
@@ -108,9 +108,9 @@ def prepare(folder: Path) -> tuple:
     small = OptimizeSettings(particles=64, split_iterations=10, anneal_iterations=100, settle_iterations=100)
     window.workspace.edit_settings("optimize", "particles", small)
     window.commands["run.groom"].trigger()
-    until(lambda: not window.workspace.work.is_busy)
+    until(lambda: not window.workspace.session.job.is_busy)
     window.projects.save_to(folder / "project")
-    until(lambda: not window.workspace.work.is_busy)
+    until(lambda: not window.workspace.session.job.is_busy)
     close(app, window)
     return app, folder / "project"
 

@@ -1,15 +1,17 @@
-"""A scene as VTK draws it, in the window and off screen; what has only moved is moved in place."""
+"""A scene as VTK draws it, in the window and off screen; what has only moved is moved in place.
+
+Classes of VTK are named only where pyvista has none: a mapper of surfaces that takes clipping planes and
+depth offsets, one that draws a ball for each point, and filters that follow a moving surface by themselves.
+"""
 
 from typing import Any, Protocol
 
 import numpy as np
 import pyvista as pv
-from vtkmodules.util.numpy_support import numpy_to_vtk
-from vtkmodules.vtkCommonDataModel import vtkPlane
-from vtkmodules.vtkFiltersCore import vtkCutter, vtkGlyph3D
+from pyvista.plotting.mapper import PointGaussianMapper
+from vtkmodules.vtkFiltersCore import vtkCutter
 from vtkmodules.vtkFiltersGeneral import vtkContourTriangulator
-from vtkmodules.vtkRenderingCore import vtkActor, vtkGlyph3DMapper, vtkPolyDataMapper
-from vtkmodules.vtkRenderingOpenGL2 import vtkOpenGLPointGaussianMapper
+from vtkmodules.vtkRenderingCore import vtkGlyph3DMapper, vtkPolyDataMapper
 
 from homolog.arrays import Array, FloatArray
 from homolog_app.rendering.scene import (
@@ -53,7 +55,7 @@ class SceneActors:
 
     def __init__(self, renderer: Vtk, balls: "_Balls") -> None:
         self._renderer = renderer
-        self._plane = vtkPlane()
+        self._plane = pv.generate_plane((0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
         self._surfaces: list[_SurfaceActor] = []
         self._balls, self._arrows, self._lines = balls, _ArrowActor(), _LineActor()
         self._marks = [actor for mark in (self._arrows, self._lines) for actor in (mark.actor, mark.hidden)]
@@ -96,7 +98,7 @@ class SceneActors:
         for mark in (self._arrows, self._lines):
             mark.hidden.SetVisibility(scene.through and mark.actor.GetVisibility())
         for actor in self._marks:
-            actor.GetProperty().SetColor(*_parts(scene.marks))
+            actor.prop.color = _parts(scene.marks)
             _clip(actor.GetMapper(), self._plane if cut else None)
 
     def lift(self, way: FloatArray) -> None:
@@ -112,9 +114,8 @@ class _SurfaceActor:
         self._shown: Surface | None = None
         self._data = pv.PolyData()
         self.actor, self.cap = _actor(), _actor()
-        self.actor.GetProperty().SetAmbient(AMBIENT)
-        self.actor.GetProperty().SetDiffuse(DIFFUSE)
-        self.cap.GetProperty().LightingOff()
+        self.actor.prop.ambient, self.actor.prop.diffuse = AMBIENT, DIFFUSE
+        self.cap.prop.lighting = False
         self._cutter, filled = vtkCutter(), vtkContourTriangulator()
         self._cutter.SetCutFunction(plane)
         filled.SetInputConnection(self._cutter.GetOutputPort())
@@ -139,21 +140,21 @@ class _SurfaceActor:
         if before is None or surface.colours is not before.colours:
             self._paint(surface.colours)
         for actor in (self.actor, self.cap):
-            actor.GetProperty().SetOpacity(surface.opacity)
+            actor.prop.opacity = surface.opacity
         self._data.Modified()
 
     def cut(self, cut: bool, colour: Colour) -> None:
         """Cut it at the plane, or leave it whole."""
         _clip(self.actor.GetMapper(), self._plane if cut else None)
         self.cap.SetVisibility(cut and self.actor.GetVisibility())
-        self.cap.GetProperty().SetColor(*_parts(colour))
+        self.cap.prop.color = _parts(colour)
 
     def _paint(self, colours: Array) -> None:
         coloured = colours.ndim > 1
         self._data.GetPointData().SetScalars(_held(_bytes(colours)) if coloured else None)
         self.actor.GetMapper().SetScalarVisibility(coloured)
         if not coloured:
-            self.actor.GetProperty().SetColor(*_parts(colours))
+            self.actor.prop.color = _parts(colours)
 
 
 class _Balls(Protocol):
@@ -171,8 +172,7 @@ class RoundBalls:
         mapper.ScalingOn()
         mapper.SetScaleModeToNoDataScaling()
         self.actor = _actor(mapper)
-        self.actor.GetProperty().SetAmbient(AMBIENT)
-        self.actor.GetProperty().SetDiffuse(DIFFUSE)
+        self.actor.prop.ambient, self.actor.prop.diffuse = AMBIENT, DIFFUSE
 
     def show(self, balls: Balls | None) -> None:
         """Draw balls, or none."""
@@ -183,12 +183,10 @@ class QuickBalls:
     """Balls painted as one square each: quick where they move and are many."""
 
     def __init__(self) -> None:
-        mapper = vtkOpenGLPointGaussianMapper()
-        mapper.EmissiveOff()
+        mapper = PointGaussianMapper(emissive=False)
         mapper.SetSplatShaderCode(_BALL)
         self.actor = _actor(mapper)
-        self.actor.GetProperty().SetAmbient(1.0)
-        self.actor.GetProperty().SetDiffuse(0.0)
+        self.actor.prop.ambient, self.actor.prop.diffuse = 1.0, 0.0
 
     def show(self, balls: Balls | None) -> None:
         """Draw balls, or none."""
@@ -199,27 +197,20 @@ class _ArrowActor:
     """Many arrows of one colour."""
 
     def __init__(self) -> None:
-        self._data = pv.PolyData()
-        glyphs = vtkGlyph3D()
-        glyphs.SetSourceData(
-            pv.Arrow(
-                tip_resolution=10, shaft_resolution=6, shaft_radius=0.028, tip_radius=0.095, tip_length=0.3
-            )
+        self._arrow = pv.Arrow(
+            tip_resolution=10, shaft_resolution=6, shaft_radius=0.028, tip_radius=0.095, tip_length=0.3
         )
-        glyphs.SetInputData(self._data)
-        glyphs.SetVectorModeToUseVector()
-        glyphs.SetScaleModeToScaleByVector()
         self.actor, self.hidden = _plain_actor(), _hidden_actor()
-        for actor in (self.actor, self.hidden):
-            actor.GetMapper().SetInputConnection(glyphs.GetOutputPort())
 
     def show(self, arrows: Arrows | None) -> None:
         """Show arrows, or none."""
         self.actor.SetVisibility(arrows is not None and len(arrows.points) > 0)
-        if arrows is not None:
-            self._data.copy_structure(pv.PolyData(_floats(arrows.points)))
-            self._data.GetPointData().SetVectors(_held(_floats(arrows.vectors)))
-            self._data.Modified()
+        if arrows is not None and len(arrows.points):
+            data = pv.PolyData(_floats(arrows.points))
+            data["way"] = _floats(arrows.vectors)
+            drawn = data.glyph(geom=self._arrow, orient="way", scale="way")
+            for actor in (self.actor, self.hidden):
+                actor.mapper.SetInputData(drawn)
 
 
 class _LineActor:
@@ -230,8 +221,7 @@ class _LineActor:
         self.actor, self.hidden = _plain_actor(), _hidden_actor()
         for actor in (self.actor, self.hidden):
             actor.GetMapper().SetInputData(self._data)
-            actor.GetProperty().SetLineWidth(2.0)
-            actor.GetProperty().LightingOff()
+            actor.prop.line_width, actor.prop.lighting = 2.0, False
 
     def show(self, lines: FloatArray | None) -> None:
         """Show segments (S, 2, 3), or none."""
@@ -253,9 +243,8 @@ def _show_balls(actor: Vtk, balls: Balls | None) -> None:
 def _actor(mapper: Vtk | None = None) -> Vtk:
     mapper = vtkPolyDataMapper() if mapper is None else mapper
     mapper.SetColorModeToDirectScalars()
-    actor = vtkActor()
-    actor.SetMapper(mapper)
-    actor.SetVisibility(False)
+    actor = pv.Actor(mapper=mapper, prop=pv.Property(color="white", interpolation="Gouraud"))
+    actor.visibility = False
     return actor
 
 
@@ -272,7 +261,7 @@ def _hidden_actor() -> Vtk:
     mapper.SetResolveCoincidentTopologyToPolygonOffset()
     mapper.SetRelativeCoincidentTopologyLineOffsetParameters(0.0, _IN_FRONT)
     mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(0.0, _IN_FRONT)
-    actor.GetProperty().SetOpacity(_FAINT)
+    actor.prop.opacity = _FAINT
     return actor
 
 
@@ -299,4 +288,4 @@ def _bytes(colours: Array) -> Array:
 
 
 def _held(values: Array) -> Vtk:
-    return numpy_to_vtk(values, deep=True)
+    return pv.convert_array(values, deep=True)

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
-from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
+from vtkmodules.vtkCommonCore import vtkUnsignedCharArray  # a screenshot of pyvista loses the opacity
 
 from homolog_app.rendering.actors import RoundBalls, SceneActors
 from homolog_app.rendering.camera import VIEWS, Frame
@@ -73,7 +72,7 @@ def pixels_of(window: Any) -> NDArray[np.uint8]:  # noqa: ANN401 - VTK is untype
     width, height = window.GetSize()
     held = vtkUnsignedCharArray()
     window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, held)
-    return np.array(vtk_to_numpy(held).reshape(height, width, 4)[::-1])
+    return np.array(pv.convert_array(held).reshape(height, width, 4)[::-1])
 
 
 def straight(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:

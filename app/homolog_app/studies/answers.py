@@ -19,8 +19,8 @@ from homolog_app.report.findings import LEVEL
 from homolog_app.report.request import StudyRequest, category_of
 from homolog_app.report.study import Study, compared_shapes, run_study, study_options
 from homolog_app.studies.model_shape import ModelShape
-from homolog_app.studies.questions import with_present_table
 from homolog_app.studies.study import Study as Cohort
+from homolog_app.studies.study import with_present_table
 
 __all__ = [
     "Answers",

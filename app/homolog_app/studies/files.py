@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from homolog.cohort import Subject, checked_path
 from homolog.errors import InputError
-from homolog.files.atomic import write_text
+from homolog.files.atomic import replace_folder, write_text
 from homolog.files.project import ProjectFolder
 from homolog.files.project_table import update_table
 from homolog.files.records import ProjectRecord, SubjectRecord
@@ -27,6 +27,7 @@ __all__ = [
     "Opened",
     "StudyRecord",
     "ViewRecord",
+    "copy_project",
     "find_lost",
     "interrupted_text",
     "open_project",
@@ -296,3 +297,21 @@ def _read(checkpoint: Path, _changed: int) -> tuple[int, int]:
 
     stored = read_arrays(checkpoint)
     return int(stored["positions"].shape[1]), int(stored["iteration"])
+
+
+def copy_project(old: Path, new: Path) -> None:
+    """Copy a project's folder, whole or not at all; the first error ends it."""
+    failed: list[OSError] = []
+
+    def copy(source: str, target: str) -> None:
+        if not failed:
+            try:
+                shutil.copy2(source, target)
+            except OSError as error:
+                failed.append(error)
+
+    ignored = shutil.ignore_patterns(".lock", ".holder")
+    with replace_folder(new) as part:
+        shutil.copytree(old, part, dirs_exist_ok=True, ignore=ignored, copy_function=copy)
+        if failed:
+            raise failed[0]

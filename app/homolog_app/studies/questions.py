@@ -1,7 +1,6 @@
 """What questions about groups or a number can be about, and the words of their tests."""
 
 from collections import Counter
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +8,6 @@ import numpy as np
 from homolog.analysis.design import is_missing, numbers
 from homolog.cohort.column_types import CATEGORY
 from homolog.errors import InputError
-from homolog.files.results import Result
 from homolog_app.rendering.text import short, signed
 from homolog_app.report.findings import (
     LEVEL,
@@ -36,19 +34,7 @@ __all__ = [
     "question_text",
     "size_name",
     "values_of",
-    "with_present_table",
 ]
-
-
-def with_present_table(result: Result, study: Study) -> Result:
-    """Return a result with groups and columns as the study's table has them now, by subject."""
-    present = {member.name: member.subject for member in study.members}
-    groups, columns = [], []
-    for name, group, values in zip(result.names, result.groups, result.columns, strict=True):
-        known = present.get(name)
-        groups.append(known.group if known is not None else group)
-        columns.append(known.columns if known is not None else values)
-    return replace(result, groups=tuple(groups), columns=tuple(columns))
 
 
 SIZE = "size"

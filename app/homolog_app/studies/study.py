@@ -22,6 +22,7 @@ from homolog.cohort import (
 )
 from homolog.errors import InputError
 from homolog.files.records import ResultRecord
+from homolog.files.results import Result
 from homolog.settings import RunSettings
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "found_subjects",
     "is_there",
     "outdated_text",
+    "with_present_table",
     "with_table",
 ]
 
@@ -274,3 +276,14 @@ def _are(names: list[str]) -> str:
 
 def _them(names: list[str]) -> str:
     return "it" if len(names) == 1 else "them"
+
+
+def with_present_table(result: Result, study: Study) -> Result:
+    """Return a result with groups and columns as the study's table has them now, by subject."""
+    present = {member.name: member.subject for member in study.members}
+    groups, columns = [], []
+    for name, group, values in zip(result.names, result.groups, result.columns, strict=True):
+        known = present.get(name)
+        groups.append(known.group if known is not None else group)
+        columns.append(known.columns if known is not None else values)
+    return replace(result, groups=tuple(groups), columns=tuple(columns))

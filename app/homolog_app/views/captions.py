@@ -5,11 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyvista as pv
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
-from vtkmodules.vtkCommonCore import vtkPoints
-from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D, vtkTextActor
+from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D  # pyvista has no flat actors
 
 from homolog.arrays import FloatArray
 from homolog_app.rendering.camera import round_length
@@ -21,7 +20,6 @@ from homolog_app.views.content import Numbers
 __all__ = ["HEIGHT", "MOST", "SIDE", "Caption", "NumberLabels", "ScaleBar", "scale_picture"]
 
 
-_FONT_FILE = 4  # VTK_FONT_FILE: VTK's own fonts know no Greek
 _EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
 _FREE, _ROOM, _LEAST = 0.43, 0.97, 4
 _CUT = "…"
@@ -150,14 +148,17 @@ class NumberLabels:
         self._plate = rgb(colours.scene)
 
 
-def _text(x: float, y: float) -> Any:  # noqa: ANN401
-    actor = vtkTextActor()
+def _text(x: float, y: float) -> pv.Text:
+    actor = _plain_text()
     actor.GetPositionCoordinate().SetCoordinateSystemToNormalizedViewport()
     actor.SetPosition(x, y)
-    look = actor.GetTextProperty()
-    look.SetFontFamily(_FONT_FILE)
-    look.SetFontFile(str(font_file()))
-    look.SetLineSpacing(1.2)
+    actor.prop.SetLineSpacing(1.2)
+    return actor
+
+
+def _plain_text() -> pv.Text:
+    actor = pv.Text()
+    actor.prop.set_font_file(font_file())  # VTK's own fonts know no Greek
     return actor
 
 
@@ -169,21 +170,12 @@ class ScaleBar:
 
     def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
         self._renderer = renderer
-        self._data = vtkPolyData()
-        lines = vtkCellArray()
-        for ends in ((0, 1), (1, 2), (2, 3)):
-            lines.InsertNextCell(2, ends)
-        self._data.SetPoints(vtkPoints())
-        self._data.GetPoints().SetNumberOfPoints(4)
-        self._data.SetLines(lines)
+        self._data = pv.PolyData(np.zeros((4, 3)), lines=[4, 0, 1, 2, 3])
         mapper = vtkPolyDataMapper2D()
         mapper.SetInputData(self._data)
-        self._line, self._text = vtkActor2D(), vtkTextActor()
+        self._line, self._text = vtkActor2D(), _plain_text()
         self._line.SetMapper(mapper)
-        look = self._text.GetTextProperty()
-        look.SetFontFamily(_FONT_FILE)
-        look.SetFontFile(str(font_file()))
-        look.SetJustificationToCentered()
+        self._text.prop.justification_horizontal = "center"
         self._size = 0
         self._drawn: object = None
         self.show(False, 12)
@@ -213,10 +205,8 @@ class ScaleBar:
         length = round_length(min(_SHARE * width, _MOST * ratio) * millimetres)
         left, bottom, tick = 1.2 * self._size, 1.1 * self._size, 0.3 * self._size
         right = left + length / millimetres
-        places = ((left, bottom + tick), (left, bottom), (right, bottom), (right, bottom + tick))
-        for index, (x, y) in enumerate(places):
-            self._data.GetPoints().SetPoint(index, x, y, 0.0)
-        self._data.GetPoints().Modified()
+        up = bottom + tick
+        self._data.points = [(left, up, 0.0), (left, bottom, 0.0), (right, bottom, 0.0), (right, up, 0.0)]
         self._line.GetProperty().SetLineWidth(max(1.0, 1.6 * ratio))
         self._text.GetTextProperty().SetFontSize(self._size)
         self._text.SetInput(f"{short(length)} mm")

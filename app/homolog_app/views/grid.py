@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
+from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow  # plotters own theirs, in fixed grids
 
 from homolog.arrays import Array, FloatArray
 from homolog_app.rendering.camera import Box, Canvas, Clip, around

@@ -46,7 +46,8 @@ class CohortModel(QAbstractTableModel):
         self._columns: list[str] = []
         self._pictures: dict[tuple[str, str], QPixmap] = {}
         session.study_changed.connect(self._receive)
-        session.facts_changed.connect(self._refresh)
+        for changed in (session.surveys_changed, session.groomed_changed, session.result_changed):
+            changed.connect(self._refresh)
         theme.changed.connect(self._refresh)
 
     def member(self, row: int) -> Member:

@@ -41,12 +41,15 @@ class _Table(QTableView):
     """Its names take what width is free."""
 
     def fit_names(self) -> None:
-        """Make the column of names as wide as they are, if there is room beside the fixed columns."""
+        """Make the column of names as wide as they are, if there is room, and then that of the status."""
         head = self.horizontalHeader()
         head.setResizeContentsPrecision(_MEASURED_ROWS)
         others = sum(head.sectionSize(column) for column in (GROUP, VOLUME)) + _STATUS_PX
         free = self.viewport().width() - others
-        head.resizeSection(NAME, max(_NAME_PX, min(free, self.sizeHintForColumn(NAME))))
+        names = max(_NAME_PX, min(free, self.sizeHintForColumn(NAME)))
+        left = max(0, free - names)
+        head.resizeSection(NAME, names)
+        head.resizeSection(STATUS, max(_STATUS_PX, min(_STATUS_PX + left, self.sizeHintForColumn(STATUS))))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Give free width to the names."""
@@ -87,10 +90,11 @@ class CohortPanel(Panel):
         self.table.selectionModel().selectionChanged.connect(self._update_selection)
         session.selection_changed.connect(self._show_selection)
         session.study_changed.connect(self._count)
-        session.facts_changed.connect(self._count)
+        session.surveys_changed.connect(self._count)
         self.model.modelReset.connect(self.table.fit_names)
         self.model.modelReset.connect(self._show_selection)
-        session.facts_changed.connect(self.table.fit_names)
+        for changed in (session.surveys_changed, session.groomed_changed):
+            changed.connect(self.table.fit_names)
         self._count()
 
     def _tools(self, actions: Actions) -> QHBoxLayout:
@@ -215,7 +219,7 @@ class LabelPicker(QFrame):
             label("The files contain several structures. Choose one, or type part of its name.", wrap=True)
         )
         layout.addWidget(self.choice)
-        session.facts_changed.connect(self._fill)
+        session.surveys_changed.connect(self._fill)
         session.study_changed.connect(self._fill)
         theme.changed.connect(self._fill)
         self.hide()

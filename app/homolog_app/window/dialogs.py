@@ -1,4 +1,4 @@
-"""Questions, errors and the log; the base of the controllers."""
+"""Questions, errors and the log."""
 
 import logging
 import os
@@ -8,13 +8,12 @@ import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from functools import wraps
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Concatenate, ParamSpec, TypeVar, cast
+from typing import TypeVar
 
-from PySide6.QtCore import QEventLoop, QObject, Qt, QTimer
+from PySide6.QtCore import QEventLoop, Qt, QTimer
 from PySide6.QtWidgets import (
     QApplication,
     QComboBox,
@@ -30,38 +29,17 @@ from PySide6.QtWidgets import (
 
 import homolog
 import homolog_app
-from homolog.errors import HomologError
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme, pixmap
 from homolog_app.window.widgets import GRID, button, label
 
-if TYPE_CHECKING:
-    from homolog_app.window.main_window import MainWindow
-
-__all__ = ["Controller", "ErrorDialog", "LogMemory", "LogPane", "ask", "problem_report", "reported", "waited"]
+__all__ = ["ErrorDialog", "LogMemory", "LogPane", "ask", "problem_report", "waited"]
 
 
 _log = logging.getLogger(__name__)
 _LOOK_MS = 100
 _SETTLED = 1000
-_Given = ParamSpec("_Given")
 _Result = TypeVar("_Result")
-
-
-class Controller(QObject):
-    """Base of the controllers: each handles a group of the window's commands."""
-
-    def __init__(self, window: "MainWindow") -> None:
-        super().__init__(window)
-        self._window, self._workspace = window, window.workspace
-
-    def show_error(self, kind: str, error: BaseException) -> None:
-        """Show what went wrong."""
-        self._window.help.show_error(kind, error)
-
-
-_AnyController = TypeVar("_AnyController", bound=Controller)
-_Method = Callable[Concatenate[_AnyController, _Given], None]
 
 
 def ask(
@@ -132,20 +110,6 @@ def waited(parent: QWidget, text: str, work: Callable[[], _Result]) -> _Result:
     dialog.close()
     dialog.deleteLater()
     return future.result()
-
-
-def reported(method: "_Method[_AnyController, _Given]") -> "_Method[_AnyController, _Given]":
-    """Show an error of a part's method in the error dialog instead of raising it."""
-
-    @wraps(method)
-    def wrapper(self: _AnyController, *args: _Given.args, **kwargs: _Given.kwargs) -> None:
-        try:
-            method(self, *args, **kwargs)
-        except (HomologError, OSError) as error:
-            _log.warning("%s", error)
-            self.show_error(method.__name__, error)
-
-    return cast("_Method[_AnyController, _Given]", wrapper)
 
 
 _KEPT = 2000

@@ -4,25 +4,23 @@ import traceback
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Slot
-from PySide6.QtWidgets import QDialog, QFileDialog, QFrame, QHBoxLayout, QMessageBox, QVBoxLayout
+from PySide6.QtWidgets import QDialog, QFileDialog, QFrame, QHBoxLayout, QMainWindow, QMessageBox, QVBoxLayout
 
 from homolog import __version__
 from homolog.errors import user_message
 from homolog.files.atomic import write_text
-from homolog_app.window.dialogs import Controller, ErrorDialog, problem_report, reported
+from homolog_app.window.actions import Actions
+from homolog_app.window.dialogs import ErrorDialog, problem_report
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.palette import CommandPalette, ShortcutSheet
+from homolog_app.window.project_controller import ProjectController
 from homolog_app.window.rail import steps_of
 from homolog_app.window.start_page import BEANS, HEARTS, Sample, Stop
 from homolog_app.window.theme import pixmap
 from homolog_app.window.widgets import GRID, button, label
-from homolog_app.window.workspace import PreferencesDialog
-
-if TYPE_CHECKING:
-    from homolog_app.window.main_window import MainWindow
+from homolog_app.window.workspace import Controller, PreferencesDialog, Workspace, reported
 
 __all__ = ["HelpController", "Tour"]
 
@@ -49,6 +47,10 @@ _REFUSED, _BUG = "This can't be done", "Unexpected error"
 class HelpController(Controller):
     """Everything that explains."""
 
+    def __init__(self, window: QMainWindow, workspace: Workspace, commands: Actions) -> None:
+        super().__init__(window, workspace)
+        self._commands = commands
+
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of help do."""
         return {
@@ -74,7 +76,7 @@ class HelpController(Controller):
 
     def _remedies(self, kind: str, message: str) -> dict[str, Callable[[], object]]:
         """Return what can be done about the subject that an error of grooming or a run names."""
-        session, commands = self._workspace.session, self._window.commands
+        session, commands = self._workspace.session, self._commands
         names = [
             subject.name for subject in session.study.included if message.startswith(f"{subject.name}: ")
         ]
@@ -83,7 +85,7 @@ class HelpController(Controller):
         (name,) = names
 
         def show() -> None:
-            self._window.show_step("cohort")
+            session.show_step("cohort")
             session.select([name])
 
         def leave_out() -> None:
@@ -95,7 +97,7 @@ class HelpController(Controller):
 
     def show_palette(self) -> None:
         """Let the user find a command by typing."""
-        palette = CommandPalette(self._window, self._window.commands)
+        palette = CommandPalette(self._window, self._commands)
         place = self._window.rect().center()
         palette.move(self._window.mapToGlobal(place) - palette.rect().center() - palette.rect().topLeft() / 2)
         palette.exec()
@@ -139,9 +141,11 @@ class HelpController(Controller):
         box.setWindowTitle("About Homolog")
         box.setIconPixmap(pixmap("homolog", "", 64))
         box.setText(f"Homolog {__version__}")
+        devices = self._workspace.session.devices
+        device = f"Device: {devices.names[devices.automatic]}\n" if devices is not None else ""
         box.setInformativeText(
             "Corresponding points on ensembles of anatomical shapes.\n"
-            f"{self._window.status.device.text()}\n"
+            f"{device}"
             "MIT licence. For research use, not for diagnosis."
         )
         box.exec()
@@ -151,9 +155,11 @@ class HelpController(Controller):
 class Tour(QObject):
     """Cards over the views, one after the other."""
 
-    def __init__(self, window: "MainWindow") -> None:
-        super().__init__(window)
-        self._window = window
+    def __init__(
+        self, workspace: Workspace, commands: Actions, projects: ProjectController, groups: GroupsPage
+    ) -> None:
+        super().__init__(workspace)
+        self._workspace, self._commands, self._projects, self._groups = workspace, commands, projects, groups
         self._at = 0
         self._sample = HEARTS
         self.card = _Card()
@@ -162,11 +168,11 @@ class Tour(QObject):
         self.card.go_on.clicked.connect(lambda: self.show_stop(self._at + 1))
         self.card.end.clicked.connect(self.card.hide)
         self.card.offer.clicked.connect(self._accept_offer)
-        window.workspace.work.changed.connect(self._refresh)
-        window.step_changed.connect(self._follow)
+        workspace.session.job_changed.connect(self._refresh)
+        workspace.session.step_changed.connect(self._follow)
         offers = {stop.offer for sample in (BEANS, HEARTS) for stop in sample.stops if stop.offer}
         for offer in sorted(offers):
-            window.commands[offer].changed.connect(self._refresh)
+            commands[offer].changed.connect(self._refresh)
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of the tour do."""
@@ -178,20 +184,17 @@ class Tour(QObject):
 
     def open_sample(self, sample: Sample) -> None:
         """Make a sample study, list its subjects and begin the tour."""
-        window = self._window
-        if window.projects.may_leave():
-            window.projects.begin()
-            folder = window.workspace.home / "samples" / sample.name
-            window.workspace.work.make_sample(sample, folder, partial(self._accept_sample, sample))
+        if self._projects.may_leave():
+            self._projects.begin()
+            folder = self._workspace.home / "samples" / sample.name
+            self._workspace.work.make_sample(sample, folder, partial(self._accept_sample, sample))
 
     def _accept_sample(self, sample: Sample, folder: Path) -> None:
-        window, self._sample = self._window, sample
-        window.projects.open_paths([folder])
-        settings = window.workspace.session.study.settings
-        window.workspace.edit_settings("groom", "alignment", sample.groom_settings(settings.groom))
-        window.workspace.edit_settings(
-            "optimize", "particles", settings.optimize.model_copy(update=sample.optimize)
-        )
+        workspace, self._sample = self._workspace, sample
+        self._projects.open_paths([folder])
+        settings = workspace.session.study.settings
+        workspace.edit_settings("groom", "alignment", sample.groom_settings(settings.groom))
+        workspace.edit_settings("optimize", "particles", settings.optimize.model_copy(update=sample.optimize))
         self.show_stop(0)
 
     def show_stop(self, index: int) -> None:
@@ -202,11 +205,11 @@ class Tour(QObject):
         self._at = max(0, index)
         self.card.show()
         stop = self._stops[self._at]
-        self._window.show_step(stop.step)
-        if stop.opens and self._window.commands[stop.opens].isEnabled():
-            self._window.commands[stop.opens].trigger()
+        self._workspace.session.show_step(stop.step)
+        if stop.opens and self._commands[stop.opens].isEnabled():
+            self._commands[stop.opens].trigger()
         if stop.alignment is not None:
-            self._window.inspector.explore.page_of(GroupsPage).form.choose_alignment(stop.alignment)
+            self._groups.form.choose_alignment(stop.alignment)
         self._refresh()
 
     @property
@@ -214,11 +217,11 @@ class Tour(QObject):
         return self._sample.stops
 
     def _accept_offer(self) -> None:
-        self._window.commands[self._stops[self._at].offer].trigger()
+        self._commands[self._stops[self._at].offer].trigger()
 
     def _follow(self) -> None:
         """Go on to the card of the step that was opened in another way."""
-        step = self._window.step
+        step = self._workspace.session.step
         if not self.card.isHidden() and self._stops[self._at].step != step:
             self._at = next(index for index, stop in enumerate(self._stops) if stop.step == step)
             self._refresh()
@@ -227,9 +230,9 @@ class Tour(QObject):
         if self.card.isHidden():
             return
         stop = self._stops[self._at]
-        offer = self._window.commands[stop.offer] if stop.offer else None
-        last, work = self._at + 1 == len(self._stops), self._window.workspace.work
-        carried_out = steps_of(self._window.workspace.session, work)[stop.step].done and not work.is_busy
+        offer = self._commands[stop.offer] if stop.offer else None
+        last, session = self._at + 1 == len(self._stops), self._workspace.session
+        carried_out = steps_of(session)[stop.step].done and not session.job.is_busy
         done = last or offer is None or carried_out
         self.card.show_stop(stop, f"{self._at + 1} of {len(self._stops)}", self._at > 0, done, last)
         if offer is not None:

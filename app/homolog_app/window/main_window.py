@@ -3,14 +3,14 @@
 import logging
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QEvent, QObject, Qt, Signal, Slot
+from PySide6.QtCore import QEvent, QMimeData, QObject, Qt, Signal, Slot
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
 from PySide6.QtOpenGLWidgets import QOpenGLWidget
 from PySide6.QtWidgets import QDockWidget, QFrame, QMainWindow, QStackedWidget, QTabBar, QVBoxLayout, QWidget
 
-from homolog_app.studies.jobs import Devices
 from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_panel import CohortPanel
 from homolog_app.window.commands import available
@@ -20,12 +20,11 @@ from homolog_app.window.explore.panel import ExploreController, ExplorePanel, Ov
 from homolog_app.window.explore.patient_page import PatientPage
 from homolog_app.window.export.controller import ExportController
 from homolog_app.window.help import HelpController, Tour
-from homolog_app.window.project_controller import ProjectController, dropped_paths
+from homolog_app.window.project_controller import ProjectController
 from homolog_app.window.rail import STEPS, Rail, StatusBar, steps_of
 from homolog_app.window.run_panel import GroomPanel, RunPanel
 from homolog_app.window.run_particles import EnergyCurves
 from homolog_app.window.start_page import StartPage
-from homolog_app.window.work import Work
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -63,48 +62,53 @@ class Inspector(QFrame):
         self.correspond.device_chosen.connect(
             lambda alias: self.settings_edited.emit("device", "device", alias)
         )
-        workspace.work.devices_known.connect(self._show_devices)
+        self._session = workspace.session
+        workspace.session.devices_changed.connect(self._show_devices)
 
     def show_step(self, step: str) -> None:
         """Turn to the page of a step."""
         self._pages.setCurrentIndex(STEPS.index(step))
 
-    def show_work(self, work: Work) -> None:
-        """Show how far the work is on the page that ordered it."""
-        self.groom.show_busy(work.status if work.kind == "groom" else None)
-        self.correspond.show_busy(work.status if work.kind == "run" else None)
+    def show_job(self) -> None:
+        """Show how far the job is on the page that ordered it."""
+        job = self._session.job
+        self.groom.show_busy(job.status if job.kind == "groom" else None)
+        self.correspond.show_busy(job.status if job.kind == "run" else None)
 
-    def _show_devices(self, devices: Devices) -> None:
-        self.correspond.show_devices(devices.names)
+    @Slot()
+    def _show_devices(self) -> None:
+        devices = self._session.devices
+        if devices is not None:
+            self.correspond.show_devices(devices.names)
 
 
 class Docks(QObject):
     """Rail left, inspector right, both full height; below energies or plots, and the log if wanted."""
 
-    def __init__(self, window: "MainWindow") -> None:
+    def __init__(
+        self, window: QMainWindow, workspace: Workspace, commands: Actions, rail: Rail, inspector: Inspector
+    ) -> None:
         super().__init__(window)
-        self._window = window
-        self.curves = EnergyCurves(window.workspace.theme)
-        self.log = LogPane(window.workspace.memory)
+        self._window, self._workspace, self._explore = window, workspace, inspector.explore
+        self.curves = EnergyCurves(workspace.theme)
+        self.log = LogPane(workspace.memory)
         bottom = Qt.DockWidgetArea.BottomDockWidgetArea
         window.setCorner(Qt.Corner.BottomLeftCorner, Qt.DockWidgetArea.LeftDockWidgetArea)
         window.setCorner(Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea)
-        self._rail_dock = self._dock("Steps", window.rail, Qt.DockWidgetArea.LeftDockWidgetArea)
-        self._inspector_dock = self._dock(
-            "Inspector", window.inspector, Qt.DockWidgetArea.RightDockWidgetArea
-        )
+        self._rail_dock = self._dock("Steps", rail, Qt.DockWidgetArea.LeftDockWidgetArea)
+        self._inspector_dock = self._dock("Inspector", inspector, Qt.DockWidgetArea.RightDockWidgetArea)
         self._curves_dock = self._dock("Energies", self.curves, bottom)
         self._plots = QStackedWidget()
         self._plots_dock = self._dock("Plots", self._plots, bottom)
         self._log_dock = self._dock("Log", self.log, bottom)
-        for page in window.inspector.explore.pages:
+        for page in inspector.explore.pages:
             if page.plots is not None:
                 self._plots.addWidget(page.plots)
         window.tabifyDockWidget(self._curves_dock, self._plots_dock)
         window.tabifyDockWidget(self._curves_dock, self._log_dock)
         window.resizeDocks([self._inspector_dock], [_INSPECTOR], Qt.Orientation.Horizontal)
-        self._log_dock.visibilityChanged.connect(lambda shown: window.commands["view.log"].setChecked(shown))
-        window.workspace.session.facts_changed.connect(self._show_result)
+        self._log_dock.visibilityChanged.connect(lambda shown: commands["view.log"].setChecked(shown))
+        workspace.session.result_changed.connect(self._show_result)
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of the docks do."""
@@ -119,20 +123,22 @@ class Docks(QObject):
         """Show the plots of the open page of Explore, or energies in the steps that they belong to."""
         for bar in self._window.findChildren(QTabBar, options=Qt.FindChildOption.FindDirectChildrenOnly):
             bar.setAccessibleName("Below the views")  # Qt makes it when it needs it
-        work, session, step = self._window.workspace.work, self._window.workspace.session, self._window.step
-        self._rail_dock.setVisible(self._window.workspace.session.is_open)
+        session = self._workspace.session
+        self._rail_dock.setVisible(session.is_open)
         self._inspector_dock.setVisible(open_)
-        plots = self._window.inspector.explore.page.plots if step == "explore" else None
+        plots = self._explore.page.plots if session.step == "explore" else None
         if plots is not None:
             self._plots.setCurrentWidget(plots)
         self._plots_dock.setVisible(open_ and plots is not None)
-        page = self._window.inspector.explore.page
-        of_run = step == "correspond" or (step == "explore" and isinstance(page, OverviewPage))
+        page = self._explore.page
+        of_run = session.step == "correspond" or (
+            session.step == "explore" and isinstance(page, OverviewPage)
+        )
         wanted = open_ and plots is None and of_run
-        self._curves_dock.setVisible(wanted and (work.run_job is not None or session.result is not None))
+        self._curves_dock.setVisible(wanted and (session.job.run is not None or session.result is not None))
 
     def _show_result(self) -> None:
-        result = self._window.workspace.session.result
+        result = self._workspace.session.result
         self.curves.show_rows(result.energies if result is not None else [])
 
     def _dock(self, title: str, widget: QWidget, area: Qt.DockWidgetArea) -> QDockWidget:
@@ -146,11 +152,15 @@ class Docks(QObject):
         return dock
 
 
+def _dropped_paths(data: QMimeData) -> list[Path]:
+    """Return the files and folders that are dragged."""
+    return [Path(url.toLocalFile()) for url in data.urls() if url.isLocalFile()]
+
+
 class MainWindow(QMainWindow):
     """Puts the parts together and lets each command find its handler."""
 
     views_ready = Signal()
-    step_changed = Signal()
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__()
@@ -159,19 +169,19 @@ class MainWindow(QMainWindow):
         self.setAcceptDrops(True)
         self.resize(1440, 900)
         self.commands = Actions(self, workspace.theme)
-        self.step = "cohort"
         self.views: Views | None = None
         self.start_page = StartPage(workspace.theme, self.commands)
         self.inspector = Inspector(workspace, self.commands)
         self.rail = Rail(workspace.theme)
         self._lay_out()
-        self.docks = Docks(self)
-        self.status = StatusBar(self)
-        self.projects = ProjectController(self)
-        self.exporting = ExportController(self)
-        self.help = HelpController(self)
-        self.tour = Tour(self)
-        self.exploring = ExploreController(self)
+        explore = self.inspector.explore
+        self.docks = Docks(self, workspace, self.commands, self.rail, self.inspector)
+        self.status = StatusBar(self.statusBar(), workspace.session, self.commands)
+        self.projects = ProjectController(self, workspace, self.commands, self.start_page, explore)
+        self.exporting = ExportController(self, workspace, explore)
+        self.help = HelpController(self, workspace, self.commands)
+        self.tour = Tour(workspace, self.commands, self.projects, explore.page_of(GroupsPage))
+        self.exploring = ExploreController(self, workspace, explore)
         self._connect()
         self._restore_geometry()
         self.refresh()
@@ -185,7 +195,13 @@ class MainWindow(QMainWindow):
         if self.views is not None or self.workspace.closed:
             return
         stage = Stage(self.workspace.theme, self.commands)
-        self.views = Views(self, stage)
+        explore, table = self.inspector.explore, self.inspector.cohort
+        views = Views(self, self.workspace, self.commands, stage, explore, table, self.docks.curves)
+        self.views = self.projects.views = self.exporting.views = views
+        views.layout_changed.connect(self.refresh)
+        views.slices_saved.connect(self.exporting.save_slices)
+        views.picture_saved.connect(self.exporting.open_screenshot)
+        views.scans.subject_offered.connect(self.projects.open_paths)
         self._middle.addWidget(stage)
         stage.place_card(self.tour.card)
         self._first_gl.deleteLater()
@@ -194,12 +210,9 @@ class MainWindow(QMainWindow):
         self.workspace.work.go_on()
         self.views_ready.emit()
 
-    def show_step(self, step: str) -> None:
-        """Open one of the four steps."""
-        self.step = step
-        self.inspector.show_step(step)
-        self.refresh()
-        self.step_changed.emit()
+    @Slot()
+    def _turn(self) -> None:
+        self.inspector.show_step(self.workspace.session.step)
 
     @Slot()
     def refresh(self) -> None:
@@ -208,11 +221,11 @@ class MainWindow(QMainWindow):
         page, pages = views.pages if views else (0, 1)
         self.commands.enable(
             available(
-                workspace.session, workspace.project, busy=workspace.work.is_busy,
-                running=workspace.work.run_job is not None,
-                kept=workspace.work.cancelled_run is not None,
+                workspace.session, workspace.project, busy=workspace.session.job.is_busy,
+                running=workspace.session.job.run is not None,
+                kept=workspace.session.job.kept is not None,
                 page=page, pages=pages, ready=views is not None,
-                plays=self.step == "explore" and self.inspector.explore.page.plays,
+                plays=workspace.session.step == "explore" and self.inspector.explore.page.plays,
                 answered=bool(self.inspector.explore.page_of(GroupsPage).answers),
                 reference=self.inspector.explore.page_of(PatientPage).reference is not None,
                 patient=self.inspector.explore.page_of(PatientPage).comparison is not None,
@@ -223,15 +236,19 @@ class MainWindow(QMainWindow):
             ),
             workspace.session.read_only,
         )  # fmt: skip
-        steps = steps_of(workspace.session, workspace.work)
-        if not steps[self.step].enabled and workspace.session.is_open and self.step != "cohort":
-            self.show_step("cohort")
+        steps = steps_of(workspace.session)
+        if (
+            not steps[workspace.session.step].enabled
+            and workspace.session.is_open
+            and workspace.session.step != "cohort"
+        ):
+            workspace.session.show_step("cohort")
             return
-        self.rail.show_steps(steps, self.step if workspace.session.is_open else "")
+        self.rail.show_steps(steps, workspace.session.step if workspace.session.is_open else "")
         open_ = workspace.session.is_open and views is not None
         self._middle.setCurrentIndex(1 if open_ else 0)
-        self.inspector.show_work(workspace.work)
-        self.start_page.show_busy(workspace.work.status if workspace.work.is_busy else None)
+        self.inspector.show_job()
+        self.start_page.show_busy(workspace.session.job.status if workspace.session.job.is_busy else None)
         self.docks.show_for(open_)
         self._name_window()
 
@@ -240,10 +257,10 @@ class MainWindow(QMainWindow):
         """Show how far the work is; what is possible stays."""
         workspace = self.workspace
         if not workspace.session.is_open:
-            self.start_page.show_busy(workspace.work.status if workspace.work.is_busy else None)
-        elif workspace.work.kind in ("groom", "run"):
-            self.rail.show_steps(steps_of(workspace.session, workspace.work), self.step)
-            self.inspector.show_work(workspace.work)
+            self.start_page.show_busy(workspace.session.job.status if workspace.session.job.is_busy else None)
+        elif workspace.session.job.kind in ("groom", "run"):
+            self.rail.show_steps(steps_of(workspace.session), workspace.session.step)
+            self.inspector.show_job()
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Ask, stop the work, let go of the graphics, then close."""
@@ -262,16 +279,20 @@ class MainWindow(QMainWindow):
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         """Take files and folders while nothing is going on."""
-        if dropped_paths(event.mimeData()) and not self.workspace.work.is_busy and self.views is not None:
+        if (
+            _dropped_paths(event.mimeData())
+            and not self.workspace.session.job.is_busy
+            and self.views is not None
+        ):
             event.acceptProposedAction()
 
     def dropEvent(self, event: QDropEvent) -> None:
         """Open or add what was dropped."""
         event.acceptProposedAction()
-        paths = dropped_paths(event.mimeData())
+        paths = _dropped_paths(event.mimeData())
         if self.views is not None and self.views.scans.offer(paths, event.position().toPoint()):
             return
-        if self.step != "explore" or not self.exploring.drop_files(paths):
+        if self.workspace.session.step != "explore" or not self.exploring.drop_files(paths):
             self.projects.open_paths(paths)
 
     def changeEvent(self, event: QEvent) -> None:
@@ -302,21 +323,21 @@ class MainWindow(QMainWindow):
         self.commands.connect_handlers(self._handlers())
         for name, button in self.rail.buttons.items():
             button.clicked.connect(self.commands[f"view.{name}"].trigger)
+        workspace.session.step_changed.connect(self._turn)
+        session = workspace.session
         for signal in (
-            workspace.session.study_changed, workspace.session.facts_changed,
-            workspace.session.selection_changed,
-            workspace.session.project_changed, workspace.session.undo.indexChanged, workspace.work.changed,
-            self.inspector.explore.page_changed,
+            session.study_changed, session.surveys_changed, session.groomed_changed, session.result_changed,
+            session.selection_changed, session.project_changed, session.step_changed, session.page_changed,
+            session.undo.indexChanged, session.job_changed,
         ):  # fmt: skip
             signal.connect(self.refresh)
-        workspace.work.progressed.connect(self._show_progress)
-        workspace.work.failed.connect(self.help.show_error)
+        session.job_progressed.connect(self._show_progress)
+        session.failed.connect(self.help.show_error)
         self.inspector.settings_edited.connect(workspace.edit_settings)
 
     def _handlers(self) -> dict[str, Callable[[], object]]:
-        undo = self.workspace.session.undo
-        steps = {f"view.{name}": partial(self.show_step, name) for name in STEPS}
-        own = {"file.quit": self.close, "edit.undo": undo.undo, "edit.redo": undo.redo}
+        steps = {f"view.{name}": partial(self.workspace.session.show_step, name) for name in STEPS}
+        own = {"file.quit": self.close}
         return {
             **steps, **own, **self.docks.handlers(), **self.projects.handlers(), **self.help.handlers(),
             **self.exporting.handlers(),

@@ -1,13 +1,11 @@
 """Studies on disk: new, add, open, save, import, export, close, recover."""
 
 import os
-import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QMimeData
-from PySide6.QtWidgets import QFileDialog, QInputDialog
+from PySide6.QtWidgets import QFileDialog, QInputDialog, QWidget
 
 from homolog.errors import InputError, InUseError
 from homolog.files.atomic import replace_folder
@@ -15,6 +13,7 @@ from homolog.files.project import ProjectFolder
 from homolog_app.studies.files import (
     InterruptedSession,
     ViewRecord,
+    copy_project,
     find_lost,
     interrupted_text,
     open_project,
@@ -23,12 +22,16 @@ from homolog_app.studies.files import (
 )
 from homolog_app.studies.loaded_result import write_from_memory
 from homolog_app.studies.study import FILES, Study, found_subjects, is_there, with_table
-from homolog_app.window.dialogs import Controller, ask, reported, waited
+from homolog_app.window.actions import Actions
+from homolog_app.window.dialogs import ask, waited
+from homolog_app.window.explore.panel import ExplorePanel
+from homolog_app.window.start_page import StartPage
+from homolog_app.window.workspace import Controller, Workspace, reported
 
 if TYPE_CHECKING:
-    from homolog_app.window.main_window import MainWindow
+    from homolog_app.window.views import Views
 
-__all__ = ["ProjectController", "dropped_paths"]
+__all__ = ["ProjectController"]
 
 _TABLES, _READ = "Tables (*.csv)", "Tables (*.csv *.tsv *.txt *.xlsx)"
 _NOT_HELD = (
@@ -41,17 +44,21 @@ _UNWRITABLE = "the project's folder can't be written to"
 _MODELS = "ShapeWorks projects, particles (*.swproj *.xlsx *.particles *.pts)"
 
 
-def dropped_paths(data: QMimeData) -> list[Path]:
-    """Return the files and folders that are dragged."""
-    return [Path(url.toLocalFile()) for url in data.urls() if url.isLocalFile()]
-
-
 class ProjectController(Controller):
-    """Opens and saves; asks before anything is lost."""
+    """Opens and saves; asks before anything is lost.
 
-    def __init__(self, window: "MainWindow") -> None:
-        super().__init__(window)
-        page = window.start_page
+    Attributes
+    ----------
+    views : Views or None
+        How they are looked at is saved with a project.
+    """
+
+    def __init__(
+        self, window: QWidget, workspace: Workspace, commands: Actions, page: StartPage, explore: ExplorePanel
+    ) -> None:
+        super().__init__(window, workspace)
+        self._commands, self._start, self._explore = commands, page, explore
+        self.views: Views | None = None
         page.opened.connect(lambda path: self.open_paths([Path(path)]))
         page.located.connect(lambda path: self.locate(Path(path)))
         page.forgotten.connect(self._forget)
@@ -63,13 +70,12 @@ class ProjectController(Controller):
             "file.new": self._new, "file.add": self._add, "file.open": self._open, "file.save": self.save,
             "file.save_as": self.save_as, "file.import": self._import,
             "file.import_model": self._import_model, "file.export": self._export,
-            "file.close": self.leave, "edit.group": self._group, "edit.include": self._include,
-            "edit.remove": self._remove,
+            "file.close": self.leave, "edit.group": self._group,
         }  # fmt: skip
 
     def show_recent(self) -> None:
         """List the projects opened last on the start page."""
-        self._window.start_page.show_recent(self._workspace.preferences.recent)
+        self._start.show_recent(self._workspace.preferences.recent)
 
     @reported
     def open_paths(self, paths: Sequence[Path]) -> None:
@@ -83,7 +89,7 @@ class ProjectController(Controller):
         study = session.study.adding(added.subjects)
         session.edit("Add subjects", study)
         if added.notes:
-            self._window.status.say("; ".join(added.notes))
+            self._workspace.session.noticed.emit("; ".join(added.notes))
         if not session.selection and study.members:
             session.select([study.members[0].name])
 
@@ -115,14 +121,14 @@ class ProjectController(Controller):
         )
         self._workspace.preferences.remember(folder)
         self.show_recent()
-        self._window.commands[f"view.grid{opened.view.layout}"].trigger()
+        self._commands[f"view.grid{opened.view.layout}"].trigger()
         resumable = opened.unfinished and project.checkpoint.is_file()
-        self._window.show_step("correspond" if resumable and not opened.has_result else "cohort")
+        self._workspace.session.show_step("correspond" if resumable and not opened.has_result else "cohort")
         if opened.has_result:
             self._workspace.work.open_result(project, lambda: self._show_as(opened.view))
         if resumable:
             particles = opened.study.settings.optimize.particles
-            self._window.status.say(interrupted_text(project.checkpoint, particles))
+            self._workspace.session.noticed.emit(interrupted_text(project.checkpoint, particles))
 
     def save(self) -> None:
         """Save to the project's folder, or ask for one."""
@@ -154,7 +160,7 @@ class ProjectController(Controller):
         if gone or in_use:  # of another program, the folder may be half written
             self._write_from_memory(folder)
         elif folder != session.folder and before.folder.is_dir():
-            waited(self._window, f"Saving to {folder.name}…", lambda: _copy(before.folder, folder))
+            waited(self._window, f"Saving to {folder.name}…", lambda: copy_project(before.folder, folder))
         save_project(ProjectFolder(folder), session.study, self._view())
         moved = folder != session.folder
         self._workspace.lock_project(folder)
@@ -166,7 +172,7 @@ class ProjectController(Controller):
         self._workspace.preferences.remember(folder)
         self.show_recent()
         session.project_changed.emit()
-        self._window.status.say(f"Saved to {folder}")
+        self._workspace.session.noticed.emit(f"Saved to {folder}")
         if gone or in_use:
             why = "is gone" if gone else "is in use"
             ask(self._window, "Saved from memory", f"{before.folder} {why}. {_NOT_HELD}", ("Close",))
@@ -187,11 +193,11 @@ class ProjectController(Controller):
         workspace = self._workspace
         if not workspace.preferences.ask_on_close:
             return True
-        if workspace.work.is_busy:
+        if workspace.session.job.is_busy:
             answer = ask(
                 self._window, "Stop what is being computed?",
                 "It has not finished. A run can be resumed from its checkpoint.", ("Stop", "Keep working"),
-                1, lambda: not workspace.work.is_busy,
+                1, lambda: not workspace.session.job.is_busy,
             )  # fmt: skip
             if answer == "Keep working":
                 return False
@@ -219,7 +225,7 @@ class ProjectController(Controller):
         self._workspace.journal.clear()
         self._workspace.lock_project(None)
         self._workspace.session.open(Study(), None)
-        self._window.show_step("cohort")
+        self._workspace.session.show_step("cohort")
 
     @reported
     def locate(self, gone: Path) -> None:
@@ -258,12 +264,14 @@ class ProjectController(Controller):
         session.open(saved, folder)
         session.edit("Recovered edits", study)
         if workspace.project.exists and workspace.project.read().result is not None:
-            workspace.work.open_result(workspace.project, lambda: self._window.show_step("explore"))
+            workspace.work.open_result(
+                workspace.project, lambda: self._workspace.session.show_step("explore")
+            )
         workspace.write_journal()
         resumable = lost.record.running and workspace.project.checkpoint.is_file()
-        self._window.show_step("correspond" if resumable else "cohort")
+        self._workspace.session.show_step("correspond" if resumable else "cohort")
         if resumable:
-            self._window.status.say("Resume continues from the checkpoint of the run.")
+            self._workspace.session.noticed.emit("Resume continues from the checkpoint of the run.")
 
     def _new(self) -> None:
         path = QFileDialog.getExistingDirectory(self._window, "Folder of segmentations or surfaces")
@@ -295,7 +303,9 @@ class ProjectController(Controller):
         if ask(self._window, f"Import {path.name}?", "\n".join(changes.lines), answers) != "Import":
             return
         self._workspace.session.edit("Import table", study)
-        self._window.status.say(f"Rows for {len(changes.matched)} subjects read from {path.name}")
+        self._workspace.session.noticed.emit(
+            f"Rows for {len(changes.matched)} subjects read from {path.name}"
+        )
 
     @reported
     def _import_model(self) -> None:
@@ -327,7 +337,7 @@ class ProjectController(Controller):
 
         def take(notes: Sequence[str]) -> None:
             self.open(folder)
-            self._window.status.say(" · ".join(notes) or f"Imported from {source.name}")
+            self._workspace.session.noticed.emit(" · ".join(notes) or f"Imported from {source.name}")
 
         self._workspace.work.import_model(source, folder, domain, take)
 
@@ -343,25 +353,14 @@ class ProjectController(Controller):
         from homolog_app.exports.tables import write_cohort
 
         write_cohort(path, self._workspace.session.study.whole)
-        self._window.status.say(f"Table written to {path}")
+        self._workspace.session.noticed.emit(f"Table written to {path}")
 
     def _group(self) -> None:
         session = self._workspace.session
-        name, chosen = QInputDialog.getItem(
-            self._window,
-            "Set group",
-            f"Group of {len(session.selection)} subjects:",
-            session.study.groups or [""],
-        )
+        text = f"Group of {len(session.selection)} subjects:"
+        name, chosen = QInputDialog.getItem(self._window, "Set group", text, session.study.groups or [""])
         if chosen:
             session.set_group(name.strip() or None)
-
-    def _include(self) -> None:
-        self._workspace.session.toggle_included()
-
-    def _remove(self) -> None:
-        session = self._workspace.session
-        session.edit("Remove subjects", session.study.without(session.selection))
 
     def _ask_location(self, study: Study) -> Path | None:
         """Ask where input files are that have moved; None if none has, or nobody knows."""
@@ -377,8 +376,8 @@ class ProjectController(Controller):
 
     def _show_as(self, view: ViewRecord) -> None:
         """Show a result as it was looked at when the project was saved."""
-        explore, views = self._window.inspector.explore, self._window.views
-        self._window.show_step("explore")
+        explore, views = self._explore, self.views
+        self._workspace.session.show_step("explore")
         for page in explore.pages:
             if page.title == view.page:
                 explore.open_page(page)
@@ -386,15 +385,10 @@ class ProjectController(Controller):
             views.restore_view(view)
 
     def _view(self) -> ViewRecord:
-        window, selection = self._window, tuple(self._workspace.session.selection)
-        view = ViewRecord(step=window.step, page=window.inspector.explore.page.title, selection=selection)
-        return view if window.views is None else window.views.noted(view)
+        session = self._workspace.session
+        view = ViewRecord(step=session.step, page=self._explore.page.title, selection=session.selection)
+        return view if self.views is None else self.views.noted(view)
 
     def _forget(self) -> None:
         self._workspace.preferences.forget()
         self.show_recent()
-
-
-def _copy(old: Path, new: Path) -> None:
-    with replace_folder(new) as part:
-        shutil.copytree(old, part, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".lock", ".holder"))

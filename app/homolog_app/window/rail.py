@@ -1,21 +1,24 @@
 """The four steps of a study, the rail that leads to them, and the status bar."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import psutil
 from PySide6.QtCore import QObject, QRect, QSize, Qt, QTimer, Slot
 from PySide6.QtGui import QColor, QFont, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QAbstractButton, QFrame, QProgressBar, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QFrame,
+    QProgressBar,
+    QSizePolicy,
+    QStatusBar,
+    QVBoxLayout,
+    QWidget,
+)
 
-from homolog_app.studies.jobs import Devices
+from homolog_app.window.actions import Actions
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme, pixmap, scaled
 from homolog_app.window.widgets import GRID, ActionButton, label
-from homolog_app.window.work import Work
-
-if TYPE_CHECKING:
-    from homolog_app.window.main_window import MainWindow
 
 __all__ = ["STEPS", "Rail", "StatusBar", "Step", "steps_of"]
 
@@ -127,7 +130,7 @@ class _StepButton(QAbstractButton):
         painter.drawText(box.adjusted(2, 54 + scaled(12), -2, 0), flags | Qt.TextFlag.TextWordWrap, text)
 
 
-def steps_of(session: Session, work: Work) -> dict[str, Step]:
+def steps_of(session: Session) -> dict[str, Step]:
     """Return the state of the steps, with a few words each; exactly one open one is next."""
     included = len(session.study.included)
     groomed = len(session.groomed_names)
@@ -142,16 +145,17 @@ def steps_of(session: Session, work: Work) -> dict[str, Step]:
         "cohort": session.is_open,
         "groom": included > 0,
         "correspond": included >= 2,
-        "explore": result is not None or work.preliminary is not None,
+        "explore": result is not None or session.preliminary is not None,
     }
     texts = {
         "cohort": f"{included} subjects" if session.is_open else "",
         "groom": f"{groomed} of {included}" if groomed else "",
         "correspond": f"{result.result.world.shape[1]} particles" if result else "",
-        "explore": "preliminary" if work.preliminary is not None else "",
+        "explore": "preliminary" if session.preliminary is not None else "",
     }
-    if work.status is not None and work.kind in ("groom", "run"):
-        texts["groom" if work.kind == "groom" else "correspond"] = f"{100 * work.status.fraction:.0f} %"
+    job = session.job
+    if job.status is not None and job.kind in ("groom", "run"):
+        texts["groom" if job.kind == "groom" else "correspond"] = f"{100 * job.status.fraction:.0f} %"
     following = next((name for name, is_done in done.items() if not is_done), "") if session.is_open else ""
     return {
         name: Step(enabled[name], done[name], name == following and enabled[name], texts[name])
@@ -167,16 +171,16 @@ _ON_PAGE = ("groom", "run", "groups", "seeds", "mend")  # their pages show how f
 class StatusBar(QObject):
     """Fills the window's status bar."""
 
-    def __init__(self, window: "MainWindow") -> None:
-        super().__init__(window)
-        self._bar, self._workspace = window.statusBar(), window.workspace
+    def __init__(self, bar: QStatusBar, session: Session, actions: Actions) -> None:
+        super().__init__(bar)
+        self._bar, self._session = bar, session
         self._bar.setSizeGripEnabled(False)
         self.work = label("")
         self.bar = QProgressBar(maximum=1000)
         self.bar.setTextVisible(False)
         self.bar.setFixedSize(*_BAR_PX)
         self.bar.setAccessibleName("Progress")
-        self.cancel = ActionButton("Cancel", window.commands["run.cancel"], "flat")
+        self.cancel = ActionButton("Cancel", actions["run.cancel"], "flat")
         self.device = label("Device: …")
         self.memory = label("")
         self.work.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # names may be long
@@ -186,14 +190,14 @@ class StatusBar(QObject):
             widget.hide()
         self._bar.addPermanentWidget(self.device)
         self._bar.addPermanentWidget(self.memory)
-        window.workspace.work.background.connect(self._show_work)
-        for signal in (window.workspace.work.changed, window.workspace.work.progressed):
+        for signal in (session.job_changed, session.job_progressed):
             signal.connect(self._show_busy)
-        window.workspace.work.devices_known.connect(self._show_devices)
+        session.devices_changed.connect(self._show_devices)
         self._process = psutil.Process()
         self._timer = QTimer(self, interval=_MEMORY_MS)
         self._timer.timeout.connect(self._show_memory)
         self._timer.start()
+        session.noticed.connect(self.say)
         self._show_memory()
 
     def say(self, text: str) -> None:
@@ -203,18 +207,19 @@ class StatusBar(QObject):
     @Slot()
     def _show_busy(self) -> None:
         """Show how far what the user waits for is, if no page shows it."""
-        work = self._workspace.work
-        shown = work.is_busy and work.kind not in _ON_PAGE and self._workspace.session.is_open
+        job = self._session.job
+        shown = job.is_busy and job.kind not in _ON_PAGE and self._session.is_open
         for widget in (self.bar, self.cancel):
             widget.setVisible(shown)
-        if work.status is not None:
-            self.bar.setValue(round(1000 * work.status.fraction))
+        if job.status is not None:
+            self.bar.setValue(round(1000 * job.status.fraction))
+        self.work.setText(f"{job.aside[:1].upper()}{job.aside[1:]}…" if job.aside else "")
 
-    def _show_work(self, text: str) -> None:
-        self.work.setText(f"{text[:1].upper()}{text[1:]}…" if text else "")
-
-    def _show_devices(self, devices: Devices) -> None:
-        self.device.setText(f"Device: {devices.names[devices.automatic]}")
+    @Slot()
+    def _show_devices(self) -> None:
+        devices = self._session.devices
+        if devices is not None:
+            self.device.setText(f"Device: {devices.names[devices.automatic]}")
 
     def _show_memory(self) -> None:
         self.memory.setText(f"Memory: {self._process.memory_info().rss / 2**20:.0f} MB")

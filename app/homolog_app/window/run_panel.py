@@ -49,15 +49,17 @@ class GroomPanel(Panel):
         self.proceed = ActionButton("Next: Correspond", actions["view.correspond"], "primary")
         for below in (self.form.help, self.progress, self.go, self.proceed):
             self.footer.addWidget(below)
-        for signal in (session.study_changed, session.facts_changed, session.selection_changed):
+        for signal in (session.study_changed, session.groomed_changed, session.selection_changed):
             signal.connect(self._show)
         self._show()
 
     def show_busy(self, status: Status | None) -> None:
         """Show the progress of grooming, or that nothing goes on."""
+        goes_on = status is not None and self.go.isHidden()
         self.progress.show_status(status)
-        self.go.setVisible(status is None)
-        self._show()
+        if not goes_on:
+            self.go.setVisible(status is None)
+            self._show()
 
     def _show(self) -> None:
         session = self._session
@@ -134,7 +136,8 @@ class RunPanel(Panel):
         self.proceed = ActionButton("Next: Explore", actions["view.explore"], "primary")
         self._lay_out_footer()
         session.study_changed.connect(self.refresh)
-        session.facts_changed.connect(self.refresh)
+        session.groomed_changed.connect(self.refresh)
+        session.result_changed.connect(self.refresh)
         self.refresh()
 
     def _device_row(self) -> QWidget:
@@ -185,12 +188,14 @@ class RunPanel(Panel):
 
     def show_busy(self, status: Status | None) -> None:
         """Show the progress of a run, or that none goes on."""
+        goes_on = status is not None and self.go.isHidden()
         self.progress.show_status(status)
-        self.go.setVisible(status is None)
-        self.form.setEnabled(status is None)
-        self.device.setEnabled(status is None)
         self.pause.setText("Resume" if status is not None and status.paused else "Pause")
-        self.refresh()
+        if not goes_on:
+            self.go.setVisible(status is None)
+            self.form.setEnabled(status is None)
+            self.device.setEnabled(status is None)
+            self.refresh()
 
     def refresh(self) -> None:
         """Show the settings in force and what can be done."""

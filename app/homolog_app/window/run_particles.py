@@ -5,18 +5,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QObject, QTimer, Signal, Slot
+from PySide6.QtGui import QAction
 
 from homolog.arrays import Array, FloatArray
 from homolog.correspondence.types import Frame
 from homolog_app.views.contents import moment_of
 from homolog_app.window.explore.plot import Plot
 from homolog_app.window.theme import Theme
+from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
-    from homolog_app.window.main_window import MainWindow
     from homolog_app.window.stage import Stage
 
 __all__ = ["EnergyCurves", "RunParticles"]
@@ -43,10 +44,10 @@ class RunParticles(QObject):
 
     moved = Signal(bool)
 
-    def __init__(self, window: "MainWindow", stage: "Stage") -> None:
-        super().__init__(window)
-        self._window, self._stage = window, stage
-        self._session, self._work = window.workspace.session, window.workspace.work
+    def __init__(self, workspace: Workspace, play: QAction, stage: "Stage", curves: "EnergyCurves") -> None:
+        super().__init__(stage)
+        self._play, self._stage, self._curves = play, stage, curves
+        self._session, self._work = workspace.session, workspace.work
         self.particles: Mapping[str, FloatArray] = {}
         self.tints: Array | None = None
         self.frame: Frame | None = None
@@ -55,7 +56,7 @@ class RunParticles(QObject):
         self._player = QTimer(self, interval=_PLAY_MS)
         self._player.timeout.connect(self._step_on)
         stage.footer.frame_chosen.connect(self._show_moment)
-        self._work.changed.connect(self._watch)
+        self._session.job_changed.connect(self._watch)
 
     @property
     def moment(self) -> int | None:
@@ -70,7 +71,7 @@ class RunParticles(QObject):
 
     def set_result(self) -> None:
         """Have the particles of the session's result, unless a run is seen."""
-        if self._work.run_job is None:
+        if self._session.job.run is None:
             result = self._session.result
             self.particles, self.tints = (result.particles if result else {}), None
             self._stage.footer.show_frames(len(result.frames) if result else 0)
@@ -84,12 +85,12 @@ class RunParticles(QObject):
         if time.value() == time.maximum():
             time.setValue(0)
         self._player.start()
-        self._window.commands["run.play"].setText("Pause")
+        self._play.setText("Pause")
 
     def stop(self) -> None:
         """Hold."""
         self._player.stop()
-        self._window.commands["run.play"].setText("Play")
+        self._play.setText("Play")
 
     def close(self) -> None:
         """Stop the timers."""
@@ -98,7 +99,7 @@ class RunParticles(QObject):
 
     @Slot()
     def _watch(self) -> None:
-        running = self._work.run_job is not None
+        running = self._session.job.run is not None
         if running and not self._look.isActive():
             self.stop()
             self._stage.footer.show_frames(0)
@@ -112,13 +113,13 @@ class RunParticles(QObject):
     @Slot()
     def _show_newest_frame(self) -> None:
         """Show the newest frame if there is one, then rest at least twice as long as drawing took."""
-        job = self._work.run_job
+        job = self._session.job.run
         frame = job.frame if job is not None else None
         if job is not None and frame is not None and frame is not self.frame:
             self.frame = frame
             self.particles, self.tints = dict(zip(job.names, frame.world, strict=True)), None
             self.moved.emit(True)
-            self._window.docks.curves.show_rows(list(job.recorder.energies), is_live=True)
+            self._curves.show_rows(list(job.recorder.energies), is_live=True)
         self._look.setInterval(self._pause(_LOOK_MS))
 
     @Slot()

@@ -1,103 +1,25 @@
-"""Scans of subjects: chosen, read in the computing thread, and shown behind the slices."""
+"""Slices in place of the views or beside them: of which subject, and with which scan behind them."""
 
-import logging
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QObject, QPoint, Qt, Signal, Slot
-from PySide6.QtWidgets import QFileDialog, QMenu
+import numpy as np
+from PySide6.QtCore import QPoint, Qt, Signal
+from PySide6.QtWidgets import QFileDialog, QMenu, QWidget
 
 from homolog.arrays import FloatArray
 from homolog.cohort import IMAGE_SUFFIXES, dicom_files, suffix_of
-from homolog.errors import InputError
-from homolog.grooming.scans import Scan, check_frame, read_scan
-from homolog.progress import Tick
-from homolog_app.views.slices import Outline, SliceScene, first_preset
-from homolog_app.window.dialogs import Controller, reported
-from homolog_app.window.runner import JobOutcome, Runner, Task
+from homolog.geometry import inverse_matrices, transform_points
+from homolog_app.views.content import Content
+from homolog_app.views.slices import Outline, SliceScene
+from homolog_app.window.cohort_panel import CohortPanel
+from homolog_app.window.explore.panel import ExplorePanel
 from homolog_app.window.session import Session
+from homolog_app.window.slice_view import SliceView
+from homolog_app.window.workspace import Controller, Workspace, reported
 
-__all__ = ["ReadScan", "ScanController", "ScanReader", "sliced_subject"]
-
-
-_log = logging.getLogger(__name__)
-
-
-class ReadScan:
-    """A scan with what is shown of it at first: window and notes."""
-
-    def __init__(self, scan: Scan, inside: float) -> None:
-        self.scan = scan
-        self.automatic = scan.automatic_window()
-        self.preset = first_preset(scan)
-        outside = round(100.0 * (1.0 - inside))
-        beyond = (f"{outside} % of the structure lies outside of the scan",) if outside else ()
-        self.notes = (*scan.notes, *beyond)
-
-
-class ScanReader(QObject):
-    """Holds one scan: that of the newest wish. The one before is let go first."""
-
-    changed = Signal()
-
-    def __init__(self, parent: QObject) -> None:
-        super().__init__(parent)
-        self.read: ReadScan | None = None
-        self.problem = ""
-        self._wanted: tuple[str, Path] | None = None
-        self._next: Task | None = None
-        self._runner: Runner | None = None
-
-    @property
-    def is_busy(self) -> bool:
-        """Whether the scan is being read."""
-        return self._runner is not None and self._runner.job is not None
-
-    def want(self, sliced: SliceScene) -> None:
-        """Read a subject's scan unless it is there already, or being read."""
-        wanted = None if sliced.image is None else (sliced.name, sliced.image)
-        if wanted == self._wanted:
-            return
-        self._wanted, self.read, self.problem, self._next = wanted, None, "", None
-        if self._runner is not None:
-            self._runner.cancel()
-        if wanted is None:
-            return
-        task = Task(partial(_read, wanted[1], sliced.name, sliced.points), "reading the scan")
-        if self._runner is None:
-            self._runner = Runner(self)
-            self._runner.ended.connect(self._ended)
-        if self._runner.job is None:
-            self._runner.start(task)
-        else:
-            self._next = task
-
-    def close(self) -> None:
-        """End the thread."""
-        if self._runner is not None:
-            self._runner.close()
-
-    @Slot(object)
-    def _ended(self, ended: JobOutcome) -> None:
-        assert self._runner is not None
-        if self._next is not None:
-            task, self._next = self._next, None
-            self._runner.start(task)
-            return
-        if ended.error is not None:
-            known = isinstance(ended.error, InputError)
-            self.problem = str(ended.error) if known else f"The scan can't be read: {ended.error!r}"
-            _log.warning("%s", self.problem, exc_info=None if known else ended.error)
-        elif not ended.cancelled and self._wanted is not None:
-            self.read = ended.result
-        self.changed.emit()
-
-
-def _read(path: Path, name: str, points: FloatArray, tick: Tick) -> ReadScan:
-    scan = read_scan(path, tick)
-    return ReadScan(scan, check_frame(scan, points, name) if len(points) else 1.0)
+__all__ = ["ScanController", "sliced_subject"]
 
 
 _FILES = f"Scans ({' '.join(f'*{suffix}' for suffix in IMAGE_SUFFIXES)})"
@@ -118,7 +40,22 @@ def sliced_subject(session: Session, name: str) -> SliceScene:
 
 
 class ScanController(Controller):
-    """Gives subjects, and the patient of Explore's page, their scans."""
+    """Gives subjects, and the patient of Explore's page, their scans; `subject_offered` means another one."""
+
+    subject_offered = Signal(object)
+
+    def __init__(
+        self,
+        window: QWidget,
+        workspace: Workspace,
+        explore: ExplorePanel,
+        table: CohortPanel,
+        slices: SliceView,
+    ) -> None:
+        super().__init__(window, workspace)
+        self._explore, self._table, self._slices = explore, table, slices
+        self._session = workspace.session
+        slices.scan_wanted.connect(self.choose)
 
     @reported
     def choose(self, name: str) -> None:
@@ -130,8 +67,8 @@ class ScanController(Controller):
 
     def give(self, name: str, path: Path) -> None:
         """Make a file, or the folder of a DICOM series, the scan of a subject or of the patient."""
-        session, page = self._workspace.session, self._window.inspector.explore.page
-        if self._window.step == "explore" and page.set_scan(name, path):
+        session, page = self._workspace.session, self._explore.page
+        if session.step == "explore" and page.set_scan(name, path):
             return
         members = {
             member.name: replace(member, subject=replace(member.subject, image=path))
@@ -163,20 +100,34 @@ class ScanController(Controller):
         menu = QMenu(self._window)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         menu.addAction(f"Scan of {name.replace('&', '&&')}", lambda: self.give(name, path))
-        menu.addAction("Another subject", lambda: self._window.projects.open_paths([path]))
+        menu.addAction("Another subject", lambda: self.subject_offered.emit([path]))
         menu.popup(self._window.mapToGlobal(at))
         return True
 
+    @property
+    def index(self) -> int:
+        """Index of the included subject whose slices are shown: the first selected one."""
+        names = [subject.name for subject in self._session.study.included]
+        return next((names.index(name) for name in self._session.selection if name in names), 0)
+
+    def show(self, patient: SliceScene | None) -> None:
+        """Show the slices of the patient, or of the selected subject."""
+        included = self._session.study.included
+        if included:
+            scene = patient or sliced_subject(self._session, included[self.index].name)
+            self._slices.show_subject(scene)
+
+    def point(self, name: str, shown: Content, place: FloatArray) -> None:
+        """Put the crosshair to a place that was clicked or is looked at in the views."""
+        local = transform_points(inverse_matrices(shown.alignment), np.asarray(place)[None])[0]
+        self._slices.go_to(name, local)
+
     def _subject_at(self, at: QPoint) -> str:
         """Return the subject whose row or slices are at a place of the window; nothing if there is none."""
-        views, table = self._window.views, self._window.inspector.cohort
-        if views is not None and views.shows_slices:
-            slices = views.stage.slices
-            if slices.rect().contains(slices.mapFrom(self._window, at)):
-                return slices.name
-        if not table.isVisible():
-            return ""
-        return table.subject_at(self._window.mapToGlobal(at))
+        slices = self._slices
+        if slices.isVisible() and slices.rect().contains(slices.mapFrom(self._window, at)):
+            return slices.name
+        return self._table.subject_at(self._window.mapToGlobal(at)) if self._table.isVisible() else ""
 
 
 def _is_series(path: Path) -> bool:

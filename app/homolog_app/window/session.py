@@ -1,7 +1,7 @@
 """The open study: the one object that the panels talk to."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,23 +11,82 @@ from PySide6.QtGui import QUndoCommand, QUndoStack
 
 from homolog.cohort import Subject
 from homolog.settings import RunSettings
+from homolog_app.studies.jobs import Devices, RunJob
 from homolog_app.studies.loaded_result import LoadedResult
+from homolog_app.studies.model_shape import PreliminaryModel
 from homolog_app.studies.study import Extension, Member, Study, extension_of
 from homolog_app.views.contents import Groomed
+from homolog_app.window.runner import Status
 
 if TYPE_CHECKING:
     from homolog_app.studies.file_survey import FileSurvey
 
-__all__ = ["Session"]
+__all__ = ["BACKGROUND", "Job", "Session"]
+
+
+BACKGROUND = ("read", "restore", "prepare")
+"""Kinds of jobs that nobody waits for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What is computed now.
+
+    Attributes
+    ----------
+    kind : str
+        Names it; empty if nothing is computed.
+    following : str
+        What begins after it, because the user waits for it.
+    status : Status or None
+        How far what the user waits for is.
+    aside : str
+        What is done in the background, or beside grooming and runs, in words.
+    run : RunJob or None
+        The run that goes on.
+    kept : RunJob or None
+        The run that was cancelled last, whose particles can still become the result.
+    """
+
+    kind: str = ""
+    following: str = ""
+    status: Status | None = None
+    aside: str = ""
+    run: RunJob | None = None
+    kept: RunJob | None = None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether the user waits for something."""
+        return self.kind not in ("", *BACKGROUND) or bool(self.following)
+
+    @property
+    def is_saving(self) -> bool:
+        """Whether a result is being written, or is about to be."""
+        return "keep" in (self.kind, self.following)
 
 
 class Session(QObject):
-    """What is open, what was computed for it, and what is selected. Only the GUI thread touches it."""
+    """What is open, computed, selected and seen: a signal for each. Only the GUI thread touches it.
+
+    `project_changed` is about the folder and whether everything is saved in it, `job_changed` about a job
+    that begins, ends, pauses, or has a first or another preliminary model; `job_progressed` says only that
+    its status is newer. `noticed` is a word for the status bar, `failed` an error with its kind.
+    """
 
     study_changed = Signal()
-    facts_changed = Signal()
-    selection_changed = Signal()
     project_changed = Signal()
+    surveys_changed = Signal()
+    groomed_changed = Signal()
+    result_changed = Signal()
+    selection_changed = Signal()
+    step_changed = Signal()
+    page_changed = Signal()
+    job_changed = Signal()
+    job_progressed = Signal()
+    devices_changed = Signal()
+    noticed = Signal(str)
+    failed = Signal(str, object)
 
     def __init__(self, parent: QObject) -> None:
         super().__init__(parent)
@@ -44,6 +103,13 @@ class Session(QObject):
         self.written: LoadedResult | None = None
         """The result in the project's folder."""
         self.selection: tuple[str, ...] = ()
+        self.step = "cohort"
+        """The step of the study that is seen."""
+        self.page = ""
+        """Title of the page of *Explore* that is open."""
+        self.job = Job()
+        self.devices: Devices | None = None
+        """Those of this machine; None until they are known."""
         self.undo.cleanChanged.connect(self.project_changed)
 
     @property
@@ -74,6 +140,45 @@ class Session(QObject):
         """What a run can add to the result; None without one."""
         return extension_of(self.study, self.result.record) if self.result is not None else None
 
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """What of the open study is not in the project's folder, in words."""
+        edits = self.folder is not None and not self.undo.isClean()
+        cautions = {"Unsaved edits": edits, "Changed particles": not self.is_result_written}
+        return tuple(text for text, given in cautions.items() if given)
+
+    def show_step(self, step: str) -> None:
+        """Turn to one of the four steps."""
+        self.step = step
+        self.step_changed.emit()
+
+    def show_page(self, page: str) -> None:
+        """Say which page of *Explore* is open."""
+        if page != self.page:
+            self.page = page
+            self.page_changed.emit()
+
+    @property
+    def preliminary(self) -> PreliminaryModel | None:
+        """The model so far of the run that goes on or was cancelled, while the study has no result."""
+        run = self.job.run or self.job.kept
+        return run.preliminary if run is not None and self.result is None else None
+
+    def add_surveys(self, surveys: "Mapping[str, FileSurvey]") -> None:
+        """Have what was read of subjects' files."""
+        self.surveys |= surveys
+        self.surveys_changed.emit()
+
+    def add_groomed(self, groomed: Mapping[str, Groomed]) -> None:
+        """Have groomed subjects, in place of those of the same names."""
+        self.groomed |= groomed
+        self.groomed_changed.emit()
+
+    def set_devices(self, devices: Devices) -> None:
+        """Know the devices of this machine."""
+        self.devices = devices
+        self.devices_changed.emit()
+
     def edit(self, text: str, study: Study, key: str = "") -> None:
         """Make an edit that can be undone; successive edits with the same key become one."""
         if study != self.study:
@@ -91,9 +196,11 @@ class Session(QObject):
         self._remember()
         self.undo.clear()
         self.project_changed.emit()
-        self.study_changed.emit()
-        self.facts_changed.emit()
-        self.selection_changed.emit()
+        for changed in (
+            self.study_changed, self.surveys_changed, self.groomed_changed, self.result_changed,
+            self.selection_changed,
+        ):  # fmt: skip
+            changed.emit()
 
     @property
     def is_result_written(self) -> bool:
@@ -127,7 +234,7 @@ class Session(QObject):
     def show_result(self, loaded: LoadedResult | None) -> None:
         """Show another result without a trace in the history."""
         self.result = loaded
-        self.facts_changed.emit()
+        self.result_changed.emit()
 
     def select(self, names: Iterable[str]) -> None:
         """Select subjects, everywhere."""
@@ -156,6 +263,10 @@ class Session(QObject):
             "Include subjects" if included else "Exclude subjects",
             lambda member: replace(member, included=included),
         )
+
+    def remove_selected(self) -> None:
+        """Take the selected subjects out of the study."""
+        self.edit("Remove subjects", self.study.without(self.selection))
 
     def _edit_selected(self, text: str, change: Callable[[Member], Member]) -> None:
         changed = {

@@ -22,8 +22,7 @@ from homolog_app.views.slices import (
     planes_of,
     section_of,
 )
-from homolog_app.window.scans import ScanReader
-from homolog_app.window.slice_canvas import MARGIN, Line, SliceCanvas, SliceContent
+from homolog_app.window.slice_canvas import MARGIN, Line, ScanReader, SliceCanvas, SliceContent
 from homolog_app.window.theme import Theme
 from homolog_app.window.widgets import GRID, button, choice, label
 

@@ -1,7 +1,6 @@
 """The stage of the views with its bars: what is shown, the cutting plane, the range of colours, the menu."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt, Signal, Slot
 from PySide6.QtWidgets import (
@@ -31,9 +30,6 @@ from homolog_app.window.slice_view import SliceView
 from homolog_app.window.theme import Theme, pixmap
 from homolog_app.window.widgets import GRID, button, choice, label
 
-if TYPE_CHECKING:
-    from homolog_app.window.main_window import MainWindow
-
 __all__ = ["ClipBar", "RangeDialog", "Stage", "ViewBar", "ViewFooter", "view_menu"]
 
 
@@ -41,30 +37,17 @@ _IN_MENU = ("view.raw", "view.groomed", "view.particles", "view.clip")
 _PICTURES = ("view.copy", "view.screenshot", "view.range")
 
 
-def view_menu(window: "MainWindow", name: str) -> QMenu:
-    """Return the menu of a view.
-
-    Parameters
-    ----------
-    window : MainWindow
-    name : str
-        Of the subject or shape that the view shows; nothing if it shows none.
-    """
-    menu, views = QMenu(window), window.views
-    subjects = {member.name for member in window.workspace.session.study.included}
-    if name in subjects and views is not None:
-        menu.addAction(f"Select {name.replace('&', '&&')}", lambda: window.workspace.session.select([name]))
-        only = menu.addAction("Show only this subject", lambda: views.show_only(name))
-        only.setEnabled(not views.shows_model)
-        menu.addSeparator()
+def view_menu(window: QWidget, actions: Actions) -> QMenu:
+    """Return the menu of a view, without what is about its subject."""
+    menu = QMenu(window)
     camera = menu.addMenu("Look from")
     for view in VIEWS:
-        camera.addAction(window.commands[f"view.{view}"])
-    menu.addAction(window.commands["view.reset"])
+        camera.addAction(actions[f"view.{view}"])
+    menu.addAction(actions["view.reset"])
     menu.addSeparator()
     for part in (_IN_MENU, _PICTURES):
         for identifier in part:
-            menu.addAction(window.commands[identifier])
+            menu.addAction(actions[identifier])
         menu.addSeparator()
     return menu
 

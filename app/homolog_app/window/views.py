@@ -5,28 +5,29 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
-from PySide6.QtCore import QObject, QPoint, Qt, Slot
-from PySide6.QtWidgets import QApplication
+from PySide6.QtCore import QObject, QPoint, Qt, Signal, Slot
+from PySide6.QtGui import QAction
+from PySide6.QtWidgets import QApplication, QMainWindow
 
 from homolog.arrays import FloatArray
-from homolog.geometry import inverse_matrices, transform_points
-from homolog_app.rendering.colours import ColourScale
 from homolog_app.studies.files import ViewRecord
 from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.views.cell import VIEWS
 from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.contents import Groomed, subject_contents
 from homolog_app.views.view_states import ColouredView, Snapshot, SubjectsView
+from homolog_app.window.actions import Actions
+from homolog_app.window.cohort_panel import CohortPanel
 from homolog_app.window.commands import LAYOUTS
+from homolog_app.window.explore.panel import ExplorePanel
 from homolog_app.window.interactor import Pick
-from homolog_app.window.run_particles import RunParticles
-from homolog_app.window.scans import ScanController, sliced_subject
+from homolog_app.window.run_particles import EnergyCurves, RunParticles
+from homolog_app.window.scans import ScanController
 from homolog_app.window.stage import RangeDialog, view_menu
+from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.page import ExplorePage
-    from homolog_app.window.main_window import MainWindow
     from homolog_app.window.stage import Stage
 
 __all__ = ["Views"]
@@ -35,50 +36,57 @@ __all__ = ["Views"]
 class Views(QObject):
     """Drives the stage: subjects and particles of a run, or what the open page of Explore shows."""
 
-    def __init__(self, window: "MainWindow", stage: "Stage") -> None:
+    layout_changed = Signal()
+    slices_saved = Signal(object)
+    picture_saved = Signal(object, object, object)
+
+    def __init__(
+        self, window: QMainWindow, workspace: Workspace, commands: Actions, stage: "Stage",
+        explore: ExplorePanel, table: CohortPanel, curves: EnergyCurves,
+    ) -> None:  # fmt: skip
         super().__init__(window)
-        self._window, self.stage = window, stage
-        self._session, self._work = window.workspace.session, window.workspace.work
+        self._window, self._commands, self.stage = window, commands, stage
+        self._bar = stage.scene.bar
+        self._session, self._work = workspace.session, workspace.work
         self._shown: list[object] = []
         self.subjects: list[Content] = []
-        self.run = RunParticles(self._window, stage)
-        self._explore = window.inspector.explore
+        self.run = RunParticles(workspace, commands["run.play"], stage, curves)
+        self._explore = explore
         self._result: LoadedResult | None = None
         stage.bar.opacity_changed.connect(lambda value: stage.scene.switch(opacity=value))
         stage.clip.changed.connect(self._cut)
-        stage.scene.bar.clicked.connect(lambda: window.commands["view.range"].trigger())
+        self._bar.clicked.connect(lambda: commands["view.range"].trigger())
         self.run.moved.connect(self._show_run)
         stage.scene.page_changed.connect(self._update_page)
-        for signal in (self._session.study_changed, self._session.facts_changed):
+        session = self._session
+        for signal in (
+            session.study_changed, session.surveys_changed, session.groomed_changed, session.result_changed,
+        ):  # fmt: skip
             signal.connect(self.refresh)
-        for signal in (self._explore.shown_changed, self._explore.page_changed, window.step_changed):
+        for signal in (explore.shown_changed, session.page_changed, session.step_changed):
             signal.connect(self._display)
         for page in self._explore.pages:
             page.place_wanted.connect(stage.scene.go_to)
             page.place_wanted.connect(self._point_slices)
-        self.scans = ScanController(window)
-        stage.slices.scan_wanted.connect(self.scans.choose)
+        self.scans = ScanController(window, workspace, explore, table, stage.slices)
         stage.slices.beside.toggled.connect(self._switch_slices)
         stage.scene.picker.picked.connect(self._hand_over_pick)
         stage.scene.picker.menu_wanted.connect(self._open_menu, Qt.ConnectionType.QueuedConnection)
         self._session.selection_changed.connect(self._follow_selection)
         for name in ("link", "raw", "groomed", "particles", "grid4", "letters", "scale_bar"):
-            window.commands[f"view.{name}"].setChecked(True)
+            commands[f"view.{name}"].setChecked(True)
         self._own_particles, self._balls, self._generation = False, False, 0
         self._told: tuple[int, tuple[int, ...], bool] = (0, (), False)
         self.refresh()
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of the views do."""
-        commands, scene = self._window.commands, self.stage.scene
-
-        def switch(name: str) -> Callable[[], object]:
-            return lambda: self._switch(name)
+        commands, scene = self._commands, self.stage.scene
 
         return {
             **{f"view.grid{count}": partial(self.choose_layout, count) for count in LAYOUTS},
             **{f"view.{view}": partial(scene.look, view) for view in VIEWS},
-            **{f"view.{name}": switch(name) for name in ("raw", "groomed", "particles")},
+            **{f"view.{name}": partial(self._switch, name) for name in ("raw", "groomed", "particles")},
             "view.previous": lambda: self.turn_page(-1),
             "view.next": lambda: self.turn_page(1),
             "view.link": lambda: scene.set_linked(commands["view.link"].isChecked()),
@@ -103,24 +111,20 @@ class Views(QObject):
     def is_coloured(self) -> bool:
         """Whether the ends of the colour scale can be set."""
         page = self._page
-        return page is not None and isinstance(page.chosen, ColouredView) and self._scale is not None
+        return page is not None and isinstance(page.chosen, ColouredView) and self._bar.scale is not None
 
     def _turn_colours(self) -> None:
         """Count displacements as positive away from the middle of the shape, or out of the tissue."""
         for page in self._explore.pages:
-            page.from_middle = self._window.commands["view.from_middle"].isChecked()
+            page.from_middle = self._commands["view.from_middle"].isChecked()
         self._display()
-
-    @property
-    def _scale(self) -> ColourScale | None:
-        return self.stage.scene.bar.scale
 
     def choose_range(self) -> None:
         """Ask for the ends of the colour scale, and show them as they are typed."""
-        page, scale = self._page, self._scale
+        page, scale = self._page, self._bar.scale
         if page is not None and scale is not None:
-            dialog = RangeDialog(self._window, scale, page.set_colour_range, lambda: self._scale)
-            self._explore.page_changed.connect(dialog.reject)
+            dialog = RangeDialog(self._window, scale, page.set_colour_range, lambda: self._bar.scale)
+            self._session.page_changed.connect(dialog.reject)
             dialog.show()
 
     @property
@@ -134,7 +138,7 @@ class Views(QObject):
     @property
     def snapshot(self) -> Snapshot | None:
         """What is seen, in words that a picture can be drawn from again; None if the project lacks it."""
-        if self._work.run_job is not None or self._window.exporting.missing:
+        if self._session.job.run is not None or self._session.missing:
             return None
         page = self._page
         if page is not None and (self._session.result is None or not page.can_be_drawn_again):
@@ -154,15 +158,15 @@ class Views(QObject):
     def save_picture(self) -> None:
         """Ask how and where, and save a picture of the views, or of the slices, as they are now."""
         if self.shows_slices:
-            self._window.exporting.save_slices(self.stage.slices.grab())
+            self.slices_saved.emit(self.stage.slices.grab())
             return
         scene = self.stage.scene
-        self._window.exporting.open_screenshot(scene.shown_now, scene.canvas, self.snapshot)
+        self.picture_saved.emit(scene.shown_now, scene.canvas, self.snapshot)
 
     @property
     def shows_slices(self) -> bool:
         """Whether slices of a file are seen in place of the views."""
-        return self._window.commands["view.slice"].isChecked()
+        return self._commands["view.slice"].isChecked()
 
     @property
     def hides_views(self) -> bool:
@@ -174,32 +178,34 @@ class Views(QObject):
         """The open page, from 0, and how many there are; each subject is one where slices are shown."""
         scene = self.stage.scene
         if self.shows_slices:
-            return self.sliced, len(self._session.study.included)
+            return self.scans.index, len(self._session.study.included)
         return scene.page, scene.pages
-
-    @property
-    def sliced(self) -> int:
-        """Index of the subject whose slices are shown."""
-        names = [subject.name for subject in self._session.study.included]
-        return next((names.index(name) for name in self._session.selection if name in names), 0)
 
     def turn_page(self, step: int) -> None:
         """Show other subjects."""
         if self.shows_slices:
-            self._session.select([self._session.study.included[self.sliced + step].name])
+            self._session.select([self._session.study.included[self.scans.index + step].name])
             self._update_page()
         else:
             self.stage.scene.turn_page(step)
 
     def show_only(self, name: str) -> None:
         """Show one subject alone."""
-        self._window.commands["view.grid1"].trigger()
+        self._commands["view.grid1"].trigger()
         self.stage.scene.show_name(name)
 
     @Slot(str, QPoint)
     def _open_menu(self, name: str, at: QPoint) -> None:
         """Open the menu of a view, after VTK has seen the end of the click."""
-        menu = view_menu(self._window, name)
+        menu = view_menu(self._window, self._commands)
+        if name in {member.name for member in self._session.study.included}:
+            first = menu.actions()[0]
+            select = QAction(f"Select {name.replace('&', '&&')}", menu)
+            select.triggered.connect(lambda: self._session.select([name]))
+            only = QAction("Show only this subject", menu, enabled=not self.shows_model)
+            only.triggered.connect(lambda: self.show_only(name))
+            menu.insertActions(first, [select, only])
+            menu.insertSeparator(first)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         menu.popup(at)
 
@@ -210,8 +216,8 @@ class Views(QObject):
     def restore_view(self, view: ViewRecord) -> None:
         """Look from where a record says, at whole shapes, with its opacity, letters and scale bar."""
         for name, shown in (("letters", view.letters), ("scale_bar", view.scale_bar)):
-            if self._window.commands[f"view.{name}"].isChecked() is not shown:
-                self._window.commands[f"view.{name}"].trigger()
+            if self._commands[f"view.{name}"].isChecked() is not shown:
+                self._commands[f"view.{name}"].trigger()
         self.stage.bar.opacity.setValue(round(100.0 * view.opacity))
         if view.camera is not None:
             self.stage.scene.set_camera(view.camera)
@@ -223,7 +229,7 @@ class Views(QObject):
             page.choose_layout(count)
         else:
             self.stage.scene.set_layout(count)
-            self._window.refresh()
+            self.layout_changed.emit()
 
     @Slot()
     def refresh(self) -> None:
@@ -242,7 +248,7 @@ class Views(QObject):
             had_smooth = any(isinstance(content, Groomed | LoadedResult) for content in self._shown)
             smooth = bool(session.groomed or session.result)
             if smooth is not had_smooth:  # there must be something to see, and not the input behind it
-                self._window.commands["view.raw"].setChecked(not smooth)
+                self._commands["view.raw"].setChecked(not smooth)
                 stage.scene.switch(raw=not smooth)
             self._shown = key
             self.subjects = subject_contents(
@@ -270,7 +276,7 @@ class Views(QObject):
     def _page(self) -> "ExplorePage | None":
         """The page of Explore that says what is shown."""
         there = self._session.result is not None or self._explore.fitted.preliminary is not None
-        return self._explore.page if self._window.step == "explore" and there else None
+        return self._explore.page if self._session.step == "explore" and there else None
 
     @Slot()
     def _display(self) -> None:
@@ -299,12 +305,12 @@ class Views(QObject):
         state = (count, self.layouts, self.is_coloured)
         if state != self._told:
             self._told = state
-            self._window.commands[f"view.grid{count}"].setChecked(True)
-            self._window.refresh()
+            self._commands[f"view.grid{count}"].setChecked(True)
+            self.layout_changed.emit()
 
     def _swap_balls(self) -> None:
         """Remember apart whether particles are seen on subjects and on shapes of the model."""
-        balls = self._window.commands["view.particles"]
+        balls = self._commands["view.particles"]
         self._balls, seen = balls.isChecked(), self._balls
         balls.setChecked(seen)
         self.stage.scene.switch(particles=seen)
@@ -320,10 +326,9 @@ class Views(QObject):
     def _point_slices(self, name: str, place: FloatArray, _: object = None) -> None:
         """Put the crosshair of the slices to a place that was clicked or is looked at in the views."""
         shown = next((content for content in self.stage.scene.shown if content.name == name), None)
-        patient = self._page.sliced() if self._page is not None else None
         if shown is not None:
-            local = transform_points(inverse_matrices(shown.alignment), np.asarray(place)[None])[0]
-            self.stage.slices.go_to(patient.name if patient else name, local)
+            patient = self._page.sliced() if self._page is not None else None
+            self.scans.point(patient.name if patient else name, shown, place)
 
     def play_or_stop(self) -> None:
         """Play the run from its first moment or what the open page of Explore plays, or hold."""
@@ -359,7 +364,7 @@ class Views(QObject):
 
     def _switch(self, name: str) -> None:
         """Show or hide surfaces or particles; where slices are seen, leave them for what is asked for."""
-        command, slices = self._window.commands[f"view.{name}"], self._window.commands["view.slice"]
+        command, slices = self._commands[f"view.{name}"], self._commands["view.slice"]
         if self.hides_views:
             command.setChecked(True)
             slices.setChecked(False)
@@ -369,7 +374,7 @@ class Views(QObject):
     @Slot()
     def _cut(self) -> None:
         """Cut the shapes open as the strip says, or leave them whole."""
-        bar, cut = self.stage.clip, self._window.commands["view.clip"].isChecked()
+        bar, cut = self.stage.clip, self._commands["view.clip"].isChecked()
         bar.setVisible(cut and not self.hides_views)
         self.stage.scene.cut(bar.clip if cut else None)
 
@@ -380,19 +385,15 @@ class Views(QObject):
         self._update_page()
 
     def _show_slices(self) -> None:
-        if not self._session.study.included:
-            return
-        patient = self._page.sliced() if self._page is not None else None
-        name = self._session.study.included[self.sliced].name
-        self.stage.slices.show_subject(patient or sliced_subject(self._session, name))
+        self.scans.show(self._page.sliced() if self._page is not None else None)
 
     @Slot()
     def _update_page(self) -> None:
         scene, total = self.stage.scene, len(self._session.study.included)
         if self.shows_slices:
-            self.stage.footer.show_page(self.sliced + 1, self.sliced + 1, total)
+            self.stage.footer.show_page(self.scans.index + 1, self.scans.index + 1, total)
         else:
             first = scene.page * scene.layout_count
             total = total if scene.pages > 1 or not scene.columns else 0
             self.stage.footer.show_page(first + 1, min(first + scene.layout_count, total), total)
-        self._window.refresh()
+        self.layout_changed.emit()

@@ -1,10 +1,12 @@
-"""The state of a window that no widget owns: theme, preferences, session, jobs and journal."""
+"""The state of a window that no widget owns: theme, preferences, session, jobs and journal; controllers."""
 
 import logging
 import os
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import wraps
 from pathlib import Path
+from typing import Concatenate, ParamSpec, TypeVar, cast
 
 from PySide6.QtCore import QByteArray, QObject, QSettings, QTimer, Slot
 from PySide6.QtWidgets import (
@@ -17,7 +19,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from homolog.errors import InputError
+from homolog.errors import HomologError, InputError
 from homolog.files.project import ProjectFolder
 from homolog.settings import RunSettings
 from homolog_app.studies.files import Journal, JournalRecord, ViewRecord, record_of
@@ -28,7 +30,7 @@ from homolog_app.window.theme import Theme
 from homolog_app.window.widgets import GRID, label
 from homolog_app.window.work import Work
 
-__all__ = ["Preferences", "PreferencesDialog", "Workspace"]
+__all__ = ["Controller", "Preferences", "PreferencesDialog", "Workspace", "reported"]
 
 
 _log = logging.getLogger(__name__)
@@ -176,7 +178,7 @@ class Workspace(QObject):
         if session.read_only:
             return False
         unsaved = session.folder is None and bool(session.study.members)
-        return unsaved or self.work.is_saving or not session.undo.isClean()
+        return unsaved or self.session.job.is_saving or not session.undo.isClean()
 
     def lock_project(self, folder: Path | None) -> None:
         """Lock the open project against other programs, and release the previous one.
@@ -195,8 +197,13 @@ class Workspace(QObject):
         self._held = held
 
     def handlers(self) -> dict[str, Callable[[], object]]:
-        """Return the handlers of the commands of *Groom* and *Run*."""
+        """Return the handlers of the commands that need no window."""
+        session = self.session
         return {
+            "edit.undo": session.undo.undo,
+            "edit.redo": session.undo.redo,
+            "edit.include": session.toggle_included,
+            "edit.remove": session.remove_selected,
             "run.groom": self.groom,
             "run.regroom": self.groom_selected,
             "run.start": self.run,
@@ -230,7 +237,7 @@ class Workspace(QObject):
     @Slot()
     def write_journal(self) -> None:
         """Record what is open, so that it can be recovered after a crash."""
-        running = self.work.run_job is not None
+        running = self.session.job.run is not None
         if not self.is_changed and not running:
             self.journal.clear_record()
             return
@@ -254,3 +261,34 @@ class Workspace(QObject):
         self.garbage_collector.close()
         self._held.close()
         self.journal.close()
+
+
+class Controller(QObject):
+    """Base of the controllers: each handles a group of the window's commands, and asks over the window."""
+
+    def __init__(self, window: QWidget, workspace: Workspace) -> None:
+        super().__init__(window)
+        self._window, self._workspace = window, workspace
+
+    def show_error(self, kind: str, error: BaseException) -> None:
+        """Tell what went wrong."""
+        self._workspace.session.failed.emit(kind, error)
+
+
+_Given = ParamSpec("_Given")
+_AnyController = TypeVar("_AnyController", bound=Controller)
+_Method = Callable[Concatenate[_AnyController, _Given], None]
+
+
+def reported(method: "_Method[_AnyController, _Given]") -> "_Method[_AnyController, _Given]":
+    """Show an error of a part's method in the error dialog instead of raising it."""
+
+    @wraps(method)
+    def wrapper(self: _AnyController, *args: _Given.args, **kwargs: _Given.kwargs) -> None:
+        try:
+            method(self, *args, **kwargs)
+        except (HomologError, OSError) as error:
+            _log.warning("%s", error)
+            self.show_error(method.__name__, error)
+
+    return cast("_Method[_AnyController, _Given]", wrapper)

@@ -30,14 +30,14 @@ def keep_checking(
     order["view.grid4"].trigger()
     order["explore.check"].trigger()
     page = window.inspector.explore.page_of(CheckPage)
-    until(lambda: page.checked.inspection is not None and not work.is_busy)
+    until(lambda: page.checked.inspection is not None and not work.session.job.is_busy)
     order["check.next"].trigger()
     keep("check")
     for what, name in (("checkerboard", "check_texture"), ("distances", "check_distances")):
         page.look.show_what.setCurrentIndex(page.look.show_what.findData(what))
         if what == "distances":
             page.look.mark(_beside_slot(page.checked.inspection), SUBJECT)
-        until(lambda: not work.is_busy)
+        until(lambda: not work.session.job.is_busy)
         order["view.head"].trigger()
         keep(name)
     page.look.show_what.setCurrentIndex(0)

@@ -60,4 +60,4 @@ def open_page(window: "MainWindow") -> QWidget:
         "correspond": inspector.correspond,
         "explore": inspector.explore.page,
     }
-    return panels[window.step]
+    return panels[window.workspace.session.step]

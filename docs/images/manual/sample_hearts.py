@@ -23,7 +23,7 @@ def keep_hearts(
     window.tour.card.end.click()
     for command in ("run.groom", "run.start"):
         order[command].trigger()
-        until(lambda: not work.is_busy)
+        until(lambda: not work.session.job.is_busy)
     keep_cut(window, until, keep)
 
 
@@ -39,9 +39,9 @@ def keep_scan(
         window.projects.open_paths([Path(folder)])
         until(lambda: len(session.surveys) == 4)
         session.select(["heart_02"])
-        window.show_step("groom")
+        window.workspace.session.show_step("groom")
         order["run.groom"].trigger()
-        until(lambda: not work.is_busy and session.is_groomed)
+        until(lambda: not work.session.job.is_busy and session.is_groomed)
         order["view.slice"].trigger()
         until(lambda: window.views.stage.slices.reader.read is not None)
         keep("scan")
@@ -55,7 +55,7 @@ def keep_cut(
 ) -> None:
     """Keep the cut-away of the subjects and the map of thickness; the hearts' result is open."""
     order, explore = window.commands, window.inspector.explore
-    window.show_step("explore")
+    window.workspace.session.show_step("explore")
     order["view.grid4"].trigger()
     order["view.corner"].trigger()
     order["view.clip"].trigger()
@@ -84,11 +84,11 @@ def keep_patient(
 
     window.commands["explore.patient"].trigger()
     page, work = window.inspector.explore.page, window.workspace.work
-    until(lambda: not work.is_busy)
+    until(lambda: not work.session.job.is_busy)
     page.make_reference()
-    until(lambda: page.reference is not None and not work.is_busy)
+    until(lambda: page.reference is not None and not work.session.job.is_busy)
     with tempfile.TemporaryDirectory() as folder:
         write_study(Path(folder), make_study("hearts", 4, 9), 9)
         page.compare(Path(folder) / "heart_02.nrrd")
-        until(lambda: page.comparison is not None and not work.is_busy)
+        until(lambda: page.comparison is not None and not work.session.job.is_busy)
     keep("patient")

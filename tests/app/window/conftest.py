@@ -154,7 +154,7 @@ def explored(window, finished, tmp_path, wait):
     """Return the window with a copy of the finished project open."""
     shutil.copytree(finished, tmp_path / "copy")
     window.projects.open_paths([tmp_path / "copy"])
-    wait(lambda: window.workspace.session.result is not None and window.step == "explore")
+    wait(lambda: window.workspace.session.result is not None and window.workspace.session.step == "explore")
     return window
 
 
@@ -212,7 +212,9 @@ def explore(window, tmp_path, wait):
     def open_page(project, page):
         shutil.copytree(project, tmp_path / project.name)
         window.projects.open_paths([tmp_path / project.name])
-        wait(lambda: window.workspace.session.result is not None and window.step == "explore")
+        wait(
+            lambda: window.workspace.session.result is not None and window.workspace.session.step == "explore"
+        )
         window.commands[f"explore.{page}"].trigger()
         explore = window.inspector.explore
         wait(lambda: explore.fitted.shape is not None)
@@ -226,7 +228,7 @@ def groomed(beans, wait, groomed_cache):
     """Return the window after grooming."""
     shutil.copytree(groomed_cache, beans.workspace.project.groomed)
     beans.commands["run.groom"].trigger()
-    wait(lambda: not beans.workspace.work.is_busy)
+    wait(lambda: not beans.workspace.session.job.is_busy)
     assert beans.workspace.session.is_groomed
     return beans
 

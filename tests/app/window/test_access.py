@@ -302,7 +302,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     from homolog_app.window.explore.plot import EnlargedPlot
 
     def rest():
-        wait(lambda: not work.is_busy, seconds=120)
+        wait(lambda: not work.session.job.is_busy, seconds=120)
 
     commands, workspace, panels = window.commands, window.workspace, window.inspector
     session, work, scene = workspace.session, workspace.work, window.views.stage.scene
@@ -315,7 +315,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
 
     shutil.copytree(bean_project, tmp_path / "beans")
     window.projects.open_paths([tmp_path / "beans"])
-    wait(lambda: session.result is not None and window.step == "explore")
+    wait(lambda: session.result is not None and window.workspace.session.step == "explore")
     rest()
     walk.seen |= {kind for one in [scene, *scene.findChildren(QWidget)] for kind in type(one).__mro__}
 
@@ -384,9 +384,9 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     workspace.edit_settings("optimize", "particles", quick(200))
     look("more particles", panels)
     commands["run.more"].trigger()
-    wait(lambda: work.run_job is not None and work.run_job.frame is not None)
+    wait(lambda: work.session.job.run is not None and work.session.job.run.frame is not None)
     commands["run.pause"].trigger()
-    wait(lambda: work.run_job.status.paused)
+    wait(lambda: work.session.job.run.status.paused)
     look("a run", panels)
     order("view.screenshot")
     commands["run.cancel"].trigger()

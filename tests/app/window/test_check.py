@@ -54,9 +54,9 @@ def swapped(converged, tmp_path):
 def checking(window, swapped, errors, wait):
     """Return the window with that project open at the Check page, suspects found."""
     window.projects.open_paths([swapped])
-    wait(lambda: window.workspace.session.result is not None and window.step == "explore")
+    wait(lambda: window.workspace.session.result is not None and window.workspace.session.step == "explore")
     window.commands["explore.check"].trigger()
-    wait(lambda: page_of(window).checked.inspection is not None and not window.workspace.work.is_busy)
+    wait(lambda: page_of(window).checked.inspection is not None and not window.workspace.session.job.is_busy)
     assert not errors
     return window
 
@@ -68,7 +68,7 @@ def page_of(window):
 
 
 def settled(window, wait):
-    wait(lambda: not window.workspace.work.is_busy)
+    wait(lambda: not window.workspace.session.job.is_busy)
 
 
 def show(window, wait, what):
@@ -135,7 +135,7 @@ def test_the_close_up_on_a_suspect_stays_when_something_else_is_shown_or_undone(
     checking.commands["check.next"].trigger()
     camera = scene.canvas.cameras[0]
     page.look.show_what.setCurrentIndex(page.look.show_what.findData("distances"))
-    wait(lambda: page.look.marks.distances is not None and not checking.workspace.work.is_busy)
+    wait(lambda: page.look.marks.distances is not None and not checking.workspace.session.job.is_busy)
     assert scene.canvas.cameras[0] == camera
     page.look.show_what.setCurrentIndex(page.look.show_what.findData("places"))
     assert scene.canvas.cameras[0] == camera
@@ -173,11 +173,11 @@ def test_particles_that_could_not_be_written_count_as_unsaved(checking, monkeypa
 
 def test_cancelling_the_search_leaves_it_to_be_asked_for_again(window, swapped, errors, wait):
     window.projects.open_paths([swapped])
-    wait(lambda: window.workspace.session.result is not None and window.step == "explore")
+    wait(lambda: window.workspace.session.result is not None and window.workspace.session.step == "explore")
     settled(window, wait)
     window.commands["explore.check"].trigger()
     page = page_of(window)
-    wait(lambda: window.workspace.work.kind == "check")
+    wait(lambda: window.workspace.session.job.kind == "check")
     window.commands["run.cancel"].trigger()
     settled(window, wait)
     if page.checked.inspection is None:
@@ -337,7 +337,7 @@ def test_two_subjects_are_told_to_be_too_few(explored, errors, wait):
         world=two.world[:2], alignments=two.alignments[:2],
     )  # fmt: skip
     session.result = replace(session.result, result=result, surfaces=kept)
-    session.facts_changed.emit()
+    session.result_changed.emit()
     explored.commands["explore.check"].trigger()
     settled(explored, wait)
     assert "three or more" in page_of(explored).state.text()

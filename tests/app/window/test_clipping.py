@@ -101,7 +101,7 @@ def test_the_plane_of_the_window_is_that_of_a_picture_made_again(beans, wait):
 def test_the_plane_stays_from_page_to_page_and_goes_with_the_command(explored):
     commands, stage = explored.commands, explored.views.stage
     commands["view.clip"].trigger()
-    explored.show_step("correspond")
+    explored.workspace.session.show_step("correspond")
     assert stage.scene.canvas.clip is not None
     commands["view.slice"].trigger()
     assert not stage.clip.isVisible()

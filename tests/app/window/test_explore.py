@@ -45,7 +45,7 @@ def test_a_new_result_is_fitted_again_and_nothing_of_the_old_one_is_shown(explor
     session, fitted = window.workspace.session, window.inspector.explore.fitted
     before = fitted.shape
     session.result = replace(session.result)
-    session.facts_changed.emit()
+    session.result_changed.emit()
     assert fitted.shape is None
     wait(lambda: fitted.shape is not None)
     assert fitted.shape is not before
@@ -57,9 +57,9 @@ def test_a_cancelled_fit_is_not_begun_again_until_the_page_is_opened_again(explo
     from dataclasses import replace
 
     session.result = replace(session.result)
-    session.facts_changed.emit()
+    session.result_changed.emit()
     work.cancel()
-    wait(lambda: not work.is_busy)
+    wait(lambda: not work.session.job.is_busy)
     fitted = window.inspector.explore.fitted
     if fitted.shape is None:  # it may have been faster than the wish to end it
         assert "open this page again" in window.inspector.explore.page.state.text()

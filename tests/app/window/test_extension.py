@@ -24,7 +24,7 @@ def test_particles_are_added_to_the_result(explored, wait):
     assert panel.more.text() == "Add 16 particles"
     before = session.result.result.local
     command.trigger()
-    wait(lambda: not explored.workspace.work.is_busy)
+    wait(lambda: not explored.workspace.session.job.is_busy)
     after = session.result.result.local
     assert after.shape[1] == 48
     moved = np.linalg.norm(after[:, :32] - before, axis=2)
@@ -42,7 +42,7 @@ def test_new_subjects_are_fitted_and_the_others_keep_their_particles(explored, e
     assert panel.fit.text() == "Fit 1 new subject"
     assert "newcomer gets" in panel.further.text()
     explored.commands["run.fit"].trigger()
-    wait(lambda: not explored.workspace.work.is_busy)
+    wait(lambda: not explored.workspace.session.job.is_busy)
     result = session.result.result
     assert result.names[-1] == "newcomer"
     np.testing.assert_allclose(result.local[:-1], before, atol=1e-9)
@@ -70,11 +70,12 @@ def test_a_cancelled_addition_leaves_the_result_and_offers_no_particles_to_keep(
     explored.commands["run.more"].trigger()
     wait(
         lambda: (
-            explored.workspace.work.run_job is not None and explored.workspace.work.run_job.frame is not None
+            explored.workspace.session.job.run is not None
+            and explored.workspace.session.job.run.frame is not None
         )
     )
     explored.commands["run.cancel"].trigger()
-    wait(lambda: not explored.workspace.work.is_busy)
+    wait(lambda: not explored.workspace.session.job.is_busy)
     assert explored.workspace.session.result is before
     assert not explored.commands["run.keep"].isEnabled()
 
@@ -87,7 +88,7 @@ def test_a_run_is_undone_and_the_result_before_it_is_saved(explored, wait):
     before, project = session.result, ProjectFolder(session.folder)
     ask_for(explored, 48)
     commands["run.more"].trigger()
-    wait(lambda: not explored.workspace.work.is_busy)
+    wait(lambda: not explored.workspace.session.job.is_busy)
     after = session.result
     assert after.result.local.shape[1] == 48
     commands["edit.undo"].trigger()
@@ -95,7 +96,7 @@ def test_a_run_is_undone_and_the_result_before_it_is_saved(explored, wait):
     assert not commands["run.more"].isEnabled()  # it would begin with the particles of the folder
     assert read_result(project).local.shape[1] == 48
     commands["file.save"].trigger()
-    wait(lambda: session.is_result_written and not explored.workspace.work.is_busy)
+    wait(lambda: session.is_result_written and not explored.workspace.session.job.is_busy)
     np.testing.assert_array_equal(read_result(project).local, before.result.local)
     assert project.read().settings.optimize.particles == 48
     assert commands["run.more"].isEnabled()

@@ -77,7 +77,7 @@ def test_a_project_that_another_program_has_open_is_opened_read_only_if_the_user
         window.projects.open_paths([folder])
         assert session.folder is None
         window.projects.open_paths([folder])
-        wait(lambda: session.result is not None and not window.workspace.work.is_busy)
+        wait(lambda: session.result is not None and not window.workspace.session.job.is_busy)
         assert "process" in asked[1][1]
         assert session.folder == folder
         assert "read-only" in window.windowTitle()

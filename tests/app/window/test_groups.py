@@ -288,7 +288,7 @@ def test_a_test_can_be_cancelled(explore, bean_project, window, wait):
     window.commands["explore.test"].trigger()
     wait(lambda: page.progress.isVisible())
     window.commands["run.cancel"].trigger()
-    wait(lambda: not window.workspace.work.is_busy)
+    wait(lambda: not window.workspace.session.job.is_busy)
     assert not page.answers
     assert page.go.isVisible()
 

@@ -22,7 +22,7 @@ def test_a_shapeworks_project_is_imported_and_shown(window, exported, tmp_path, 
     assert [one.name for one in session.study.included] == ["a", "b", "c", "d"]
     assert len(session.result.particles["a"]) == 48
     assert session.result.summary.endswith("imported from the ShapeWorks project project.swproj")
-    assert window.step == "explore"
+    assert window.workspace.session.step == "explore"
 
 
 def test_a_folder_of_particles_is_imported_and_shown(window, exported, tmp_path, wait):

@@ -21,10 +21,10 @@ def test_a_run_can_be_cancelled_in_every_phase(groomed, errors, wait, phase):
     work = groomed.workspace.work
     groomed.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
     groomed.commands["run.start"].trigger()
-    wait(lambda: work.run_job is None or phase in ("any", work.run_job.status.phase))
-    assert work.run_job is not None
+    wait(lambda: work.session.job.run is None or phase in ("any", work.session.job.run.status.phase))
+    assert work.session.job.run is not None
     groomed.commands["run.cancel"].trigger()
-    wait(lambda: not work.is_busy)
+    wait(lambda: not work.session.job.is_busy)
     assert not errors
     assert groomed.commands["run.start"].isEnabled()
 
@@ -33,16 +33,16 @@ def test_a_paused_run_stands_still_and_goes_on(groomed, errors, wait):
     work = groomed.workspace.work
     groomed.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=64))
     groomed.commands["run.start"].trigger()
-    wait(lambda: work.run_job.frame is not None)
+    wait(lambda: work.session.job.run.frame is not None)
     groomed.commands["run.pause"].trigger()
-    wait(lambda: work.run_job.status.paused)
-    frame = work.run_job.frame
+    wait(lambda: work.session.job.run.status.paused)
+    frame = work.session.job.run.frame
     wait(lambda: groomed.inspector.correspond.pause.text() == "Resume")
-    assert work.run_job.frame is frame
+    assert work.session.job.run.frame is frame
     groomed.commands["run.pause"].trigger()
-    wait(lambda: work.run_job.frame is not frame)
+    wait(lambda: work.session.job.run.frame is not frame)
     groomed.commands["run.cancel"].trigger()
-    wait(lambda: not work.is_busy)
+    wait(lambda: not work.session.job.is_busy)
     assert not errors
 
 
@@ -50,13 +50,13 @@ def test_a_cancelled_run_is_resumed_from_its_checkpoint(groomed, errors, wait, q
     work = groomed.workspace.work
     groomed.workspace.edit_settings("optimize", "particles", quick(64))
     groomed.commands["run.start"].trigger()
-    wait(lambda: work.run_job is None or groomed.workspace.project.checkpoint.is_file())
+    wait(lambda: work.session.job.run is None or groomed.workspace.project.checkpoint.is_file())
     groomed.commands["run.cancel"].trigger()
-    wait(lambda: not work.is_busy)
+    wait(lambda: not work.session.job.is_busy)
     if groomed.workspace.session.result is None:
         assert groomed.commands["run.resume"].isEnabled()
         groomed.commands["run.resume"].trigger()
-        wait(lambda: not work.is_busy)
+        wait(lambda: not work.session.job.is_busy)
     assert groomed.workspace.session.result.result.world.shape[1] == 64
     assert not errors
 
@@ -68,14 +68,14 @@ def test_a_project_whose_run_was_stopped_says_so_when_it_is_opened(
     groomed.projects.save_to(tmp_path / "stopped")
     groomed.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
     groomed.commands["run.start"].trigger()
-    wait(lambda: work.run_job is None or groomed.workspace.project.checkpoint.is_file())
+    wait(lambda: work.session.job.run is None or groomed.workspace.project.checkpoint.is_file())
     groomed.commands["run.cancel"].trigger()
-    wait(lambda: not work.is_busy)
+    wait(lambda: not work.session.job.is_busy)
     groomed.projects.save()
     close(groomed)
     window = make_window()
     window.projects.open_paths([tmp_path / "stopped"])
-    assert window.step == "correspond"
+    assert window.workspace.session.step == "correspond"
     wait(lambda: window.inspector.correspond.resume.isVisible())
     assert "Resume continues" in window.inspector.correspond.summary.text()
 
@@ -91,14 +91,18 @@ def test_fifty_random_orders_leave_the_window_whole(groomed, errors, wait, quick
         pause = time.monotonic() + orders.random() * 0.15
         wait(lambda end=pause: time.monotonic() > end)
     groomed.workspace.work.cancel()
-    wait(lambda: groomed.workspace.work.run_job is None or not groomed.workspace.work.run_job.status.paused)
-    wait(lambda: not groomed.workspace.work.is_busy)
+    wait(
+        lambda: (
+            groomed.workspace.session.job.run is None or not groomed.workspace.session.job.run.status.paused
+        )
+    )
+    wait(lambda: not groomed.workspace.session.job.is_busy)
     assert not errors
 
 
 def test_a_window_closed_in_mid_run_leaves_nothing_behind(groomed, close, wait):
     groomed.commands["run.start"].trigger()
-    wait(lambda: groomed.workspace.work.run_job.frame is not None)
+    wait(lambda: groomed.workspace.session.job.run.frame is not None)
     close(groomed)
 
 
@@ -171,7 +175,7 @@ if __name__ == "__main__":
     import shutil
     shutil.copytree(cache, workspace.project.groomed)
     window.commands["run.groom"].trigger()
-    until(lambda: not workspace.work.is_busy)
+    until(lambda: not workspace.session.job.is_busy)
     window.commands["run.start"].trigger()
     until(lambda: workspace.project.checkpoint.is_file())
     print("ready", flush=True)
@@ -208,8 +212,8 @@ def test_after_a_kill_in_mid_run_the_next_start_offers_what_was_lost(
     session = window.workspace.session
     assert [one.name for one in session.study.members] == ["a", "b", "c", "d"]
     assert session.study.settings.optimize.particles == 128
-    assert window.step == "correspond"
+    assert window.workspace.session.step == "correspond"
     window.commands["run.resume"].trigger()
-    wait(lambda: not window.workspace.work.is_busy)
+    wait(lambda: not window.workspace.session.job.is_busy)
     assert session.result.result.world.shape == (4, 128, 3)
     assert not errors

@@ -38,7 +38,7 @@ def words_in(scene):
 
 def test_every_name_is_in_its_view_and_panels_stay_as_wide_as_they_are(window, named, tmp_path, wait, qapp):
     window.projects.open_paths([named])
-    wait(lambda: window.workspace.session.result is not None and window.step == "explore")
+    wait(lambda: window.workspace.session.result is not None and window.workspace.session.step == "explore")
     scene = window.views.stage.scene
     scene.picture()
     wait(lambda: all(words_in(scene)[0]))
@@ -55,7 +55,7 @@ def test_every_name_is_in_its_view_and_panels_stay_as_wide_as_they_are(window, n
         assert panels.minimumSizeHint().width() <= panels.minimumWidth()
     for page in panels.explore.pages:
         panels.explore.open_page(page)
-        wait(lambda: not window.workspace.work.is_busy)
+        wait(lambda: not window.workspace.session.job.is_busy)
         assert panels.minimumSizeHint().width() <= panels.minimumWidth()
     assert window.minimumSizeHint().width() <= 1100
 

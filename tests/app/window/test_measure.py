@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from homolog.surfaces.walls import mean_thickness, wall_thickness
-from homolog_app.window.explore.plot import axis_menu
+from homolog_app.window.explore.mode_plots import axis_menu
 
 pytestmark = pytest.mark.window
 

@@ -29,7 +29,7 @@ def page(explored, wait, monkeypatch, made):
     monkeypatch.setattr(build, "FEWEST", 4)
     explored.commands["explore.patient"].trigger()
     page = explored.inspector.explore.page
-    wait(lambda: not page.workspace.work.is_busy)
+    wait(lambda: not page.workspace.session.job.is_busy)
     if made:
         page.set_reference(made[0])
         return page
@@ -43,7 +43,7 @@ def page(explored, wait, monkeypatch, made):
 def patient(page, explored, ellipsoids, wait):
     """Return the page after a file was dropped on the window."""
     assert explored.exploring.drop_files([ellipsoids / "a.nrrd"])
-    wait(lambda: page.comparison is not None and not page.workspace.work.is_busy, 300.0)
+    wait(lambda: page.comparison is not None and not page.workspace.session.job.is_busy, 300.0)
     return page
 
 
@@ -55,7 +55,7 @@ def test_a_dropped_file_is_compared_and_not_added_to_the_study(patient, explored
     assert explored.commands["patient.save"].isEnabled()
     patient.write(tmp_path / "report")
     written = tmp_path / "report" / "report.pdf"
-    wait(lambda: written.is_file() and not patient.workspace.work.is_busy, 300.0)
+    wait(lambda: written.is_file() and not patient.workspace.session.job.is_busy, 300.0)
     patient.save_reference(tmp_path / "ref.npz")
     first = patient.reference
     patient.open_reference(tmp_path / "ref.npz")
@@ -129,12 +129,15 @@ def test_a_later_time_is_compared_with_the_first_and_a_repeat_tells_the_error(
     patient, explored, ellipsoids, tmp_path, wait
 ):
     patient.further.add_time(ellipsoids / "b.nrrd", repeats=False)
-    wait(lambda: patient.further.times.follow_up is not None and not patient.workspace.work.is_busy, 300.0)
+    wait(
+        lambda: patient.further.times.follow_up is not None and not patient.workspace.session.job.is_busy,
+        300.0,
+    )
     scene = explored.views.stage.scene
     assert [content.name for content in scene.shown] == ["b"]
     assert "No measurement error" in patient.further.change.text()
     patient.further.add_time(ellipsoids / "c.nrrd", repeats=True)
-    wait(lambda: len(patient.further.times.repeats) == 1 and not patient.workspace.work.is_busy, 300.0)
+    wait(lambda: len(patient.further.times.repeats) == 1 and not patient.workspace.session.job.is_busy, 300.0)
     follow_up = patient.further.times.follow_up
     (change,) = follow_up.changes
     assert follow_up.repeats == 1
@@ -143,7 +146,7 @@ def test_a_later_time_is_compared_with_the_first_and_a_repeat_tells_the_error(
     patient.map.activated.emit(0)
     assert [content.name for content in scene.shown] == ["a"]
     patient.write(tmp_path / "report")
-    wait(lambda: (tmp_path / "report").is_dir() and not patient.workspace.work.is_busy, 300.0)
+    wait(lambda: (tmp_path / "report").is_dir() and not patient.workspace.session.job.is_busy, 300.0)
     written = {str(path.relative_to(tmp_path / "report")) for path in (tmp_path / "report").rglob("*.*")}
     assert {"follow_up.pdf", "changes.csv", "a/report.pdf", "b/report.pdf"} <= written
 
@@ -151,7 +154,7 @@ def test_a_later_time_is_compared_with_the_first_and_a_repeat_tells_the_error(
 def test_the_patient_is_set_beside_further_groups(patient, tmp_path, wait):
     patient.save_reference(tmp_path / "other.npz")
     patient.further.compare_groups([tmp_path / "other.npz"])
-    wait(lambda: patient.further.groups and not patient.workspace.work.is_busy, 300.0)
+    wait(lambda: patient.further.groups and not patient.workspace.session.job.is_busy, 300.0)
     first, second = patient.further.groups
     assert first[2:5] == pytest.approx(second[2:5])
     assert patient.further.typical.text().count("p = ") == 2
@@ -162,5 +165,5 @@ def test_a_file_that_is_no_shape_leaves_the_patient_as_it_is(patient, explored, 
     (tmp_path / "notes.txt").write_text("nothing")
     before = patient.comparison
     patient.compare(tmp_path / "notes.txt")
-    wait(lambda: not patient.workspace.work.is_busy)
+    wait(lambda: not patient.workspace.session.job.is_busy)
     assert patient.comparison is before

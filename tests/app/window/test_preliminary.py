@@ -11,9 +11,9 @@ def paused(groomed, wait, quick):
     window, work = groomed, groomed.workspace.work
     settings = quick().model_copy(update={"anneal_iterations": 400})
     window.workspace.edit_settings("optimize", "anneal_iterations", settings)
-    window.show_step("correspond")
+    window.workspace.session.show_step("correspond")
     window.commands["run.start"].trigger()
-    wait(lambda: work.preliminary is not None, 200.0)
+    wait(lambda: work.session.preliminary is not None, 200.0)
     window.commands["run.pause"].trigger()
     wait(lambda: window.inspector.explore.fitted.preliminary is not None, 200.0)
     return window
@@ -55,7 +55,7 @@ def test_a_cancelled_run_leaves_its_preliminary_model_until_another_study_is_ope
     paused.commands["view.explore"].trigger()
     page = paused.inspector.explore.page
     paused.commands["run.cancel"].trigger()
-    wait(lambda: not paused.workspace.work.is_busy)
+    wait(lambda: not paused.workspace.session.job.is_busy)
     assert page.mark.isVisible()
     assert "cancelled" in page.mark.text()
     assert page.sliders.model is page.fitted.preliminary.shape

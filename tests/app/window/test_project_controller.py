@@ -119,7 +119,7 @@ def test_a_project_that_was_moved_is_found_whole_and_its_files_are_located(
     explored.commands["view.head"].trigger()
     explored.commands["view.letters"].trigger()
     explored.views.stage.bar.opacity.setValue(50)
-    wait(lambda: explored.commands["file.save"].isEnabled() and not explored.workspace.work.is_busy)
+    wait(lambda: explored.commands["file.save"].isEnabled() and not explored.workspace.session.job.is_busy)
     explored.commands["file.save"].trigger()
     close(explored)
     shutil.move(tmp_path / "copy", tmp_path / "elsewhere" / "moved")
@@ -294,10 +294,10 @@ def test_work_that_is_to_be_stopped_is_stopped_before_the_next_question(groomed,
     monkeypatch.setattr("homolog_app.window.project_controller.ask", answer)
     groomed.workspace.preferences.ask_on_close = True
     groomed.commands["run.start"].trigger()
-    wait(lambda: groomed.workspace.work.run_job is not None)
+    wait(lambda: groomed.workspace.session.job.run is not None)
     groomed.close()
     assert asked == ["Stop", "Save"]
-    wait(lambda: not groomed.workspace.work.is_busy)
+    wait(lambda: not groomed.workspace.session.job.is_busy)
     assert groomed.workspace.session.result is None
     groomed.workspace.preferences.ask_on_close = False
 
@@ -362,9 +362,9 @@ def test_the_subject_that_an_error_names_can_be_shown_or_left_out(groomed, wait)
         next(one for one in dialog.findChildren(QPushButton) if one.text() == text).click()
         wait(lambda: not groomed.findChildren(ErrorDialog))
 
-    groomed.show_step("correspond")
+    groomed.workspace.session.show_step("correspond")
     pressed("Show c")
-    assert groomed.step == "cohort"
+    assert groomed.workspace.session.step == "cohort"
     assert groomed.workspace.session.selection == ("c",)
     pressed("Exclude it and continue")
     assert [one.name for one in groomed.workspace.session.study.included] == ["a", "b", "d"]
@@ -383,7 +383,7 @@ def test_buttons_can_be_pressed_only_when_their_command_can(groomed, wait):
     assert not again.isEnabled()
     assert "Not now" in go.toolTip()
     groomed.commands["run.cancel"].trigger()
-    wait(lambda: not groomed.workspace.work.is_busy)
+    wait(lambda: not groomed.workspace.session.job.is_busy)
     assert go.isEnabled()
 
 
@@ -427,11 +427,11 @@ def test_closing_in_mid_run_asks_first(groomed, monkeypatch, wait):
     )
     groomed.workspace.preferences.ask_on_close = True
     groomed.commands["run.start"].trigger()
-    wait(lambda: groomed.workspace.work.run_job is not None)
+    wait(lambda: groomed.workspace.session.job.run is not None)
     groomed.close()
     assert asked == ["Stop"]
     assert groomed.isVisible()
-    assert groomed.workspace.work.is_busy
+    assert groomed.workspace.session.job.is_busy
     groomed.workspace.preferences.ask_on_close = False
 
 
@@ -470,7 +470,7 @@ def test_the_start_page_shows_how_far_a_sample_is_and_can_cancel_it(window, monk
     wait(lambda: page.progress.isVisible() and page.progress.bar.value() == 500)
     assert not card.isEnabled()
     page.progress.cancel.click()
-    wait(lambda: not window.workspace.work.is_busy)
+    wait(lambda: not window.workspace.session.job.is_busy)
     assert page.progress.isHidden()
     assert card.isEnabled()
 
@@ -489,7 +489,7 @@ def test_what_no_page_shows_the_progress_of_is_shown_in_the_status_bar(explored,
     explored.workspace.work.compute("reference", work, "counting", lambda _: None)
     wait(lambda: bar.isVisible() and bar.value() == 250)
     cancel.click()
-    wait(lambda: not explored.workspace.work.is_busy)
+    wait(lambda: not explored.workspace.session.job.is_busy)
     assert bar.isHidden()
 
 

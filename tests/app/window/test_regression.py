@@ -83,7 +83,7 @@ def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait)
     answer = ask(page, window, wait, "group")
     assert answer.study.request.covariates == ("slot",)
     assert dict(page.numbers.texts)["Adjusted for"] == "slot"
-    from homolog_app.studies.questions import with_present_table
+    from homolog_app.studies.study import with_present_table
 
     result = with_present_table(answer.shape.result, window.workspace.session.study)
     same = run_study(result, StudyRequest(between=("slim", "wide"), covariates=("slot",), null_repeats=0))

@@ -204,7 +204,7 @@ def test_a_page_of_larger_shapes_is_seen_whole_and_the_one_before_as_large_as_th
 @pytest.mark.window
 @pytest.mark.parametrize("count", [1, 4, 9, 16])
 def test_shapes_leave_room_for_the_texts_of_their_views(groomed, count):
-    groomed.show_step("groom")
+    groomed.workspace.session.show_step("groom")
     groomed.commands[f"view.grid{count}"].trigger()
     scene = groomed.views.stage.scene
     scene.fit()

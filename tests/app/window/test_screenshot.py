@@ -28,7 +28,7 @@ def both(window, tmp_path, wait):
 
     def saved(**changes):
         session, work = window.workspace.session, window.workspace.work
-        wait(lambda: not work.is_busy and len(session.surveys) == len(session.study.members))
+        wait(lambda: not work.session.job.is_busy and len(session.surveys) == len(session.study.members))
         window.commands["view.screenshot"].trigger()
         (dialog,) = [one for one in window.findChildren(ScreenshotDialog) if one.isVisible()]
         dialog.edit("", dialog.settings.model_copy(update={"scale": 1, **changes}))
@@ -135,7 +135,7 @@ def test_measures_and_checks_are_drawn_again(explore, finished, window, both, wa
     page.look.mark(5, 1, np.array([5, 7]))
     for show in ("places", "neighbours", "distances", "ensemble", "checkerboard"):
         page.look.show_what.setCurrentIndex(page.look.show_what.findData(show))
-        wait(lambda: not window.workspace.work.is_busy)
+        wait(lambda: not window.workspace.session.job.is_busy)
         assert_same(*both()[:2])
 
 
@@ -190,10 +190,10 @@ def running(groomed, wait):
     groomed.commands["run.start"].trigger()
     wait(lambda: groomed.views.run.frame is not None)
     groomed.commands["run.pause"].trigger()
-    wait(lambda: groomed.workspace.work.run_job.status.paused)
+    wait(lambda: groomed.workspace.session.job.run.status.paused)
     yield groomed
     groomed.commands["run.cancel"].trigger()
-    wait(lambda: not groomed.workspace.work.is_busy)
+    wait(lambda: not groomed.workspace.session.job.is_busy)
 
 
 def dialog_of(window):
@@ -217,7 +217,7 @@ def test_a_run_that_goes_on_is_drawn_again_from_the_file_beside_the_picture(runn
     dialog.go.click()
     dialog.close()
     running.commands["run.cancel"].trigger()
-    wait(lambda: not running.workspace.work.is_busy)
+    wait(lambda: not running.workspace.session.job.is_busy)
     running.projects.leave()
     assert main([*words[1:], "--progress", "none"]) == 0
     assert_same(pixels(tmp_path / "mine.png"), pixels(tmp_path / "theirs.png"))

@@ -15,7 +15,7 @@ def test_a_dropped_folder_becomes_particles_that_are_saved_and_found_again(
     groomed, make_window, close, errors, wait, tmp_path
 ):
     groomed.commands["run.start"].trigger()
-    wait(lambda: not groomed.workspace.work.is_busy)
+    wait(lambda: not groomed.workspace.session.job.is_busy)
     assert not errors
     before = groomed.workspace.session.result.result
     assert before.world.shape == (4, 32, 3)
@@ -29,7 +29,7 @@ def test_a_dropped_folder_becomes_particles_that_are_saved_and_found_again(
     assert after.result.names == before.names
     np.testing.assert_array_equal(after.result.world, before.world)
     assert len(after.frames) > 1
-    assert again.step == "explore"
+    assert again.workspace.session.step == "explore"
 
 
 def test_the_previous_result_stays_when_the_next_run_is_cancelled(explored, errors, wait):
@@ -37,12 +37,12 @@ def test_the_previous_result_stays_when_the_next_run_is_cancelled(explored, erro
     result = session.result
     wait(lambda: len(session.surveys) == 4)
     explored.commands["run.groom"].trigger()
-    wait(lambda: not work.is_busy)
+    wait(lambda: not work.session.job.is_busy)
     explored.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=128))
     explored.commands["run.start"].trigger()
-    wait(lambda: work.run_job is not None and work.run_job.frame is not None)
+    wait(lambda: work.session.job.run is not None and work.session.job.run.frame is not None)
     explored.commands["run.cancel"].trigger()
-    wait(lambda: not work.is_busy)
+    wait(lambda: not work.session.job.is_busy)
     assert session.result is result
     assert not errors
 
@@ -51,18 +51,18 @@ def test_the_particles_of_a_cancelled_run_can_be_kept(groomed, errors, wait):
     work = groomed.workspace.work
     groomed.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=128))
     groomed.commands["run.start"].trigger()
-    wait(lambda: (job := work.run_job) and job.frame)
+    wait(lambda: (job := work.session.job.run) and job.frame)
     changes, steps = [], []
-    work.changed.connect(lambda: changes.append(work.preliminary))
-    work.progressed.connect(lambda: steps.append(work.status.fraction))
-    wait(lambda: (job := work.run_job) and job.frame.world.shape[1] >= 16 and len(steps) > 2)
+    work.session.job_changed.connect(lambda: changes.append(work.session.preliminary))
+    work.session.job_progressed.connect(lambda: steps.append(work.session.job.status.fraction))
+    wait(lambda: (job := work.session.job.run) and job.frame.world.shape[1] >= 16 and len(steps) > 2)
     assert steps == sorted(steps)
     assert not changes  # pages are not refreshed while a run goes on as before
     groomed.commands["run.cancel"].trigger()
-    wait(lambda: not work.is_busy)
+    wait(lambda: not work.session.job.is_busy)
     assert groomed.workspace.session.result is None
     groomed.commands["run.keep"].trigger()
-    wait(lambda: not work.is_busy)
+    wait(lambda: not work.session.job.is_busy)
     assert groomed.workspace.session.result.result.world.shape[1] >= 16
     assert not errors
 
@@ -130,12 +130,12 @@ def test_a_tour_leads_from_the_sample_to_a_result(
     card.back.click()
     for step in ("groom", "correspond"):
         card.go_on.click()
-        assert window.step == step
+        assert window.workspace.session.step == step
         card.offer.click()
-        wait(lambda: card.go_on.isEnabled() and not window.workspace.work.is_busy)
+        wait(lambda: card.go_on.isEnabled() and not window.workspace.session.job.is_busy)
     for page in pages:
         card.go_on.click()
-        assert window.step == "explore"
+        assert window.workspace.session.step == "explore"
         assert window.inspector.explore.page.title == page
     card.go_on.click()
     assert not card.isVisible()

@@ -48,7 +48,7 @@ def test_the_range_of_colours_is_set_by_hand_and_automatic_again(explored, modes
     dialog.automatic.click()
     assert bar.scale.high == automatic
     dialog.close()
-    explored.show_step("correspond")
+    explored.workspace.session.show_step("correspond")
     assert not command.isEnabled()
 
 

@@ -232,7 +232,7 @@ class CheckDisplay(QWidget):
         self.particle.valueChanged.connect(lambda _: self._look())
         self.subject.activated.connect(lambda _: self._look())
         self.show_what.currentIndexChanged.connect(lambda _: self._refresh())
-        workspace.work.changed.connect(self._compute)
+        workspace.session.job_changed.connect(self._compute)
 
     @property
     def chosen(self) -> int | None:
@@ -347,7 +347,7 @@ class CheckDisplay(QWidget):
     def _compute(self) -> None:
         """Have computed what is to be shown and not known yet."""
         inspection, mode, origin = self._found, self._mode, self._origin
-        if inspection is None or self._workspace.work.is_busy or not self.isVisible():
+        if inspection is None or self._workspace.session.job.is_busy or not self.isVisible():
             return
         if mode == "distances" and origin is not None and not self._is_measured:
             m, place = origin

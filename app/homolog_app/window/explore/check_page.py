@@ -216,8 +216,6 @@ class CheckPage(ExplorePage):
         session = self.workspace.session
         self.checked.changed.connect(self._show_inspection)
         self.checked.repaired.connect(self._show_repaired)
-        for signal in (self.workspace.work.changed, self.workspace.work.progressed):
-            signal.connect(self._update_state)
         self.table.selectionModel().currentRowChanged.connect(lambda now, _: self._choose(now.row()))
         for widget, command in (
             (self.again, "check.look"), (self.export, "check.export"), (self.repair, "check.mend"),
@@ -236,24 +234,25 @@ class CheckPage(ExplorePage):
         self.rows.show_suspects(inspection.suspects if inspection else (), self._names)
         self.message.setText("")
         self.look.show_inspection(inspection, self._names)
-        self._update_state()
+        self.show_state()
 
     @Slot()
-    def _update_state(self) -> None:
-        inspection, work = self.checked.inspection, self.workspace.work
+    def show_state(self) -> None:
+        """Show what is done and what is possible."""
+        inspection, job = self.checked.inspection, self.workspace.session.job
         for enabled in (self.table, self.export):
             enabled.setEnabled(inspection is not None)
-        self.repair.setEnabled(self._suspect is not None and not work.is_busy)
+        self.repair.setEnabled(self._suspect is not None and not job.is_busy)
         self.mend_all_button.setEnabled(
-            inspection is not None and bool(inspection.suspects) and not work.is_busy
+            inspection is not None and bool(inspection.suspects) and not job.is_busy
         )
-        self.progress.show_status(work.status if work.kind == "mend" else None)
+        self.progress.show_status(job.status if job.kind == "mend" else None)
         self.again.setVisible(inspection is None and self.checked.is_possible)
         for widget in (self.keep, self.unsaved):
             widget.setVisible(not self.checked.is_written)
-        self.keep.setEnabled(not work.is_busy)
-        if work.kind in _WORK and work.status is not None:
-            self.state.setText(f"{work.status.message}: {100 * work.status.fraction:.0f} %")
+        self.keep.setEnabled(not job.is_busy)
+        if job.kind in _WORK and job.status is not None:
+            self.state.setText(f"{job.status.message}: {100 * job.status.fraction:.0f} %")
         elif not self.checked.is_possible:
             self.state.setText("Suspects are found by comparing three or more subjects.")
         elif inspection is None:
@@ -281,7 +280,7 @@ class CheckPage(ExplorePage):
             suspect = self.rows.suspects[row]
             self.message.setText(f"{self._names[suspect.subject]}: {suspect.description}.")
             self.look.mark(int(suspect.particles[0]), suspect.subject, suspect.particles)
-            self._update_state()
+            self.show_state()
             self._go(suspect.subject, suspect.place)
 
     def _look_on(self, name: str) -> None:

@@ -43,9 +43,9 @@ class InspectionState(QObject):
         self._asked: LoadedResult | None = None
         self._seen: LoadedResult | None = None
         self._versions: list[_Version] = []
-        workspace.session.facts_changed.connect(self._look)
+        workspace.session.result_changed.connect(self._look)
         workspace.session.undo.cleanChanged.connect(self._follow_save)
-        workspace.work.changed.connect(self._look)
+        workspace.session.job_changed.connect(self._look)
 
     @property
     def inspection(self) -> "Inspection | None":
@@ -167,16 +167,17 @@ class InspectionState(QObject):
 
     @Slot()
     def _look(self) -> None:
-        result, work = self._workspace.session.result, self._workspace.work
+        session, result = self._workspace.session, self._workspace.session.result
+        busy = session.job.is_busy
         known = self._version is not None
-        if known and not work.is_busy and self._workspace.session.undo.isClean() and not self.is_written:
-            self._workspace.session.undo.resetClean()  # writing was cancelled or failed
+        if known and not busy and session.undo.isClean() and not self.is_written:
+            session.undo.resetClean()  # writing was cancelled or failed
         if result is not self._seen:
             self._seen = result
             if not known:
                 self._versions = []
             self.changed.emit()
-        if known or not self._wanted or result is None or result is self._asked or work.is_busy:
+        if known or not self._wanted or result is None or result is self._asked or busy:
             return
         if not self.is_possible:
             return
@@ -193,7 +194,7 @@ class InspectionState(QObject):
             self._versions = [_Version(result, inspection, {})]
             self.changed.emit()
 
-        work.compute("check", inspect, "looking for suspects", take)
+        self._workspace.work.compute("check", inspect, "looking for suspects", take)
 
 
 def _same(first: "Suspect", other: "Suspect") -> bool:

@@ -159,8 +159,6 @@ class GroupsPage(ExplorePage):
             signal.connect(self.shown_changed)
         session.selection_changed.connect(lambda: self.chart.show_selection(session.selection))
         self.fitted.changed.connect(self._follow_models)
-        for signal in (self.workspace.work.changed, self.workspace.work.progressed):
-            signal.connect(self._update_buttons)
         self.to_significant.clicked.connect(self._go_to_significant)
         self.way.valueChanged.connect(self._follow_path)
         self.player.swung.connect(lambda value: self.way.setValue(round(_WHOLE / 2 + value)))
@@ -274,7 +272,7 @@ class GroupsPage(ExplorePage):
     def _choose_pair(self, request: int, pair: int) -> None:
         """Show another comparison: its numbers, and its map once it is carried to the surface."""
         answers, models, cohort = self.all, self.fitted.both, self.workspace.session.study
-        if answers is None or (request, pair) == self._mapped or self.workspace.work.is_busy:
+        if answers is None or (request, pair) == self._mapped or self.workspace.session.job.is_busy:
             return
 
         def take(mapped: "list[GroupAnswer]") -> None:
@@ -332,16 +330,17 @@ class GroupsPage(ExplorePage):
         place, normal = middle_of(self.answers[0].shape, largest)
         self.place_wanted.emit(content.name, place, normal)
 
-    def _update_buttons(self) -> None:
-        work = self.workspace.work
-        own = work.kind in ("groups", "model", "compare", "study", "seeds")
+    def show_state(self) -> None:
+        """Show what is done and what is possible."""
+        job = self.workspace.session.job
+        own = job.kind in ("groups", "model", "compare", "study", "seeds")
         for widget in (self.keep, self.seeds):
-            widget.setEnabled(not work.is_busy and self._current and not self.workspace.session.read_only)
-        self.results.setEnabled(not work.is_busy)
-        self.progress.show_status(work.status if own else None)
-        self.go.setVisible(not (own and work.status is not None))
+            widget.setEnabled(not job.is_busy and self._current and not self.workspace.session.read_only)
+        self.results.setEnabled(not job.is_busy)
+        self.progress.show_status(job.status if own else None)
+        self.go.setVisible(not (own and job.status is not None))
         self.go.setText("Test the effect" if self.form.is_regression else "Compare groups")
-        self.go.setEnabled(self.fitted.shape is not None and self.form.is_possible and not work.is_busy)
+        self.go.setEnabled(self.fitted.shape is not None and self.form.is_possible and not job.is_busy)
         set_primary(self.go, not (self.answers and self._current))
 
     def show_answers(self) -> None:
@@ -363,7 +362,7 @@ class GroupsPage(ExplorePage):
         self.chart.show_answer(answers[0] if answers else None)
         self._update_texts()
         self._update_map()
-        self._update_buttons()
+        self.show_state()
 
     def _update_texts(self) -> None:
         answers = self.answers

@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
 from homolog.arrays import FloatArray
 from homolog.progress import Tick, part_of
 from homolog_app.rendering.text import signed
-from homolog_app.studies.questions import with_present_table
+from homolog_app.studies.study import with_present_table
 from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.contents import single_subject
 from homolog_app.views.scenes import deviations_of, measured_scene
@@ -127,7 +127,7 @@ class MeasurePage(ExplorePage):
 
     def _connect(self, actions: Actions) -> None:
         self.fitted.changed.connect(self._show_model)
-        self.workspace.work.changed.connect(self._measure)
+        self.workspace.session.job_changed.connect(self._measure)
         self.workspace.session.study_changed.connect(self._show_table)
         for box in self.particles:
             box.valueChanged.connect(self._show_measures)
@@ -224,9 +224,10 @@ class MeasurePage(ExplorePage):
     def _measure(self) -> None:
         """Measure subjects and mode in the computing thread, where that was not done yet."""
         shape, mode, work = self.fitted.shape, self.mode.currentIndex(), self.workspace.work
+        busy = self.workspace.session.job.is_busy
         loaded, request = self.workspace.session.result, (shape, mode)
         done = self._subjects is not None and mode in self._along
-        if not self.isVisible() or shape is None or loaded is None or mode < 0 or done or work.is_busy:
+        if not self.isVisible() or shape is None or loaded is None or mode < 0 or done or busy:
             return
         if request == self._asked:
             return

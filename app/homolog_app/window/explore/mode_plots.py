@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QHBoxLayout, QMenu, QToolTip, QWidget
 from homolog.analysis.parallel import ParallelAnalysis
 from homolog.arrays import FloatArray
 from homolog_app.rendering.text import signed
-from homolog_app.window.explore.plot import Plot, axis_menu
+from homolog_app.window.explore.plot import Plot
 from homolog_app.window.theme import Theme
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from homolog_app.studies.model_shape import ModelShape
     from homolog_app.window.explore.plot_canvas import PlotCanvas
 
-__all__ = ["ELLIPSES", "ModePlots", "ScatterPlot", "ScreePlot"]
+__all__ = ["ELLIPSES", "ModePlots", "ScatterPlot", "ScreePlot", "axis_menu"]
 
 _NEAR_PX, _DRAG_PX = 10.0, 4.0
 _REACH = 3.0
@@ -263,6 +263,17 @@ class ScatterPlot(Plot):
         """Return a subject's name and group."""
         group = self.groups[index]
         return f"{self.names[index]} ({group})" if group else self.names[index]
+
+
+def axis_menu(plot: ScatterPlot, axis: int, parent: QWidget | None = None) -> QMenu:
+    """Return the menu of what can be plotted across (0) or upwards (1)."""
+    menu = QMenu(("Horizontal axis", "Vertical axis")[axis], parent or plot)
+    for index, text in enumerate(plot.choices):
+        action = menu.addAction(text)
+        action.setCheckable(True)
+        action.setChecked(index == plot.axes[axis])
+        action.triggered.connect(lambda _, index=index: plot.choose_axis(axis, index))
+    return menu
 
 
 class ModePlots(QWidget):

@@ -76,8 +76,6 @@ class ModesPage(ExplorePage):
     def _connect(self) -> None:
         session = self.workspace.session
         self.fitted.changed.connect(self._show_model)
-        for signal in (self.workspace.work.changed, self.workspace.work.progressed):
-            signal.connect(self._update_state)
         self.sliders.moved.connect(self._follow_sliders)
         self.player.swung.connect(lambda value: self.sliders.show_value(self.sliders.chosen, value))
         self.who.activated.connect(lambda _: self._choose_subject(self.who.currentText()))
@@ -162,20 +160,19 @@ class ModesPage(ExplorePage):
                 self.who.setCurrentIndex(subject)
                 self.sliders.choose(chosen)
                 self.sliders.show_values(values)
-        self._update_state()
+        self.show_state()
         self.shown_changed.emit()
 
-    def _update_state(self) -> None:
-        shape, work = self._shape, self.workspace.work
+    def show_state(self) -> None:
+        """Show what is done and what is possible."""
+        shape, job = self._shape, self.workspace.session.job
         for widget in (self.sliders, self.player, self.who, self.views):
             widget.setEnabled(shape is not None)
         self.compare.setEnabled(self.fitted.shape is not None)
         self._update_preliminary_mark()
         if shape is None:
-            busy = work.kind == "model" and work.status is not None
-            text = (
-                f"Fitting the shape model: {100 * work.status.fraction:.0f} %" if busy and work.status else ""
-            )
+            status = job.status if job.kind == "model" else None
+            text = f"Fitting the shape model: {100 * status.fraction:.0f} %" if status is not None else ""
             self.state.setText(text or "The shape model is not fitted; open this page again to fit it.")
             return
         kept = shape.parallel.n_retained
@@ -185,13 +182,13 @@ class ModesPage(ExplorePage):
 
     def _update_preliminary_mark(self) -> None:
         """Mark a model of a run that has not finished."""
-        early, work = self.fitted.preliminary, self.workspace.work
+        early, session = self.fitted.preliminary, self.workspace.session
         self.mark.setVisible(early is not None)
         if early is None:
             return
-        if work.run_job is not None:
+        if session.job.run is not None:
             text = "The model is replaced as the run continues."
-        elif self.workspace.session.result is None:
+        elif session.result is None:
             text = "The run was cancelled: keep the particles or resume the run in Correspond."
         else:
             text = "The model of the result is being fitted."

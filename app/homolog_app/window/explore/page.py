@@ -44,8 +44,8 @@ class ModelCache(QObject):
         self._early_of: tuple[int, LoadedResult | None] = (0, None)
         self.draw_ms = 0.0
         """How long the views take to draw [ms]; what plays rests accordingly."""
-        workspace.session.facts_changed.connect(self._look)
-        workspace.work.changed.connect(self._look)
+        workspace.session.result_changed.connect(self._look)
+        workspace.session.job_changed.connect(self._look)
 
     @property
     def shape(self) -> "ModelShape | None":
@@ -111,12 +111,12 @@ class ModelCache(QObject):
 
     @Slot()
     def _look(self) -> None:
-        result, work = self._workspace.session.result, self._workspace.work
+        session, result = self._workspace.session, self._workspace.session.result
         self._update_preliminary(result)
         if self._of is not None and self._of is not result:
             self._of = self._shape = self._other = None
             self.changed.emit()
-        if not self._wanted or result is None or result in (self._of, self._asked) or work.is_busy:
+        if not self._wanted or result is None or result in (self._of, self._asked) or session.job.is_busy:
             return
         self._asked = result
         name = self._workspace.session.title
@@ -131,11 +131,11 @@ class ModelCache(QObject):
             self._of, self._shape = result, shape
             self.changed.emit()
 
-        work.compute("model", fit, "fitting the shape model", take)
+        self._workspace.work.compute("model", fit, "fitting the shape model", take)
 
     def _update_preliminary(self, result: LoadedResult | None) -> None:
         """Take the newest preliminary model; drop one whose study, run or result is gone."""
-        early, generation = self._workspace.work.preliminary, self._workspace.session.generation
+        early, generation = self._workspace.session.preliminary, self._workspace.session.generation
         if early is not None:
             self._early_of = generation, None
         elif self._early is not None:
@@ -186,6 +186,15 @@ class ExplorePage(Panel):
         self.views: QComboBox | None = None
         self.colour_range: tuple[float, float] | None = None
         self.from_middle = False
+        workspace.session.job_changed.connect(self.show_state)
+        workspace.session.job_progressed.connect(self._follow_progress)
+
+    def show_state(self) -> None:
+        """Show what is done and what is possible; while a job goes on only the page that is seen is asked."""
+
+    def _follow_progress(self) -> None:
+        if self.isVisible():
+            self.show_state()
 
     @property
     def chosen(self) -> View | None:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFileDialog, QStackedWidget, QTabBar, QVBoxLayout, QWidget
@@ -12,7 +12,6 @@ from homolog.errors import InputError
 from homolog_app.report.request import kept_studies
 from homolog_app.studies.study import FILES, outdated_text
 from homolog_app.window.actions import Actions
-from homolog_app.window.dialogs import Controller, reported
 from homolog_app.window.explore.check_page import CheckPage
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.explore.measure_page import MeasurePage
@@ -20,10 +19,7 @@ from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.explore.patient_page import PatientPage
 from homolog_app.window.widgets import GRID, ActionButton, label
-from homolog_app.window.workspace import Workspace
-
-if TYPE_CHECKING:
-    from homolog_app.window.main_window import MainWindow
+from homolog_app.window.workspace import Controller, Workspace, reported
 
 __all__ = ["PAGES", "ExploreController", "ExplorePanel", "OverviewPage"]
 
@@ -74,8 +70,8 @@ class OverviewPage(ExplorePage):
         self.body.addStretch()
         self.save = ActionButton("Save project…", actions["file.save"], "primary")
         self.footer.addWidget(self.save)
-        session.facts_changed.connect(self._show)
-        workspace.work.changed.connect(self._follow_work)
+        session.result_changed.connect(self._show)
+        workspace.session.job_changed.connect(self._follow_work)
         session.project_changed.connect(self._show)
 
     def enter(self) -> None:
@@ -84,7 +80,7 @@ class OverviewPage(ExplorePage):
 
     def _follow_work(self) -> None:
         """Look again once an answer was kept or particles were placed."""
-        busy = self.workspace.work.is_busy
+        busy = self.workspace.session.job.is_busy
         if self._busy and not busy:
             self._show_kept()
         self._busy = busy
@@ -139,9 +135,8 @@ _Kind = TypeVar("_Kind", bound=ExplorePage)
 
 
 class ExplorePanel(QWidget):
-    """Turns pages. `page_changed` and `shown_changed` tell the views and the dock to ask the open page."""
+    """Turns pages. `shown_changed` tells the views to ask the open page."""
 
-    page_changed = Signal()
     shown_changed = Signal()
 
     def __init__(self, workspace: Workspace, actions: Actions) -> None:
@@ -168,12 +163,13 @@ class ExplorePanel(QWidget):
         layout.addWidget(self._stack, 1)
         self.tabs.currentChanged.connect(self._turn)
         self._session = workspace.session
-        for signal in (workspace.session.study_changed, workspace.session.facts_changed):
+        for signal in (workspace.session.study_changed, workspace.session.result_changed):
             signal.connect(self._update_outdated)
         self._page_before: ExplorePage | None = None
-        for signal in (workspace.session.facts_changed, self.fitted.changed):
+        for signal in (workspace.session.result_changed, self.fitted.changed):
             signal.connect(self._offer_pages)
         self._update_outdated()
+        self._session.page = self.page.title
 
     @property
     def page(self) -> ExplorePage:
@@ -215,7 +211,7 @@ class ExplorePanel(QWidget):
             before.stop()
         self._stack.setCurrentIndex(index)
         self.page.enter()
-        self.page_changed.emit()
+        self._session.show_page(self.page.title)
 
     def _update(self, page: ExplorePage) -> None:
         if page is self.page:
@@ -228,9 +224,9 @@ _REFERENCES = "References (*.npz)"
 class ExploreController(Controller):
     """Turns pages and carries out what is ordered of them."""
 
-    def __init__(self, window: "MainWindow") -> None:
-        super().__init__(window)
-        self._panel = window.inspector.explore
+    def __init__(self, window: QWidget, workspace: Workspace, panel: ExplorePanel) -> None:
+        super().__init__(window, workspace)
+        self._panel = panel
         self._modes, self._groups = self._panel.page_of(ModesPage), self._panel.page_of(GroupsPage)
         self._measure = self._panel.page_of(MeasurePage)
         self._check = self._panel.page_of(CheckPage)
@@ -300,7 +296,7 @@ class ExploreController(Controller):
         path, _ = QFileDialog.getOpenFileName(self._window, "Open reference", "", _REFERENCES)
         if path:
             self._patient.open_reference(Path(path))
-            self._window.refresh()
+            self._workspace.session.page_changed.emit()
 
     @reported
     def save_reference(self) -> None:
@@ -345,4 +341,4 @@ class ExploreController(Controller):
 
     def _turn_to(self, page: ExplorePage) -> None:
         self._panel.open_page(page)
-        self._window.show_step("explore")
+        self._workspace.session.show_step("explore")

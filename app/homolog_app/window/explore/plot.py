@@ -27,10 +27,9 @@ if TYPE_CHECKING:
     from matplotlib.backend_bases import MouseEvent
     from matplotlib.figure import Figure
 
-    from homolog_app.window.explore.mode_plots import ScatterPlot
     from homolog_app.window.explore.plot_canvas import PlotCanvas
 
-__all__ = ["EnlargedPlot", "Plot", "axis_menu", "plot_menu", "plot_picture", "save_plot"]
+__all__ = ["EnlargedPlot", "Plot", "plot_menu", "plot_picture", "save_plot"]
 
 
 _SCALE = 2
@@ -84,17 +83,6 @@ def plot_menu(plot: "Plot") -> QMenu:
         action.setCheckable(True)
         action.setChecked(plot.options[text])
         action.toggled.connect(lambda shown, text=text: plot.set_option(text, shown))
-    return menu
-
-
-def axis_menu(plot: "ScatterPlot", axis: int, parent: QWidget | None = None) -> QMenu:
-    """Return the menu of what can be plotted across (0) or upwards (1)."""
-    menu = QMenu(("Horizontal axis", "Vertical axis")[axis], parent or plot)
-    for index, text in enumerate(plot.choices):
-        action = menu.addAction(text)
-        action.setCheckable(True)
-        action.setChecked(index == plot.axes[axis])
-        action.triggered.connect(lambda _, index=index: plot.choose_axis(axis, index))
     return menu
 
 

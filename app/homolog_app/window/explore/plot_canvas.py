@@ -1,19 +1,48 @@
 """Where matplotlib draws plots in the window."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import Protocol
 
 from matplotlib.artist import Artist
 from matplotlib.backends.backend_qtagg import FigureCanvasQTAgg
 from matplotlib.figure import Figure
+from PySide6.QtCore import SignalInstance
 from PySide6.QtGui import QPaintEvent, QResizeEvent, QWheelEvent
 
 from homolog_app.plots import DPI, new_figure
 from homolog_app.rendering.text import complete_texts
-
-if TYPE_CHECKING:
-    from homolog_app.window.explore.plot import Plot
+from homolog_app.window.theme import Theme
 
 __all__ = ["PlotCanvas", "figure_of"]
+
+
+class Drawn(Protocol):
+    """What a canvas asks of the plot that it shows."""
+
+    theme: Theme
+
+    @property
+    def redrawn(self) -> SignalInstance: ...
+
+    @property
+    def moved(self) -> SignalInstance: ...
+
+    @property
+    def is_empty(self) -> bool: ...
+
+    def width(self) -> int: ...
+
+    def height(self) -> int: ...
+
+    def accessibleName(self) -> str: ...
+
+    def accessibleDescription(self) -> str: ...
+
+    def listen(self, canvas: "PlotCanvas") -> None: ...
+
+    def draw(self, figure: Figure) -> None: ...
+
+    def draw_moving(self, figure: Figure) -> Sequence[Artist]: ...
 
 
 class PlotCanvas(FigureCanvasQTAgg):
@@ -22,7 +51,7 @@ class PlotCanvas(FigureCanvasQTAgg):
     Nothing is drawn that is not seen.
     """
 
-    def __init__(self, plot: "Plot") -> None:
+    def __init__(self, plot: Drawn) -> None:
         super().__init__(Figure(dpi=DPI, layout="constrained"))  # type: ignore[no-untyped-call]
         self._plot = plot
         self._is_new = self._is_due = True
@@ -97,7 +126,7 @@ class PlotCanvas(FigureCanvasQTAgg):
             self.figure.draw_artist(artist)
 
 
-def figure_of(plot: "Plot") -> Figure:
+def figure_of(plot: Drawn) -> Figure:
     """Return a figure of a plot as large as on the screen, for a file or the clipboard."""
     figure = new_figure(plot.width() / DPI, plot.height() / DPI, plot.theme.colours)
     _fill(figure, plot)
@@ -106,7 +135,7 @@ def figure_of(plot: "Plot") -> Figure:
     return figure
 
 
-def _fill(figure: Figure, plot: "Plot") -> None:
+def _fill(figure: Figure, plot: Drawn) -> None:
     """Draw a plot on a figure."""
     figure.clear()
     figure.set_facecolor(plot.theme.colours.surface)

@@ -7,15 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from PySide6.QtWidgets import QFileDialog, QWidget
 
 from homolog.errors import InputError
 from homolog.files.names import file_stems
 from homolog_app.studies.files import ViewRecord, save_project
-from homolog_app.studies.questions import with_present_table
-from homolog_app.window.dialogs import Controller, reported
-from homolog_app.window.explore.check_page import CheckPage
+from homolog_app.studies.study import with_present_table
 from homolog_app.window.explore.modes_page import ModesPage
+from homolog_app.window.explore.panel import ExplorePanel
 from homolog_app.window.export.choosers import KINDS
+from homolog_app.window.workspace import Controller, Workspace, reported
 
 if TYPE_CHECKING:
     from PySide6.QtGui import QPixmap
@@ -24,12 +25,24 @@ if TYPE_CHECKING:
     from homolog_app.views.content import ViewContents
     from homolog_app.views.view_states import Snapshot
     from homolog_app.window.export.dialog import Exported
+    from homolog_app.window.views import Views
 
 __all__ = ["ExportController"]
 
 
 class ExportController(Controller):
-    """The commands of File > Export."""
+    """The commands of File > Export.
+
+    Attributes
+    ----------
+    views : Views or None
+        Their cameras and cut are those that films are offered.
+    """
+
+    def __init__(self, window: QWidget, workspace: Workspace, explore: ExplorePanel) -> None:
+        super().__init__(window, workspace)
+        self._explore = explore
+        self.views: Views | None = None
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of exports do."""
@@ -51,8 +64,6 @@ class ExportController(Controller):
     @reported
     def save_slices(self, picture: "QPixmap") -> None:
         """Ask for a file and save a picture of the slices there."""
-        from PySide6.QtWidgets import QFileDialog
-
         path, _ = QFileDialog.getSaveFileName(self._window, "Save picture", "slices.png", "Pictures (*.png)")
         if path and not picture.save(path):
             raise InputError(f"{path}: can't be written; choose another folder, or a name that ends in .png")
@@ -73,15 +84,6 @@ class ExportController(Controller):
         what = replace(self._exported(), caution="")  # what is missing there is kept beside the picture
         ScreenshotDialog(self._window, what, shown, canvas, snapshot).show()
 
-    @property
-    def missing(self) -> tuple[str, ...]:
-        """What of the open study is not in the project's folder, in words."""
-        session = self._workspace.session
-        edits = session.folder is not None and not session.undo.isClean()
-        repaired = not self._window.inspector.explore.page_of(CheckPage).checked.is_written
-        cautions = {"Unsaved edits": edits, "Changed particles": repaired}
-        return tuple(text for text, given in cautions.items() if given)
-
     def close(self) -> None:
         """Close the dialogs and end what they export."""
         from homolog_app.window.export.dialog import ExportDialog
@@ -99,8 +101,7 @@ class ExportController(Controller):
 
         session, project = self._workspace.session, self._workspace.project
         columns, modes = self._columns(), len(session.study.included) - 1
-        explore = self._window.inspector.explore
-        shape = explore.fitted.shape
+        shape = self._explore.fitted.shape
         if session.result is not None:
             modes = shape.modes if shape else len(session.result.result.names) - 1
         (stem,) = file_stems([session.title])
@@ -109,18 +110,18 @@ class ExportController(Controller):
             name=stem,
             folder=project.folder.parent if session.folder else Path.home(),
             modes=modes,
-            mode=min(explore.page_of(ModesPage).sliders.chosen + 1, modes),
+            mode=min(self._explore.page_of(ModesPage).sliders.chosen + 1, modes),
             columns=columns,
             caution=self._caution(),
             camera=self._camera(),
-            clip=views.stage.scene.canvas.clip if (views := self._window.views) is not None else None,
+            clip=views.stage.scene.canvas.clip if (views := self.views) is not None else None,
         )
 
     def _camera(self) -> str:
         """Return from where the views are seen; the first of them, where each has its own camera."""
         from homolog_app.exports.settings import camera_direction
 
-        if (views := self._window.views) is None:
+        if (views := self.views) is None:
             return ""
         camera = views.stage.scene.canvas.cameras[0]
         return camera_direction(np.subtract(camera.eye, camera.at).tolist(), camera.up)
@@ -139,7 +140,7 @@ class ExportController(Controller):
     def _caution(self) -> str:
         """Put the table into a draft, which is the window's own, and say what else is not in the folder."""
         workspace, session = self._workspace, self._workspace.session
-        if session.folder is None and not workspace.work.is_busy:
+        if session.folder is None and not workspace.session.job.is_busy:
             save_project(workspace.project, session.study, ViewRecord())
-        missing = self.missing
+        missing = session.missing
         return f"{' and '.join(missing)} are exported only after the project is saved." if missing else ""
