@@ -8,7 +8,6 @@ from PySide6.QtCore import QObject, QTimer, Signal, Slot
 from PySide6.QtGui import QAction
 
 from homolog.arrays import Array, FloatArray
-from homolog.correspondence.types import Frame
 from homolog_app.views.contents import moment_of
 from homolog_app.window.explore.plot import Plot
 from homolog_app.window.theme import Theme
@@ -18,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
+    from homolog.correspondence.types import Frame
     from homolog_app.window.stage import Stage
 
 __all__ = ["EnergyCurves", "RunParticles"]

@@ -157,7 +157,7 @@ class InspectionState(QObject):
     @Slot(bool)
     def _follow_save(self, clean: bool) -> None:
         """Write the particles that were optimized again when the project is saved."""
-        if clean:
+        if clean and not self._workspace.closed:  # the history is cleared once more when it is destroyed
             self.write()
 
     @property
