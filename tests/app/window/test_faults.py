@@ -192,7 +192,7 @@ def test_the_problem_report_names_nobody_who_was_ever_in_the_session(window, ell
     for secret in ("Erika", "Muster", "Max", "Beispiel", "Klinik", "Borderline", "Gesund", "4711007", "Otto"):
         assert secret not in text, text
     assert "PATH: lacks the column" in text
-    assert 'File "homolog_app/window/error_dialog.py", line 3' in text
+    assert 'File "homolog_app/window/dialogs.py", line 3' in text
     assert "cut short" in text
 
 
