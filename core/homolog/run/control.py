@@ -1,7 +1,6 @@
 """Control of a run from any thread: progress, pause, cancel."""
 
 import time
-from collections import deque
 from dataclasses import replace
 
 from homolog.cancellation import CancelToken
@@ -26,8 +25,6 @@ _FITS_SHARE = 0.5
 """Of the time of a run that fits most subjects to a core set."""
 _REPORT_S = 0.1
 _ETA_AFTER_S = 2.0
-_ETA_INTERVAL = 0.01
-"""Between moments that estimates remember, over the time since the first of them."""
 
 
 class Control:
@@ -46,7 +43,6 @@ class Control:
         self._shares = _SHARES
         self._entered = self._reported = time.monotonic()
         self._eta_origin = (self._entered, 0.0)
-        self._passed: deque[tuple[float, float]] = deque()
 
     @property
     def status(self) -> RunStatus:
@@ -72,7 +68,6 @@ class Control:
         self.move_to(phase)
         if phase in (Phase.READING, Phase.GEODESICS):  # cached grooming says nothing about what follows
             self._eta_origin = (self._entered, self._span[0])
-            self._passed.clear()
         self.tick(0.0, message)
 
     def expect_fits(self) -> None:
@@ -120,20 +115,12 @@ class Control:
         """Exclude seconds of waiting from times and estimates."""
         self._entered += idle
         self._eta_origin = (self._eta_origin[0] + idle, self._eta_origin[1])
-        self._passed = deque((when + idle, done) for when, done in self._passed)
         self._reported = 0.0
         self._status = replace(self._status, paused=False)
 
     def _eta(self, now: float, whole: float) -> float | None:
-        """Return the seconds left at the speed of the later half of the time that has passed."""
+        """Return the seconds left at the mean speed so far; shares of a usual run's time make it even."""
         begun, start = self._eta_origin
-        if not self._passed:
-            self._passed.append((begun, start))
-        if now - self._passed[-1][0] >= _ETA_INTERVAL * (now - begun):
-            self._passed.append((now, whole))
-        while len(self._passed) > 1 and self._passed[1][0] <= 0.5 * (begun + now):
-            self._passed.popleft()
-        since, done = self._passed[0]
-        if now - begun < _ETA_AFTER_S or whole - start < 0.01 or whole <= done:
+        if now - begun < _ETA_AFTER_S or whole - start < 0.01:
             return None
-        return (now - since) * (1.0 - whole) / (whole - done)
+        return (now - begun) * (1.0 - whole) / (whole - start)

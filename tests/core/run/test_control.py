@@ -128,16 +128,3 @@ def test_the_time_left_follows_from_the_pace(control, monkeypatch):
     control.tick(0.5, "half")
     half = control.status.fraction
     assert control.status.eta_s == pytest.approx(10.0 * (1.0 - half) / (half - start))
-
-
-def test_the_time_left_follows_from_the_latest_pace(control, monkeypatch):
-    now = 100.0
-    monkeypatch.setattr("homolog.run.control.time.monotonic", lambda: now)
-    control.enter(Phase.GEODESICS, "begin", until=Phase.OPTIMIZING)
-    done = []
-    for step in range(1, 31):  # twenty steps of half a second, then slower ones
-        now += 0.5 if step <= 20 else 1.5
-        control.tick(step / 40, "work")
-        done.append(control.status.fraction)
-    pace = (done[29] - done[19]) / 15.0
-    assert control.status.eta_s == pytest.approx((1.0 - done[29]) / pace, rel=0.01)
