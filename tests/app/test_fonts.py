@@ -59,3 +59,13 @@ def test_matplotlib_writes_with_the_font_that_has_the_sign(monkeypatch, tmp_path
     monkeypatch.setattr(fonts, "_lacking", lambda path, words: frozenset())
     fonts.complete_text(text)
     assert text.get_fontfamily() == ["DejaVu Sans", "DejaVu Serif"]
+
+
+def test_numbers_are_typeset_with_minus_signs_and_stay_beside_their_units():
+    from homolog_app.rendering.text import typeset
+
+    text = "HCM - NOR: -0.05 mm (95 % CI -1 to +4.2), F(4, 17) = 9.9, p < 0.001; sub-01 of 2026-11-24"
+    assert typeset(text) == (
+        "HCM − NOR: −0.05\u00a0mm (95\u00a0%\u00a0CI\u00a0−1 to +4.2), F(4,\u00a017)\u00a0=\u00a09.9, "
+        "p\u00a0<\u00a00.001; sub-01 of 2026-11-24"
+    )

@@ -35,15 +35,15 @@ def discriminant_points(places: FloatArray, second: BoolArray) -> FloatArray:
 
 def draw_discriminant(
     axes: Axes, places: FloatArray, second: BoolArray, names: tuple[str, str], order: Sequence[str],
-    colours: Colours,
+    colours: Colours, *, along: str = "discriminant",
 ) -> None:  # fmt: skip
-    """Draw the subjects of two groups along their discriminant, with a bar at each group's mean.
+    """Draw two groups along their discriminant or difference, with a bar at each group's mean.
 
     Parameters
     ----------
     axes : Axes
     places : (M,) array
-        Places along the discriminant [mm].
+        Places along it [mm].
     second : (M,) bool array
         Members of the second group.
     names : (str, str)
@@ -51,8 +51,10 @@ def draw_discriminant(
     order : sequence of str
         All groups in the order of their colours.
     colours : Colours
+    along : str
+        What the places lie along.
     """
-    dress(axes, colours, x_label="position along the discriminant, RMS (mm)")
+    dress(axes, colours, x_label=f"position along the {along}, RMS (mm)")
     points = discriminant_points(places, second)
     for height, name, own in ((1.0, names[0], ~second), (0.0, names[1], second)):
         colour, marker = group_style(list(order).index(name), colours)

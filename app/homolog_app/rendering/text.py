@@ -2,6 +2,7 @@
 
 import importlib.util
 import math
+import re
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -29,6 +30,7 @@ __all__ = [
     "short",
     "signed",
     "tick_labels",
+    "typeset",
     "written",
 ]
 
@@ -59,6 +61,22 @@ def written(text: str, font: Path) -> str:
 def legible(text: str) -> str:
     """Return words with a box for each sign that no font has."""
     return "".join(written(sign, font_file(sign)) for sign in text)
+
+
+_TYPESET = (
+    (re.compile(r"(?<![\w-])-(?=\d)| - "), lambda found: found[0].replace("-", "\u2212")),
+    (re.compile(r" ?[=<>≤≥] (?=[\u2212+]?\d)"), lambda found: found[0].replace(" ", "\u00a0")),
+    (re.compile(r"(?<=\d) (?=(mm²|mm|ml|SD|s|%)(?!\w))"), "\u00a0"),
+    (re.compile(r"(?<=%) (?=CI)|(?<=CI) (?=[\u2212+]?\d)"), "\u00a0"),
+    (re.compile(r"F\(\d+, "), lambda found: found[0].replace(" ", "\u00a0")),
+)
+
+
+def typeset(text: str) -> str:
+    """Return words with minus signs, and with numbers that stay beside their units and relations."""
+    for pattern, instead in _TYPESET:
+        text = pattern.sub(instead, text)
+    return text
 
 
 def complete_texts(figure: "Figure") -> None:

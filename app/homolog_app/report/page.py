@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from importlib.resources import files
 
 from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup, escape
 
-from homolog_app.rendering.text import complete_texts
+from homolog_app.rendering.text import complete_texts, typeset
 from homolog_app.report.figures import ReportFigure
 
 __all__ = ["Link", "Page", "Picture"]
@@ -89,7 +90,7 @@ class Page:
             (resources / name).read_text(encoding="utf-8") for name in ("report.html", "report.css")
         )
         environment = Environment(autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True)
-        environment.filters["unbroken"] = _unbroken
+        environment.filters["typeset"] = _typeset
         return environment.from_string(source).render(
             title=self.title, notice=self.notice, footer=self._footer, parts=self.parts, style=style
         )
@@ -98,10 +99,12 @@ class Page:
         self.parts.append({"kind": kind, **content})
 
 
-def _unbroken(text: str) -> str:
-    """Keep both sides of an equation, and numbers with their percent signs, on one line."""
-    text = re.sub(r"(F\([^,()]+,) ", "\\1\u00a0", text)
-    return text.replace(" = ", "\u00a0=\u00a0").replace(" %", "\u00a0%")
+_OPTION = re.compile(r"(?<!\S)--[a-z][\w-]*(?: \d+)?")
+
+
+def _typeset(text: str) -> Markup:
+    """Return an escaped text with the signs of print, and options of commands on one line."""
+    return Markup(_OPTION.sub(r'<span class="unbroken">\g<0></span>', str(escape(typeset(text)))))
 
 
 def _embedded(report_figure: ReportFigure) -> dict[str, object]:

@@ -17,7 +17,7 @@ from homolog.arrays import Array
 from homolog.files.atomic import atomic_write
 from homolog_app.pictures.layout import Panel, draw_displacement_bar
 from homolog_app.rendering.colours import LIGHT
-from homolog_app.rendering.text import complete_texts
+from homolog_app.rendering.text import complete_texts, typeset
 from homolog_app.report import NOTICE
 from homolog_app.report.page import Link, Page
 
@@ -32,6 +32,10 @@ _WRAP = 108  # characters of small text on a line
 _ACROSS = 15.0  # characters of a table's cell in an inch
 _BOTTOM = HIGH - 0.65
 _ORANGE = "#a03c00"
+_SMALLEST = 0.75
+"""Of a figure's size, for it to fit beside another."""
+_BOLD = 1.12
+"""Width of bold letters."""
 _MOST_COLUMNS = 7
 _MOST_ROWS = 200
 
@@ -122,14 +126,14 @@ class Sheet:
 
 def wrapped(content: str, size: float = 8.5) -> list[str]:
     """Return the lines of a paragraph."""
-    return textwrap.wrap(content, int(_WRAP * 8.5 / size)) or [""]
+    return textwrap.wrap(typeset(content), int(_WRAP * 8.5 / size), break_on_hyphens=False) or [""]
 
 
 def wrapped_cells(row: Sequence[str], starts: Sequence[float]) -> list[list[str]]:
     """Return the lines of each cell of a row."""
     ends = [*starts[1:], WIDE - 2 * EDGE]
     return [
-        textwrap.wrap(cell, max(4, int((end - start) * _ACROSS))) or [""]
+        textwrap.wrap(typeset(cell), max(4, int((end - start) * _ACROSS))) or [""]
         for cell, start, end in zip(row, starts, ends, strict=True)
     ]
 
@@ -231,18 +235,21 @@ class _Flow:
             self.paragraph(f"{len(rows) - _MOST_ROWS} more rows: see the HTML page.")
 
     def figures(self, figures: Iterable[dict[str, object]]) -> None:
-        """Add figures, beside each other where they fit, with their captions."""
+        """Add figures, beside each other where they fit or do when made a little smaller, with captions."""
+        items, room = list(figures), WIDE - 2 * EDGE
+        widths = [float(str(item["width"])) / 96.0 for item in items]
+        smaller = (room - 0.1 * len(items)) / max(sum(widths), room)
         left = 0.0
         below = 0.0
-        for item in figures:
+        for item, own in zip(items, widths, strict=True):
             image = matplotlib.image.imread(io.BytesIO(base64.b64decode(str(item["data"]))))
-            width = min(float(str(item["width"])) / 96.0, WIDE - 2 * EDGE)
+            width = min(own * (smaller if len(items) > 1 and smaller > _SMALLEST else 1.0), room)
             high = image.shape[0] / image.shape[1] * width
             if high > (limit := _BOTTOM - 2.2):
                 width, high = width * limit / high, limit
-            caption = textwrap.wrap(str(item["caption"]), max(20, int(width * _ACROSS)))
+            caption = textwrap.wrap(typeset(str(item["caption"])), max(20, int(width * _ACROSS)))
             needed = high + 0.05 + _LINE * len(caption)
-            if not left or left + width > WIDE - 2 * EDGE or self.sheet.y + needed > _BOTTOM:
+            if not left or left + width > room or self.sheet.y + needed > _BOTTOM:
                 self.sheet.y += below
                 left = below = 0.0
                 self.room(needed)
@@ -261,14 +268,18 @@ def _words(cell: str | Link) -> str:
 
 def _starts(rows: Sequence[Sequence[str]]) -> list[float]:
     """Return where columns start, so that long ones are wide and no word is broken without need."""
-    columns = list(zip(*rows, strict=True))
-    least = np.array(
-        [2 + max((len(word) for cell in column for word in cell.split()), default=0) for column in columns]
-    )
-    whole = np.array([2 + max(map(len, column)) for column in columns])
+    columns = list(zip(*([typeset(cell) for cell in row] for row in rows), strict=True))
+    least = np.array([2 + _letters([cell.split(" ") for cell in column]) for column in columns])
+    whole = np.array([2 + _letters([[cell] for cell in column]) for column in columns])
     room = (WIDE - 2 * EDGE) * _ACROSS
     left = max(room - least.sum(), 0.0)
     widths = least + (whole - least) * min(1.0, left / max((whole - least).sum(), 1))
     widths = widths * min(1.0, room / widths.sum())
     places: list[float] = (np.concatenate([[0.0], widths.cumsum()[:-1]]) / _ACROSS).tolist()
     return places
+
+
+def _letters(cells: Sequence[Sequence[str]]) -> float:
+    """Return the length of the longest word of a column's cells; the first cell is bold."""
+    longest = [max(map(len, words), default=0) for words in cells]
+    return max(_BOLD * longest[0], *longest[1:], 0)

@@ -2,7 +2,7 @@
 
 import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 
@@ -27,6 +27,7 @@ __all__ = ["SampleRow", "sample_rows", "save_study"]
 _MOST_CATEGORIES = 8
 """Of a column that is not asked for, for it to be in the description of the sample."""
 _Cell = str | float | int | None
+_Table = tuple[str, Sequence[str], Iterable[Sequence[_Cell]]]
 SampleRow = tuple[str, str, str, int, float | None, float | None]
 """Group, variable, category, number of subjects, mean and standard deviation."""
 
@@ -80,57 +81,10 @@ def write_study_tables(
     InputError
         If the folder can't be written to.
     """
-    rows = [
-        _test_row(study, comparison) | _provenance(study.request, answered)
-        for comparison in study.comparisons
-    ]
-    write_table(folder / "tests.csv", list(rows[0]), (list(row.values()) for row in rows))
-    written = {"tests.csv": list(rows[0])}
-
-    def write(name: str, columns: Sequence[str], lines: Iterator[Sequence[_Cell]]) -> None:
+    written: dict[str, list[str]] = {}
+    for name, columns, lines in _tables(study, result, carrier, answered):
         write_table(folder / name, columns, lines)
         written[name] = list(columns)
-
-    write(
-        "null_simulation.csv",
-        ["comparison", "test", "false_positives", "repeats", "rate", "low_95", "high_95"],
-        (
-            [comparison.title, test.test, test.false_positives, test.repeats, test.rate, test.low, test.high]
-            for comparison in study.comparisons
-            for test in comparison.false_positives
-        ),
-    )
-    write(
-        "dispersion.csv",
-        ["comparison", "group", "n", "mean_distance_mm"],
-        (
-            [comparison.title, group, comparison.counts[group], distance]
-            for comparison in study.comparisons
-            if comparison.dispersion is not None
-            for group, distance in comparison.dispersion.by_group.items()
-        ),
-    )
-    write(
-        "sample.csv",
-        ["group", "variable", "category", "n", "mean", "standard_deviation"],
-        (list(row) for row in sample_rows(study, result)),
-    )
-    without = (
-        own
-        | _test_row(study, comparison.without_outliers)
-        | {"pairs_corrected_for": own["pairs_corrected_for"]}
-        | {"without": "; ".join(study.names[index] for index in comparison.outliers)}
-        for own, comparison in zip(rows, study.comparisons, strict=True)
-        if comparison.without_outliers is not None
-    )
-    write("tests_without_outliers.csv", [*rows[0], "without"], (list(row.values()) for row in without))
-    write("regions.csv", _REGION_COLUMNS, _regions(study, carrier))
-    stems = file_stems([comparison.title for comparison in study.comparisons])
-    for item, stem in zip(study.comparisons, stems, strict=True):
-        columns, lines = _particles(study, item, result, carrier)
-        write(f"particles_{stem}.csv", columns, lines)
-    columns, lines = _subjects(study, result)
-    write("subjects.csv", columns, lines)
     meanings = _meanings()
     write_table(
         folder / "columns.csv",
@@ -141,6 +95,58 @@ def write_study_tables(
             for column in columns
         ),
     )
+
+
+def _tables(study: Study, result: Result, carrier: SurfaceCarrier, answered: Answered) -> Iterator[_Table]:
+    """Yield the tables of a study: name, columns, rows."""
+    yield from _tests(study, answered)
+    yield (
+        "null_simulation.csv",
+        ["comparison", "test", "false_positives", "repeats", "rate", "low_95", "high_95"],
+        (
+            [comparison.title, test.test, test.false_positives, test.repeats, test.rate, test.low, test.high]
+            for comparison in study.comparisons
+            for test in comparison.false_positives
+        ),
+    )
+    yield (
+        "dispersion.csv",
+        ["comparison", "group", "n", "mean_distance_mm"],
+        (
+            [comparison.title, group, comparison.counts[group], distance]
+            for comparison in study.comparisons
+            if comparison.dispersion is not None
+            for group, distance in comparison.dispersion.by_group.items()
+        ),
+    )
+    yield (
+        "sample.csv",
+        ["group", "variable", "category", "n", "mean", "standard_deviation"],
+        sample_rows(study, result),
+    )
+    yield "regions.csv", _REGION_COLUMNS, _regions(study, carrier)
+    stems = file_stems([comparison.title for comparison in study.comparisons])
+    for item, stem in zip(study.comparisons, stems, strict=True):
+        yield f"particles_{stem}.csv", *_particles(study, item, result, carrier)
+    yield "subjects.csv", *_subjects(study, result)
+
+
+def _tests(study: Study, answered: Answered) -> Iterator[_Table]:
+    """Yield the tests of each comparison, and the same without outliers."""
+    rows = [
+        _test_row(study, comparison) | _provenance(study.request, answered)
+        for comparison in study.comparisons
+    ]
+    yield "tests.csv", list(rows[0]), (list(row.values()) for row in rows)
+    without = (
+        own
+        | _test_row(study, comparison.without_outliers)
+        | {"pairs_corrected_for": own["pairs_corrected_for"]}
+        | {"without": "; ".join(study.names[index] for index in comparison.outliers)}
+        for own, comparison in zip(rows, study.comparisons, strict=True)
+        if comparison.without_outliers is not None
+    )
+    yield "tests_without_outliers.csv", [*rows[0], "without"], (list(row.values()) for row in without)
 
 
 def sample_rows(study: Study, result: Result) -> list[SampleRow]:

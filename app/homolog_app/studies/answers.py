@@ -1,13 +1,14 @@
 """Questions about groups or a number: asked, repeated, kept, and their answers carried to the surface."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from homolog.analysis.comparison import Comparison, prepare_shapes
-from homolog.arrays import BoolArray, Float32Array, FloatArray
+from homolog.analysis.studies import pair_members
+from homolog.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
@@ -17,7 +18,7 @@ from homolog_app.rendering.colours import common_limit
 from homolog_app.rendering.text import short
 from homolog_app.report.findings import LEVEL
 from homolog_app.report.request import StudyRequest, category_of
-from homolog_app.report.study import Study, compared_shapes, run_study, study_options
+from homolog_app.report.study import Study, column_of, compared_shapes, run_study, study_options
 from homolog_app.studies.model_shape import ModelShape
 from homolog_app.studies.study import Study as Cohort
 from homolog_app.studies.study import with_present_table
@@ -78,14 +79,16 @@ class GroupAnswer:
     discriminant : GroupMap or None
         Along the linear discriminant; None if no mode is above chance, and for a regression.
     places : (m,) array or None
-        Subjects' places along the discriminant, or along the change that the number brings, as root mean
-        square displacement of the particles [mm].
+        Subjects' places along the discriminant, or along the mean difference of pairs or the change that the
+        number brings, as root mean square displacement of the particles [mm].
     values : (m,) array or None
         The number, for a regression.
     groups : tuple of str
         Of these subjects, as the table has them now.
     limit : float
         End of the colour scale that fits both maps [mm].
+    subjects : (m,) int array
+        Indices of the subjects that have a place: those of the pair, of pairs the first and the second ones.
     """
 
     shape: ModelShape
@@ -100,6 +103,7 @@ class GroupAnswer:
     limit: float
     values: FloatArray | None = None
     groups: tuple[str, ...] = ()
+    subjects: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @property
     def ends(self) -> tuple[str, str]:
@@ -128,7 +132,7 @@ def answer_groups(
     result : Result
         That of the model, with the columns to ask about.
     request : StudyRequest
-        Of the kind ``"groups"`` or ``"regression"``.
+        Of any kind.
     tick : Tick
         Progress and cancelling.
     pair : int
@@ -157,7 +161,8 @@ def carried_answer(shape: ModelShape, result: Result, study: Study, index: int, 
         raise InputError(f"there is no pair {index} of groups; there are {len(pairs)}")
     pair = pairs[index]
     separation = pair.discriminant
-    way = _slope(study, pair) if request.kind == "regression" else _between(pair)
+    way = _slope(study, pair) if request.kind == "regression" else _between(request, pair)
+    subjects = pair.subjects if request.kind != "pairs" else _paired(result, study)
     fields = [pair.mean - shape.model.mean - way.share * way.effect, way.effect]
     carried = shape.carried(np.array([*fields, *(separation.modes if separation is not None else ())]))
     start, ways = carried[0], carried[1]
@@ -173,13 +178,14 @@ def carried_answer(shape: ModelShape, result: Result, study: Study, index: int, 
         firm = ((low > 0) | (high < 0)) & (pair.p_adjusted <= LEVEL)
         discriminant = GroupMap(along, separation.weights.astype(np.float32) @ outward[1:], firm)
         places = separation.scores / np.sqrt(len(pair.mean))
-    elif way.values is not None:
-        places = _along(result, request, pair, way.effect)
+    elif request.kind != "groups":
+        places = _along(result, request, pair, subjects, way.effect)
+        places = places - places.mean() if way.values is None else places
     maps = [item.outward for item in (difference, discriminant) if item is not None]
     return GroupAnswer(
         shape, study, pair, way.first, way.second, start, difference, discriminant, places,
         max(common_limit([np.asarray(values, np.float64)]) for values in maps), way.values,
-        tuple(result.groups[subject] or "" for subject in pair.subjects),
+        tuple(result.groups[subject] or "" for subject in subjects), subjects,
     )  # fmt: skip
 
 
@@ -194,7 +200,10 @@ class _MorphPath:
     values: FloatArray | None = None
 
 
-def _between(pair: Comparison) -> _MorphPath:
+def _between(request: StudyRequest, pair: Comparison) -> _MorphPath:
+    if request.kind == "pairs":
+        first, second = request.between
+        return _MorphPath(first, second, pair.pointwise.effect[0], 0.0)  # the mean is that of the first ones
     first, second = pair.counts
     return _MorphPath(
         first, second, pair.pointwise.effect[0], pair.counts[second] / sum(pair.counts.values())
@@ -210,9 +219,22 @@ def _slope(study: Study, pair: Comparison) -> _MorphPath:
     return _MorphPath(first, second, pair.pointwise.effect[0] * (high - low), share, values)
 
 
-def _along(result: Result, request: StudyRequest, pair: Comparison, effect: FloatArray) -> FloatArray:
+def _paired(result: Result, study: Study) -> IntArray:
+    """Return the subjects of all pairs: the first of each, then the second of each."""
+    first, second = study.request.between
+    taking = [
+        label if name not in study.left_out else ""
+        for name, label in zip(result.names, study.labels, strict=True)
+    ]
+    pairs = column_of(result, study.request.pairs or "")
+    return np.concatenate(pair_members(pairs, taking, (first, second), result.names))
+
+
+def _along(
+    result: Result, request: StudyRequest, pair: Comparison, subjects: IntArray, effect: FloatArray
+) -> FloatArray:
     """Return how far each subject lies along an effect (N, 3), as RMS over the particles [mm]."""
-    own = compared_shapes(result, request.alignment)[pair.subjects]
+    own = compared_shapes(result, request.alignment)[subjects]
     shapes = prepare_shapes(own, study_options(request)) - pair.mean
     length = max(float(np.linalg.norm(effect)), np.finfo(float).tiny)
     return np.asarray(np.einsum("mni,ni->m", shapes, effect) / length / np.sqrt(len(effect)))
@@ -273,6 +295,7 @@ def question_of(requests: Sequence[StudyRequest], result: Result, cohort: Cohort
     known = {name for columns in present.columns for name in columns}
     used = [request.column for request in requests]
     used += [category_of(name, known)[0] for request in requests for name in request.covariates]
+    used += [request.pairs for request in requests if request.pairs]
     cells = tuple(
         tuple(group or "" for group in present.groups)
         if column == "group"

@@ -31,6 +31,7 @@ __all__ = [
     "effect_line",
     "number_rows",
     "numbers_of",
+    "pairings_of",
     "question_text",
     "size_name",
     "values_of",
@@ -88,12 +89,40 @@ def covariates_of(study: Study, column: str, *, complete: bool = False) -> dict[
         if name == own:
             problems[name] = ""
         elif any(cells):
-            alike = len({cell for cell in cells if cell}) == 1
             missing = "" if complete else _missing(study, name)
-            problems[name] = missing or ("The same for all subjects" if alike else "")
+            problems[name] = missing or _unusable([cell for cell in cells if cell])
             if _are_codes(cells) and not name.endswith(CATEGORY):
                 problems[f"{name}{CATEGORY}"] = problems[name]
     return problems
+
+
+def _unusable(cells: list[str]) -> str:
+    """Say why values can't be adjusted for: all alike, or as many words as there are subjects."""
+    several = len(set(cells))
+    if several == 1:
+        return "The same for all subjects"
+    try:
+        words = numbers(cells) is None
+    except InputError as error:
+        return str(error)
+    return f"{several} different texts, too many for categories" if words and several > len(cells) / 2 else ""
+
+
+def pairings_of(study: Study, column: str, between: tuple[str, str]) -> list[str]:
+    """Return the columns that can pair two values of a column: half of their subjects, each in one pair."""
+    labels = _cells(study, column)
+    offered = []
+    for name in ("group", *study.columns):
+        places = [
+            (cell, label)
+            for cell, label in zip(_cells(study, name), labels, strict=True)
+            if cell and label in between
+        ]
+        pairs = list(Counter(cell for cell, _ in places).values()).count(2)
+        alone = len(set(places)) == len(places)
+        if name != column and alone and pairs >= max(_LEAST, sum(label in between for label in labels) / 4):
+            offered.append(name)
+    return offered
 
 
 def _are_codes(cells: list[str]) -> bool:
@@ -138,6 +167,7 @@ def question_text(request: StudyRequest) -> str:
     """Return alignment, covariates and who is left out, as they stand below the headline."""
     how = SIZE_WORDS[request.alignment]
     parts = [f"{how[0].upper()}{how[1:]}"]
+    parts += [f"paired by {request.pairs}"] if request.pairs else []
     parts += [f"adjusted for {', '.join(request.covariates)}"] if request.covariates else []
     parts += ["subjects with missing values excluded"] if request.complete_cases else []
     return f"{', '.join(parts)}."
@@ -200,6 +230,6 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
         rows.append(("Size", f"{signed(pair.size.value)} {unit} (95 % CI {low} to {high}), {p}"))
     for simulated in pair.false_positives[:1]:
         assert simulated.test == WHOLE_SHAPE_F
-        bounds = f"{short(100 * simulated.low)}–{short(100 * simulated.high)}"
-        rows.append(("Type I error (F test)", f"{100 * simulated.rate:.1f} % ({bounds})"))
+        low, high = (f"{100 * bound:.1f}" for bound in (simulated.low, simulated.high))
+        rows.append(("Type I error (F test)", f"{100 * simulated.rate:.1f} % (95 % CI {low} to {high})"))
     return rows

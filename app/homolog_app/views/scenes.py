@@ -236,7 +236,8 @@ def _mean(answer: "GroupAnswer", placed: FloatArray, way: float, title: str) -> 
         text, count = "half-way", ""
     else:
         text = answer.ends[int(way)]
-        known = answer.pair.counts.get((answer.first, answer.second)[int(way)])
+        counts = answer.pair.counts
+        known = counts.get((answer.first, answer.second)[int(way)], counts.get("pairs"))
         count = f"{known} subjects" if known else "by regression"
     names = (title, text) if title else (text, count)
     moved = _at(answer, answer.difference, way)

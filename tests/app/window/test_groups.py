@@ -268,7 +268,47 @@ def test_other_questions_asked_of_the_same_result_are_counted(compare, bean_proj
     page = compare(bean_project, "slim", "wide")
     assert page.others.text() == ""
     page = compare(bean_project, "slim", "wide", "Shape: size removed (similarity)")
-    assert page.others.text() == "p is not corrected for the 1 other question asked in this session."
+    assert page.others.text() == "p is not corrected for 1 other question asked in this session."
+
+
+def test_pairs_of_subjects_are_compared_as_the_command_line_does(explore, bean_project, window, wait):
+    from homolog_app.report.request import StudyRequest
+    from homolog_app.report.study import run_study
+
+    page, session = explore(bean_project, "groups"), window.workspace.session
+    seen, changed = {"slim": 0, "wide": 0}, {}
+    for member in session.study.members:
+        group = member.subject.group
+        columns = {"patient": f"p{seen[group]}", "weight": f"{member.name}"}
+        changed[member.name] = replace(member, subject=replace(member.subject, columns=columns))
+        seen[group] += 1
+    session.edit("Table", session.study.with_members(changed))
+    offered = [page.form.pairing.itemText(at) for at in range(page.form.pairing.count())]
+    assert offered == ["Subjects are not paired", "Paired by patient"]
+    page.form.pairing.setCurrentIndex(1)
+    page.form.pairing.activated.emit(1)
+    assert not page.form.allow.isVisible()  # pairs are compared without covariates
+    window.commands["explore.test"].trigger()
+    wait(lambda: bool(page.answers), seconds=300)
+    answer, result = page.answers[0], page.answers[0].shape.result
+    labels = tuple(member.subject.group for member in session.study.members)
+    columns = tuple(changed[name].subject.columns for name in result.names)
+    asked = StudyRequest(kind="pairs", between=("slim", "wide"), pairs="patient")
+    expected = run_study(replace(result, groups=labels, columns=columns), asked).overall
+    assert answer.pair.p_adjusted == expected.p_adjusted
+    np.testing.assert_array_equal(answer.pair.p_fwe, expected.p_fwe)
+    assert page.verdict.text().startswith("wide − slim (5 pairs)")
+    assert dict(page.numbers.texts)["Subjects"] == "5 pairs"
+    second = np.array(labels)[answer.subjects] == "wide"
+    assert answer.places[second].mean() > answer.places[~second].mean()
+    session.edit(
+        "Table",
+        session.study.with_members(
+            {name: replace(one, subject=replace(one.subject, columns={})) for name, one in changed.items()}
+        ),
+    )
+    assert not page.form.pairing.isVisible()
+    assert page.stale.isVisible()
 
 
 def test_too_few_subjects_are_said_and_nothing_breaks(explore, finished, window, errors, wait):

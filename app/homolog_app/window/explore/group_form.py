@@ -6,7 +6,14 @@ from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QMenu, QWidget
 
 from homolog.analysis.procrustes import Alignment
 from homolog_app.report.request import StudyRequest
-from homolog_app.studies.questions import SIZE, covariates_of, numbers_of, size_name, values_of
+from homolog_app.studies.questions import (
+    SIZE,
+    covariates_of,
+    numbers_of,
+    pairings_of,
+    size_name,
+    values_of,
+)
 from homolog_app.window.session import Session
 from homolog_app.window.widgets import GRID, button, choice, label
 
@@ -45,6 +52,11 @@ class GroupForm(QWidget):
             "Test for any difference, then each two groups; p-values of the whole shape, of particles and of "
             "size and of the discriminant are corrected for their number"
         )
+        self.pairing = choice("Pairs")
+        self.pairing.setToolTip(
+            "Column that names the pairs, such as the patient of two scans: the differences within the pairs "
+            "are tested"
+        )
         self.alignment = choice("Alignment", _ALIGNMENTS)
         self.alignment.setToolTip(
             "How shapes are aligned before they are compared; size is always tested separately. Both "
@@ -61,9 +73,10 @@ class GroupForm(QWidget):
         self.allow.setMenu(self.covariate_menu)
         self._lay_out()
         self.column.activated.connect(lambda _: self._offer_values())
-        for box in (self.column, self.first, self.second):
+        for box in (self.first, self.second, self.pairing):
+            box.activated.connect(lambda _: self._offer_pairings())
+        for box in (self.column, self.first, self.second, self.pairing, self.alignment):
             box.activated.connect(lambda _: self.edited.emit())
-        self.alignment.activated.connect(lambda _: self.edited.emit())
         self.complete.toggled.connect(self.offer)
         for tick in (self.every, self.complete):
             tick.toggled.connect(self.edited)
@@ -84,7 +97,7 @@ class GroupForm(QWidget):
             grid.addWidget(box, row, at + 1, 1, span)
         grid.addWidget(self.swap, 1, 4)
         for row, widget in enumerate(
-            (self.slope, self.allow, self.complete, self.every, self.alignment), start=2
+            (self.slope, self.pairing, self.allow, self.complete, self.every, self.alignment), start=2
         ):
             grid.addWidget(widget, row, 0, 1, 5)
         for column in (1, 3):
@@ -103,6 +116,12 @@ class GroupForm(QWidget):
         return bool(self.column.count()) and self.column.currentData()[1] == _NUMBER
 
     @property
+    def pairs(self) -> str | None:
+        """The column that names the pairs, if they are compared."""
+        chosen = None if self.is_regression else self.pairing.currentData()
+        return str(chosen) if chosen else None
+
+    @property
     def request(self) -> StudyRequest:
         """The question, or the first of two."""
         return self.requests[0]
@@ -115,8 +134,9 @@ class GroupForm(QWidget):
         alignments = _BOTH if chosen is None else (chosen,)
         return tuple(
             StudyRequest(
-                kind="regression" if self.is_regression else "groups", column=column,
-                between=() if self.is_regression else self.between, covariates=self.covariates,
+                kind="regression" if self.is_regression else "pairs" if self.pairs else "groups",
+                column=column, between=() if self.is_regression else self.between, pairs=self.pairs,
+                covariates=() if self.pairs else self.covariates,
                 alignment=alignment, complete_cases=self.complete.isChecked(), answers=len(alignments),
             )
             for alignment in alignments
@@ -132,7 +152,8 @@ class GroupForm(QWidget):
         """The groups: first and second, then the others if all are to be tested."""
         two = (self.first.currentText(), self.second.currentText())
         values = [self.first.itemText(index) for index in range(self.first.count())]
-        others = [value for value in values if value not in two] if self.every.isChecked() else []
+        everyone = self.every.isChecked() and not self.pairs
+        others = [value for value in values if value not in two] if everyone else []
         return (*two, *others)
 
     @property
@@ -172,6 +193,7 @@ class GroupForm(QWidget):
         first, second = self.first.currentIndex(), self.second.currentIndex()
         self.first.setCurrentIndex(second)
         self.second.setCurrentIndex(first)
+        self._offer_pairings()
         self.edited.emit()
 
     def _offer_values(self) -> None:
@@ -189,8 +211,24 @@ class GroupForm(QWidget):
         for widget in (*self._names[1:], self.first, self.second, self.swap):
             widget.setVisible(not slope)
         self.slope.setVisible(slope)
-        self.every.setVisible(len(values) > 2 and not slope)
+        self._offer_pairings()
         self._offer_covariates(column)
+
+    def _offer_pairings(self) -> None:
+        """Offer the columns that pair the two groups; of pairs, no covariates and no further groups."""
+        slope = self.is_regression or not self.column.count()
+        two = (self.first.currentText(), self.second.currentText())
+        columns = [] if slope else pairings_of(self._session.study, self.column.currentData()[0], two)
+        offered = {"Subjects are not paired": None} | {f"Paired by {name}": name for name in columns}
+        if list(offered) != [self.pairing.itemText(at) for at in range(self.pairing.count())]:
+            kept = self.pairing.currentData()
+            self.pairing.clear()
+            for text, name in offered.items():
+                self.pairing.addItem(text, name)
+            self.pairing.setCurrentIndex(max(self.pairing.findData(kept), 0) if kept else 0)
+        self.pairing.setVisible(bool(columns))
+        self.allow.setVisible(not self.pairs)
+        self.every.setVisible(self.first.count() > 2 and not slope and not self.pairs)
 
     def _offer_covariates(self, column: str) -> None:
         """Offer the other columns, and size; those that can't be used say why."""

@@ -7,7 +7,7 @@ import numpy as np
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTreeWidget, QTreeWidgetItem
 
-from homolog_app.rendering.text import short, signed
+from homolog_app.rendering.text import short, signed, typeset
 from homolog_app.report.findings import LEVEL, correction_text, p_text
 from homolog_app.report.request import SIZE_WORDS
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
@@ -104,8 +104,7 @@ def correction_sentence(answers: "Answers", others: int) -> str:
     corrected = correction_text(answers.own[0])
     if not others:
         return f"p is {corrected}." if corrected else ""
-    plural = "question" if others == 1 else "questions"
-    rest = f"for the {others} other {plural} asked in this session"
+    rest = f"for {others} other question{'' if others == 1 else 's'} asked in this session"
     return f"p is {corrected}, but not {rest}." if corrected else f"p is not corrected {rest}."
 
 
@@ -140,11 +139,15 @@ def _values(study: "Study", comparison: "Comparison") -> tuple[str, str, str, st
         100.0 * float(study.areas[significant].sum()) / max(float(study.areas.sum()), np.finfo(float).tiny)
     )
     return (
-        comparison.title.replace(" - ", " − "),
+        typeset(comparison.title),
         effect,
         p,
         f"{share:.0f} %" if significant.any() else "none",
     )
+
+
+def _line(answer: "GroupAnswer") -> str:
+    return "discriminant" if answer.discriminant is not None else "mean difference"
 
 
 class GroupPlot(ScatterPlot):
@@ -170,15 +173,16 @@ class GroupPlot(ScatterPlot):
             self.show_scores(np.empty((0, 2)), (), (), ("", ""))
             return
         self._answer = answer
-        names = [answer.shape.result.names[subject] for subject in answer.pair.subjects]
+        names = [answer.shape.result.names[subject] for subject in answer.subjects]
         if answer.values is None:
             from homolog_app.plots import discriminant_points
 
-            groups: Sequence[str] = [answer.study.labels[subject] for subject in answer.pair.subjects]
+            groups: Sequence[str] = [answer.study.labels[subject] for subject in answer.subjects]
             second = np.array([group == answer.second for group in groups], dtype=bool)
             points = discriminant_points(answer.places, second)
             self.ends = float(answer.places[~second].mean()), float(answer.places[second].mean())
-            self.title, label = "Subjects along the discriminant", "position along the discriminant (mm)"
+            line = _line(answer)
+            self.title, label = f"Subjects along the {line}", f"position along the {line} (mm)"
         else:
             groups, points = answer.groups, np.column_stack([answer.values, answer.places])
             self.ends = float(answer.values.min()), float(answer.values.max())
@@ -196,7 +200,8 @@ class GroupPlot(ScatterPlot):
         if answer.values is None:
             second = np.array([group == answer.second for group in self.groups], dtype=bool)
             order = group_order(answer.study.labels)
-            draw_discriminant(axes, answer.places, second, (answer.first, answer.second), order, colours)
+            two = answer.first, answer.second
+            draw_discriminant(axes, answer.places, second, two, order, colours, along=_line(answer))
             return
         slope = float(np.linalg.norm(answer.pair.pointwise.effect[0])) / np.sqrt(len(answer.pair.mean))
         column = answer.study.request.column

@@ -15,6 +15,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from homolog_app.rendering.text import typeset
 from homolog_app.studies.answers import (
     Answers,
     answer_question,
@@ -235,7 +236,7 @@ class GroupsPage(ExplorePage):
             "seeds",
             lambda tick: repeat_by_seed(project, answers, cohort, _SEEDS, tick),
             f"answers of {_SEEDS} seeds",
-            lambda sentences: self.kept.setText("\n".join(sentences)),
+            lambda sentences: self.kept.setText(typeset("\n".join(sentences))),
         )
 
     def shown(self, subjects: Sequence[Content]) -> ViewContents:
@@ -339,7 +340,8 @@ class GroupsPage(ExplorePage):
         self.results.setEnabled(not job.is_busy)
         self.progress.show_status(job.status if own else None)
         self.go.setVisible(not (own and job.status is not None))
-        self.go.setText("Test the effect" if self.form.is_regression else "Compare groups")
+        compares = "Compare pairs" if self.form.pairs else "Compare groups"
+        self.go.setText("Test the effect" if self.form.is_regression else compares)
         self.go.setEnabled(self.fitted.shape is not None and self.form.is_possible and not job.is_busy)
         set_primary(self.go, not (self.answers and self._current))
 
@@ -349,7 +351,7 @@ class GroupsPage(ExplorePage):
         self._current = self._is_current()
         for widget in (self.way, self.player, self.map, self.views, self.significant, self.arrows):
             widget.setEnabled(bool(answers))
-        if answers and answers[0].values is not None:
+        if answers and answers[0].discriminant is None:
             self.map.setCurrentIndex(0)
             self.map.setEnabled(False)
         for footer in (self.keep, self.seeds):
@@ -378,14 +380,14 @@ class GroupsPage(ExplorePage):
         study = answers[0].study
         sentences = dict(zip(study.comparisons, findings(study), strict=True))
         first = sentences[answers[0].pair]
-        self.verdict.setText(first.verdict.replace(" - ", " − "))
+        self.verdict.setText(typeset(first.verdict))
         self.effect.setText(effect_line(answers[0]))
         self.question.setText(question_text(study.request))
         self.results.show_answers(self.all, self._mapped)
         self.others.setText(correction_sentence(self.all, len(self._asked - self.all.question.titles)))
         self.others.setVisible(bool(self.others.text()))
-        self.summary.setText(first.numbers)
-        self.cautions.setText("\n".join(cautions(study)).replace(" - ", " − "))
+        self.summary.setText(typeset(first.numbers))
+        self.cautions.setText(typeset("\n".join(cautions(study))))
         self.cautions.setVisible(bool(self.cautions.text()))
         shapes = [answer.shape for answer in answers]
         self.numbers.show_rows([shape.title_among(shapes) for shape in shapes], number_rows(answers))
