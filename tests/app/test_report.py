@@ -55,6 +55,8 @@ def _project(folder, unit_sphere):
             "code": str(index // 2 % 3 + 1),
             "stage": "NA" if index == 7 else "1",
         }
+        columns["halves"] = "" if index == 1 else columns["couple"]
+        columns["scanner"] = ("1", "1.0", "2")[index // 3 % 3]
         columns["half"] = "x" if index % 3 < 2 else "xy"[index % 2]
         subjects.append(
             ResultSubject(
@@ -173,6 +175,7 @@ def test_a_subject_that_lies_far_from_all_others_is_named(project, capsys):
         (["--pairs", "twin"], "between two values of a column"),
         (["--pairs", "twin", "--between", "X", "Y"], "no subject is in 'X'; groups are: A, B, C"),
         (["--pairs", "twin", "--regress", "age"], "can't be combined with --regress"),
+        (["--pairs", "halves", "--between", "A", "B"], "'halves': no pair for subject 1; fill it in"),
         (["--covariates", "age", "age"], "'age' is given twice"),
         (["--covariates", "dose"], "'dose' contains numbers, but also '30 y' of subject 3"),
         (["--covariates", "weight"], "'inf' of subject 2 is not finite"),
@@ -185,6 +188,13 @@ def test_a_question_that_cannot_be_answered_is_refused_and_not_kept(project, wor
     assert message in error
     assert "Traceback" not in error
     assert not list(project.folder.rglob("study.json"))
+
+
+def test_spellings_of_a_declared_category_are_told_and_those_of_a_number_are_not(project, capsys):
+    assert _analyze(project, "--between", "A", "B", "--covariates", "scanner:c", "--size", "with") == 0
+    assert "'scanner' contains '1' and '1.0', which were treated as different" in capsys.readouterr().out
+    assert _analyze(project, "--between", "A", "B", "--covariates", "scanner", "--size", "with") == 0
+    assert "treated as different" not in capsys.readouterr().out
 
 
 def test_each_p_is_printed_with_no_more_digits_than_it_has():

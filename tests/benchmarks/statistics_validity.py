@@ -20,8 +20,9 @@ minutes on sixteen. Needs numpy, scipy and threadpoolctl.
 
 import argparse
 import json
+import re
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
@@ -51,6 +52,7 @@ MODES = 5
 ALPHA = 0.05
 TESTS = ("F", "whole shape, permutation", "particles, family-wise", "size", "dispersion")
 DISCRIMINANT = ("accuracy", "AUC")
+PARTS = ("tests", "discriminant")
 CAUTIONS = ("dispersion", "size", "outliers")
 BLOCK = 25
 EFFECT = 0.3
@@ -251,16 +253,16 @@ def stored(file: Path) -> dict[tuple, dict]:
     return {key_of(item): item for item in blocks}
 
 
-def compute(file: Path, repeats: int, processes: int, only: str, seed: int) -> None:
-    """Compute the blocks that the file does not have yet."""
+def compute(file: Path, repeats: int, processes: int, only: str, seed: int, parts: Sequence[str]) -> None:
+    """Compute the blocks that the file does not have yet, some repeats of all studies before further ones."""
     done = stored(file)
     wanted = [
         (part, study, effect, seed, first)
-        for part in ("tests", "discriminant")
+        for part in parts
         for effect, count in ((0.0, repeats), (EFFECT, max(repeats // 4, BLOCK)))
+        for first in range(0, count, BLOCK)
         for study in STUDIES
         if only in study and (part == "tests" or two_groups(study))
-        for first in range(0, count, BLOCK)
     ]
     missing = [key for key in wanted if key not in done]
     with (
@@ -284,18 +286,20 @@ def summary(file: Path) -> None:
     print("| study |", " | ".join(columns), "|\n|---|", "---|" * len(columns), sep="")
     outside = []
     for study in STUDIES:
-        whole = [_collected(blocks, study, part, effect=False) for part in ("tests", "discriminant")]
-        strong = [_collected(blocks, study, part, effect=True)[0] for part in ("tests", "discriminant")]
-        if not len(whole[0][0]):
+        whole = [_collected(blocks, study, part, effect=False) for part in PARTS]
+        strong = [_collected(blocks, study, part, effect=True)[0] for part in PARTS]
+        if not any(len(p) for p, _ in whole):
             continue
         rates = [*_rates(whole[0][0], len(TESTS)), *_rates(whole[1][0], len(DISCRIMINANT))]
         powers = [*_rates(strong[0], len(TESTS))[:3], *_rates(strong[1], len(DISCRIMINANT))[:1]]
-        given = ", ".join(f"{100.0 * item:.0f}" for item in whole[0][1].mean(axis=0))
+        cautions = next(given for p, given in whole if len(p))
+        given = ", ".join(f"{100.0 * item:.0f}" for item in cautions.mean(axis=0))
         cells = [*(_cell(item, 1) for item in rates), given, *(_cell(item, 0) for item in powers)]
         print(f"| {study} |", " | ".join(cells), "|")
         for (p, cautions), tests in zip(whole, (TESTS, DISCRIMINANT), strict=True):
             for test, column in zip(tests, p.T, strict=False):
-                outside += _beyond(f"{study}, {test}", column, cautions.any(axis=1)) if test != "F" else []
+                if test != "F" and not (test == "dispersion" and re.search("doubled|grows", study)):
+                    outside += _beyond(f"{study}, {test}", column, cautions.any(axis=1))
     print("\nOutside 4 to 6 %, with 95 % intervals:\n", *outside, sep="\n")
 
 
@@ -350,11 +354,13 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=1000, help=f"a multiple of {BLOCK}")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--only", default="", help="studies with this word in their name")
+    parser.add_argument("--part", choices=PARTS, help="only these; all by default")
     parser.add_argument("--seed", type=int, default=1, help="of shapes and permutations")
     parser.add_argument("--summary", action="store_true", help="print the tables of the file")
     options = parser.parse_args()
     if not options.summary:
-        compute(options.file, options.repeats, options.processes, options.only, options.seed)
+        parts = [options.part] if options.part else PARTS
+        compute(options.file, options.repeats, options.processes, options.only, options.seed, parts)
     summary(options.file)
 
 

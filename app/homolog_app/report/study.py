@@ -322,8 +322,19 @@ def _regression(question: _Question) -> Comparison:
 def _pairs(question: _Question) -> Comparison:
     request, names = question.request, question.result.names
     column = request.pairs or ""
+    pairs = column_of(question.result, column)
+    alone = [
+        name
+        for name, pair, label in zip(names, pairs, question.labels, strict=True)
+        if label in request.between and not pair
+    ]
+    if alone:
+        raise InputError(
+            f"{column!r}: no pair for {', '.join(alone[:5])}; fill it in, or exclude such subjects "
+            "(complete cases)"
+        )
     first, second = pair_members(
-        column_of(question.result, column),
+        pairs,
         question.labels,
         (request.between[0], request.between[1]),
         names,
@@ -362,11 +373,12 @@ def _areas(result: Result) -> FloatArray:
 
 def _notes(result: Result, request: StudyRequest) -> tuple[str, ...]:
     known = _columns_of(result)
-    columns = [category_of(covariate, known)[0] for covariate in request.covariates]
+    covariates = dict(category_of(covariate, known) for covariate in request.covariates)
+    columns = list(covariates)
     notes = []
     for column in dict.fromkeys([*([] if request.kind == "regression" else [request.column]), *columns]):
         for alike in lookalikes(column_of(result, column)):
-            if column in columns and numbers(column_of(result, column)) is not None:
+            if not covariates.get(column, True) and numbers(column_of(result, column)) is not None:
                 continue
             spelled = " and ".join(repr(item) for item in alike)
             notes.append(f"Column {column!r} contains {spelled}, which were treated as different values.")

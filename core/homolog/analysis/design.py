@@ -81,7 +81,7 @@ def covariate_columns(
         else:
             block = numeric[:, None]
         if block.shape[1] == 0 or np.ptp(block[:, 0]) == 0.0:
-            raise InputError(f"covariate {title!r} is the same for all subjects; remove it")
+            raise InputError(f"covariate {title!r} is the same for all subjects that take part; remove it")
         columns.append(block)
     joined = np.hstack(columns)
     standardised: FloatArray = (joined - joined.mean(axis=0)) / joined.std(axis=0)
