@@ -27,6 +27,7 @@ GROUPS: dict[str, list[Any]] = {
     "Shape model": [hl.ShapeModel],
     "Group differences": [
         hl.compare_groups,
+        hl.regress,
         Comparison,
         ModeTest,
         PointwiseTest,

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from homolog.analysis.comparison import Comparison
     from homolog.analysis.shape_model import ShapeModel
-    from homolog.api.compare import compare_groups
+    from homolog.api.compare import compare_groups, regress
     from homolog.api.correspond import Correspondence, correspond
     from homolog.api.patient import compare_patient, make_reference
     from homolog.api.project import Project
@@ -50,6 +50,7 @@ __all__ = [
     "make_reference",
     "read_cohort",
     "read_mesh",
+    "regress",
     "write_mesh",
 ]
 
@@ -74,6 +75,7 @@ _HOMES = {
     "make_reference": "api.patient",
     "read_cohort": "cohort",
     "read_mesh": "files.meshes",
+    "regress": "api.compare",
     "write_mesh": "files.meshes",
 }
 

@@ -68,12 +68,15 @@ _TYPESET = (
     (re.compile(r" ?[=<>≤≥] (?=[\u2212+]?\d)"), lambda found: found[0].replace(" ", "\u00a0")),
     (re.compile(r"(?<=\d) (?=(mm²|mm|ml|SD|s|%)(?!\w))"), "\u00a0"),
     (re.compile(r"(?<=%) (?=CI)|(?<=CI) (?=[\u2212+]?\d)"), "\u00a0"),
-    (re.compile(r"F\(\d+, "), lambda found: found[0].replace(" ", "\u00a0")),
+    (
+        re.compile(r"F\(\d+, |\d \([\u2212+]?[\d.]+ to [\u2212+]?[\d.]+\)"),
+        lambda found: found[0].replace(" ", "\u00a0"),
+    ),
 )
 
 
 def typeset(text: str) -> str:
-    """Return words with minus signs, and with numbers that stay beside their units and relations."""
+    """Return words with minus signs, and with numbers that stay beside their units and intervals."""
     for pattern, instead in _TYPESET:
         text = pattern.sub(instead, text)
     return text

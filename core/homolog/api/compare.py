@@ -1,4 +1,4 @@
-"""Groups compared in one call."""
+"""Groups compared, and shapes regressed on a number, in one call."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -8,15 +8,16 @@ import numpy as np
 
 from homolog.analysis.checks import checked_particles
 from homolog.analysis.comparison import Comparison, Options
-from homolog.analysis.design import covariate_columns, is_missing
+from homolog.analysis.design import covariate_columns, is_missing, numbers
 from homolog.analysis.procrustes import Alignment
 from homolog.analysis.studies import compare_groups as compare_several
 from homolog.analysis.studies import compare_pairs, compare_two_groups, pair_members
+from homolog.analysis.studies import regress as regress_shapes
 from homolog.arrays import Array, ArrayLike, FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
 
-__all__ = ["compare_groups", "tick_of"]
+__all__ = ["compare_groups", "regress", "tick_of"]
 
 _Alignment = Literal["rigid", "similarity", "as-it-lies"]
 _Covariates = Mapping[str, Sequence[str | float] | Array]
@@ -193,6 +194,138 @@ def compare_groups(
             )
         each = tuple(pair.renumbered(chosen) for pair in each)
         answers.append(replace(overall.renumbered(chosen), pairwise=each))
+    return answers[0] if isinstance(alignment, str) else tuple(answers)
+
+
+@overload
+def regress(
+    particles: ArrayLike,
+    values: Sequence[float] | Array,
+    name: str = "variable",
+    *,
+    covariates: _Covariates | None = None,
+    alignment: _Alignment = "rigid",
+    modes: int | None = None,
+    permutations: int = 10_000,
+    null_repeats: int = 0,
+    seed: int = 0,
+    names: Sequence[str] | None = None,
+    callback: Callable[[float, str], object] | None = None,
+) -> Comparison: ...
+
+
+@overload
+def regress(
+    particles: ArrayLike,
+    values: Sequence[float] | Array,
+    name: str = "variable",
+    *,
+    covariates: _Covariates | None = None,
+    alignment: tuple[_Alignment, ...] | list[_Alignment],
+    modes: int | None = None,
+    permutations: int = 10_000,
+    null_repeats: int = 0,
+    seed: int = 0,
+    names: Sequence[str] | None = None,
+    callback: Callable[[float, str], object] | None = None,
+) -> tuple[Comparison, ...]: ...
+
+
+def regress(
+    particles: ArrayLike,
+    values: Sequence[float] | Array,
+    name: str = "variable",
+    *,
+    covariates: _Covariates | None = None,
+    alignment: _Alignment | Sequence[_Alignment] = "rigid",
+    modes: int | None = None,
+    permutations: int = 10_000,
+    null_repeats: int = 0,
+    seed: int = 0,
+    names: Sequence[str] | None = None,
+    callback: Callable[[float, str], object] | None = None,
+) -> Comparison | tuple[Comparison, ...]:
+    """Test for a linear effect of a continuous variable on shape, as ``homolog analyze --regress`` does.
+
+    Parameters
+    ----------
+    particles : (M, N, 3) array_like
+        Corresponding points [mm], such as `Correspondence.aligned`.
+    values : (M,) sequence of float
+        Value of each subject, such as its age; none may be missing.
+    name : str
+        Of the variable, for titles and messages.
+    covariates : mapping of str to sequence, optional
+        What is adjusted for; as of `compare_groups`, also what follows.
+    alignment : {"rigid", "similarity", "as-it-lies"}, or several of them
+        How shapes are aligned before they are tested.
+    modes : int, optional
+        Modes in which the whole shape is tested; by parallel analysis if not given.
+    permutations : int
+        Of each test.
+    null_repeats : int
+        How often the tests are tried on permuted values; 0 for never.
+    seed : int
+        Of the permutations.
+    names : sequence of str, optional
+        Subject names, for messages.
+    callback : callable, optional
+        ``callback(fraction, message)``.
+
+    Returns
+    -------
+    Comparison, or tuple of Comparison
+        Its effects are changes per unit of the variable. One for each alignment, if several are given.
+
+    Raises
+    ------
+    InputError
+        If a value is missing or no number, subjects are there twice, the variable can't be told from the
+        covariates, or an argument has no such value.
+
+    References
+    ----------
+    docs/statistics.md names the tests and their sources.
+
+    Examples
+    --------
+    Spheres, of which one of 40 particles moves outward with age:
+
+    >>> import numpy as np
+    >>> import homolog as hl
+    >>> random = np.random.default_rng(1)
+    >>> directions = random.normal(size=(40, 3))
+    >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    >>> shapes = 10.0 * directions + random.normal(scale=0.05, size=(12, 40, 3))
+    >>> ages = np.arange(50, 62)
+    >>> shapes[:, 7] *= 1.0 + 0.02 * (ages[:, None] - 50)
+    >>> effect = hl.regress(shapes, ages, "age", permutations=999)
+    >>> effect.title, int(np.argmin(effect.p_fwe))
+    ('age', 7)
+    """
+    alignments = (alignment,) if isinstance(alignment, str) else tuple(alignment)
+    _check(alignments, permutations)
+    shapes = checked_particles(particles, names)
+    everyone = list(range(len(shapes)))
+    _columns({name: values}, everyone, len(shapes), names)  # says which value is missing
+    given = numbers(list(values))
+    if given is None:
+        raise InputError(f"{name!r} contains words; compare its groups instead of a regression")
+    columns, tick = _columns(covariates, everyone, len(shapes), names), tick_of(callback)
+    answers = []
+    for index, chosen in enumerate(alignments):
+        options = Options(
+            alignment=Alignment(chosen),
+            modes=modes,
+            permutations=permutations,
+            null_repeats=null_repeats,
+            answers=len(alignments),
+            seed=seed,
+        )
+        part = part_of(tick, index / len(alignments), (index + 1) / len(alignments))
+        answers.append(
+            regress_shapes(shapes, given, name, covariates=columns, options=options, names=names, tick=part)
+        )
     return answers[0] if isinstance(alignment, str) else tuple(answers)
 
 

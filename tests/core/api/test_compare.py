@@ -6,7 +6,7 @@ import pytest
 import homolog as hl
 from homolog.analysis.comparison import Options
 from homolog.analysis.design import covariate_columns
-from homolog.analysis.studies import compare_two_groups
+from homolog.analysis.studies import compare_two_groups, regress
 
 QUICK = {"permutations": 199}
 
@@ -118,3 +118,21 @@ def test_pairs_name_the_pair_of_each_subject_as_on_the_command_line(shapes):
 def test_what_can_not_be_compared_is_refused(shapes, arguments, fault):
     with pytest.raises(hl.InputError, match=fault):
         hl.compare_groups(shapes, arguments.pop("groups", GROUPS), **(QUICK | arguments))
+
+
+def test_regressions_are_those_of_the_analysis_and_two_answers_are_corrected():
+    random = np.random.default_rng(4)
+    shapes = random.normal(size=(14, 30, 3)) + 10.0 * random.normal(size=(30, 3))
+    ages, sex = np.linspace(40.0, 70.0, 14), list("mf" * 7)
+    given = {"covariates": {"sex": sex}, "permutations": 199}
+    form, shape = hl.regress(shapes, ages, "age", alignment=("rigid", "similarity"), **given)
+    columns = covariate_columns({"sex": sex})
+    alone = regress(shapes, ages, "age", covariates=columns, options=Options(permutations=199))
+    assert form.p_adjusted == min(2.0 * alone.test.p_permutation, 1.0)
+    np.testing.assert_array_equal(form.pointwise.effect, alone.pointwise.effect)
+    assert shape.title == "age"
+    assert hl.regress(shapes, ages, "age", **given).p_adjusted == alone.p_adjusted
+    with pytest.raises(hl.InputError, match="'age': no value for b"):
+        hl.regress(shapes, [40.0, np.nan, *ages[2:]], "age", names=list("abcdefghijklmn"))
+    with pytest.raises(hl.InputError, match="contains words"):
+        hl.regress(shapes, ["x"] * 7 + ["y"] * 7, "age")
