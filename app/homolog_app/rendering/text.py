@@ -64,13 +64,13 @@ def legible(text: str) -> str:
 
 
 _TYPESET = (
-    (re.compile(r"(?<![\w-])-(?=\d)| - "), lambda found: found[0].replace("-", "\u2212")),
-    (re.compile(r" ?[=<>≤≥] (?=[\u2212+]?\d)"), lambda found: found[0].replace(" ", "\u00a0")),
+    (re.compile(r"(?<![\w-])-(?=\d)| - "), lambda match: match[0].replace("-", "\u2212")),
+    (re.compile(r" ?[=<>≤≥] (?=[\u2212+]?\d)"), lambda match: match[0].replace(" ", "\u00a0")),
     (re.compile(r"(?<=\d) (?=(mm²|mm|ml|SD|s|%)(?!\w))"), "\u00a0"),
     (re.compile(r"(?<=%) (?=CI)|(?<=CI) (?=[\u2212+]?\d)"), "\u00a0"),
     (
         re.compile(r"F\(\d+, |\d \([\u2212+]?[\d.]+ to [\u2212+]?[\d.]+\)"),
-        lambda found: found[0].replace(" ", "\u00a0"),
+        lambda match: match[0].replace(" ", "\u00a0"),
     ),
 )
 

@@ -281,5 +281,5 @@ def _starts(rows: Sequence[Sequence[str]]) -> list[float]:
 
 def _letters(cells: Sequence[Sequence[str]]) -> float:
     """Return the length of the longest word of a column's cells; the first cell is bold."""
-    longest = [max(map(len, words), default=0) for words in cells]
+    longest = [max(map(len, parts), default=0) for parts in cells]
     return max(_BOLD * longest[0], *longest[1:], 0)

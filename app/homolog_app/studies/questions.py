@@ -102,10 +102,14 @@ def _unusable(cells: list[str]) -> str:
     if several == 1:
         return "The same for all subjects"
     try:
-        words = numbers(cells) is None
+        categorical = numbers(cells) is None
     except InputError as error:
         return str(error)
-    return f"{several} different texts, too many for categories" if words and several > len(cells) / 2 else ""
+    return (
+        f"{several} different texts, too many for categories"
+        if categorical and several > len(cells) / 2
+        else ""
+    )
 
 
 def pairings_of(study: Study, column: str, between: tuple[str, str]) -> list[str]:
