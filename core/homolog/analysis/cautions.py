@@ -59,10 +59,11 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
     mean = ", ".join(f"{name} {value:.2f} mm" for name, value in dispersion.by_group.items())
     return (
         f"the groups differ in dispersion (mean distance to the centroid: {mean}; {p})"
-        f"{' and in number of subjects' if uneven else ''}. Hotelling's T², Wilks' lambda, F and the "
-        "interval of D assume equal dispersion: do not rely on them. The permutation tests restore each "
-        "group's dispersion and hold approximately; with few subjects or skewed shapes their type I error "
-        "rate may still differ from the nominal one."
+        f"{' and in number of subjects' if uneven else ''}. Hotelling's T², Wilks' lambda, F, the "
+        "interval of D and the p-values of accuracy and AUC assume equal dispersion: do not rely on them. "
+        "The permutation tests of the whole shape, particles and size restore each group's dispersion and "
+        "hold approximately; with few subjects or skewed shapes their type I error rate may still differ "
+        "from the nominal one."
     )
 
 
