@@ -21,8 +21,8 @@ _CHUNK_VALUES = 1_000_000
 _FLAT = 1e-9
 """Modes with less than this part of the first one's variance hold no variation."""
 _MOST_FOLDS = 10
-_REPEATS_OF_P = 2
-"""Repeats of the cross-validation in each permutation, and for the observed labels."""
+_REPEATS_OF_P, _FURTHER_OF_P = 2, 8
+"""Repeats of the cross-validation in each permutation and for the observed labels; their further modes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,7 +186,7 @@ def discriminant(
     accuracy, auc = (float(item) for item in _rates(rounds, labels).mean(axis=0))
     # A permutation test holds for any statistic: its rounds can do with the leading modes.
     rates = _permuted_rates(
-        reduced[:, : modes + _FURTHER],
+        reduced[:, : modes + _FURTHER_OF_P],
         second,
         extra,
         modes,
@@ -384,13 +384,9 @@ def _held_out(
 def _rates(held_out: FloatArray, second: BoolArray) -> FloatArray:
     """Return balanced accuracy and area under the curve (R, 2) of cross-validated scores (R, M)."""
     own_side = (held_out > 0.0) == second
-    accuracy = [
-        (own[labels].mean() + own[~labels].mean()) / 2.0 for own, labels in zip(own_side, second, strict=True)
-    ]
-    area = [
-        shares_below(scores[labels], scores[~labels]).mean()
-        for scores, labels in zip(held_out, second, strict=True)
-    ]
+    pairs = list(zip(held_out, own_side, second, strict=True))
+    accuracy = [(own[labels].mean() + own[~labels].mean()) / 2.0 for _, own, labels in pairs]
+    area = [shares_below(scores[labels], scores[~labels]).mean() for scores, _, labels in pairs]
     return np.column_stack([accuracy, area])
 
 
