@@ -293,7 +293,7 @@ def write_patient(
     values: dict[str, Array] = {
         "difference_mm": comparison.residual, "z": comparison.z, "region": numbers,
         "difference_from_mean_mm": comparison.total, "z_from_mean": comparison.total_z,
-        "detectable_mm": reference.detectable,
+        "detectable_mm": reference.detectable, "cut_off": comparison.missing.astype(np.int32),
     }  # fmt: skip
     write_mesh(folder / "map.vtp", comparison.expected.placed(back), values)
     write_mesh(folder / "patient.vtp", comparison.mesh)
@@ -322,7 +322,7 @@ def patient_page(
     caption = (
         "Difference in mm on the subject's own surface: blue lies outward, yellow inward. Top: from the "
         "shape that the reference expects of this subject, faint within the limit. Bottom: from the mean "
-        "of the reference."
+        f"of the reference.{' Grey: cut off.' if comparison.missing.any() else ''}"
     )
     page.figures([ReportFigure("maps", maps, caption)])
     page.heading("Regions beyond the limit")

@@ -14,7 +14,7 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.pictures.layout import Panel, arrange, view_of_region
 from homolog_app.plots import draw_percentiles, new_figure
 from homolog_app.rendering.camera import VIEWS, View, frame_around, three_quarter_view
-from homolog_app.rendering.colours import LIGHT, common_limit, diverging_colours, page_colours
+from homolog_app.rendering.colours import GREY, LIGHT, common_limit, diverging_colours, page_colours
 from homolog_app.rendering.draw import draw
 from homolog_app.rendering.rays import hollows
 from homolog_app.rendering.scene import Scene, Surface, surface
@@ -85,7 +85,10 @@ def map_pictures(comparison: PatientComparison, width: int = 400) -> MapPictures
     shadow = hollows(own)
     local = _shaded(comparison.residual, limit, beyond)
     total = diverging_colours(comparison.total, limit)
-    rows = [_row(surface(own, colours, shadow), own, views, width) for colours in (local, total)]
+    rows = [
+        _row(surface(own, _without_missing(colours, comparison.missing), shadow), own, views, width)
+        for colours in (local, total)
+    ]
     return MapPictures(rows[0], rows[1], limit, limit)
 
 
@@ -148,6 +151,12 @@ def _shaded(differences: FloatArray, limit: float, beyond: BoolArray) -> FloatAr
     return result
 
 
+def _without_missing(colours: FloatArray, missing: BoolArray) -> FloatArray:
+    """Return colours (V, 3) that are grey where a part is cut off."""
+    result: FloatArray = np.where(missing[:, None], np.array(GREY) / 255.0, colours)
+    return result
+
+
 def _row(solid: Surface, own: TriangleMesh, views: Sequence[View], width: int) -> tuple[Panel, ...]:
     widest = max(frame_around([own.vertices], view).width for view in views)
     panels = []
@@ -195,7 +204,8 @@ def _first(comparison: PatientComparison, reference: Reference, maps: MapPicture
     sheet.text(detectable_text(reference))
     sheet.heading("Difference from the shape that the reference expects of this subject (mm)")
     sheet.panels(maps.local, maps.limit)
-    sheet.text("Within the limit colours are faint; beyond it they are full.", 7.5)
+    grey = " Grey: cut off." if comparison.missing.any() else ""
+    sheet.text(f"Within the limit colours are faint; beyond it they are full.{grey}", 7.5)
     sheet.heading("Difference from the mean of the reference (mm)")
     sheet.panels(maps.total, maps.total_limit)
     sheet.heading("Among the controls")

@@ -98,9 +98,18 @@ def reference_rows(reference: Reference) -> list[tuple[str, str]]:
         ),
         ("Limit of |z|", f"{reference.limit:.2f} (5 % of healthy subjects anywhere)"),
         ("Structure", structure),
+        ("Side", _side_words(reference)),
         ("Made", f"{about.made}, Homolog {about.versions.get('homolog', '')}"),
         ("Result", f"{about.finished} ({about.result[:16]})"),
     ]
+
+
+def _side_words(reference: Reference) -> str:
+    if reference.mirrored is None:
+        return "not checked"
+    if reference.side_limit is None:
+        return "can't be told from the shape: a mirrored file is not recognised"
+    return "checked by the shape"
 
 
 def verdict(comparison: PatientComparison, reference: Reference) -> str:

@@ -112,9 +112,10 @@ def patient_scene(
     kind, count, only_beyond = look.kind, look.count, look.only_beyond
     scale, values = _scale(comparison, reference, kind)
     beyond = np.abs(comparison.z) > reference.limit
-    faded = ~beyond if only_beyond and kind != MEAN else None
-    if faded is not None:
-        scale = replace(scale, grey_words="within the limit of 5 % of healthy subjects")
+    faded, grey = comparison.missing, ["cut off"] if comparison.missing.any() else []
+    if only_beyond and kind != MEAN:
+        faded, grey = faded | ~beyond, [*grey, "within the limit of 5 % of healthy subjects"]
+    scale = replace(scale, grey_words=" or ".join(grey))
     steps = _steps(comparison, reference) if look.by_modes else _straight(comparison)
     note, vertices = _point_on_path(comparison.mean.vertices, steps, look.way)
     shape = TriangleMesh(vertices, comparison.mean.faces)
@@ -233,7 +234,7 @@ def patient_slices(compared: ComparedPatient, reference: "Reference") -> "SliceS
     surface = patient_surface(comparison)
     local = transform_points(inverse_matrices(comparison.placement), surface.vertices)
     note = f"Contour: z, blue outward, yellow inward, ends ± {scale.high:.1f}, limit ± {reference.limit:.1f}"
-    outline = Outline("Map", TriangleMesh(local, surface.faces), scale.colours(z), note)
+    outline = Outline("Map", TriangleMesh(local, surface.faces), scale.colours(z, comparison.missing), note)
     return SliceScene(comparison.name, compared.image, compared.voxels, [outline])
 
 

@@ -124,7 +124,8 @@ _DAMAGED = (InputError, KeyError, ValueError, TypeError, RecursionError)
 
 def _report(stored: Mapping[str, Array]) -> GroomReport:
     report = json.loads(str(stored["report"]))
-    return GroomReport(**{**report, "notes": tuple(report["notes"])})
+    borders = tuple(tuple(item) for item in report.get("borders", ()))
+    return GroomReport(**{**report, "notes": tuple(report["notes"]), "borders": borders})
 
 
 def _mesh(stored: Mapping[str, Array], prefix: str) -> TriangleMesh:

@@ -26,14 +26,14 @@ class Cleaned:
         Cropped to the structure.
     components_dropped, holes_filled : int
         Smaller pieces removed; enclosed cavities filled.
-    at_border : bool
-        Whether the structure touched the border of its image, where it may be cut off.
+    borders : tuple of (3,) tuples
+        Unit vectors out of the image (LPS) where the structure touched its border and may be cut off.
     """
 
     segmentation: Segmentation
     components_dropped: int
     holes_filled: int
-    at_border: bool
+    borders: tuple[tuple[float, float, float], ...]
 
 
 def cleaned(segmentation: Segmentation, pieces: Pieces = Pieces.LARGEST) -> Cleaned:
@@ -69,9 +69,9 @@ def cleaned(segmentation: Segmentation, pieces: Pieces = Pieces.LARGEST) -> Clea
         spacing=segmentation.spacing,
         origin=segmentation.origin + segmentation.rotation @ (start * segmentation.spacing),
     )
-    return Cleaned(
-        result, count - 1, holes, bool((start == 0).any() or (stop == segmentation.mask.shape).any())
-    )
+    touched = ((-1.0, start == 0), (1.0, stop == segmentation.mask.shape))
+    borders = [sign * segmentation.rotation[:, axis] for sign, at in touched for axis in np.flatnonzero(at)]
+    return Cleaned(result, count - 1, holes, tuple((float(x), float(y), float(z)) for x, y, z in borders))
 
 
 def _box(mask: BoolArray) -> tuple[slice, ...]:

@@ -61,6 +61,8 @@ class GroomReport:
         Enclosed cavities of a segmentation that were filled, openings of a mesh that were closed.
     padded : bool
         Whether the structure touched the border of its image.
+    borders : tuple of (3,) tuples
+        Unit vectors out of the image (LPS) where it did.
     volume_before, volume_after : float
         Volume of the input and of the groomed mesh [ml].
     genus : int
@@ -76,6 +78,7 @@ class GroomReport:
     volume_after: float
     genus: int
     notes: tuple[str, ...] = ()
+    borders: tuple[tuple[float, float, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,16 +246,16 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
     if isinstance(source, Segmentation):
         notes += source.notes
         clean = cleaned(source, settings.pieces)
-        dropped, filled, at_border = clean.components_dropped, clean.holes_filled, clean.at_border
+        dropped, filled, borders = clean.components_dropped, clean.holes_filled, clean.borders
         volume = source.volume
         field, further, loose = _field_of_voxels(clean.segmentation, settings)
         if filled:
             notes.append(f"{filled} enclosed cavities were filled")
-        if at_border:
+        if borders:
             notes.append("touches the border of its image and may be cut off there; it was padded")
     else:
         solid = level_of_triangles(source, settings)
-        dropped, filled, at_border = solid.pieces_dropped, solid.holes_filled, False
+        dropped, filled, borders = solid.pieces_dropped, solid.holes_filled, ()
         volume, surface = solid.volume, solid.surface
         notes += solid.notes
         field, further, loose = distance_field(solid.level, settings.smoothing, settings.tunnels)
@@ -271,11 +274,12 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
     report = GroomReport(
         components_dropped=dropped,
         holes_filled=filled,
-        padded=at_border,
+        padded=bool(borders),
         volume_before=volume / 1000.0,
         volume_after=mesh.volume / 1000.0,
         genus=1 - euler_number(mesh.faces) // 2,
         notes=(*notes, *further, *_of_other_unit(mesh)),
+        borders=borders,
     )
     return GroomedSubject(name, field, mesh, coarse_isosurface(field, mesh, COARSE_VERTICES), report)
 

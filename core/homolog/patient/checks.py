@@ -1,20 +1,19 @@
-"""Patients that are none: another unit, side or structure, or a part of the shape only."""
+"""Patients that are none: another unit, side or structure."""
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from homolog.arrays import BoolArray, FloatArray
+from homolog.arrays import FloatArray
 from homolog.errors import InputError
-from homolog.geometry import inverse_matrices, rms_radius, transform_points
-from homolog.grooming import GroomedSubject
-from homolog.patient.fit import SurfaceFit, vertex_areas
+from homolog.geometry import rms_radius, transform_points
+from homolog.patient.fit import SurfaceFit
 from homolog.patient.left_out import Measures, gap_of_image
 from homolog.patient.reference import Reference
 from homolog.patient.surface_model import SurfaceModel
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["check_fit", "check_unit", "cut_off"]
+__all__ = ["check_fit", "check_unit"]
 
 _OTHER_SIZE = 3.0
 _UNITS = {"m": 1000.0, "cm": 10.0, "inches": 25.4, "micrometres": 0.001}
@@ -26,10 +25,6 @@ _OTHER_MODES, _ODD_MODES = 10.0, 4.0
 are also as many times the controls' largest."""
 _UNCOVERED = 0.15
 """Median distance of the patient's surface from the fitted one, over the size: the model fits a part only."""
-_CAP_COSINE, _CAP_DEPTH = 0.97, 2.0
-_CAP_SHARE = 0.5
-_MOST_MISSING = 0.3
-_LEAST_MISSING = 0.005
 
 
 def check_unit(name: str, mesh: TriangleMesh, model: SurfaceModel, columns: FloatArray) -> None:
@@ -134,7 +129,7 @@ def _checked(
             f"from its mean, controls at most {usual_modes:.1f}; check that it shows the same structure "
             "(label) as a whole"
         )
-    limit, percent = reference.side_limit, f"{100.0 * measures.gap:.1f} % of its size"
+    limit, percent = reference.side_limit, f"{100.0 * measures.gap:.1f} %"
     if limit is None and measures.gap <= usual:
         return []
     other = gap_of_image(reference.model, mesh, columns, reference.modes, tick)
@@ -145,100 +140,21 @@ def _checked(
             f"{name}: fits the {side}controls better mirrored ({100.0 * other:.1f} % of its size away, "
             f"not {percent}): it is of the other side; give its side (left or right), or correct the file"
         )
+    remarks = []
+    if limit is not None and other < measures.gap / limit:
+        remarks.append(
+            f"its side can't be told from its shape: mirrored it fits about as well ({100.0 * other:.1f} % "
+            f"of its size away, {percent} as it is); make sure that its file is not mirrored"
+        )
     if measures.gap <= usual:
-        return []
+        return remarks
     if measures.gap > max(_OTHER_SHAPE, _ODD_SHAPE * usual):
         raise InputError(
-            f"{name}: does not look like the reference: {percent} away after fitting, controls at most "
-            f"{100.0 * usual:.1f} %; check that it shows the same structure (label) as a whole"
+            f"{name}: does not look like the reference: {percent} of its size away after fitting, controls "
+            f"at most {100.0 * usual:.1f} %; check that it shows the same structure (label) as a whole"
         )
     return [
-        f"fits worse than every control: half of its surface is more than {percent} away, of "
-        f"controls' at most {100.0 * usual:.1f} %"
+        *remarks,
+        f"fits worse than every control: half of its surface is more than {percent} of its size away, of "
+        f"controls' at most {100.0 * usual:.1f} %; look at its segmentation",
     ]
-
-
-def cut_off(
-    groomed: GroomedSubject,
-    reference: Reference,
-    fit: SurfaceFit,
-    z: FloatArray,
-    gap: float,
-    *,
-    force: bool = False,
-) -> list[str]:
-    """Return a remark on what the border of the image cuts off.
-
-    Parameters
-    ----------
-    groomed : GroomedSubject
-    reference : Reference
-    fit : SurfaceFit
-        Its pose from the file's frame.
-    z : (V,) array
-        Standardised differences.
-    gap : float
-        Median distance from the fitted model, over the size.
-    force : bool
-        Return what would be refused as a remark.
-
-    Raises
-    ------
-    InputError
-        If so much is cut off that the rest is no basis, or the rest fits as a whole, and badly.
-    """
-    try:
-        return _cut_off(groomed, reference, fit, z, gap)
-    except InputError as error:
-        if not force:
-            raise
-        return [str(error).removeprefix(f"{groomed.name}: ")]
-
-
-def _cut_off(
-    groomed: GroomedSubject, reference: Reference, fit: SurfaceFit, z: FloatArray, gap: float
-) -> list[str]:
-    if not groomed.report.padded:
-        return []
-    surface = reference.model.surface(fit.expected)
-    areas = vertex_areas(surface)
-    missing = _missing(groomed, fit, surface, areas / areas.sum(), z < -reference.limit)
-    share = float(areas[missing].sum() / areas.sum())
-    if share < _LEAST_MISSING:
-        if gap > float(reference.gap[-1]):
-            raise InputError(
-                f"{groomed.name}: touches the border of its image and fits worse than every control: a part "
-                "is probably cut off; give an image that shows the whole structure"
-            )
-        return []
-    if share > _MOST_MISSING:
-        raise InputError(
-            f"{groomed.name}: is cut off by the border of its image: {100.0 * share:.0f} % of the surface is "
-            "missing; give an image that shows the whole structure"
-        )
-    return [
-        f"cut off by the border of its image: {100.0 * share:.0f} % of the surface is missing there, which "
-        "the map shows as lying inward; its size and distance are those of the rest"
-    ]
-
-
-def _missing(
-    groomed: GroomedSubject, fit: SurfaceFit, surface: TriangleMesh, shares: FloatArray, inward: BoolArray
-) -> BoolArray:
-    """Return which vertices of the expected surface lie beyond flat ends of the patient, (V,).
-
-    An end along an axis of its image counts if the surface is expected to go on there: if it is, by more than
-    the limit, inward of the expected one.
-    """
-    mesh, here = groomed.mesh, transform_points(inverse_matrices(fit.pose), surface.vertices)
-    nearest = np.asarray(KDTree(mesh.vertices).query(here, k=8)[1])
-    axes = groomed.field.index_to_world[:3, :3]
-    missing = np.zeros(len(here), bool)
-    for step in (*axes.T, *-axes.T):
-        length = float(np.linalg.norm(step))
-        along, slope = mesh.vertices @ step / length, mesh.vertex_normals @ step / length
-        cap = (slope > _CAP_COSINE) & (along > along.max() - _CAP_DEPTH * length)
-        over = inward & (cap[nearest].mean(axis=1) >= _CAP_SHARE)
-        if shares[over].sum() >= _LEAST_MISSING:
-            missing |= over | (here @ step / length > along.max())
-    return missing

@@ -1,18 +1,19 @@
 """One patient compared with a reference: how unusual its shape is, and where."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from homolog.arrays import FloatArray, IntArray, frozen
+from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.cohort import Subject
 from homolog.correspondence import Shape
 from homolog.errors import InputError, NumericalError
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject, groom_subject
-from homolog.patient.checks import check_fit, check_unit, cut_off
+from homolog.patient.checks import check_fit, check_unit
 from homolog.patient.controls import COARSE_VERTICES
+from homolog.patient.cut import check_cut, ends_of, fit_rest
 from homolog.patient.distribution import Percentile, percentile
 from homolog.patient.fit import SurfaceFit, fit_surface, vertex_areas
 from homolog.patient.left_out import Measures, measures_of
@@ -55,6 +56,8 @@ class PatientComparison:
         Of the measures and of the largest absolute z among controls that were fitted as patients.
     z : (V,) array
         Differences from the expected shape, standardised.
+    missing : (V,) bool array
+        Vertices that the border of the image cuts off: differences and z are 0 there, and mean nothing.
     total, total_z : (V,) arrays
         Differences from the mean [mm], and standardised.
     regions : tuple of Region
@@ -78,6 +81,7 @@ class PatientComparison:
     size: Percentile
     local: Percentile
     z: FloatArray
+    missing: BoolArray
     total: FloatArray
     total_z: FloatArray
     regions: tuple[Region, ...]
@@ -88,6 +92,7 @@ class PatientComparison:
         """Freeze the arrays."""
         for name in ("placement", "z", "total", "total_z", "particles"):
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
+        object.__setattr__(self, "missing", frozen(self.missing, np.bool_))
 
     @property
     def residual(self) -> FloatArray:
@@ -198,7 +203,9 @@ def compare_groomed(
     mesh = groomed.mesh.placed(turn)
     coarse = simplified(mesh, COARSE_VERTICES)
     fit = fit_surface(model, mesh, coarse, columns, part_of(tick, 0.0, 0.3))
-    measures, total = measures_of(model, fit, columns, reference.modes)
+    cut = fit_rest(reference, mesh, coarse, columns, ends_of(groomed, mesh, turn), fit)
+    fit = cut.fit
+    measures, total = measures_of(model, fit, columns, reference.modes, cut.missing)
     remarks += [
         *side_remarks,
         *check_fit(
@@ -206,10 +213,10 @@ def compare_groomed(
         ),
     ]
     z = scores_of(reference.local, fit.residual, bands_of(fit.residual, model.faces))
+    z[cut.missing] = 0.0
     surface = model.surface(fit.expected)
-    in_file = replace(fit, pose=fit.pose @ turn)
-    cut = cut_off(groomed, reference, in_file, z, measures.gap, force=force)
-    remarks += cut
+    if groomed.report.padded:
+        remarks += check_cut(groomed.name, cut, measures.gap, reference, force=force)
     particles, unplaced = _particles(reference, groomed, fit, turn, part_of(tick, 0.4, 1.0))
     remarks += unplaced
     largest = float(np.abs(z).max())
@@ -227,6 +234,7 @@ def compare_groomed(
         size=percentile(measures.size, reference.size, both_sides=True),
         local=percentile(largest, reference.maxima),
         z=z,
+        missing=cut.missing,
         total=total,
         total_z=reference.total.standardised(total),
         regions=regions(surface, vertex_areas(surface), fit.residual, z, fit.met, reference.limit),

@@ -1,5 +1,6 @@
 """A model fitted to one surface, robustly: what the model does not explain stays where it is."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,7 @@ from homolog.patient.target import Target
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["SurfaceFit", "fit_surface", "vertex_areas"]
+__all__ = ["CutEnd", "SurfaceFit", "fit_surface", "vertex_areas"]
 
 _ROUNDS = 40
 _SETTLED = 0.002
@@ -65,6 +66,33 @@ class SurfaceFit:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class CutEnd:
+    """A flat end of a surface, where the border of its image cuts the shape off.
+
+    Attributes
+    ----------
+    direction : (3,) array
+        Unit vector out of the image, in the surface's frame.
+    height : float
+        How far out the surface goes [mm].
+    depth : float
+        How far inward grooming rounds its rim [mm].
+    cap : (n,) bool array
+        The surface's vertices on the border.
+    """
+
+    direction: FloatArray
+    height: float
+    depth: float
+    cap: BoolArray
+
+    def beyond(self, points: FloatArray, inward: float = 0.0) -> BoolArray:
+        """Return which points (n, 3) lie outside of the image, or at most so far inside [mm]."""
+        outside: BoolArray = points @ self.direction > self.height - inward
+        return outside
+
+
 def fit_surface(
     model: SurfaceModel,
     mesh: TriangleMesh,
@@ -73,6 +101,7 @@ def fit_surface(
     tick: Tick = no_tick,
     *,
     pose: FloatArray | None = None,
+    ends: Sequence[CutEnd] = (),
 ) -> SurfaceFit:
     """Fit a model to a surface by pose and modes, with little weight where they do not explain it.
 
@@ -89,6 +118,8 @@ def fit_surface(
     tick : Tick
     pose : (4, 4) array, optional
         Rigid motion to the model's frame to begin with; found by registration if it is not given.
+    ends : sequence of CutEnd
+        Where the surface is cut off: nothing there, or beyond, counts in the fit.
 
     Returns
     -------
@@ -106,12 +137,14 @@ def fit_surface(
     for number in range(_ROUNDS):
         tick(number / (_ROUNDS + 5), "fitting")
         normals = model.surface(points).vertex_normals
-        back = inverse_matrices(pose)
-        nearest = target.nearest(transform_points(back, points[: model.vertices]), normals @ pose[:3, :3])
+        local = transform_points(inverse_matrices(pose), points[: model.vertices])
+        nearest = target.nearest(local, normals @ pose[:3, :3])
         goals = transform_points(pose, target.points[nearest])
         planes = target.normals[nearest] @ pose[:3, :3].T
         apart = np.einsum("vi,vi->v", goals - points[: model.vertices], planes)
         weights = _robust(apart / model.residual)
+        for end in ends:
+            weights = np.where(end.cap[nearest] | end.beyond(local), 0.0, weights)
         turn, shift, change = _step(
             model, goals, planes, apart, share * weights / np.square(model.residual), scores
         )

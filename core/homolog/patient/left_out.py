@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from homolog.arrays import FloatArray, frozen
+from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.correspondence import Shape
 from homolog.correspondence.ensemble import make_ensemble
 from homolog.device import cores
@@ -87,7 +87,11 @@ class LeftOut:
 
 
 def measures_of(
-    model: SurfaceModel, fit: SurfaceFit, columns: FloatArray, modes: int
+    model: SurfaceModel,
+    fit: SurfaceFit,
+    columns: FloatArray,
+    modes: int,
+    missing: BoolArray | None = None,
 ) -> tuple[Measures, FloatArray]:
     """Return the global numbers of a fit, and the map of differences from the mean (V,) [mm].
 
@@ -100,20 +104,24 @@ def measures_of(
         The subject's covariates.
     modes : int
         Those above chance, of which the distance is.
+    missing : (V,) bool array, optional
+        What the border of the image cuts off: distances are those of the rest, size is the expected shape's.
     """
     mean = model.expected(columns)
     surface = model.surface(fit.expected)
-    areas = vertex_areas(surface)
+    seen = np.ones(model.vertices, np.bool_) if missing is None else ~missing
+    areas = seen * vertex_areas(surface)
     share = areas / areas.sum()
     scores = fit.scores[:modes]
-    sizes = rms_radius(fit.particles), rms_radius(mean[model.vertices :])
+    particles = fit.particles if seen.all() else fit.expected[model.vertices :]
+    sizes = rms_radius(particles), rms_radius(mean[model.vertices :])
     moved = (fit.expected - mean)[: model.vertices]
     total = np.einsum("vi,vi->v", moved, model.surface(mean).vertex_normals) + fit.residual
     measures = Measures(
         mahalanobis=float(np.sqrt(np.sum(np.square(scores) / model.variances[:modes]))),
         outside=float(np.sqrt(share @ np.square(fit.residual))),
         size=float(sizes[0] / sizes[1]),
-        gap=float(np.median(np.abs(fit.residual)) / sizes[1]),
+        gap=float(np.median(np.abs(fit.residual[seen])) / sizes[1]),
     )
     return measures, total
 

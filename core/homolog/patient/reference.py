@@ -29,6 +29,7 @@ FORMAT_VERSION = 1
 LEVEL = 0.05
 """Share of healthy people with a region anywhere."""
 
+_TIMES_AS_LIKELY = 100.0
 _RECOGNISED = 0.8
 """Of mirrored controls, whose side must be recognised for a check of it to be worth its time."""
 
@@ -190,13 +191,19 @@ class Reference:
         """Below which ratio of the mirror image's fit to that of a shape the shape is of the other side.
 
         One of 200 controls would be below (normal distribution of the logarithm), none of these is, and the
-        mirror image fits better. None if so few mirrored controls would be found that the side can't be told.
+        ratio is at least 100 times as likely for a mirrored control. None if so few mirrored controls would
+        be found that the side can't be told.
         """
         if self.mirrored is None:
             return None
         logs, count = np.log(self.mirrored), len(self.mirrored)
         spread = logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / count)
-        limit = min(0.0, logs.mean() - float(stats.t.ppf(0.995, count - 1)) * spread, float(logs.min()))
+        usual = max(float(logs.mean()), 1e-9)
+        limit = min(
+            logs.mean() - float(stats.t.ppf(0.995, count - 1)) * spread,
+            float(logs.min()),
+            -0.5 * np.log(_TIMES_AS_LIKELY) * spread**2 / usual,  # of normal distributions about ± usual
+        )
         recognised = float(np.mean(-logs < limit))  # of controls, had they been given mirrored
         return float(np.exp(limit)) if recognised >= _RECOGNISED else None
 

@@ -49,9 +49,9 @@ def test_touching_the_border_is_noticed_unless_a_dropped_piece_does():
     mask = np.zeros((8, 8, 8), bool)
     mask[2:6, 2:6, 2:6] = True
     mask[0, 0, 0] = True
-    assert not cleaned(segmentation(mask)).at_border
+    assert not cleaned(segmentation(mask)).borders
     mask[2:8, 2:6, 2:6] = True
-    assert cleaned(segmentation(mask)).at_border
+    assert cleaned(segmentation(mask)).borders
 
 
 @pytest.mark.parametrize("shape", [(3, 4, 5), (20, 21, 22), (40, 30), (1, 5, 5)])

@@ -53,10 +53,10 @@ def moved(points, random):
     return points @ turn.T + random.normal(scale=15.0, size=3)
 
 
-def groomed(name, mesh, padded=False):
+def groomed(name, mesh, borders=()):
     """Return a mesh as grooming returns it; its field is not looked at but for its axes."""
     field = DistanceField(np.zeros((2, 2, 2), np.float32), np.eye(4))
-    report = GroomReport(0, 0, padded, 1.0, 1.0, 0)
+    report = GroomReport(0, 0, bool(borders), 1.0, 1.0, 0, borders=borders)
     return GroomedSubject(name, field, mesh, mesh, report)
 
 

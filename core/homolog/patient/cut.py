@@ -1,0 +1,170 @@
+"""A patient of whom the border of the image cuts off a part: which, and the fit to the rest."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from homolog.arrays import BoolArray, FloatArray
+from homolog.errors import InputError
+from homolog.geometry import inverse_matrices, transform_points
+from homolog.grooming import GroomedSubject
+from homolog.patient.fit import CutEnd, SurfaceFit, fit_surface, vertex_areas
+from homolog.patient.local import bands_of
+from homolog.patient.reference import Reference
+from homolog.progress import Tick, no_tick
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["CutFit", "check_cut", "ends_of", "fit_rest"]
+
+_CAP_COSINE, _CAP_DEPTH = 0.97, 2.0
+"""Of a flat end: cosine of the normals to the axis, and how far inward it reaches [nodes]."""
+_CAP_SHARE, _INWARD = 0.5, -2.0
+"""Share of its nearest points that lie on an end, for a vertex that is cut off there, and z of such ones."""
+_LEAST_MISSING, _MOST_MISSING = 0.005, 0.3
+"""Of the surface: from where on an end is cut, and on the rest is no basis."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CutFit:
+    """A fit to what is there.
+
+    Attributes
+    ----------
+    fit : SurfaceFit
+        Its residual is 0 where a part is missing.
+    missing : (V,) bool array
+        Vertices of the expected surface that are cut off, or at the rim that the border makes.
+    share : float
+        Of the expected surface that is cut off.
+    """
+
+    fit: SurfaceFit
+    missing: BoolArray
+    share: float
+
+
+def fit_rest(
+    reference: Reference,
+    mesh: TriangleMesh,
+    coarse: TriangleMesh,
+    columns: FloatArray,
+    ends: Sequence[CutEnd],
+    fit: SurfaceFit,
+    tick: Tick = no_tick,
+) -> CutFit:
+    """Fit a reference again, without the flat ends of a surface that the border of its image cuts.
+
+    An end counts if a fit that does not look at it expects the surface to go on there. Without such an end
+    the fit stays as it is.
+
+    Parameters
+    ----------
+    reference : Reference
+    mesh, coarse : TriangleMesh
+        As for `fit_surface`.
+    columns : (c,) array
+        The patient's covariates.
+    ends : sequence of CutEnd
+        Where the patient touches the border of its image.
+    fit : SurfaceFit
+        To the whole surface.
+    tick : Tick
+
+    Returns
+    -------
+    CutFit
+    """
+    rest = fit
+    while ends:
+        rest = fit_surface(reference.model, mesh, coarse, columns, tick, pose=fit.pose, ends=ends)
+        cut = [end for end in ends if _goes_on(reference, mesh, rest, end)]
+        if len(cut) == len(ends):
+            break
+        ends = cut
+    if not ends:
+        return CutFit(fit, np.zeros(reference.model.vertices, np.bool_), 0.0)
+    local = transform_points(inverse_matrices(rest.pose), rest.expected[: reference.model.vertices])
+    beyond, missing = (
+        np.any([end.beyond(local, inward * end.depth) for end in ends], axis=0) for inward in (0.0, 1.0)
+    )
+    areas = vertex_areas(reference.model.surface(rest.expected))
+    share = float(areas[beyond].sum() / areas.sum())
+    seen = replace(rest, residual=np.where(missing, 0.0, rest.residual), met=rest.met & ~missing)
+    return CutFit(seen, missing, share)
+
+
+def check_cut(name: str, cut: CutFit, gap: float, reference: Reference, *, force: bool = False) -> list[str]:
+    """Return a remark on what the border of the image cuts off.
+
+    Parameters
+    ----------
+    name : str
+        The patient's, for messages.
+    cut : CutFit
+    gap : float
+        Median distance from the fitted model, over the size.
+    reference : Reference
+    force : bool
+        Return what would be refused as a remark.
+
+    Raises
+    ------
+    InputError
+        If so much is cut off that the rest is no basis, or the rest fits as a whole, and badly.
+    """
+    share = cut.share
+    if share <= _MOST_MISSING and (share > 0.0 or gap <= float(reference.gap[-1])):
+        return [_remark(share)] if share > 0.0 else []
+    if share > 0.0:
+        problem = f"is cut off by the border of its image: {100.0 * share:.0f} % of the surface is missing"
+    else:
+        problem = (
+            "touches the border of its image and fits worse than every control: a part is probably cut off"
+        )
+    problem += "; give an image that shows the whole structure"
+    if not force:
+        raise InputError(f"{name}: {problem}")
+    return [problem]
+
+
+def _remark(share: float) -> str:
+    return (
+        f"cut off by the border of its image: about {100.0 * share:.0f} % of the surface is missing there, "
+        "of which nothing is said; size is that of the whole shape that the rest suggests"
+    )
+
+
+def ends_of(groomed: GroomedSubject, mesh: TriangleMesh, turn: FloatArray) -> list[CutEnd]:
+    """Return where a patient touches the border of its image.
+
+    Parameters
+    ----------
+    groomed : GroomedSubject
+    mesh : TriangleMesh
+        Its surface after `turn`.
+    turn : (4, 4) array
+        Reflection to the side of the controls, or the identity.
+    """
+    ends = []
+    depth = _CAP_DEPTH * float(np.linalg.norm(groomed.field.index_to_world[:3, 0]))
+    for border in groomed.report.borders:
+        direction = turn[:3, :3] @ border
+        along, slope = mesh.vertices @ direction, mesh.vertex_normals @ direction
+        height = float(along.max())
+        cap = (slope > _CAP_COSINE) & (along > height - depth)
+        ends.append(CutEnd(direction, height, depth, cap))
+    return ends
+
+
+def _goes_on(reference: Reference, mesh: TriangleMesh, fit: SurfaceFit, end: CutEnd) -> bool:
+    """Return whether a fit that does not look at an end expects much of the surface beyond it."""
+    model = reference.model
+    surface = model.surface(fit.expected)
+    z = reference.local.standardised(bands_of(fit.residual, model.faces))[0]
+    here = transform_points(inverse_matrices(fit.pose), surface.vertices)
+    nearest = np.asarray(KDTree(mesh.vertices).query(here, k=8)[1])
+    areas = vertex_areas(surface)
+    beyond = (end.cap[nearest].mean(axis=1) >= _CAP_SHARE) & end.beyond(here)
+    return bool(areas[beyond].sum() >= _LEAST_MISSING * areas.sum() and np.median(z[beyond]) < _INWARD)
