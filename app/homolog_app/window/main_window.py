@@ -69,11 +69,12 @@ class Inspector(QFrame):
         """Turn to the page of a step."""
         self._pages.setCurrentIndex(STEPS.index(step))
 
-    def show_job(self) -> None:
-        """Show how far the job is on the page that ordered it."""
+    def show_job(self, *, is_further: bool = False) -> None:
+        """Show how far the job is on the page that ordered it; if it is only further, the other one stays."""
         job = self._session.job
-        self.groom.show_busy(job.status if job.kind == "groom" else None)
-        self.correspond.show_busy(job.status if job.kind == "run" else None)
+        for kind, panel in (("groom", self.groom), ("run", self.correspond)):
+            if job.kind == kind or not is_further:
+                panel.show_busy(job.status if job.kind == kind else None)
 
     @Slot()
     def _show_devices(self) -> None:
@@ -260,7 +261,7 @@ class MainWindow(QMainWindow):
             self.start_page.show_busy(workspace.session.job.status if workspace.session.job.is_busy else None)
         elif workspace.session.job.kind in ("groom", "run"):
             self.rail.show_steps(steps_of(workspace.session), workspace.session.step)
-            self.inspector.show_job()
+            self.inspector.show_job(is_further=True)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Ask, stop the work, let go of the graphics, then close."""
