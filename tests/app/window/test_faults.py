@@ -198,3 +198,38 @@ def test_the_problem_report_names_nobody_who_was_ever_in_the_session(window, ell
 
 def copied(finished, tmp_path):
     return Path(shutil.copytree(finished, tmp_path / "copy"))
+
+
+def test_a_copy_of_a_project_ends_at_the_first_error_and_leaves_nothing(tmp_path, monkeypatch):
+    import errno
+
+    from homolog_app.studies.files import copy_project
+
+    old, tried = tmp_path / "old", []
+    old.mkdir()
+    for name in "abc":
+        (old / name).write_text(name)
+
+    def fail(source, target):
+        tried.append(source)
+        raise OSError(errno.ENOSPC, "No space left on device", target)
+
+    monkeypatch.setattr(shutil, "copy2", fail)
+    with pytest.raises(InputError, match="new: can't be written: No space left on device"):
+        copy_project(old, tmp_path / "new")
+    assert len(tried) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["old"]
+
+
+@pytest.mark.window
+def test_progress_does_not_reach_pages_that_nobody_sees(window, monkeypatch):
+    from homolog_app.window.explore.modes_page import ModesPage
+
+    asked = []
+    page = window.inspector.explore.page_of(ModesPage)
+    monkeypatch.setattr(page, "show_state", lambda: asked.append("modes"))
+    window.workspace.session.job_progressed.emit()
+    assert not asked
+    monkeypatch.setattr(page, "isVisible", lambda: True)
+    window.workspace.session.job_progressed.emit()
+    assert asked == ["modes"]
