@@ -155,9 +155,10 @@ def spread_text(answers: Sequence[SeedAnswer]) -> list[str]:
         own = [answer for answer in answers if answer.comparison == title]
         low, high = min(item.p for item in own), max(item.p for item in own)
         significant = sum(item.p <= LEVEL for item in own)
+        lowest, highest = (p_text(limit, own[0].permutations) for limit in (low, high))
         text = (
             f"{title}: over {len(own)} seeds of the correspondence "
-            f"{_range(p_text(low, own[0].permutations), p_text(high, own[0].permutations))} "
+            f"{_range(lowest, highest).replace(' to p = ', ' to ')} "
             f"({significant} of {len(own)} significant)"
         )
         distances = [item.distance for item in own if item.distance is not None]
@@ -167,8 +168,8 @@ def spread_text(answers: Sequence[SeedAnswer]) -> list[str]:
         text += f", {_range(f'{min(percents):.1f}', f'{max(percents):.1f}')} % of the surface"
         accuracies = [item.accuracy for item in own if item.accuracy is not None]
         if accuracies:
-            lowest, highest = (f"{100 * limit:.0f}" for limit in (min(accuracies), max(accuracies)))
-            text += f", balanced accuracy {_range(lowest, highest)} %"
+            percents_right = [f"{100 * limit:.0f}" for limit in (min(accuracies), max(accuracies))]
+            text += f", balanced accuracy {_range(*percents_right)} %"
         sentences.append(f"{text}.")
     return sentences
 
