@@ -55,7 +55,7 @@ def test_the_spread_is_between_the_smallest_and_the_largest(tmp_path):
     assert read_spread(tmp_path, "abc") == answers
     assert read_spread(tmp_path, "another result") == []
     (words,) = spread_text(answers)
-    assert "p = 0.011 to p = 0.080 (1 of 2 significant)" in words
+    assert "p = 0.011 to 0.080 (1 of 2 significant)" in words
     assert "3.1 to 4.7 % of the surface" in words
     assert "balanced accuracy 80 %" in words  # of both seeds
 

@@ -27,7 +27,7 @@ from PySide6.QtWidgets import (
 )
 
 from homolog.arrays import FloatArray
-from homolog_app.rendering.text import short
+from homolog_app.rendering.text import short, typeset
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.page import ModelCache
 from homolog_app.window.widgets import GRID, ActionButton, ValueEdit, button, choice, label
@@ -61,7 +61,7 @@ class NumbersTable(QWidget):
         for line, (name, *values) in enumerate(lines):
             self._grid.addWidget(label(name, "FieldHelp"), line, 0, Qt.AlignmentFlag.AlignTop)
             for column, value in enumerate(values, start=1):
-                text = label(value, "FieldHelp" if name == "" else "", wrap=True)
+                text = label(typeset(value), "FieldHelp" if name == "" else "", wrap=True)
                 text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
                 text.setAccessibleName(f"{name}: {value}")
                 self._grid.addWidget(text, line, column)
