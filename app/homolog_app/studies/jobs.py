@@ -233,6 +233,7 @@ class RunJob:
         frame = self._run.frame
         if frame is not None and frame is not self._last:
             self._last = frame
-            self.recorder.take(frame.iteration, frame.world, frame.energies)
+            if frame.iteration > 0:  # before, there are no energies
+                self.recorder.take(frame.iteration, frame.world, frame.energies)
         if self.keeps:
             self._fits.look()

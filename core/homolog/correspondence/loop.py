@@ -178,6 +178,8 @@ class OptimizationLoop:
             self._set_particles(count, transform_points(inverse_matrices(self.poses), aligned))
             for _ in range(ALIGNING_ROUNDS):
                 self._align(tangential_weight)
+            if number == 0:  # a first model, long before the optimization has one
+                self.log.emit_frame(Stage.SPLITTING, self.engine, ends_stage=True)
 
     def _stage_of(self, resume: Checkpoint) -> int:
         index = len(self.stages) - 1 - resume.left

@@ -90,7 +90,7 @@ class RunRecorder:
         self._next_frame = 0.0
 
     def emit_frame(self, stage: Stage, engine: Engine, *, ends_stage: bool = False) -> None:
-        """Emit a frame if one is due, or a stage ends, and energies have been recorded.
+        """Emit a frame if one is due, or a stage ends.
 
         Parameters
         ----------
@@ -102,7 +102,7 @@ class RunRecorder:
             Whether the stage ends here: a frame is then always emitted.
         """
         now = time.monotonic()
-        if self.observe is None or not self.rows or (now < self._next_frame and not ends_stage):
+        if self.observe is None or (now < self._next_frame and not ends_stage):
             return
         self._next_frame = now + FRAME_INTERVAL_S
         world, alignments = engine.aligned_positions() * self.unit, self.aligned(engine.poses)
@@ -111,7 +111,7 @@ class RunRecorder:
             alignments = rescale(alignments, self.scales, centres)
             growth = (self.scales / before)[:, None, None]
             world = centres[:, None] + growth * (world - centres[:, None])
-        latest = np.array(self.rows[-1][1:])
+        latest = np.array(self.rows[-1][1:]) if self.rows else np.full(3, np.nan)
         self.observe(Frame(stage, self.iteration, world, latest, alignments, ends_stage))
 
     def checkpoint_is_due(self) -> bool:

@@ -113,12 +113,12 @@ class Frame:
     world : (M, n, 3) float64 array
         Particles in world coordinates [mm].
     energies : (3,) float64 array
-        Sampling, ensemble and normals part of the objective, per particle.
+        Sampling, ensemble and normals part of the objective, per particle; nan before the first iteration.
     alignments : (M, 4, 4) float64 array
         Local to world, at this moment.
     ends_stage : bool
-        Whether a stage in which the shapes were compared has just ended and others follow: a preliminary
-        result.
+        Whether a stage in which the shapes were compared, or the first round of the registration that
+        places the first particles, has just ended and others follow: a preliminary result.
     """
 
     stage: Stage

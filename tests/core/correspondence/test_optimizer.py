@@ -251,20 +251,26 @@ def test_estimates_count_tables_that_are_computed_between_stages():
     assert done(len(stages) - 1, 1.0) == pytest.approx(1.0)
 
 
-def test_tables_of_many_particles_are_solved_after_the_first_model(make_shape):
+def test_a_first_model_is_there_before_the_optimization_and_tables_of_many_particles_later(make_shape):
     shapes = [make_shape(f"r{r}", (r, r, r), spacing=r / 10.0) for r in (10.0, 12.0)]
-    solved, seen = [], []
+    solved, seen, iterations = [], [], []
 
     def solve(meshes, *arguments, **named):
         solved.append(len(seen))
         return solve_tables(meshes, *arguments, **named)
 
+    def observe(frame):
+        if frame.ends_stage:
+            seen.append(frame.world.shape[1])
+            iterations.append(frame.iteration)
+
     optimize(
         shapes,
         QUICK.model_copy(update={"particles": 320}),
-        observe=lambda frame: seen.append(frame.world.shape[1]) if frame.ends_stage else None,
+        observe=observe,
         solve=solve,
     )
+    assert iterations[0] == 0
     assert seen[0] == 160
     assert len(solved) == 2
     assert solved[0] == 0
