@@ -33,6 +33,10 @@ _PLACES = np.array([[1.0, 1.0, 1.0], [2.4, 0.3, 0.3], [0.3, 2.4, 0.3], [0.3, 0.3
 """On a face, where it is asked what is before and behind it."""
 _ASIDE = 0.02
 """Of the mean edge: how far before and behind."""
+_LARGE = 100_000
+"""Faces: of larger meshes two of each group are asked, and all where groups differ."""
+_CELL = 4.0
+"""Roots of the mean area of a patch's faces along the sides of the cells that make groups."""
 _MANY = 3000
 """More pieces than this are looked at as one cluster."""
 
@@ -105,7 +109,7 @@ def solid_of(mesh: TriangleMesh) -> Solid:
     solid = TriangleMesh(vertices[used], numbers.reshape(-1, 3))
     bounds = np.ones(len(solid.faces), dtype=bool)
     if len(solid.faces) and (len(left) or len(sides) > 1):
-        bounds = _bounding(solid)
+        bounds = _bounding(solid, owners[~hidden])
     ends = vertices[left[:, :2]]
     return Solid(
         solid,
@@ -119,23 +123,58 @@ def solid_of(mesh: TriangleMesh) -> Solid:
     )
 
 
-def _bounding(mesh: TriangleMesh) -> BoolArray:
+def _bounding(mesh: TriangleMesh, patches: IntArray) -> BoolArray:
     """Return which faces have the solid behind them and the outside before them, somewhere at least."""
     corners = mesh.vertices[mesh.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     aside = _ASIDE * mesh.mean_edge * across / np.linalg.norm(across, axis=1, keepdims=True)
-    result = np.zeros(len(corners), dtype=bool)
     met = np.ones(len(mesh.vertices), dtype=bool)
     winds_around = winding_around(mesh)
+
+    def bounds(faces: IntArray, place: FloatArray) -> BoolArray:
+        points = np.einsum("k,fkd->fd", place, corners[faces])
+        is_outer = ~winds_around(points + aside[faces])
+        is_outer[is_outer] = winds_around(points[is_outer] - aside[faces[is_outer]])
+        return is_outer
+
+    result = np.zeros(len(corners), dtype=bool)
+    asked = np.ones(len(corners), dtype=bool)
+    if len(corners) > _LARGE:
+        groups = _groups(mesh, patches)
+        first, last = np.empty((2, int(groups.max()) + 1), np.int64)
+        first[groups[::-1]] = np.arange(len(groups))[::-1]
+        last[groups] = np.arange(len(groups))
+        result = bounds(first, _PLACES[0])[groups]
+        asked = _uneven(mesh, groups, result != bounds(last, _PLACES[0])[groups], result)
+        result &= ~asked
     for place in _PLACES:
-        left = np.flatnonzero(~result & met[mesh.faces].any(axis=1))
-        points = np.einsum("k,fkd->fd", place, corners[left])
-        is_outer = ~winds_around(points + aside[left])
-        left = left[is_outer]
-        result[left] = winds_around(points[is_outer] - aside[left])
+        left = np.flatnonzero(~result & asked & met[mesh.faces].any(axis=1))
+        result[left] = bounds(left, place)
         met[:] = False
-        met[mesh.faces[result]] = True  # at further places only the neighbours of faces found so far
+        met[mesh.faces[result]] = True  # at further places only the neighbours of such faces
     return result
+
+
+def _groups(mesh: TriangleMesh, patches: IntArray) -> IntArray:
+    """Return the group of each face, shape (F,): those of a patch in one cell of a grid of its own."""
+    middles = mesh.vertices[mesh.faces].mean(axis=1)
+    size = np.bincount(patches, mesh.face_areas) / np.maximum(np.bincount(patches), 1)
+    cells = np.floor((middles - middles.min(axis=0)) / (_CELL * np.sqrt(size[patches]))[:, None])
+    keys = np.column_stack([patches, cells.astype(np.int64)])
+    order = np.lexsort(keys.T)
+    begins = np.append(False, (np.diff(keys[order], axis=0) != 0).any(axis=1))
+    groups = np.empty(len(keys), np.int64)
+    groups[order] = np.cumsum(begins)
+    return groups
+
+
+def _uneven(mesh: TriangleMesh, groups: IntArray, differs: BoolArray, result: BoolArray) -> BoolArray:
+    """Return the faces of groups that hold different answers, or meet a group with another answer."""
+    bounding, other = np.zeros((2, len(mesh.vertices)), dtype=bool)
+    bounding[mesh.faces[result]] = True
+    other[mesh.faces[~result]] = True
+    border = differs | (bounding & other)[mesh.faces].any(axis=1)
+    return np.asarray(np.bincount(groups, border)[groups] > 0)
 
 
 def _count_turned(patches: IntArray, turned: BoolArray, about: BoolArray) -> int:

@@ -12,6 +12,7 @@ from homolog.grooming.subject import read_source
 from homolog.grooming.triangles import level_of_triangles
 from homolog.settings import GroomSettings, Pieces
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.solid import solid_of
 from homolog.surfaces.topology import check_mesh
 
 SETTINGS = GroomSettings(mesh_edge=2.5, spacing=0.8)
@@ -213,6 +214,14 @@ def test_overlapping_pieces_are_united(egg, tmp_path):
         assert size[0] == pytest.approx(58.0, abs=1.0)
         assert VOLUME < result.mesh.volume * 1.02 < 2.0 * VOLUME
         assert any("united (2)" in note for note in result.report.notes)
+
+
+def test_walls_within_large_meshes_are_told_from_groups_of_faces(egg, monkeypatch):
+    pieces = joined(egg, moved(egg, [16.0, 3.0, 1.0], 0.6), moved(egg, [0.0, 0.0, 0.0], 0.5))
+    expected = solid_of(pieces)
+    monkeypatch.setattr("homolog.surfaces.solid._LARGE", 0)
+    assert 0.2 < expected.bounds.mean() < 0.8
+    assert np.array_equal(solid_of(pieces).bounds, expected.bounds)
 
 
 def test_pieces_apart_make_one_surface_only_if_the_largest_is_kept(egg, tmp_path):
