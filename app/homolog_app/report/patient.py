@@ -39,6 +39,7 @@ from homolog_app.report.patient_words import (
     METHOD,
     REGION_COLUMNS,
     GroupRow,
+    cut_off_text,
     detectable_text,
     group_rows,
     group_sentence,
@@ -322,7 +323,7 @@ def patient_page(
     caption = (
         "Difference in mm on the subject's own surface: blue lies outward, yellow inward. Top: from the "
         "shape that the reference expects of this subject, faint within the limit. Bottom: from the mean "
-        f"of the reference.{' Grey: cut off.' if comparison.missing.any() else ''}"
+        f"of the reference.{cut_off_text(comparison)}"
     )
     page.figures([ReportFigure("maps", maps, caption)])
     page.heading("Regions beyond the limit")

@@ -22,6 +22,7 @@ from homolog_app.report.patient_words import (
     GROUP_CAUTION,
     METHOD,
     REGION_COLUMNS,
+    cut_off_text,
     detectable_text,
     measure_rows,
     nearest_controls_text,
@@ -204,8 +205,8 @@ def _first(comparison: PatientComparison, reference: Reference, maps: MapPicture
     sheet.text(detectable_text(reference))
     sheet.heading("Difference from the shape that the reference expects of this subject (mm)")
     sheet.panels(maps.local, maps.limit)
-    grey = " Grey: cut off." if comparison.missing.any() else ""
-    sheet.text(f"Within the limit colours are faint; beyond it they are full.{grey}", 7.5)
+    faint = "Within the limit colours are faint; beyond it they are full."
+    sheet.text(f"{faint}{cut_off_text(comparison)}", 7.5)
     sheet.heading("Difference from the mean of the reference (mm)")
     sheet.panels(maps.total, maps.total_limit)
     sheet.heading("Among the controls")

@@ -14,6 +14,7 @@ __all__ = [
     "METHOD",
     "REGION_COLUMNS",
     "GroupRow",
+    "cut_off_text",
     "detectable_text",
     "group_rows",
     "group_sentence",
@@ -139,6 +140,13 @@ def detectable_text(reference: Reference) -> str:
         f"Differences below about {reference.quality.limit_mm:.1f} mm ({least:.1f} to {most:.1f}, by place) "
         "are not found, and narrow ones must be larger: no region does not mean no lesion."
     )
+
+
+def cut_off_text(comparison: PatientComparison) -> str:
+    """Say what grey is on the maps; empty if nothing is cut off."""
+    if not comparison.missing.any():
+        return ""
+    return " Grey: cut off by the border of the image, shown as it is expected; nothing is said of it."
 
 
 def nearest_controls_text(comparison: PatientComparison, reference: Reference) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from zipfile import is_zipfile
 
 import numpy as np
 
@@ -27,8 +28,14 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
         np.savez_compressed(stream, allow_pickle=False, **arrays)
 
 
-def read_arrays(path: Path) -> dict[str, Array]:
+def read_arrays(path: Path, remedy: str = "delete it and run again") -> dict[str, Array]:
     """Read what `write_arrays` wrote, as read-only arrays.
+
+    Parameters
+    ----------
+    path : Path
+    remedy : str
+        What to do if the file is damaged.
 
     Raises
     ------
@@ -38,13 +45,15 @@ def read_arrays(path: Path) -> dict[str, Array]:
     """
     check_is_file(Path(path))
     try:
+        if not is_zipfile(path):
+            raise InputError(f"{path}: is damaged: cut off, or another kind of file; {remedy}")
         with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             unpacked = sum(item.file_size for item in stored.zip.infolist())
-            check_fits(path, unpacked, "delete it and run again")
+            check_fits(path, unpacked, remedy)
             return {
                 name: frozen(stored[name]) if stored[name].ndim else stored[name] for name in stored.files
             }
     except InputError:
         raise
     except Exception as error:  # what zip, zlib and npy readers raise on damaged files is no short list
-        raise InputError(f"{path}: is damaged: {error}; delete it and run again") from error
+        raise InputError(f"{path}: is damaged: {error}; {remedy}") from error

@@ -282,7 +282,7 @@ class Reference:
         InputError
             If the file is missing, damaged, of a newer version, or no reference.
         """
-        stored = read_arrays(Path(path))
+        stored = read_arrays(Path(path), "copy it again, or make it again (homolog reference)")
         if "record" not in stored:
             raise InputError(f"{path}: is not a reference; give a file that homolog reference wrote")
         try:
