@@ -138,17 +138,17 @@ def _bounding(mesh: TriangleMesh, patches: IntArray) -> BoolArray:
         return is_outer
 
     result = np.zeros(len(corners), dtype=bool)
-    asked = np.ones(len(corners), dtype=bool)
+    is_open = np.ones(len(corners), dtype=bool)
     if len(corners) > _LARGE:
         groups = _groups(mesh, patches)
         first, last = np.empty((2, int(groups.max()) + 1), np.int64)
         first[groups[::-1]] = np.arange(len(groups))[::-1]
         last[groups] = np.arange(len(groups))
         result = bounds(first, _PLACES[0])[groups]
-        asked = _uneven(mesh, groups, result != bounds(last, _PLACES[0])[groups], result)
-        result &= ~asked
+        is_open = _uneven(mesh, groups, result != bounds(last, _PLACES[0])[groups], result)
+        result &= ~is_open
     for place in _PLACES:
-        left = np.flatnonzero(~result & asked & met[mesh.faces].any(axis=1))
+        left = np.flatnonzero(~result & is_open & met[mesh.faces].any(axis=1))
         result[left] = bounds(left, place)
         met[:] = False
         met[mesh.faces[result]] = True  # at further places only the neighbours of such faces
