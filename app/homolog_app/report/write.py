@@ -97,7 +97,8 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
 
 
 def _made(record: ResultRecord) -> str:
-    return f"Made with Homolog {record.versions.get('homolog', '')} from the result of {record.finished}."
+    finished = record.finished.replace("T", " ").replace("+00:00", " UTC")
+    return f"Made with Homolog {record.versions.get('homolog', '')} from the result of {finished}."
 
 
 def _summary(page: Page, record: ResultRecord, result: Result, studies: Sequence[Study]) -> None:
