@@ -8,7 +8,7 @@ import numpy as np
 from homolog.analysis.design import is_missing, numbers
 from homolog.cohort.column_types import CATEGORY
 from homolog.errors import InputError
-from homolog_app.rendering.text import short, signed
+from homolog_app.rendering.text import short
 from homolog_app.report.findings import (
     LEVEL,
     correction_text,
@@ -229,9 +229,10 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
         rows.append(("AUC", f"{interval_text(discriminant.auc)}{auc}"))
     if pair.size is not None and np.isfinite(pair.size.value) and pair.size_p_adjusted is not None:
         unit = f"mm per unit of {study.request.column}" if kind == "regression" else "mm"
-        low, high = signed(pair.size.low), signed(pair.size.high)
+        form = "+.3g" if slope else "+.2f"
+        size, low, high = (format(item, form) for item in (pair.size.value, pair.size.low, pair.size.high))
         p = p_text(pair.size_p_adjusted, pair.size.permutations)
-        rows.append(("Size", f"{signed(pair.size.value)} {unit} (95 % CI {low} to {high}), {p}"))
+        rows.append(("Size", f"{size} {unit} (95 % CI {low} to {high}), {p}"))
     for simulated in pair.false_positives[:1]:
         assert simulated.test == WHOLE_SHAPE_F
         low, high = (f"{100 * bound:.1f}" for bound in (simulated.low, simulated.high))

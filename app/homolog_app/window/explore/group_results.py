@@ -27,7 +27,7 @@ __all__ = ["GroupPlot", "GroupResults", "correction_sentence"]
 _HEADS = ("Comparison", "D (95 % CI)", "p", "Surface")
 _TIPS = (
     "Second minus first group",
-    "Mahalanobis distance of the means, corrected for bias [SD]",
+    "Mahalanobis distance of the means, or change per unit of the variable, corrected for bias [SD]",
     "Permutation test of the whole shape; corrected for pairs of groups (Holm) and answers (Bonferroni)",
     f"Share of the surface with p ≤ {LEVEL:g}, corrected over the surface, pairs and answers",
 )
@@ -63,6 +63,8 @@ class GroupResults(QTreeWidget):
         """Show the comparisons of the open result, if there is more than one."""
         self.blockSignals(True)
         self.clear()
+        slope = answers is not None and answers.own[0].request.kind == "regression"
+        self.headerItem().setText(1, "Per unit (95 % CI)" if slope else _HEADS[1])
         count, tops = 0, []
         for number, study in enumerate(answers.own if answers is not None else ()):
             top = QTreeWidgetItem([_heading(study)])
@@ -130,7 +132,8 @@ def _values(study: "Study", comparison: "Comparison") -> tuple[str, str, str, st
     distance = comparison.distance
     effect = "–"
     if distance is not None and comparison.test.modes:
-        effect = f"{distance.value:.2f} ({distance.low:.2f} to {distance.high:.2f})"
+        digits = 3 if study.request.kind == "regression" else 2
+        effect = f"{distance.value:.{digits}f} ({distance.low:.{digits}f} to {distance.high:.{digits}f})"
     p = "–"
     if comparison.test.modes:
         p = p_text(comparison.p_adjusted, comparison.test.permutations).removeprefix("p ").removeprefix("= ")
