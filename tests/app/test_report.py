@@ -413,7 +413,7 @@ def test_the_report_says_what_was_found_how_and_that_it_is_for_research(report):
     words = re.sub(r"<[^>]+>", " ", report.read_text(encoding="utf-8"))
     for part in (
         "For research use",
-        "C - A (6 A, 6 C): they differ in form",
+        "C − A (6 A, 6 C): they differ in form",
         "Hotelling",
         "Type I error rates on this cohort",
         "Homolog 9.9",
