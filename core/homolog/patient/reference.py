@@ -282,6 +282,8 @@ class Reference:
         InputError
             If the file is missing, damaged, of a newer version, or no reference.
         """
+        if Path(path).is_dir():
+            raise InputError(f"{path}: is a folder; give the file that homolog reference makes of a project")
         stored = read_arrays(Path(path), "copy it again, or make it again (homolog reference)")
         if "record" not in stored:
             raise InputError(f"{path}: is not a reference; give a file that homolog reference wrote")
