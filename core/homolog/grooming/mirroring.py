@@ -24,7 +24,7 @@ __all__ = ["align_cohort", "check_sides"]
 
 _MOVING, _FIXED = 300, 800
 """Points of a subject, and of the one that it and its mirror image are compared with."""
-_FAR_BETTER = 0.65
+_FAR_BETTER = 0.8
 """Of the distance to the reference: a mirror image that comes so much nearer is worth a note."""
 
 
@@ -204,13 +204,14 @@ def _better_mirrored(
 
     def is_better(k: int, inner: Tick) -> bool:
         inner(0.0, "comparing with mirror images")
-        cloud, turned = _thinned(clouds[k], _MOVING), MIRROR[:3, :3]
-        image = OrientedPoints(cloud.points @ turned, cloud.normals @ turned, cloud.centre)
+        cloud = _thinned(clouds[k], _MOVING)
         if registered_already:  # to the same one, whose centre is the origin
             own = _gap(cloud.points + placed[k].centre / placed[k].size, fixed)
         else:
             own = _gap(_moved(cloud, fixed), fixed)
-        return _gap(_moved(image, fixed), fixed) < _FAR_BETTER * own
+        image = _turned(cloud, MIRROR[:3, :3])
+        there = _gap(_moved(image, fixed), fixed)
+        return there < _FAR_BETTER * own and there < _FAR_BETTER * _best_turned(image, fixed)
 
     works = [partial(is_better, k) for k in undecided]
     better = run_in_threads(works, tick, "comparing with mirror images", cores())
@@ -221,6 +222,23 @@ def _better_mirrored(
         if not known and 2 * len(mirrored) > len(groomed)
         else mirrored
     )
+
+
+def _turned(cloud: OrientedPoints, rotation: FloatArray) -> OrientedPoints:
+    return replace(cloud, points=cloud.points @ rotation.T, normals=cloud.normals @ rotation.T)
+
+
+def _best_turned(image: OrientedPoints, fixed: OrientedPoints) -> float:
+    """Return how near a shape comes from where its mirror image lies, reflected about its principal planes.
+
+    A shape that is symmetric about one of them is its own mirror image, turned; its registration may have
+    ended in another orientation.
+    """
+    rotation = registered(image, fixed).pose[:3, :3]
+    placed = _turned(image, rotation / np.cbrt(np.linalg.det(rotation)))
+    axes = np.linalg.eigh(placed.points.T @ placed.points)[1].T
+    reflections = [np.eye(3) - 2.0 * np.outer(axis, axis) for axis in axes]
+    return min(_gap(_moved(_turned(placed, item), fixed), fixed) for item in reflections)
 
 
 def _thinned(cloud: OrientedPoints, points: int) -> OrientedPoints:
