@@ -200,8 +200,8 @@ class MainWindow(QMainWindow):
         views = Views(self, self.workspace, self.commands, stage, explore, table, self.docks.curves)
         self.views = self.projects.views = self.exporting.views = views
         views.layout_changed.connect(self.refresh)
-        views.slices_saved.connect(self.exporting.save_slices)
-        views.picture_saved.connect(self.exporting.open_screenshot)
+        views.slices_wanted.connect(self.exporting.save_slices)
+        views.picture_wanted.connect(self.exporting.open_screenshot)
         views.scans.subject_offered.connect(self.projects.open_paths)
         self._middle.addWidget(stage)
         stage.place_card(self.tour.card)

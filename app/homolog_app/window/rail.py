@@ -213,7 +213,7 @@ class StatusBar(QObject):
             widget.setVisible(shown)
         if job.status is not None:
             self.bar.setValue(round(1000 * job.status.fraction))
-        self.work.setText(f"{job.aside[:1].upper()}{job.aside[1:]}…" if job.aside else "")
+        self.work.setText(f"{job.background[:1].upper()}{job.background[1:]}…" if job.background else "")
 
     @Slot()
     def _show_devices(self) -> None:

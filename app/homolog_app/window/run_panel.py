@@ -55,9 +55,9 @@ class GroomPanel(Panel):
 
     def show_busy(self, status: Status | None) -> None:
         """Show the progress of grooming, or that nothing goes on."""
-        goes_on = status is not None and self.go.isHidden()
+        was_busy = status is not None and self.go.isHidden()
         self.progress.show_status(status)
-        if not goes_on:
+        if not was_busy:
             self.go.setVisible(status is None)
             self._show()
 
@@ -188,10 +188,10 @@ class RunPanel(Panel):
 
     def show_busy(self, status: Status | None) -> None:
         """Show the progress of a run, or that none goes on."""
-        goes_on = status is not None and self.go.isHidden()
+        was_busy = status is not None and self.go.isHidden()
         self.progress.show_status(status)
         self.pause.setText("Resume" if status is not None and status.paused else "Pause")
-        if not goes_on:
+        if not was_busy:
             self.go.setVisible(status is None)
             self.form.setEnabled(status is None)
             self.device.setEnabled(status is None)

@@ -40,7 +40,7 @@ class Job:
         What begins after it, because the user waits for it.
     status : Status or None
         How far what the user waits for is.
-    aside : str
+    background : str
         What is done in the background, or beside grooming and runs, in words.
     run : RunJob or None
         The run that goes on.
@@ -51,7 +51,7 @@ class Job:
     kind: str = ""
     following: str = ""
     status: Status | None = None
-    aside: str = ""
+    background: str = ""
     run: RunJob | None = None
     kept: RunJob | None = None
 

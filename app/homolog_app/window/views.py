@@ -37,8 +37,8 @@ class Views(QObject):
     """Drives the stage: subjects and particles of a run, or what the open page of Explore shows."""
 
     layout_changed = Signal()
-    slices_saved = Signal(object)
-    picture_saved = Signal(object, object, object)
+    slices_wanted = Signal(object)
+    picture_wanted = Signal(object, object, object)
 
     def __init__(
         self, window: QMainWindow, workspace: Workspace, commands: Actions, stage: "Stage",
@@ -76,7 +76,7 @@ class Views(QObject):
         for name in ("link", "raw", "groomed", "particles", "grid4", "letters", "scale_bar"):
             commands[f"view.{name}"].setChecked(True)
         self._own_particles, self._balls, self._generation = False, False, 0
-        self._told: tuple[int, tuple[int, ...], bool] = (0, (), False)
+        self._last_layout: tuple[int, tuple[int, ...], bool] = (0, (), False)
         self.refresh()
 
     def handlers(self) -> dict[str, Callable[[], object]]:
@@ -158,10 +158,10 @@ class Views(QObject):
     def save_picture(self) -> None:
         """Ask how and where, and save a picture of the views, or of the slices, as they are now."""
         if self.shows_slices:
-            self.slices_saved.emit(self.stage.slices.grab())
+            self.slices_wanted.emit(self.stage.slices.grab())
             return
         scene = self.stage.scene
-        self.picture_saved.emit(scene.shown_now, scene.canvas, self.snapshot)
+        self.picture_wanted.emit(scene.shown_now, scene.canvas, self.snapshot)
 
     @property
     def shows_slices(self) -> bool:
@@ -303,8 +303,8 @@ class Views(QObject):
         offered = page.layouts if page is not None else None
         count = offered[0] if offered else self.stage.scene.layout_count
         state = (count, self.layouts, self.is_coloured)
-        if state != self._told:
-            self._told = state
+        if state != self._last_layout:
+            self._last_layout = state
             self._commands[f"view.grid{count}"].setChecked(True)
             self.layout_changed.emit()
 

@@ -63,22 +63,22 @@ class Work(QObject):
         self._next: _Order | None = None
         self._arrived: SimpleQueue[FileSurvey] = SimpleQueue()
         self._prepared = False
-        self._told: tuple[object, ...] = ()
+        self._last_state: tuple[object, ...] = ()
         self.to_restore: ProjectFolder | None = None
         self._kept: RunJob | None = None
         self.awaits_result = False  # the study being opened has one, which shows subjects without their files
         session.study_changed.connect(self.go_on)
 
-    def _note(self, aside: str = "") -> None:
+    def _update_job(self, background: str = "") -> None:
         """Put what goes on into the session."""
         run, following = self.runner.job, self._next
         self.session.job = Job(
-            self._kind, following[0] if following is not None else "", self._status, aside,
+            self._kind, following[0] if following is not None else "", self._status, background,
             run if isinstance(run, RunJob) else None, self._kept,
         )  # fmt: skip
 
-    def _tell(self) -> None:
-        self._note()
+    def _publish(self) -> None:
+        self._update_job()
         self.session.job_changed.emit()
 
     @Slot()
@@ -205,7 +205,7 @@ class Work(QObject):
             if kind not in BACKGROUND:
                 _log.info("%s begins", kind)
             self.runner.start(work if isinstance(work, RunJob) else Task(work, message))
-        self._tell()
+        self._publish()
 
     def open_result(self, project: ProjectFolder, then: Callable[[], None]) -> None:
         """Read the result of a project, then do something."""
@@ -232,7 +232,7 @@ class Work(QObject):
         """End what the user waits for."""
         if self._next is not None:
             self._next = None
-            self._tell()
+            self._publish()
         else:
             self.runner.cancel()
 
@@ -242,7 +242,7 @@ class Work(QObject):
         self._kept = self.to_restore = None
         self.awaits_result = False
         self.runner.cancel()
-        self._note()
+        self._update_job()
 
     def toggle_pause(self) -> None:
         """Hold the run, or let it go on."""
@@ -255,10 +255,10 @@ class Work(QObject):
         self._drain()
         if self.session.job.is_busy:
             self._status = status
-        self._note(status.message if self._kind not in ("groom", "run") else "")
+        self._update_job(status.message if self._kind not in ("groom", "run") else "")
         state = (self.runner.job, self._status is None, status.paused, self.session.preliminary)
-        (self.session.job_progressed if state == self._told else self.session.job_changed).emit()
-        self._told = state
+        (self.session.job_progressed if state == self._last_state else self.session.job_changed).emit()
+        self._last_state = state
 
     @Slot(object)
     def _ended(self, ended: JobOutcome) -> None:
@@ -268,7 +268,7 @@ class Work(QObject):
         if self._generation != self.session.generation and kind not in BACKGROUND:
             take = self._kept = None
             ended = JobOutcome(ended.job, cancelled=True)
-        self._note()
+        self._update_job()
         self._prepared |= kind == "prepare" and not ended.cancelled
         if ended.error is not None:
             _log.error("%s failed: %s", kind, ended.error, exc_info=ended.error)
@@ -288,7 +288,7 @@ class Work(QObject):
             self.compute(*following)
         else:
             self.go_on()
-        self._tell()
+        self._publish()
 
     def _drain(self) -> None:
         """Put what was read into the session; bad files are left out until the user ticks them again."""
