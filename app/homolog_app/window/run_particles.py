@@ -119,7 +119,8 @@ class RunParticles(QObject):
             self.frame = frame
             self.particles, self.tints = dict(zip(job.names, frame.world, strict=True)), None
             self.moved.emit(True)
-            self._curves.show_rows(list(job.recorder.energies), is_live=True)
+            if job.recorder.energies:  # first particles have none
+                self._curves.show_rows(list(job.recorder.energies), is_live=True)
         self._look.setInterval(self._pause(_LOOK_MS))
 
     @Slot()
