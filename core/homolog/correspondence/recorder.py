@@ -90,7 +90,7 @@ class RunRecorder:
         self._next_frame = 0.0
 
     def emit_frame(self, stage: Stage, engine: Engine, *, ends_stage: bool = False) -> None:
-        """Emit a frame if one is due, or a stage ends.
+        """Emit a frame if one is due and energies have been recorded, or a stage ends.
 
         Parameters
         ----------
@@ -102,7 +102,8 @@ class RunRecorder:
             Whether the stage ends here: a frame is then always emitted.
         """
         now = time.monotonic()
-        if self.observe is None or (now < self._next_frame and not ends_stage):
+        is_due = bool(self.rows) and now >= self._next_frame
+        if self.observe is None or not (is_due or ends_stage):
             return
         self._next_frame = now + FRAME_INTERVAL_S
         world, alignments = engine.aligned_positions() * self.unit, self.aligned(engine.poses)

@@ -34,7 +34,7 @@ def test_frames_that_are_left_out_are_no_border(make_seg, blocks):
     path = make_seg(np.stack([inside] * 2, axis=-1).astype(np.uint8).transpose(2, 1, 0, 3))
     found = cleaned(read_segmentation(path, None, "heart"))
     assert np.count_nonzero(found.segmentation.mask) == np.count_nonzero(inside)
-    assert not found.at_border
+    assert not found.borders
 
 
 def test_overlapping_segments_are_not_taken_together(seg):

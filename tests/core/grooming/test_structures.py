@@ -77,11 +77,12 @@ def test_a_freesurfer_volume_that_is_cut_short_is_refused(tmp_path, brain, cut):
         read_volume(tmp_path / "aseg.mgh")
 
 
-def test_a_freesurfer_volume_whose_name_says_wrongly_whether_it_is_packed_is_refused(tmp_path, brain):
+def test_a_freesurfer_volume_whose_name_says_wrongly_whether_it_is_packed_is_read(tmp_path, brain):
     nibabel.save(nibabel.MGHImage(brain, np.eye(4)), tmp_path / "a.mgz")
     (tmp_path / "a.mgz").rename(tmp_path / "a.mgh")
-    with pytest.raises(InputError, match=r"rename it .*\.mgz"):
-        read_volume(tmp_path / "a.mgh")
+    volume = read_volume(tmp_path / "a.mgh")
+    assert np.array_equal(np.sort(np.unique(volume.layers[0])), np.unique(brain))
+    assert volume.notes
 
 
 @pytest.mark.parametrize(
