@@ -163,27 +163,15 @@ def discriminant(
     scores, basis = _leading(rows, modes)
     fit = _fit(scores, second, np.ones(len(second)))
     generator = np.random.default_rng(seed)
-    drawn = np.empty((bootstraps, len(basis)))
-    chunk = max(1, _CHUNK_VALUES // scores.size)
-    for start in range(0, bootstraps, chunk):
-        tick(0.5 * start / bootstraps, "bootstrap of the discriminant")
-        some = min(chunk, bootstraps - start)
-        counts = np.stack([_resampled(second, generator) for _ in range(some)])
-        again = _fit(scores, second, counts)
-        drawn[start : start + some] = again.direction * again.separation[:, None]
+    drawn = _bootstrapped(scores, second, bootstraps, generator, part_of(tick, 0.0, 0.5))
     folds = min(_MOST_FOLDS, smallest)
     # Of many subjects the leading modes without one fold hardly leave those of all.
     reduced, _ = leading_scores(rows, len(rows) if len(rows) <= _MANY else modes + _FURTHER)
     tick(0.5, "cross-validation of the discriminant")
-    labels = np.repeat(second[None], repeats, axis=0)
     fold_of = np.stack([_stratified(second, folds, generator) for _ in range(repeats)])
-    rounds = np.concatenate(
-        [
-            _held_out(reduced, labels[[index]], extra[None], fold_of[[index]], modes)
-            for index in range(repeats)
-        ]
-    )
-    accuracy, auc = (float(item) for item in _rates(rounds, labels).mean(axis=0))
+    own = second[None], extra[None]
+    rounds = np.concatenate([_held_out(reduced, *own, each[None], modes) for each in fold_of])
+    accuracy, auc = (float(item) for item in _rates(rounds, np.tile(second, (repeats, 1))).mean(axis=0))
     # A permutation test holds for any statistic: its rounds can do with the leading modes.
     rates = _permuted_rates(
         reduced[:, : modes + _FURTHER_OF_P],
@@ -278,6 +266,20 @@ def _fit(scores: FloatArray, second: BoolArray, weights: FloatArray) -> _Fit:
     direction = direction / np.maximum(length, np.finfo(float).tiny)
     midpoint = ((first_mean + second_mean) * direction).sum(axis=-1) / 2.0
     return _Fit(direction, (difference * direction).sum(axis=-1), midpoint, shrinkage)
+
+
+def _bootstrapped(
+    scores: FloatArray, second: BoolArray, count: int, generator: np.random.Generator, tick: Tick
+) -> FloatArray:
+    """Return the weights (B, k) of cohorts drawn with replacement within each group."""
+    drawn = np.empty((count, scores.shape[1]))
+    chunk = max(1, _CHUNK_VALUES // scores.size)
+    for start in range(0, count, chunk):
+        tick(start / count, "bootstrap of the discriminant")
+        some = min(chunk, count - start)
+        again = _fit(scores, second, np.stack([_resampled(second, generator) for _ in range(some)]))
+        drawn[start : start + some] = again.direction * again.separation[:, None]
+    return drawn
 
 
 def _resampled(second: BoolArray, generator: np.random.Generator) -> FloatArray:

@@ -147,8 +147,7 @@ def compare_groups(
     >>> comparison.title, int(np.argmin(comparison.p_fwe))
     ('bump - plain', 7)
     """
-    alignments = (alignment,) if isinstance(alignment, str) else tuple(alignment)
-    _check(alignments, permutations)
+    _check((alignment,) if isinstance(alignment, str) else alignment, permutations)
     labels = np.array(["" if group is None or is_missing(group) else str(group) for group in groups])
     shapes = checked_particles(particles, names)
     if len(labels) != len(shapes):
@@ -160,27 +159,18 @@ def compare_groups(
         _check_comparisons(comparisons, order)
     both = None if pairs is None else _members_of(pairs, labels, order, covariates, names)
     columns = _columns(covariates, chosen.tolist(), len(shapes), called)
-    own, here, tick = labels[chosen].tolist(), shapes[chosen], tick_of(callback)
-    answers = []
-    for index, name in enumerate(alignments):
-        options = Options(
-            alignment=Alignment(name),
-            modes=modes,
-            permutations=permutations,
-            null_repeats=null_repeats,
-            answers=len(alignments),
-            seed=seed,
-        )
-        part = part_of(tick, index / len(alignments), (index + 1) / len(alignments))
+    own, here = labels[chosen].tolist(), shapes[chosen]
+
+    def ask(options: Options, tick: Tick) -> Comparison:
         if both is not None:
-            title = f"{order[1]} - {order[0]}"
-            answers.append(compare_pairs(shapes, *both, title, options=options, names=names, tick=part))
-            continue
+            return compare_pairs(
+                shapes, *both, " - ".join(order[::-1]), options=options, names=names, tick=tick
+            )
+        each: tuple[Comparison, ...] = ()
         if len(order) == 2:
             overall = compare_two_groups(
-                here, own, (order[0], order[1]), covariates=columns, options=options, names=called, tick=part
+                here, own, (order[0], order[1]), covariates=columns, options=options, names=called, tick=tick
             )
-            each: tuple[Comparison, ...] = ()
         else:
             overall, each = compare_several(
                 here,
@@ -190,11 +180,12 @@ def compare_groups(
                 covariates=columns,
                 options=options,
                 names=called,
-                tick=part,
+                tick=tick,
             )
-        each = tuple(pair.renumbered(chosen) for pair in each)
-        answers.append(replace(overall.renumbered(chosen), pairwise=each))
-    return answers[0] if isinstance(alignment, str) else tuple(answers)
+        return replace(overall.renumbered(chosen), pairwise=tuple(pair.renumbered(chosen) for pair in each))
+
+    options = Options(modes=modes, permutations=permutations, null_repeats=null_repeats, seed=seed)
+    return _answers(ask, alignment, options, callback)
 
 
 @overload
@@ -303,29 +294,40 @@ def regress(
     >>> effect.title, int(np.argmin(effect.p_fwe))
     ('age', 7)
     """
-    alignments = (alignment,) if isinstance(alignment, str) else tuple(alignment)
-    _check(alignments, permutations)
+    _check((alignment,) if isinstance(alignment, str) else alignment, permutations)
     shapes = checked_particles(particles, names)
     everyone = list(range(len(shapes)))
     _columns({name: values}, everyone, len(shapes), names)  # says which value is missing
     given = numbers(list(values))
     if given is None:
         raise InputError(f"{name!r} contains words; compare its groups instead of a regression")
-    columns, tick = _columns(covariates, everyone, len(shapes), names), tick_of(callback)
-    answers = []
-    for index, chosen in enumerate(alignments):
-        options = Options(
-            alignment=Alignment(chosen),
-            modes=modes,
-            permutations=permutations,
-            null_repeats=null_repeats,
-            answers=len(alignments),
-            seed=seed,
+    columns = _columns(covariates, everyone, len(shapes), names)
+
+    def ask(options: Options, tick: Tick) -> Comparison:
+        return regress_shapes(
+            shapes, given, name, covariates=columns, options=options, names=names, tick=tick
         )
-        part = part_of(tick, index / len(alignments), (index + 1) / len(alignments))
-        answers.append(
-            regress_shapes(shapes, given, name, covariates=columns, options=options, names=names, tick=part)
+
+    options = Options(modes=modes, permutations=permutations, null_repeats=null_repeats, seed=seed)
+    return _answers(ask, alignment, options, callback)
+
+
+def _answers(
+    ask: Callable[[Options, Tick], Comparison],
+    alignment: _Alignment | Sequence[_Alignment],
+    options: Options,
+    callback: Callable[[float, str], object] | None,
+) -> Comparison | tuple[Comparison, ...]:
+    """Return the answer with one alignment, or those with several, which count as so many."""
+    alignments = (alignment,) if isinstance(alignment, str) else tuple(alignment)
+    count, tick = len(alignments), tick_of(callback)
+    answers = [
+        ask(
+            replace(options, alignment=Alignment(name), answers=count),
+            part_of(tick, index / count, (index + 1) / count),
         )
+        for index, name in enumerate(alignments)
+    ]
     return answers[0] if isinstance(alignment, str) else tuple(answers)
 
 
