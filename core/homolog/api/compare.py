@@ -247,11 +247,21 @@ def regress(
     name : str
         Of the variable, for titles and messages.
     covariates : mapping of str to sequence, optional
-        What is adjusted for; as of `compare_groups`.
+        What is adjusted for; as of `compare_groups`, also what follows.
     alignment : {"rigid", "similarity", "as-it-lies"}, or several of them
         How shapes are aligned before they are tested.
-    modes, permutations, null_repeats, seed, names, callback
-        As of `compare_groups`; null repeats permute the values.
+    modes : int, optional
+        Modes in which the whole shape is tested; by parallel analysis if not given.
+    permutations : int
+        Of each test.
+    null_repeats : int
+        How often the tests are tried on permuted values; 0 for never.
+    seed : int
+        Of the permutations.
+    names : sequence of str, optional
+        Subject names, for messages.
+    callback : callable, optional
+        ``callback(fraction, message)``.
 
     Returns
     -------
