@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from typing import TypeVar
 
-__all__ = ["Tick", "no_tick", "part_of", "run_in_background", "run_in_threads"]
+__all__ = ["Tick", "no_tick", "part_of", "run_in_background", "run_in_threads", "tick_of"]
 
 Tick = Callable[[float, str], None]
 """``tick(fraction, message)``: completed fraction of the work in [0, 1], and the current step.
@@ -19,6 +19,17 @@ _Result = TypeVar("_Result")
 
 def no_tick(fraction: float, message: str) -> None:
     """Ignore progress and never cancel."""
+
+
+def tick_of(callback: Callable[[float, str], object] | None) -> Tick:
+    """Return a tick that calls a user's function; without one, a tick that does nothing."""
+    if callback is None:
+        return no_tick
+
+    def tick(fraction: float, message: str) -> None:
+        callback(fraction, message)
+
+    return tick
 
 
 def part_of(tick: Tick, start: float, stop: float) -> Tick:

@@ -15,9 +15,9 @@ from homolog.analysis.studies import compare_pairs, compare_two_groups, pair_mem
 from homolog.analysis.studies import regress as regress_shapes
 from homolog.arrays import Array, ArrayLike, FloatArray, IntArray
 from homolog.errors import InputError
-from homolog.progress import Tick, no_tick, part_of
+from homolog.progress import Tick, part_of, tick_of
 
-__all__ = ["compare_groups", "regress", "tick_of"]
+__all__ = ["compare_groups", "regress"]
 
 _Alignment = Literal["rigid", "similarity", "as-it-lies"]
 _Covariates = Mapping[str, Sequence[str | float] | Array]
@@ -389,14 +389,3 @@ def _columns(
             )
     table = {title: [values[index] for index in chosen] for title, values in covariates.items()}
     return covariate_columns(table, names, categories=[title for title in table if title.endswith(":c")])
-
-
-def tick_of(callback: Callable[[float, str], object] | None) -> Tick:
-    """Return a tick that calls a user's function; without one, a tick that does nothing."""
-    if callback is None:
-        return no_tick
-
-    def tick(fraction: float, message: str) -> None:
-        callback(fraction, message)
-
-    return tick

@@ -4,14 +4,13 @@ from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 
-from homolog.api.compare import tick_of
 from homolog.api.inputs import cohort_of
 from homolog.files.project import ProjectFolder
 from homolog.grooming import GroomedSubject, groom_subject
 from homolog.grooming.subject import check_source, groom
 from homolog.patient import PatientComparison, Reference, compare_groomed
 from homolog.patient.build import make_reference as _make
-from homolog.progress import Tick, part_of, run_in_background
+from homolog.progress import Tick, part_of, run_in_background, tick_of
 
 __all__ = ["compare_patient", "make_reference"]
 
