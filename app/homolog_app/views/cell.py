@@ -65,9 +65,6 @@ class Cameras:
     def __init__(self, cells: "Sequence[ViewCell]") -> None:
         self._cells = cells
         self._linked = True
-        for cell in cells:
-            cell.renderer.GetActiveCamera().ParallelProjectionOn()
-        self.link(True)
 
     @property
     def linked(self) -> bool:
@@ -82,14 +79,19 @@ class Cameras:
     def link(self, linked: bool) -> None:
         """Turn all views together, or each alone."""
         self._linked = linked
-        camera = self._cells[0].renderer.GetActiveCamera()
         for cell in self._cells[1:]:
-            if linked:
-                cell.renderer.SetActiveCamera(camera)
-            else:
-                alone = camera.NewInstance()
-                alone.DeepCopy(camera)
-                cell.renderer.SetActiveCamera(alone)
+            self.add(cell.renderer)
+
+    def add(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
+        """Let a view look from where the first one does, with its camera or one of its own."""
+        camera = self._cells[0].renderer.GetActiveCamera()
+        camera.ParallelProjectionOn()
+        if self._linked:
+            renderer.SetActiveCamera(camera)
+        else:
+            alone = camera.NewInstance()
+            alone.DeepCopy(camera)
+            renderer.SetActiveCamera(alone)
 
     def turn(self, view: str) -> None:
         """Look from one of `VIEWS`."""

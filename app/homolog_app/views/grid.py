@@ -16,7 +16,7 @@ from homolog_app.rendering.scene import ball_radius
 from homolog_app.rendering.scheme import DARK, LIGHT, Colours, rgb
 from homolog_app.views.captions import scale_picture
 from homolog_app.views.cell import Cameras, ViewCell, ViewMargins
-from homolog_app.views.content import MOST, Content, ViewContents
+from homolog_app.views.content import Content, ViewContents
 
 __all__ = ["Grid", "drawn"]
 
@@ -36,17 +36,15 @@ class Grid:
     Parameters
     ----------
     window : vtkRenderWindow
-    renderers : sequence of vtkRenderer
-        Of the sixteen views.
+        Gets a renderer for each view that is needed.
     """
 
-    def __init__(self, window: Any, renderers: Sequence[Any]) -> None:  # noqa: ANN401 - VTK is untyped
+    def __init__(self, window: Any) -> None:  # noqa: ANN401 - VTK is untyped
         self._window = window
         self._backdrop = vtkRenderer()
         self._backdrop.InteractiveOff()
-        self.cells = [ViewCell(renderer) for renderer in renderers]
-        for renderer in (self._backdrop, *renderers):
-            window.AddRenderer(renderer)
+        window.AddRenderer(self._backdrop)
+        self.cells: list[ViewCell] = []
         self._observer = window.AddObserver("StartEvent", self._before_drawing)
         self.ratio = 1.0
         """Pixels of the picture for each of a usual screen: names and letters keep their size."""
@@ -65,7 +63,9 @@ class Grid:
         """The plane that cuts all shapes open."""
         self._box: Box | None = None
         self._boxed: list[str] = []
+        self._colours = LIGHT
         self.cameras = Cameras(self.cells)
+        self.place_cells()
 
     @property
     def count(self) -> int:
@@ -168,6 +168,7 @@ class Grid:
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""
+        self._colours = colours
         self._backdrop.SetBackground(*rgb(colours.line))
         for cell in self.cells:
             cell.paint(colours)
@@ -177,13 +178,22 @@ class Grid:
         self._backdrop.SetDraw(shown)
 
     def place_cells(self) -> None:
-        """Give each view its part of the window."""
+        """Give each view its part of the window; make those that are missing."""
         rows, columns = self.shape
+        while len(self.cells) < rows * columns:
+            self._add_cell()
         for index, cell in enumerate(self.cells):
             row, column = divmod(index, columns)
             left, bottom = column / columns, 1.0 - (row + 1) / rows
             box = (left + _GAP, bottom + _GAP, left + 1.0 / columns - _GAP, bottom + 1.0 / rows - _GAP)
             cell.place(box if index < self.count else None)
+
+    def _add_cell(self) -> None:
+        renderer = vtkRenderer()
+        self._window.AddRenderer(renderer)
+        self.cells.append(ViewCell(renderer))
+        self.cells[-1].paint(self._colours)
+        self.cameras.add(renderer)
 
     def close(self) -> None:
         """Let go of the graphics."""
@@ -249,7 +259,7 @@ def drawn(
     window.SetAlphaBitPlanes(True)
     window.SetNumberOfLayers(1)
     window.SetSize(round(canvas.width * ratio), round(canvas.height * ratio))
-    grid = Grid(window, [vtkRenderer() for _ in range(MOST)])
+    grid = Grid(window)
     grid.ratio, grid.text, grid.layout = ratio, canvas.text, canvas.layout
     grid.raw, grid.groomed, grid.balls = canvas.raw, canvas.groomed, canvas.particles
     grid.letters, grid.scale_bar = canvas.letters, canvas.scale_bar

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 __all__ = ["ColourBar", "Interactor", "Pick", "Picker", "aim"]
 
 
-_CELLS = (4, 4)
 _SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "swrast", "basic render")
 
 
@@ -41,9 +40,7 @@ class Interactor(QtInteractor):  # type: ignore[misc] # pyvistaqt is untyped
     def __init__(self, parent: QWidget) -> None:
         self.draw_ms = self.last_ms = 0.0
         self._painting = False
-        super().__init__(
-            parent, shape=_CELLS, border=False, auto_update=False, multi_samples=0, lighting="none"
-        )
+        super().__init__(parent, border=False, auto_update=False, multi_samples=0, lighting="none")
         self.setAcceptDrops(False)
         self._vtk: Any = self.ren_win.GetInteractor()
         self._vtk.EnableRenderOff()

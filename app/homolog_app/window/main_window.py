@@ -169,6 +169,8 @@ class MainWindow(QMainWindow):
         workspace.setParent(self)
         self.setAcceptDrops(True)
         self.resize(1440, 900)
+        self._take_colours()
+        workspace.theme.changed.connect(self._take_colours)
         self.commands = Actions(self, workspace.theme)
         self.views: Views | None = None
         self.start_page = StartPage(workspace.theme, self.commands)
@@ -210,6 +212,10 @@ class MainWindow(QMainWindow):
         self.refresh()
         self.workspace.work.go_on()
         self.views_ready.emit()
+
+    @Slot()
+    def _take_colours(self) -> None:
+        self.setStyleSheet(self.workspace.theme.sheet)
 
     @Slot()
     def _turn(self) -> None:

@@ -39,15 +39,14 @@ class Scene(QWidget):
         layout.addWidget(self.plot, 1)
         layout.addWidget(self.bar)
         window: Any = self.plot.ren_win
-        renderers = list(self.plot.renderers)
-        for renderer in renderers:
+        for renderer in self.plot.renderers:  # pyvista's own; the grid makes one for each view
             window.RemoveRenderer(renderer)
         window.SetMultiSamples(self.plot.smoothing)
         self._observers = (
             window.AddObserver("StartEvent", self._before_drawing),
             window.AddObserver("EndEvent", self._after_drawing),
         )
-        self.grid = Grid(window, renderers)
+        self.grid = Grid(window)
         self.picker = Picker(self.plot, self.grid.cells, self.grid.particles_of)
         self.displayed = ViewContents(())
         self._colours = LIGHT

@@ -168,7 +168,8 @@ class RangeDialog(QDialog):
         self.automatic = button("Automatic")
         self.automatic.setToolTip("Choose the range by the values that are shown")
         buttons = QDialogButtonBox(
-            QDialogButtonBox.StandardButton.Apply | QDialogButtonBox.StandardButton.Close
+            QDialogButtonBox.StandardButton.Apply | QDialogButtonBox.StandardButton.Close,
+            parent=self,  # the style sheet is asked for icons at once
         )
         buttons.addButton(self.automatic, QDialogButtonBox.ButtonRole.ResetRole)
         self.apply = buttons.button(QDialogButtonBox.StandardButton.Apply)

@@ -7,7 +7,7 @@ from pathlib import Path
 from string import Template
 
 from PySide6.QtCore import QByteArray, QObject, QSize, Qt, Signal, Slot
-from PySide6.QtGui import QColor, QFontInfo, QGuiApplication, QIcon, QPainter, QPalette, QPixmap
+from PySide6.QtGui import QColor, QFontInfo, QGuiApplication, QIcon, QPainter, QPalette, QPixmap, QPixmapCache
 from PySide6.QtSvg import QSvgRenderer
 from PySide6.QtWidgets import QApplication
 
@@ -20,7 +20,17 @@ _SIZES, _USUAL = (12, 15, 17, 32), 12
 
 
 class Theme(QObject):
-    """The colour scheme in force: the system's, unless the user chose one."""
+    """The colour scheme in force: the system's, unless the user chose one.
+
+    The window takes `sheet` as its own style sheet. One of the application would style each widget again
+    whenever one around it gets its place, and takes several times as long to change.
+
+    Attributes
+    ----------
+    colours : Colours
+    sheet : str
+        Style sheet with these colours.
+    """
 
     changed = Signal()
 
@@ -29,6 +39,7 @@ class Theme(QObject):
         self._app = app
         self._choice = choice
         self.colours = LIGHT
+        self.sheet = ""
         app.setStyle("Fusion")
         QGuiApplication.styleHints().colorSchemeChanged.connect(self._follow)
         self._apply()
@@ -62,11 +73,10 @@ class Theme(QObject):
         sizes = {f"font{size}": f"{scaled(size)}px" for size in _SIZES}
         names = asdict(colours) | sizes | {"icons": _icon_folder(), "tick": tick}
         sheet = Template(template).substitute(names)
-        if colours is self.colours and sheet == self._app.styleSheet():
-            return  # every widget would be styled, and every icon drawn, once more
-        self.colours = colours
+        if sheet == self.sheet:
+            return  # every widget would be styled once more
+        self.colours, self.sheet = colours, sheet
         self._app.setPalette(_palette(colours))
-        self._app.setStyleSheet(sheet)
         self.changed.emit()
 
 
@@ -108,13 +118,18 @@ def _source(name: str) -> str:
 
 
 def pixmap(name: str, colour: str, size: int = 24, ratio: float = 2.0) -> QPixmap:
-    """Draw an icon of `size` logical pixels for screens of a device pixel ratio up to `ratio`."""
+    """Return an icon of `size` logical pixels for screens of a device pixel ratio up to `ratio`."""
+    key = f"{name} {colour} {size} {ratio}"
+    image = QPixmap()
+    if QPixmapCache.find(key, image):
+        return image
     image = QPixmap(QSize(size, size) * ratio)
     image.fill(Qt.GlobalColor.transparent)
     painter = QPainter(image)
     QSvgRenderer(QByteArray(_source(name).replace("currentColor", colour).encode())).render(painter)
     painter.end()
     image.setDevicePixelRatio(ratio)
+    QPixmapCache.insert(key, image)
     return image
 
 

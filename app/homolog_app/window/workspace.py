@@ -126,7 +126,8 @@ class PreferencesDialog(QDialog):
         form.addRow("Colours", self.scheme)
         form.addRow("Closing", self.ask)
         buttons = QDialogButtonBox(
-            QDialogButtonBox.StandardButton.Ok | QDialogButtonBox.StandardButton.Cancel
+            QDialogButtonBox.StandardButton.Ok | QDialogButtonBox.StandardButton.Cancel,
+            parent=self,  # the style sheet is asked for icons at once
         )
         buttons.accepted.connect(self.accept)
         buttons.rejected.connect(self.reject)

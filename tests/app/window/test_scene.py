@@ -10,7 +10,7 @@ from homolog_app.rendering.camera import round_length
 from homolog_app.rendering.colours import colours_by_place
 from homolog_app.rendering.text import direction_letters, edge_letters
 from homolog_app.views.content import KEPT, Content, ViewContents, read_shown, write_shown
-from homolog_app.views.grid import drawn
+from homolog_app.views.grid import Grid, drawn
 
 
 @pytest.mark.parametrize(
@@ -32,6 +32,21 @@ def test_a_subject_that_alignment_turned_over_has_its_own_letters():
     content = Content("x", None, None, None, turned)
     letters = edge_letters(content.patient_axes, np.array([1.0, 0, 0]), np.array([0, 0, 1.0]))
     assert letters == ("L", "R", "I", "S")
+
+
+def test_views_that_a_larger_layout_adds_look_from_where_the_first_one_does():
+    from vtkmodules.vtkRenderingCore import vtkRenderWindow
+
+    grid = Grid(vtkRenderWindow())
+    grid.cameras.turn("head")
+    for linked, layout in ((True, 4), (False, 9)):
+        grid.cameras.link(linked)
+        grid.layout = layout
+        grid.place_cells()
+        cameras = [cell.renderer.GetActiveCamera() for cell in grid.cells]
+        assert len(cameras) == layout
+        assert {camera.GetViewUp() for camera in cameras} == {cameras[0].GetViewUp()}
+        assert len(set(cameras)) == (1 if linked else layout)
 
 
 def test_neighbours_have_alike_colours_and_opposite_places_do_not():
