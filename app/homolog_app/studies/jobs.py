@@ -172,8 +172,7 @@ class RunJob:
         from homolog.run import Run
 
         self._run = Run(project, cohort, settings, resume=resume, from_result=from_result)
-        self.keeps = not from_result
-        """Whether its particles can be kept when it is cancelled; a result that it began with stays."""
+        self._from_result = from_result
         self._last: Frame | None = None
         self.recorder = Recorder()
         self.names = [subject.name for subject in cohort.subjects]
@@ -181,6 +180,11 @@ class RunJob:
         self._news: tuple[RunStatus, PreliminaryModel | None] = (self._status, None)
         optimize = settings.optimize
         self._fits = PreliminaryFits(self._run, title, optimize.method, optimize.particles)
+
+    @property
+    def keeps(self) -> bool:
+        """Whether it has particles that can be kept when it is cancelled; a result it began with stays."""
+        return self._run.can_be_kept
 
     @property
     def preliminary(self) -> PreliminaryModel | None:
@@ -235,5 +239,5 @@ class RunJob:
             self._last = frame
             if frame.iteration > 0:  # before, there are no energies
                 self.recorder.take(frame.iteration, frame.world, frame.energies)
-        if self.keeps:
+        if not self._from_result:
             self._fits.look()

@@ -160,6 +160,12 @@ class Run:
         self._control.finish(FinishReason.COMPLETED, "completed")
         return FinishReason.COMPLETED
 
+    @property
+    def can_be_kept(self) -> bool:
+        """Whether there are particles that `keep` can make the result."""
+        frame = None if self._study is None or self._from_result else self._frame
+        return frame is not None and frame.world.shape[1] >= _FEWEST
+
     def keep(self) -> bool:
         """Make the newest particles of a cancelled run the project's result; the run can still be resumed.
 
@@ -167,7 +173,7 @@ class Run:
         -------
         bool
             False if there are no particles yet, or too few to carry a surface, or if the run started from a
-            result, which stays.
+            result, which stays (`can_be_kept`).
 
         Raises
         ------
@@ -175,7 +181,7 @@ class Run:
             If the project can't be written to.
         """
         inputs, frame = self._study, self._frame
-        if inputs is None or frame is None or frame.world.shape[1] < _FEWEST or self._from_result:
+        if not self.can_be_kept or inputs is None or frame is None:
             return False
         world = frame.world.astype(np.float64)
         local = transform_points(inverse_matrices(frame.alignments), world)

@@ -134,6 +134,7 @@ def test_a_run_can_be_cancelled_in_every_phase_and_the_last_result_stays(start, 
 def test_the_particles_of_a_cancelled_run_can_be_kept_and_the_run_resumed(start, finished, groomed):
     run = start()
     run.execute(cancelling(run, Phase.OPTIMIZING))
+    assert run.can_be_kept
     assert run.keep()
     kept = read_result(groomed)
     assert np.array_equal(kept.world, run.frame.world)
@@ -151,6 +152,7 @@ def test_the_particles_of_a_cancelled_run_can_be_kept_and_the_run_resumed(start,
 def test_a_run_cancelled_before_there_are_particles_has_nothing_to_keep(start, groomed):
     run = start()
     run.execute(cancelling(run, Phase.ALIGNING))
+    assert not run.can_be_kept
     assert not run.keep()
     assert groomed.read().result is None
 
