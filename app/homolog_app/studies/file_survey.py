@@ -65,6 +65,7 @@ class FileSurvey:
     problem : str
         Why the file can't be used, for people; empty if it can.
     volume_ml : float
+        Of a surface with its openings closed flat; 0 if it has none.
     thumbnail : (64, 64) uint8 array or None
         Seen from the front, 0 where nothing is.
     labels : tuple of LabelFound
@@ -125,7 +126,16 @@ def _with_mesh(survey: FileSurvey, path: Path) -> FileSurvey:
     from homolog.files.meshes import read_mesh
 
     mesh = read_mesh(path)
-    return replace(survey, volume_ml=abs(mesh.volume) / 1000.0, thumbnail=_mesh_thumbnail(mesh), surface=mesh)
+    return replace(survey, volume_ml=_volume(mesh) / 1000.0, thumbnail=_mesh_thumbnail(mesh), surface=mesh)
+
+
+def _volume(mesh: TriangleMesh) -> float:
+    """Return a surface's volume [mm³] with its openings closed flat; 0 where that leaves it open."""
+    from homolog.surfaces.rims import capped
+
+    vertices, caps, _, _, still_open, _ = capped(mesh.vertices, mesh.faces, np.zeros(len(mesh.faces), int))
+    closed = TriangleMesh(vertices, np.concatenate([mesh.faces, caps]))
+    return 0.0 if len(still_open) else abs(closed.volume)
 
 
 def _with_voxels(survey: FileSurvey, chosen: Segmentation) -> FileSurvey:

@@ -141,7 +141,7 @@ class CohortModel(QAbstractTableModel):
             case 1:
                 return member.subject.group or ""
             case 2:
-                return millilitres(survey.volume_ml) if survey and not survey.problem else ""
+                return millilitres(survey.volume_ml) if survey and survey.volume_ml else ""
             case 3:
                 return self._status(member)[0]
         return member.subject.columns.get(self._columns[column - len(_HEADS)], "")

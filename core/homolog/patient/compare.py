@@ -265,9 +265,11 @@ def _turn(reference: Reference, side: str) -> tuple[FloatArray, list[str]]:
     own = reference.provenance.side
     if side not in ("", "left", "right"):
         raise InputError(f"side {side}: must be left or right")
-    if not own or not side:
-        unsaid = [f"its side is not given; it was compared with {own} controls as it is"] if own else []
-        return np.eye(4), unsaid
+    if not own:
+        unused = f"its side ({side}) was not used: the sides of the controls are not known"
+        return np.eye(4), [unused] if side else []
+    if not side:
+        return np.eye(4), [f"its side is not given; it was compared with {own} controls as it is"]
     if side == own:
         return np.eye(4), []
     return MIRROR, [f"a {side} one, mirrored to {own} like the controls"]

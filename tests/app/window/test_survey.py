@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import pyvista as pv
 
 from homolog.cohort import Subject
 from homolog_app.studies.file_survey import survey_subject
@@ -27,6 +28,13 @@ def test_each_label_is_listed_with_its_volume(labelled):
     survey = survey_subject(labelled, None)
     assert [(one.value, round(one.volume_ml, 6)) for one in survey.labels] == [(1, 1.8), (4, 1.8)]
     assert survey.volume_ml == pytest.approx(3.6)
+
+
+def test_the_volume_of_an_open_surface_does_not_depend_on_its_place(tmp_path):
+    box = pv.Box((0.0, 10.0, 0.0, 10.0, 0.0, 10.0)).triangulate()
+    open_ = box.remove_cells(np.flatnonzero(box.cell_normals[:, 2] > 0.5))
+    open_.translate((300.0, -200.0, 900.0)).save(tmp_path / "open.ply")
+    assert survey_subject(Subject("open", tmp_path / "open.ply"), None).volume_ml == pytest.approx(1.0)
 
 
 def test_the_input_surface_lies_where_the_voxels_are(labelled):

@@ -124,6 +124,11 @@ def test_an_age_beyond_the_controls_is_remarked(reference, template):
     assert any("extrapolated" in words for words in found.remarks)
 
 
+def test_a_side_that_the_reference_has_no_use_for_is_remarked(reference, template):
+    found = compare_groomed(reference, patient(template), {"age": "60"}, side="left")
+    assert any("left" in words for words in found.remarks)
+
+
 @pytest.mark.parametrize("damage", [{"limit": None}, {"model_mean": np.zeros((3, 3))}])
 def test_a_damaged_reference_is_refused(reference, tmp_path, damage):
     import json
