@@ -137,11 +137,14 @@ class NumberLabels:
                 look.SetColor(*(numbers.colours[index] / 255.0).tolist())
 
     def face(self, right: FloatArray) -> None:
-        """Before each drawing: put them to the right of their places as they are seen now."""
+        """Before each drawing: put them beside their places as they are seen now, outward of each other."""
         if self._numbers is not None:
-            places = self._numbers.places + self._numbers.beside * right
-            for text, place in zip(self._texts, places.tolist(), strict=False):
+            places = self._numbers.places
+            outward = np.where((places - places.mean(axis=0)) @ right < 0.0, -1.0, 1.0)
+            places = places + self._numbers.beside * outward[:, None] * right
+            for text, place, side in zip(self._texts, places.tolist(), outward, strict=False):
                 text.GetPositionCoordinate().SetValue(*place)
+                text.prop.justification_horizontal = "left" if side > 0.0 else "right"
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme; `show` follows."""
@@ -188,10 +191,13 @@ class ScaleBar:
         for actor in (self._line, self._text):
             actor.SetVisibility(shown)
 
-    def paint(self, colour: tuple[float, float, float]) -> None:
-        """Take a colour."""
-        self._line.GetProperty().SetColor(*colour)
-        self._text.GetTextProperty().SetColor(*colour)
+    def paint(self, colours: Colours) -> None:
+        """Take the colours of the scheme; in close-ups the length is read over shapes."""
+        self._line.GetProperty().SetColor(*rgb(colours.text))
+        look = self._text.GetTextProperty()
+        look.SetColor(*rgb(colours.text))
+        look.SetBackgroundColor(*rgb(colours.scene))
+        look.SetBackgroundOpacity(_PLATE)
 
     def face(self) -> None:
         """Before each drawing: be as long as the camera shows so many millimetres."""

@@ -265,7 +265,7 @@ class ViewCell:
         self._plain = {"groomed": bone, "coarse": bone, "raw": np.array(rgb_bytes(colours.raw), np.uint8)}
         self.renderer.SetBackground(*rgb(colours.scene))
         self.texts.paint(colours)
-        self._bar.paint(rgb(colours.text))
+        self._bar.paint(colours)
         self._numbers.paint(colours)
         self._update()
 

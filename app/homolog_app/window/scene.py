@@ -21,7 +21,8 @@ __all__ = ["Scene"]
 _SLOW_MS = 40.0
 _LIVE_MS = (30.0, 55.0)
 _REFINE_MS = 400
-_CLOSE_UP = 0.6
+_CLOSE_UP, _CLOSE_UP_BALLS = 0.6, 36.0
+"""Height of a close-up, at most: share of the shapes' extent, and radii of the balls."""
 
 
 class Scene(QWidget):
@@ -243,6 +244,8 @@ class Scene(QWidget):
         bounds = self.grid.bounds
         if bounds is not None:
             height = _CLOSE_UP * max(bounds[1] - bounds[0], bounds[3] - bounds[2], bounds[5] - bounds[4])
+            if self.grid.particles and not self.grid.columns:  # a place among the particles of a subject
+                height = min(height, _CLOSE_UP_BALLS * self.grid.radius)
             for camera in self.grid.cameras.each:
                 aim(camera, place, normal, height)
             self.plot.update()

@@ -9,7 +9,8 @@ import pytest
 from homolog_app.rendering.camera import round_length
 from homolog_app.rendering.colours import colours_by_place
 from homolog_app.rendering.text import direction_letters, edge_letters
-from homolog_app.views.content import KEPT, Content, ViewContents, read_shown, write_shown
+from homolog_app.views.captions import NumberLabels
+from homolog_app.views.content import KEPT, Content, Numbers, ViewContents, read_shown, write_shown
 from homolog_app.views.grid import Grid, drawn
 
 
@@ -47,6 +48,18 @@ def test_views_that_a_larger_layout_adds_look_from_where_the_first_one_does():
         assert len(cameras) == layout
         assert {camera.GetViewUp() for camera in cameras} == {cameras[0].GetViewUp()}
         assert len(set(cameras)) == (1 if linked else layout)
+
+
+def test_the_numbers_of_two_neighbours_stand_at_either_side_of_them():
+    from vtkmodules.vtkRenderingCore import vtkRenderer
+
+    renderer, places = vtkRenderer(), np.array([[0.5, 9.0, 0.0], [0.0, 0.0, 4.0]])
+    labels = NumberLabels(renderer)
+    labels.show(Numbers(np.array([3, 7]), places, np.zeros((2, 3), np.uint8), 2.0), 12)
+    for right, at in (((1.0, 0.0, 0.0), [2.5, -2.0]), ((-1.0, 0.0, 0.0), [2.5, -2.0])):
+        labels.face(np.array(right))
+        texts = list(renderer.GetViewProps())
+        assert [text.GetPositionCoordinate().GetValue()[0] for text in texts] == at
 
 
 def test_neighbours_have_alike_colours_and_opposite_places_do_not():
