@@ -70,7 +70,7 @@ def about_text(reference: "Reference | None") -> str:
         return "No reference yet. Make one from this result or open a file."
     from homolog_app.report.patient_words import reference_text
 
-    return "\n".join(reference_text(reference))
+    return "\n".join(reference_text(reference.anonymous()))  # the box above says what is saved besides
 
 
 EXPECTED, MEAN, Z = "expected", "mean", "z"

@@ -89,6 +89,26 @@ def test_every_setting_has_an_editor_with_its_help(qapp, model):
     made.deleteLater()
 
 
+def test_the_wheel_changes_no_value_of_a_panel_that_it_scrolls(qapp):
+    from PySide6.QtCore import QPoint, QPointF, Qt
+    from PySide6.QtGui import QWheelEvent
+
+    from homolog_app.window.widgets import Panel, choice
+
+    panel, box = Panel("Step", "Do this."), choice("Colour", {"red": 1, "green": 2, "blue": 3})
+    panel.body.addWidget(box)
+    panel.show()
+    at = QPointF(box.rect().center())
+    wheel = QWheelEvent(
+        at, box.mapToGlobal(at), QPoint(), QPoint(0, -120), Qt.MouseButton.NoButton,
+        Qt.KeyboardModifier.NoModifier, Qt.ScrollPhase.NoScrollPhase, False,
+    )  # fmt: skip
+    qapp.sendEvent(box, wheel)
+    assert box.currentData() == 1
+    assert not wheel.isAccepted()  # so that Qt goes on to the area that scrolls
+    panel.close()
+
+
 def test_numbers_have_a_point_or_a_comma_and_nothing_else():
     assert parse_number("−2,5") == -2.5
     with pytest.raises(ValueError, match="could not"):
