@@ -114,6 +114,8 @@ def colours_by_place(mean: FloatArray) -> Array:
     return frozen(np.rint(255 * np.array(rgb)), np.uint8)
 
 
+FAINT = 0.35
+"""What remains of a colour's strength where a difference is within the limit."""
 GREY = (150, 150, 150)
 """What has no value, or none that counts: neutral, and unlike every colour of the scales."""
 
@@ -161,11 +163,17 @@ class ColourScale:
         note = " · ".join(part for part in (self.note, "range set by hand") if part)
         return replace(self, low=range_[0], high=range_[1], note=note)
 
-    def colours(self, values: Array, faded: BoolArray | None = None) -> Array:
-        """Return (V, 3) uint8 colours of values (V,); those marked in `faded` (V,) are greyed."""
+    def colours(self, values: Array, faded: BoolArray | None = None, faint: BoolArray | None = None) -> Array:
+        """Return (V, 3) uint8 colours of values (V,).
+
+        Those marked in `faded` (V,) are greyed, those in `faint` (V,) as pale as what is within a limit.
+        """
         span = max(self.high - self.low, np.finfo(float).tiny)
         place = np.clip((values - self.low) * ((len(self.table) - 1) / span), 0, len(self.table) - 1)
         chosen = self.table[np.rint(place).astype(np.intp)]
+        if faint is not None:
+            middle = self.table[len(self.table) // 2]
+            chosen[faint] = np.rint(middle + FAINT * (chosen[faint] - middle.astype(float)))
         if faded is not None and faded.any():
             chosen[faded] = GREY
         return chosen

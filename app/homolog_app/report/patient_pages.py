@@ -14,7 +14,7 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.pictures.layout import Panel, arrange, view_of_region
 from homolog_app.plots import draw_percentiles, new_figure
 from homolog_app.rendering.camera import VIEWS, View, frame_around, three_quarter_view
-from homolog_app.rendering.colours import GREY, LIGHT, common_limit, diverging_colours, page_colours
+from homolog_app.rendering.colours import FAINT, GREY, LIGHT, common_limit, diverging_colours, page_colours
 from homolog_app.rendering.draw import draw
 from homolog_app.rendering.rays import hollows
 from homolog_app.rendering.scene import Scene, Surface, surface
@@ -35,8 +35,6 @@ from homolog_app.report.sheets import EDGE, HIGH, WIDE, Sheet, write_sheets
 __all__ = ["MapPictures", "change_pictures", "map_pictures", "percentiles_figure", "write_pdf"]
 
 _ANATOMICAL = ("anterior", "posterior", "superior")
-_FADED = 0.35
-"""Of the map's colour where the difference is within the limit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,7 +145,7 @@ def _views(comparison: PatientComparison, own: TriangleMesh) -> list[View]:
 def _shaded(differences: FloatArray, limit: float, beyond: BoolArray) -> FloatArray:
     """Return colours (V, 3) of a map that are faint within the limit."""
     colours = diverging_colours(differences, limit)
-    faint = np.array(LIGHT.surface) + _FADED * (colours - np.array(LIGHT.surface))
+    faint = np.array(LIGHT.surface) + FAINT * (colours - np.array(LIGHT.surface))
     result: FloatArray = np.where(beyond[:, None], colours, faint)
     return result
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from homolog.arrays import BoolArray, FloatArray
+from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.cohort import Subject
 from homolog.errors import InputError
 from homolog.geometry import inverse_matrices, transform_points
@@ -119,7 +119,8 @@ def patient_scene(
     steps = _steps(comparison, reference) if look.by_modes else _straight(comparison)
     note, vertices = _point_on_path(comparison.mean.vertices, steps, look.way)
     shape = TriangleMesh(vertices, comparison.mean.faces)
-    mapped = on_patient(comparison, comparison.name, note, shape, scale, values, faded, beyond)
+    colours = scale.colours(values, faded, None if kind == MEAN else ~beyond)
+    mapped = on_patient(comparison, comparison.name, note, shape, colours, beyond)
     if look.overlaid:
         mean = comparison.mean.placed(inverse_matrices(comparison.placement))
         mapped = replace(mapped, raw=mean, overlaid=True)
@@ -252,7 +253,7 @@ def _scale(
     limit = common_limit([comparison.residual, comparison.total])
     if kind == MEAN:
         return displacement_scale(limit, "Difference from the mean of the reference"), comparison.total
-    note = "lines: limit"
+    note = "faint within the limit"
     return displacement_scale(limit, "Difference from the expected shape", note), comparison.residual
 
 
@@ -261,14 +262,11 @@ def on_patient(
     name: str,
     note: str,
     shape: TriangleMesh,
-    scale: ColourScale | None = None,
-    values: FloatArray | None = None,
-    faded: BoolArray | None = None,
+    colours: Array | None = None,
     beyond: BoolArray | None = None,
 ) -> Content:
     """Return a shape in the reference's frame, which letters name in the patient's directions."""
     back = inverse_matrices(comparison.placement)
-    colours = None if scale is None or values is None else scale.colours(values, faded)
     lines = None
     if beyond is not None and beyond.any():
         lines = region_border(shape.vertices, shape.faces, beyond)
@@ -368,7 +366,7 @@ def change_scene(follow_up: "FollowUp", only_beyond: bool) -> ViewContents:
     first = follow_up.comparisons[0]
     limit = common_limit([change.distance for change in follow_up.changes])
     known, cause = beyond_limit(follow_up.changes[0], follow_up) is not None, limit_text(follow_up)
-    note = f"lines: limit of {cause}" if known else "without a limit"
+    note = f"faint within the limit of {cause}" if known else "without a limit"
     scale = displacement_scale(limit, f"Change since {first.name}", note)
     if only_beyond and known:
         scale = replace(scale, grey_words=f"within the limit of {cause}")
@@ -377,9 +375,8 @@ def change_scene(follow_up: "FollowUp", only_beyond: bool) -> ViewContents:
         beyond = beyond_limit(change, follow_up)
         faded = ~beyond if only_beyond and beyond is not None else None
         title = f"since {first.name}: volume {100.0 * (change.volume - 1.0):+.1f} %"
-        contents.append(
-            on_patient(first, change.name, title, follow_up.surface, scale, change.distance, faded, beyond)
-        )
+        colours = scale.colours(change.distance, faded, None if beyond is None else ~beyond)
+        contents.append(on_patient(first, change.name, title, follow_up.surface, colours, beyond))
     return ViewContents(contents, int(np.ceil(np.sqrt(len(contents)))), scale, {})
 
 
