@@ -69,7 +69,7 @@ def model_figures(
     """Yield the figures of the shape model, whose shapes a plane may cut open."""
     parallel, record = parallel_analysis(result.world), project.read().result
     mirrored = f" {record.mirrored_text}." if record is not None and record.mirrored_text else ""
-    yield ReportFigure("scree", scree_figure(parallel), _scree_caption(parallel))
+    yield ReportFigure("scree", scree_figure(parallel), _scree_caption(parallel, model))
     if len(model.explained_variance) > 1:
         yield ReportFigure(
             "scores",
@@ -131,7 +131,7 @@ def study_figures(
                 f"{stem}_discriminant",
                 discriminant_figure(study, item),
                 "Subjects along the discriminant (root mean square displacement of the particles); bars "
-                "are the groups' means. These places are not "
+                "are the groups' means. These positions are not "
                 "cross-validated; accuracy and AUC in the table are.",
             )
 
@@ -273,8 +273,8 @@ def _map_caption(study: Study, comparison: Comparison) -> str:
     if comparison.discriminant is not None:
         caption += (
             " Third row: displacement along the linear discriminant, where its 95 % bootstrap interval "
-            "excludes zero. These intervals are not corrected over the surface: they show no local "
-            "difference. Nothing is shown if no difference of the whole shape can be."
+            "excludes zero; empty if the whole shape does not differ significantly. These intervals are not "
+            "corrected over the surface and do not test local differences."
         )
     return caption
 
@@ -287,10 +287,16 @@ def scree_figure(parallel: ParallelAnalysis, theme: Theme = LIGHT) -> Figure:
     return figure
 
 
-def _scree_caption(parallel: ParallelAnalysis) -> str:
+def _scree_caption(parallel: ParallelAnalysis, model: ShapeModel) -> str:
+    count = parallel.n_retained
+    held = f"{100.0 * model.explained_variance_ratio[:count].sum():.0f} % of the variance"
+    above = {
+        0: "No mode is above chance.",
+        1: f"The first mode is above chance and holds {held}.",
+    }.get(count, f"The first {count} modes are above chance and hold {held}.")
     return (
         f"Variance of each mode, and what data without correlation reach (parallel analysis, "
-        f"{parallel.repeats} {parallel.null} data sets)."
+        f"{parallel.repeats} {parallel.null} data sets). {above}"
     )
 
 

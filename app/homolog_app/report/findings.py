@@ -20,8 +20,9 @@ __all__ = [
     "LEVEL",
     "Finding",
     "cautions",
+    "classified_text",
     "correction_text",
-    "effect_text",
+    "corrections_text",
     "findings",
     "interval_text",
     "landmark_text",
@@ -29,7 +30,6 @@ __all__ = [
     "p_text",
     "percent_text",
     "region_text",
-    "right_text",
 ]
 
 
@@ -45,20 +45,19 @@ def percent_text(effect: Effect) -> str:
     return f"{value} % (95 % CI {low} to {high} %)"
 
 
-def effect_text(comparison: Comparison) -> str:
-    """Return the tests of the whole shape with their statistics, degrees of freedom and p-values."""
+def _statistics_text(comparison: Comparison, *, corrected: bool) -> str:
+    """Return the tests of the whole shape with statistics, degrees of freedom and p-values, not corrected."""
     test = comparison.test
-    if not test.modes:
-        return "No mode has more variance than chance gives; nothing was tested"
     noun = "mode" if test.modes == 1 else "modes"
     name = f"Wilks' lambda = {test.wilks:.3f}"
     if test.t_squared is not None:
         name = f"Hotelling's T² = {test.t_squared:.1f}"
     how = f"all {test.permutations + 1}" if test.exact else f"{test.permutations}"
+    before = " before correction" if corrected else ""
     return (
-        f"Permutation test in {test.modes} {noun}: studentized statistic {test.studentized:.2f}, "
-        f"{p_text(test.p_permutation, test.permutations)} ({how} permutations, not corrected); "
-        f"{name}, F({test.dof[0]:g}, {test.dof[1]:.4g}) = {test.f:.2f}, {p_text(test.p)}"
+        f"Permutation test of the whole shape in {test.modes} {noun} ({how} permutations): studentized "
+        f"statistic {test.studentized:.2f}, {p_text(test.p_permutation, test.permutations)}{before}. "
+        f"{name}, F({test.dof[0]:g}, {test.dof[1]:.4g}) = {test.f:.2f}, {p_text(test.p)}."
     )
 
 
@@ -73,8 +72,35 @@ def correction_text(study: Study, *, size: bool = False, overall: bool = False) 
     return f"corrected for {' and '.join(parts)}" if parts else ""
 
 
-def right_text(comparison: Comparison) -> str:
-    """Return how many of each group were classified rightly, such as ``"8 of 10 A, 9 of 12 B"``."""
+def corrections_text(study: Study) -> str:
+    """Return a sentence on what the p-values of a study are corrected for, and how small they can be."""
+    correction = correction_text(study)
+    if not correction:
+        return "p values are not corrected for other questions."
+    size = correction_text(study, size=True) or "not corrected"
+    overall = correction_text(study, overall=True) or "not corrected"
+    together = f"; those of all groups together are {overall}" if study.pairwise else ""
+    return (
+        f"p values of the whole shape, of particles and of the discriminant are {correction}{together}; "
+        f"those of size are {size}.{_least_text(study)}"
+    )
+
+
+def _least_text(study: Study) -> str:
+    """Return the least p that permutations leave after correction, if all comparisons have as many."""
+    counts = {comparison.test.permutations for comparison in study.comparisons if comparison.test.modes}
+    if len(counts) != 1:
+        return ""
+    (count,) = counts
+    least = 1.0 / (count + 1)
+    corrected = least * max(len(study.pairwise), 1) * study.request.answers
+    return (
+        f" With {count} permutations the least possible p is {least:.2g}, {corrected:.2g} after correction."
+    )
+
+
+def classified_text(comparison: Comparison) -> str:
+    """Return how many of each group were classified correctly, such as ``"8 of 10 A, 9 of 12 B"``."""
     if comparison.discriminant is None:
         return ""
     counts = zip(comparison.discriminant.right, comparison.counts.items(), strict=True)
@@ -95,15 +121,26 @@ def region_text(study: Study, comparison: Comparison) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What a comparison shows, in a few words, and the numbers to it, in sentences."""
+    """What a comparison shows.
+
+    Attributes
+    ----------
+    verdict : str
+        In a few words.
+    effects : tuple of str
+        Effects with their intervals and corrected p-values, in sentences.
+    details : tuple of str
+        Statistics of the test of the whole shape, and what p-values are corrected for.
+    """
 
     verdict: str
-    sentences: tuple[str, ...]
+    effects: tuple[str, ...]
+    details: tuple[str, ...]
 
     @property
-    def numbers(self) -> str:
-        """The sentences as one paragraph."""
-        return " ".join(self.sentences)
+    def sentences(self) -> tuple[str, ...]:
+        """Effects and details."""
+        return self.effects + self.details
 
 
 def findings(study: Study) -> list[Finding]:
@@ -112,7 +149,7 @@ def findings(study: Study) -> list[Finding]:
     Significant is called what the permutation test, corrected for pairs of groups and answers, calls so.
     """
     return [
-        Finding(_verdict(study, comparison), _sentences(study, comparison))
+        Finding(_verdict(study, comparison), _effects(study, comparison), _details(study, comparison))
         for comparison in study.comparisons
     ]
 
@@ -172,40 +209,49 @@ def _verdict(study: Study, comparison: Comparison) -> str:
     return f"{comparison.title} ({who}): {verdict}."
 
 
-def _sentences(study: Study, comparison: Comparison) -> tuple[str, ...]:
-    kind = study.request.kind
-    sentences = []
-    if comparison.distance is not None and comparison.test.modes:
-        means = {
-            "groups": "Mahalanobis distance of the group means, corrected for bias: D = {} SD.",
-            "pairs": "Mean difference of the pairs, corrected for bias: D = {} SD of the differences.",
-            "regression": "Change per unit of {column}, corrected for bias: {} SD.",
-        }[kind]
-        digits = 3 if kind == "regression" else 2
-        sentences.append(
-            means.format(interval_text(comparison.distance, digits), column=study.request.column)
-        )
-    overall = comparison is study.overall
-    correction = correction_text(study, overall=overall)
-    if comparison.test.modes and correction:
-        sentences.append(f"Whole shape: {p_text(comparison.p_adjusted, comparison.test.permutations)}.")
-    sentences.append(f"{effect_text(comparison)}.")
-    sentences.append(
-        f"Locally significant: {region_text(study, comparison)} (p ≤ {LEVEL:g}, corrected over the surface)."
-    )
+_DISTANCES = {
+    "groups": "Mahalanobis distance of the group means D = {} SD, corrected for bias",
+    "pairs": "Mean difference of the pairs D = {} SD of the differences, corrected for bias",
+    "regression": "Change per unit of {column}: {} SD, corrected for bias",
+}
+
+
+def _effects(study: Study, comparison: Comparison) -> tuple[str, ...]:
+    test, kind, column = comparison.test, study.request.kind, study.request.column
+    if test.modes:
+        p = p_text(comparison.p_adjusted, test.permutations)
+        sentence = f"Whole shape: {p}."
+        if comparison.distance is not None:
+            interval = interval_text(comparison.distance, 3 if kind == "regression" else 2)
+            sentence = f"{_DISTANCES[kind].format(interval, column=column)}; whole shape {p}."
+    else:
+        sentence = "No mode has more variance than chance gives; the whole shape was not tested."
+    sentences = [
+        sentence,
+        f"Locally significant: {region_text(study, comparison)} (p ≤ {LEVEL:g}, corrected over the surface).",
+    ]
     if comparison.discriminant is not None:
         separation = comparison.discriminant
         accuracy = _tested(comparison.accuracy_p_adjusted, separation.accuracy.permutations)
         auc = _tested(comparison.auc_p_adjusted, separation.auc.permutations)
         sentences.append(
             f"Cross-validated linear discriminant: balanced accuracy {percent_text(separation.accuracy)}"
-            f"{accuracy} (right: {right_text(comparison)}), AUC {interval_text(separation.auc)}{auc}."
+            f"{accuracy} (correct: {classified_text(comparison)}), AUC {interval_text(separation.auc)}{auc}."
         )
-    sentences += _size_text(study, comparison)
-    if correction:
-        size = correction_text(study, size=True, overall=overall) or "not corrected"
-        sentences.append(f"p values without a remark are {correction}; that of size is {size}.")
-    return tuple(sentences)
+    return (*sentences, *_size_text(study, comparison))
+
+
+def _details(study: Study, comparison: Comparison) -> tuple[str, ...]:
+    overall = comparison is study.overall
+    correction = correction_text(study, overall=overall)
+    statistics = (_statistics_text(comparison, corrected=bool(correction)),) if comparison.test.modes else ()
+    if not correction:
+        return statistics
+    tested = "whole shape and of particles"
+    if comparison.discriminant is not None:
+        tested = "whole shape, of particles and of the discriminant"
+    size = correction_text(study, size=True, overall=overall) or "not corrected"
+    return (*statistics, f"p values of the {tested} are {correction}; that of size is {size}.")
 
 
 def _tested(p: float | None, permutations: int) -> str:

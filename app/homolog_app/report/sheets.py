@@ -4,6 +4,7 @@ import base64
 import io
 import textwrap
 from collections.abc import Iterable, Sequence
+from math import ceil
 from pathlib import Path
 
 import matplotlib.image
@@ -37,6 +38,8 @@ _SMALLEST = 0.75
 _BOLD = 1.12
 """Width of bold letters."""
 _MOST_COLUMNS = 7
+_MOST_TURNED = 4
+"""Rows of a turned table beside each other."""
 _MOST_ROWS = 200
 
 
@@ -83,7 +86,7 @@ class Sheet:
 
     def row(self, row: Sequence[str], starts: Sequence[float], *, bold: bool = False) -> None:
         """Add a row of a table."""
-        cells = wrapped_cells(row, starts)
+        cells = wrapped_cells(row, starts, _BOLD if bold else 1.0)
         for parts, start in zip(cells, starts, strict=True):
             self.figure.text(
                 (EDGE + start) / WIDE, 1.0 - self.y / HIGH, "\n".join(parts), fontsize=8, va="top",
@@ -129,11 +132,11 @@ def wrapped(content: str, size: float = 8.5) -> list[str]:
     return textwrap.wrap(typeset(content), int(_WRAP * 8.5 / size), break_on_hyphens=False) or [""]
 
 
-def wrapped_cells(row: Sequence[str], starts: Sequence[float]) -> list[list[str]]:
-    """Return the lines of each cell of a row."""
+def wrapped_cells(row: Sequence[str], starts: Sequence[float], width: float = 1.0) -> list[list[str]]:
+    """Return the lines of each cell of a row; letters are wider than usual by the factor `width`."""
     ends = [*starts[1:], WIDE - 2 * EDGE]
     return [
-        textwrap.wrap(typeset(cell), max(4, int((end - start) * _ACROSS))) or [""]
+        textwrap.wrap(typeset(cell), max(4, int((end - start) * _ACROSS / width))) or [""]
         for cell, start, end in zip(row, starts, ends, strict=True)
     ]
 
@@ -217,8 +220,9 @@ class _Flow:
     def table(self, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """Add a table; one with many columns is turned, so that each row becomes a column."""
         if len(columns) > _MOST_COLUMNS:
-            for start in range(0, len(rows), 4):
-                turned = list(zip(columns, *rows[start : start + 4], strict=True))
+            some = ceil(len(rows) / max(ceil(len(rows) / _MOST_TURNED), 1))
+            for start in range(0, len(rows), max(some, 1)):
+                turned = list(zip(columns, *rows[start : start + some], strict=True))
                 self.table(turned[0], turned[1:])
             return
         starts = _starts([columns, *rows[:_MOST_ROWS]])

@@ -7,20 +7,21 @@ from pathlib import Path
 import numpy as np
 
 from homolog.analysis.comparison import Comparison
+from homolog.analysis.design import lookalikes
 from homolog.analysis.effects import Effect
 from homolog.files.results import Result
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.findings import (
     LEVEL,
-    correction_text,
+    classified_text,
+    corrections_text,
     p_text,
-    right_text,
 )
 from homolog_app.report.page import Page
 from homolog_app.report.seeds import read_spread, spread_text
 from homolog_app.report.study import SHAPE_SIZE, Study
 from homolog_app.report.surface_maps import SurfaceCarrier, significant_regions
-from homolog_app.report.tables import sample_rows
+from homolog_app.report.tables import SampleRow, sample_rows
 
 __all__ = ["add_study"]
 
@@ -32,10 +33,18 @@ def add_study(
     carrier: SurfaceCarrier,
     figures: Sequence[ReportFigure],
     kept: tuple[Path, str],
+    before: Sequence[Study] = (),
 ) -> None:
-    """Add a study; `kept` is the folder of its tables and the fingerprint of the result."""
+    """Add a study; `kept` is the folder of its tables and the fingerprint of the result.
+
+    The sample is not described again if one of the studies `before` has the same.
+    """
     page.heading(f"Study: {study.request.title}")
-    _sample(page, study, result)
+    same = [item.request.title for item in before if _sample_of(item, result) == _sample_of(study, result)]
+    if same:
+        page.paragraph(f"The sample is that of the study \u201c{same[0]}\u201d.")
+    else:
+        _sample(page, study, result)
     page.heading("Results", 3)
     _results(page, study)
     _where(page, study, carrier)
@@ -87,15 +96,9 @@ def add_study(
 
 def _results(page: Page, study: Study) -> None:
     """Add effects with their intervals and p-values: whole shape, particles, size and separation."""
-    correction, size = correction_text(study), correction_text(study, size=True) or "not corrected"
-    overall = correction_text(study, overall=True) or "not corrected"
     sentences = [
         "Effects come with 95 % confidence intervals, which are not corrected for pairs or analyses.",
-        f"p of the whole shape, of particles and of the discriminant are {correction}"
-        f"{f'; those of all groups together are {overall}' if study.pairwise else ''}; those of size are "
-        f"{size}."
-        if correction
-        else "p values are not corrected for other questions.",
+        corrections_text(study),
     ]
     tested = list(_tested(study))
     if any(comparison is not None for _, comparison in tested if comparison not in study.comparisons):
@@ -129,7 +132,7 @@ def _results(page: Page, study: Study) -> None:
         page.table(
             [
                 "size and separation", f"size (mm{_per(study)}, 95 % CI)", "p",
-                "balanced accuracy (%, 95 % CI)", "p", "classified rightly", "AUC (95 % CI)", "p",
+                "balanced accuracy (%, 95 % CI)", "p", "classified correctly", "AUC (95 % CI)", "p",
             ],
             rows,
             as_text=True,
@@ -137,7 +140,7 @@ def _results(page: Page, study: Study) -> None:
     if any(comparison.discriminant is not None for comparison in study.comparisons):
         page.paragraph(
             "Accuracy and AUC are cross-validated and means over the repeats; the counts of those "
-            "classified rightly are of the scores' means over the repeats."
+            "classified correctly are of the scores' means over the repeats."
         )
 
 
@@ -201,7 +204,7 @@ def _separation_row(study: Study, title: str, comparison: Comparison) -> tuple[s
         *sizes,
         _interval(line.accuracy, 0, 100.0),
         _known(comparison.accuracy_p_adjusted, line.accuracy.permutations),
-        right_text(comparison),
+        classified_text(comparison),
         _interval(line.auc),
         _known(comparison.auc_p_adjusted, line.auc.permutations),
     )
@@ -306,6 +309,10 @@ def _sample_text(count: int, of: int, category: str, mean: float | None, spread:
     return value if count == of else f"{value} (of {count})"
 
 
+def _sample_of(study: Study, result: Result) -> tuple[list[SampleRow], dict[str, str]]:
+    return sample_rows(study, result), dict(study.left_out)
+
+
 def _sample(page: Page, study: Study, result: Result) -> None:
     page.heading("Sample", 3)
     rows = sample_rows(study, result)
@@ -319,10 +326,18 @@ def _sample(page: Page, study: Study, result: Result) -> None:
         ["", *groups], ([title, *(row.get(group, "–") for group in groups)] for title, row in cells.items())
     )
     page.paragraph("Mean ± standard deviation, or number of subjects (share of the group).")
+    categories: dict[str, list[str]] = {}
+    for _, variable, category, *_ in rows:
+        categories.setdefault(variable, []).append(category)
+    for variable, values in categories.items():
+        for alike in lookalikes(values):
+            page.caution(
+                f"{variable} contains {' and '.join(map(repr, alike))}, counted as different values."
+            )
     gone = [f"{name} ({why})" for name, why in study.left_out.items()]
     excluded = f"Not compared: {len(gone)} of {len(result.names)} subjects. {', '.join(gone)}"
     page.paragraph(excluded if gone else "All subjects were compared.")
     page.paragraph(
         "Not in the files, for the authors to add: where and when subjects were recruited, criteria of "
-        "inclusion and diagnosis, scanner and protocol, who segmented and how, ethics approval."
+        "inclusion and diagnosis, scanner, protocol and voxel size, who segmented and how, ethics approval."
     )

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from homolog.analysis.comparison import Comparison
 from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import FloatArray
 from homolog.errors import InputError, NumericalError
@@ -21,6 +22,7 @@ from homolog_app.report import NOTICE
 from homolog_app.report.figures import ReportFigure, model_figures, quality_rows, study_figures
 from homolog_app.report.findings import (
     cautions,
+    corrections_text,
     findings,
     landmark_text,
     outlier_text,
@@ -31,7 +33,7 @@ from homolog_app.report.request import read_requests, study_folder
 from homolog_app.report.sheets import write_page
 from homolog_app.report.study import Study, run_study
 from homolog_app.report.study_section import add_study
-from homolog_app.report.surface_maps import SurfaceCarrier
+from homolog_app.report.surface_maps import SurfaceCarrier, significant_regions
 from homolog_app.report.tables import save_study
 
 __all__ = ["write_report"]
@@ -74,15 +76,14 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     model = ShapeModel.fit(result.world, names=result.names)
     figures = list(model_figures(project, result, model, carrier, part_of(tick, 0.5, 0.6), clip))
     page = Page(f"Shape analysis of {project.folder.resolve().name}", f"{NOTICE} {_made(record)}")
-    _summary(page, record, result, studies)
+    _summary(page, record, result, studies, carrier)
     _model_section(page, folder, result, model, figures)
     for index, study in enumerate(studies):
         part = part_of(tick, 0.6 + 0.3 * index / len(studies), 0.6 + 0.3 * (index + 1) / len(studies))
         save_study(project, study, result, carrier)
         own = list(study_figures(study, carrier, part, clip))
-        add_study(
-            page, study, result, carrier, own, (study_folder(project, study.request), record.fingerprint)
-        )
+        kept = study_folder(project, study.request), record.fingerprint
+        add_study(page, study, result, carrier, own, kept, studies[:index])
         figures += own
     tick(0.9, "writing the report")
     _add_landmarks(page, project)
@@ -101,14 +102,21 @@ def _made(record: ResultRecord) -> str:
     return f"Made with Homolog {record.versions.get('homolog', '')} from the result of {finished}."
 
 
-def _summary(page: Page, record: ResultRecord, result: Result, studies: Sequence[Study]) -> None:
+def _summary(
+    page: Page, record: ResultRecord, result: Result, studies: Sequence[Study], carrier: SurfaceCarrier
+) -> None:
     groups = list(result.groups)
     counts = ", ".join(
         f"{groups.count(fromkey)} {fromkey or 'no group'}" for fromkey in dict.fromkeys(groups)
     )
     page.paragraph(
         f"{len(groups)} subjects{f' ({counts})' if any(groups) else ''} with {record.particles} "
-        f"corresponding particles each; {record.metric} distances; surface: {record.surface_text}."
+        f"corresponding particles each, placed with {record.metric} distances."
+        + (
+            f" Mean surface: {record.surface_text}."
+            if record.folded_faces or record.smoothed_particles
+            else ""
+        )
     )
     if record.excluded:
         page.paragraph(f"Excluded before the run: {len(record.excluded)}. {' '.join(record.excluded)}")
@@ -124,9 +132,25 @@ def _summary(page: Page, record: ResultRecord, result: Result, studies: Sequence
         page.paragraph("No study yet: homolog analyze PROJECT --group COLUMN.")
     for study in studies:
         page.heading(study.request.title, 3)
-        page.points((finding.verdict, finding.numbers) for finding in findings(study))
+        page.points(
+            (finding.verdict, " ".join([*finding.effects, *_largest_region(study, comparison, carrier)]))
+            for finding, comparison in zip(findings(study), study.comparisons, strict=True)
+        )
+        page.paragraph(corrections_text(study))
         for text in cautions(study):
             page.caution(text)
+
+
+def _largest_region(study: Study, comparison: Comparison, carrier: SurfaceCarrier) -> list[str]:
+    """Return a sentence about the largest region of significant particles, if there is one."""
+    regions = significant_regions(study, comparison, carrier)
+    if not regions:
+        return []
+    region = regions[0]
+    number = "One region" if len(regions) == 1 else f"{len(regions)} regions; the largest"
+    per = f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
+    outward = f"{region.mean_outward:+.2g} mm{per} outward on average"
+    return [f"{number}: {region.area:.0f} mm², {region.where}, {outward}."]
 
 
 def _mm(value: float | None) -> str:

@@ -11,12 +11,12 @@ from homolog.errors import InputError
 from homolog_app.rendering.text import short
 from homolog_app.report.findings import (
     LEVEL,
+    classified_text,
     correction_text,
     interval_text,
     p_text,
     percent_text,
     region_text,
-    right_text,
 )
 from homolog_app.report.request import SIZE_WORDS, StudyRequest
 from homolog_app.report.study import SHAPE_SIZE
@@ -225,7 +225,7 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
         known = ((p, discriminant.auc.permutations) for p in (pair.accuracy_p_adjusted, pair.auc_p_adjusted))
         accuracy, auc = ("" if p is None else f", {p_text(p, count)}" for p, count in known)
         rows.append(("Balanced accuracy", f"{percent_text(discriminant.accuracy)}{accuracy}"))
-        rows.append(("Classified rightly", right_text(pair)))
+        rows.append(("Classified correctly", classified_text(pair)))
         rows.append(("AUC", f"{interval_text(discriminant.auc)}{auc}"))
     if pair.size is not None and np.isfinite(pair.size.value) and pair.size_p_adjusted is not None:
         unit = f"mm per unit of {study.request.column}" if kind == "regression" else "mm"

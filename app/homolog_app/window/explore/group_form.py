@@ -49,7 +49,7 @@ class GroupForm(QWidget):
         self.swap.clicked.connect(self._swap)
         self.every = QCheckBox("All pairs of groups (Holm's correction)")
         self.every.setToolTip(
-            "Test for any difference, then each two groups; p-values of the whole shape, of particles and of "
+            "Test for any difference, then each two groups; p-values of the whole shape, of particles, of "
             "size and of the discriminant are corrected for their number"
         )
         self.pairing = choice("Pairs")
