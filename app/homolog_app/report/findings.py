@@ -128,7 +128,8 @@ class Finding:
     verdict : str
         In a few words.
     effects : tuple of str
-        Effects with their intervals and corrected p-values, in sentences.
+        Effects with their intervals and corrected p-values, in sentences: whole shape, particles,
+        classification, size.
     details : tuple of str
         Statistics of the test of the whole shape, and what p-values are corrected for.
     """

@@ -37,6 +37,8 @@ _SMALLEST = 0.75
 """Of a figure's size, for it to fit beside another."""
 _BOLD = 1.12
 """Width of bold letters."""
+_CAPITALS = 0.3
+"""By which a capital letter is wider than others."""
 _MOST_COLUMNS = 7
 _MOST_TURNED = 4
 """Rows of a turned table beside each other."""
@@ -136,7 +138,10 @@ def wrapped_cells(row: Sequence[str], starts: Sequence[float], width: float = 1.
     """Return the lines of each cell of a row; letters are wider than usual by the factor `width`."""
     ends = [*starts[1:], WIDE - 2 * EDGE]
     return [
-        textwrap.wrap(typeset(cell), max(4, int((end - start) * _ACROSS / width))) or [""]
+        textwrap.wrap(
+            typeset(cell), max(4, int((end - start) * _ACROSS / width * len(cell) / max(_length(cell), 1.0)))
+        )
+        or [""]
         for cell, start, end in zip(row, starts, ends, strict=True)
     ]
 
@@ -285,5 +290,10 @@ def _starts(rows: Sequence[Sequence[str]]) -> list[float]:
 
 def _letters(cells: Sequence[Sequence[str]]) -> float:
     """Return the length of the longest word of a column's cells; the first cell is bold."""
-    longest = [max(map(len, parts), default=0) for parts in cells]
+    longest = [max(map(_length, parts), default=0.0) for parts in cells]
     return max(_BOLD * longest[0], *longest[1:], 0)
+
+
+def _length(text: str) -> float:
+    """Return how many letters of usual width are as long as a text; capitals are wider."""
+    return len(text) + _CAPITALS * sum(letter.isupper() for letter in text)

@@ -229,7 +229,7 @@ def _where(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
             f"{len(region.particles)}",
             f"{region.area:.0f}",
             region.where,
-            f"{_interval(region.outward)}, {region.direction}",
+            f"{_interval(region.outward)}, {region.direction(region.outward.value)}",
             f"{region.length:.2f}",
             f"{region.mean_outward:.2f}",
             _p(region.p, comparison.pointwise.permutations),

@@ -161,13 +161,12 @@ class Region:
         """Wall and place, in words."""
         return f"{self.wall}, {self.place}" if self.wall else self.place
 
-    @property
-    def direction(self) -> str:
-        """Which way the surface lies at the peak, in words."""
-        way = "out of the tissue" if self.outward.value > 0.0 else "into the tissue"
+    def direction(self, outward: float) -> str:
+        """Return which way an outward displacement moves the surface, in words."""
+        way = "out of the tissue" if outward > 0.0 else "into the tissue"
         if not self.wall.startswith("inner"):
             return way
-        return f"{way} (cavity {'narrower' if self.outward.value > 0.0 else 'wider'})"
+        return f"{way} (cavity {'narrower' if outward > 0.0 else 'wider'})"
 
 
 def significant_regions(study: Study, comparison: Comparison, carrier: SurfaceCarrier) -> list[Region]:

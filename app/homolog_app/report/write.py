@@ -21,6 +21,7 @@ from homolog_app.rendering.camera import Clip
 from homolog_app.report import NOTICE
 from homolog_app.report.figures import ReportFigure, model_figures, quality_rows, study_figures
 from homolog_app.report.findings import (
+    Finding,
     cautions,
     corrections_text,
     findings,
@@ -133,7 +134,7 @@ def _summary(
     for study in studies:
         page.heading(study.request.title, 3)
         page.points(
-            (finding.verdict, " ".join([*finding.effects, *_largest_region(study, comparison, carrier)]))
+            (finding.verdict, _effects(study, comparison, finding, carrier))
             for finding, comparison in zip(findings(study), study.comparisons, strict=True)
         )
         page.paragraph(corrections_text(study))
@@ -141,16 +142,19 @@ def _summary(
             page.caution(text)
 
 
-def _largest_region(study: Study, comparison: Comparison, carrier: SurfaceCarrier) -> list[str]:
-    """Return a sentence about the largest region of significant particles, if there is one."""
+def _effects(study: Study, comparison: Comparison, finding: Finding, carrier: SurfaceCarrier) -> str:
+    """Return the sentences of a finding, after that on particles one on their largest region."""
     regions = significant_regions(study, comparison, carrier)
     if not regions:
-        return []
+        return " ".join(finding.effects)
     region = regions[0]
-    number = "One region" if len(regions) == 1 else f"{len(regions)} regions; the largest"
+    count = "One region" if len(regions) == 1 else f"{len(regions)} regions, the largest"
     per = f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
-    outward = f"{region.mean_outward:+.2g} mm{per} outward on average"
-    return [f"{number}: {region.area:.0f} mm², {region.where}, {outward}."]
+    largest = (
+        f"{count}: {region.area:.0f} mm², {region.where}, on average {abs(region.mean_outward):.2g} mm{per} "
+        f"{region.direction(region.mean_outward)}."
+    )
+    return " ".join([*finding.effects[:2], largest, *finding.effects[2:]])
 
 
 def _mm(value: float | None) -> str:

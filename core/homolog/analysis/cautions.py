@@ -110,10 +110,10 @@ def outlier_caution(
         p = p_text(test.p_permutation, test.permutations)
         pronoun = "it" if len(outliers) == 1 else "them"
         rest = f" Without {pronoun}, the whole shape has {effect}{p}, not corrected."
+    outlying = "is an outlier" if len(outliers) == 1 else "are outliers"
     return (
-        f"{who} {'lies' if len(outliers) == 1 else 'lie'} far from the others, or from the rest of the "
-        "group. Look at segmentation and particles before trusting any test; p-values of F are unreliable "
-        f"with such subjects.{rest}"
+        f"{who} {outlying}, far from the mean of the group (or the fitted shape). Look at segmentation and "
+        f"particles before trusting any test; p-values of F are unreliable with such subjects.{rest}"
     )
 
 
