@@ -269,7 +269,7 @@ def _further_measures(study: Study) -> Iterator[str]:
     if study.overall.dispersion is not None:
         yield (
             "Equality of dispersion was tested by the distances of subjects to their group's centroid (or "
-            "fitted shape) in the tested modes, by permutation."
+            "fitted shape) in the tested modes; residuals were permuted, and centroids fitted to them again."
         )
     if any(comparison.distance is not None for comparison in study.comparisons):
         yield (

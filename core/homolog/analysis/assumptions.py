@@ -1,9 +1,10 @@
 """What tests assume, and whether it holds: dispersion of the groups, skewness of sizes, outliers.
 
 Equal dispersion: each subject's distance to its group's centroid in the retained modes is compared between
-the groups (Anderson 2006, PERMDISP). Without groups, residuals are compared along the variable (Breusch and
-Pagan's idea). Tests of means of few and unequal groups do not bear skewed data. Subjects whose shape is far
-from all others have most often a broken segmentation or correspondence.
+the groups (Anderson 2006, PERMDISP). Residuals are permuted, and centroids fitted to them again. Without
+groups, residuals are compared along the variable (Breusch and Pagan's idea). Tests of means of few and
+unequal groups do not bear skewed data. Subjects whose shape is far from all others have most often a broken
+segmentation or correspondence.
 """
 
 from collections.abc import Collection, Mapping
@@ -13,7 +14,7 @@ import numpy as np
 from scipy import stats
 
 from homolog.analysis.design import Design, Exchange
-from homolog.analysis.permutation import null_distribution, permutation_p_value
+from homolog.analysis.permutation import PermutedDesigns, null_distribution, permutation_p_value
 from homolog.analysis.shape_model import leading_scores
 from homolog.analysis.statistics import observed_design
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
@@ -29,6 +30,9 @@ __all__ = [
 ]
 
 _CHUNK = 500
+_CHUNK_VALUES = 2_000_000
+_LEAST_LEFT = 1e-6
+"""Lower bound of 1 - leverage, where it divides."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +49,8 @@ class Dispersion:
     f : float
         Ratio of the variances of the distances between and within groups.
     p : float
-        Share of the permutations of the distances (covariates taken out) with as large a ratio.
+        Share of the permutations with as large a ratio: residuals are permuted, and distances are those from
+        what is fitted to them again.
     permutations : int
         Number of permutations.
     """
@@ -90,7 +95,7 @@ def dispersion_test(
     members : dict of (M,) bool arrays
         Who is in each group; empty for a continuous variable.
     permutations : int
-        Permutations of the distances.
+        Permutations of the residuals.
     seed : int
         Same seed, same result.
 
@@ -101,28 +106,49 @@ def dispersion_test(
     """
     if design.exchange is Exchange.SIGNS or modes == 0:
         return None
-    rows = design.residuals(particles.reshape(len(particles), -1))
-    scores, _ = leading_scores(rows, modes)
-    rest = scores - design.tested @ (design.tested.T @ scores)
-    columns = np.hstack([design.nuisance, design.tested])
-    leverage_left = np.maximum(1.0 - np.square(columns).sum(axis=1), 1e-6)
-    distances = np.sqrt(np.square(rest).sum(axis=1) / leverage_left / particles.shape[1])
-    # Permuting what nuisance columns leave holds the level better than permuting residuals of all columns.
-    values = design.residuals(distances[:, None])[:, 0]
-    observed = _ratio(values, design, observed_design(design).tested)
+    scores, _ = leading_scores(design.residuals(particles.reshape(len(particles), -1)), modes)
+    columns = _columns(observed_design(design), design)
+    rest, left = _rest(scores, columns)
+    standardized = rest[0] / np.sqrt(left[0])[:, None]
+
+    def ratio(rows: FloatArray, permuted: PermutedDesigns) -> FloatArray:
+        columns = _columns(permuted, design)
+        rest, left = _rest(rows, columns)
+        return _ratio(np.sqrt(np.square(rest).sum(axis=2) / left), columns, permuted.tested.shape[2])
+
+    # Distances from means that were fitted are less independent than the subjects: so are those of the null.
     null_statistics = null_distribution(
-        lambda some: _ratio(values, design, some.tested), design, permutations, chunk=_CHUNK, seed=seed
+        lambda some: ratio(standardized, some),
+        design,
+        permutations,
+        chunk=max(1, min(_CHUNK, _CHUNK_VALUES // scores.size)),
+        seed=seed,
     )
+    observed = ratio(scores, observed_design(design))
+    distances = np.sqrt(np.square(standardized).sum(axis=1) / particles.shape[1])
     by_group = {name: float(distances[own].mean()) for name, own in members.items()}
     p = float(permutation_p_value(observed, null_statistics)[0])
     return Dispersion(distances, by_group, float(observed[0]), p, len(null_statistics))
 
 
-def _ratio(values: FloatArray, design: Design, tested: FloatArray) -> FloatArray:
-    """Return the F ratio (c,) of values (M,), nuisance columns taken out, on tested bases (c, M, d)."""
-    explained = np.square(np.swapaxes(tested, 1, 2) @ values).sum(axis=1)
-    rest = np.maximum(values @ values - explained, np.finfo(float).tiny)
-    ratio: FloatArray = (explained / tested.shape[2]) / (rest / design.error_dof)
+def _columns(permuted: PermutedDesigns, design: Design) -> FloatArray:
+    """Return all columns of permuted designs (c, M, q + d), the tested ones last."""
+    intercept = np.broadcast_to(design.nuisance[:, :1], (*permuted.tested.shape[:2], 1))
+    return np.concatenate([intercept, permuted.covariates, permuted.tested], axis=2)
+
+
+def _rest(rows: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what columns (c, M, q) leave of rows (M, k), (c, M, k), and 1 - leverage (c, M)."""
+    rest: FloatArray = rows - columns @ (np.swapaxes(columns, 1, 2) @ rows)
+    return rest, np.maximum(1.0 - np.square(columns).sum(axis=2), _LEAST_LEFT)
+
+
+def _ratio(values: FloatArray, columns: FloatArray, tested: int) -> FloatArray:
+    """Return the F ratio (c,) of values (c, M) for the last columns (c, M, q), the others taken out."""
+    squares = np.square(np.swapaxes(columns, 1, 2) @ values[:, :, None])[:, :, 0]
+    explained = squares[:, -tested:].sum(axis=1)
+    rest = np.maximum(np.square(values).sum(axis=1) - squares.sum(axis=1), np.finfo(float).tiny)
+    ratio: FloatArray = (explained / tested) / (rest / (columns.shape[1] - columns.shape[2]))
     return ratio
 
 

@@ -36,6 +36,18 @@ def test_a_group_that_scatters_twice_as_much_is_noticed_and_equal_ones_are_not(c
     assert found.ratio == found.by_group["a"] / found.by_group["b"]
 
 
+def test_outliers_in_groups_of_equal_dispersion_seldom_make_a_difference():
+    """One subject in twenty has four times the deviation; 8 of 42 are in one group."""
+    generator = np.random.default_rng(2)
+    design, members = _groups((8, 34))
+    noticed = []
+    for repeat in range(300):
+        factor = np.where(generator.random(42) < 0.05, 4.0, 1.0)
+        shapes = generator.normal(size=(42, 2, 3)) * factor[:, None, None]
+        noticed.append(dispersion_test(shapes, design, 5, members, permutations=99, seed=repeat).p <= 0.05)
+    assert np.mean(noticed) < 0.09
+
+
 def test_scatter_that_grows_along_a_variable_is_noticed_and_pairs_have_none(correlated):
     shapes = correlated(subjects=40)
     values = np.linspace(1.0, 6.0, 40)
