@@ -50,7 +50,10 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
     )
     what.add_argument("--regress", metavar="COLUMN", help="column of a continuous variable")
     parser.add_argument(
-        "--between", nargs="+", metavar="GROUP", help="groups to compare, in order (default: all)"
+        "--between",
+        nargs="+",
+        metavar="GROUP",
+        help="groups to compare, the reference first (default: all; controls, normal … first)",
     )
     parser.add_argument("--pairs", metavar="COLUMN", help="column that names the pairs; needs --between A B")
     parser.add_argument(
@@ -153,8 +156,8 @@ def _alignments(arguments: argparse.Namespace) -> list[str]:
 def _request(arguments: argparse.Namespace, result: "Result", alignment: str, answers: int) -> "StudyRequest":
     from pydantic import ValidationError
 
-    from homolog_app.report.request import StudyRequest
-    from homolog_app.report.study import column_of, levels
+    from homolog_app.report.request import StudyRequest, reference_first
+    from homolog_app.report.study import column_of
 
     if arguments.pairs and arguments.regress:
         raise InputError("--pairs compares two groups and can't be combined with --regress; give one of them")
@@ -164,7 +167,7 @@ def _request(arguments: argparse.Namespace, result: "Result", alignment: str, an
     if kind == "regression" and between:
         raise InputError("--between names groups and can't be combined with --regress")
     if kind == "groups" and not between:
-        between = levels(column_of(result, column))
+        between = reference_first(column_of(result, column))
     try:
         return StudyRequest(
             kind=kind,

@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from homolog.analysis.design import is_missing
 from homolog.analysis.procrustes import Alignment
 from homolog.cohort.column_types import CATEGORY, plain_name
 from homolog.errors import InputError
@@ -21,6 +23,7 @@ __all__ = [
     "category_of",
     "kept_studies",
     "read_requests",
+    "reference_first",
     "study_folder",
     "write_request",
 ]
@@ -32,6 +35,15 @@ SIZE_WORDS = {
     Alignment.RIGID: "form (size and shape)",
     Alignment.SIMILARITY: "shape (size removed)",
 }
+
+
+_REFERENCES = ("control", "controls", "healthy", "normal", "nor", "hc", "cn", "ctrl", "reference", "baseline")
+
+
+def reference_first(values: Iterable[str]) -> list[str]:
+    """Return the different values in alphabetical order, but first one that names a reference."""
+    there = {value for value in values if not is_missing(value)}
+    return sorted(there, key=lambda value: (value.lower() not in _REFERENCES, value))
 
 
 class StudyRequest(BaseModel):

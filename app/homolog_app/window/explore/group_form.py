@@ -5,7 +5,7 @@ from PySide6.QtGui import QAction, QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QMenu, QWidget
 
 from homolog.analysis.procrustes import Alignment
-from homolog_app.report.request import StudyRequest
+from homolog_app.report.request import StudyRequest, reference_first
 from homolog_app.studies.questions import (
     SIZE,
     covariates_of,
@@ -20,7 +20,6 @@ from homolog_app.window.widgets import GRID, button, choice, label
 __all__ = ["GroupForm"]
 
 _MOST_VALUES = 12
-_REFERENCES = ("control", "controls", "healthy", "normal", "nor", "hc", "cn", "ctrl", "reference", "baseline")
 _LONG = 48
 _ALIGNMENTS = {
     "Form: size and shape (rigid alignment)": Alignment.RIGID,
@@ -200,10 +199,8 @@ class GroupForm(QWidget):
         slope, column = self.is_regression, ""
         if self.column.count():
             column, _ = self.column.currentData()
-        values = values_of(self._session.study, column)
-        reference = next((at for at, value in enumerate(values) if value.lower() in _REFERENCES), 0)
-        other = next((at for at in range(len(values)) if at != reference), 0)
-        for index, box in ((reference, self.first), (other, self.second)):
+        values = reference_first(values_of(self._session.study, column))
+        for index, box in ((0, self.first), (min(1, len(values) - 1), self.second)):
             if [box.itemText(at) for at in range(box.count())] != values:
                 box.clear()
                 box.addItems(values)
