@@ -53,8 +53,8 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
     p = p_text(dispersion.p, dispersion.permutations)
     if not numbers:
         return (
-            f"how far subjects scatter changes with the variable (test of dispersion {p}). The permutation "
-            "tests account for that only approximately, T² and F not at all."
+            f"dispersion changes with the variable (test of dispersion {p}). The permutation tests account "
+            "for that only approximately, T² and F not at all."
         )
     mean = ", ".join(f"{name} {value:.2f} mm" for name, value in dispersion.by_group.items())
     return (

@@ -26,7 +26,9 @@ from homolog.analysis.permutation import (
 )
 from homolog.analysis.shape_model import leading_scores
 from homolog.analysis.statistics import (
+    EqualizedAlong,
     WelchStatistic,
+    equalize_along,
     equalize_groups,
     hotelling,
     observed_design,
@@ -117,8 +119,9 @@ class ModeStatistic:
     threshold : (K,) array or None
         Variances above which a mode is retained; None tests in the first `n_modes` modes always.
     scaled : bool
-        Whether the groups' dispersions are equalized before subjects are exchanged; see `equalize_groups`.
-        The modes of Welch's F are then those of the equalized shapes.
+        Whether the dispersions of groups, or along a variable, are equalized before subjects are exchanged;
+        see `equalize_groups` and `equalize_along`. The modes of the permutation statistic are then those of
+        the equalized shapes.
     """
 
     def __init__(
@@ -140,14 +143,15 @@ class ModeStatistic:
         self._threshold = None if threshold is None else threshold * self._dof
         self._frame = _unit_columns(rows) if self._many else self._decomposed(self._gram)[0]
         self._welch: WelchStatistic | None = None
+        self._along: EqualizedAlong | None = None
         groups = equalize_groups(residuals, design, scaled=scaled)
         if groups is not None and n_modes:
-            if self._many:
-                frame = _unit_columns(leading_scores(groups.values, n_modes)[0])
-            else:
-                frame, _ = self._decomposed(groups.values @ groups.values.T)
-            coordinates = frame.T[:n_modes, :, None]
+            coordinates = self._modes_of(groups.values).T[:, :, None]
             self._welch = WelchStatistic(coordinates, np.array([float(n_modes)]), groups, design)
+        elif groups is None and scaled and n_modes:
+            self._along = equalize_along(residuals, design)
+            if self._along is not None:
+                self._equalized = self._modes_of(self._along.values)
 
     def projections(self, permuted: PermutedDesigns) -> tuple[FloatArray, IntArray]:
         """Return the tested columns in the modes, (c, d, K) with zeros from mode k on, and k (c,).
@@ -197,6 +201,8 @@ class ModeStatistic:
             return float(self._welch.f(original)[0][0, 0])
         if self._n_modes == 0:
             return 0.0
+        if self._along is not None:
+            return float(self.studentized(original)[0])
         return float(studentized_ratio(self.scores(self._n_modes), original, self._design)[0])
 
     def studentized(self, permuted: PermutedDesigns) -> FloatArray:
@@ -208,6 +214,9 @@ class ModeStatistic:
         """
         if self._welch is not None:
             return self._welch.deviate(permuted)[:, 0]
+        if self._along is not None:
+            restored = self._along.restored(self._equalized, permuted)
+            return studentized_ratio(restored, permuted, self._design)
         scores, modes = self._scores(permuted)
         ratio = studentized_ratio(scores, permuted, self._design)
         if permuted.covariates.shape[2]:
@@ -215,6 +224,12 @@ class ModeStatistic:
             within = self._design.error_dof * np.maximum(modes, 1)
             ratio = -np.log(np.maximum(stats.f.sf(ratio, across, within), np.finfo(float).tiny))
         return np.where(modes > 0, ratio, 0.0)
+
+    def _modes_of(self, rows: FloatArray) -> FloatArray:
+        """Return the scores of rows (M, P) in their leading modes, (M, n_modes), columns of length 1."""
+        if self._many:
+            return _unit_columns(leading_scores(rows, self._n_modes)[0])
+        return self._decomposed(rows @ rows.T)[0][:, : self._n_modes]
 
     def _decomposed(self, gram: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Left singular vectors as columns, and squared singular values, largest first."""

@@ -6,6 +6,9 @@ are scaled to one dispersion; each group's own dispersion is restored afterwards
 distribution then is that of groups with these dispersions and equal means (Chung and Romano 2013 show that
 studentizing alone suffices for many subjects; scaling serves few).
 
+Without covariates the whole shape is treated in the same way along a continuous variable: the logarithm of
+the dispersion is a linear function of it.
+
 With covariates and for a continuous variable the sum of squares of the tested effect is divided by what it
 would be on average without an effect, given each subject's own residual (Brown and Forsythe 1974, with the
 variances of MacKinnon and White's HC2, 1985).
@@ -24,8 +27,10 @@ from homolog.analysis.permutation import PermutedDesigns
 from homolog.arrays import FloatArray, IntArray, frozen
 
 __all__ = [
+    "EqualizedAlong",
     "EqualizedGroups",
     "WelchStatistic",
+    "equalize_along",
     "equalize_groups",
     "hotelling",
     "null_weights",
@@ -98,6 +103,57 @@ def equalize_groups(values: FloatArray, design: Design, *, scaled: bool = True) 
     return EqualizedGroups(
         (values - centre) / (members.T @ dispersions)[:, None], dispersions, float(mean_spread)
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EqualizedAlong:
+    """Values scaled to one dispersion along a variable. The array is read-only.
+
+    Attributes
+    ----------
+    values : (M, P) array
+        Differences from the weighted mean, divided by the dispersion at the subject's value.
+    growth : float
+        Of the logarithm of the dispersion, per unit of the tested column.
+    """
+
+    values: FloatArray
+    growth: float
+
+    def __post_init__(self) -> None:
+        """Freeze the array."""
+        object.__setattr__(self, "values", frozen(self.values, np.float64))
+
+    def restored(self, scores: FloatArray, permuted: PermutedDesigns) -> FloatArray:
+        """Return equalized scores (M, k) with the dispersions of permuted values, centred, (c, M, k)."""
+        scaled: FloatArray = scores * np.exp(self.growth * permuted.tested)
+        scaled -= scaled.mean(axis=1, keepdims=True)
+        return scaled
+
+
+def equalize_along(values: FloatArray, design: Design) -> EqualizedAlong | None:
+    """Scale subjects to one dispersion along a variable; None for other designs and with covariates.
+
+    Parameters
+    ----------
+    values : (M, P) array
+        Data with the intercept regressed out.
+    design : Design
+        With the observed values.
+    """
+    column = design.tested
+    if design.exchange is Exchange.SIGNS or design.covariates.shape[1] or column.shape[1] > 1:
+        return None
+    rest = values - column @ (column.T @ values)
+    left = np.maximum(1.0 - 1.0 / len(column) - np.square(column[:, 0]), _MIN_RESIDUAL_FRACTION)
+    squares = np.square(rest).sum(axis=1) / left
+    if not squares.max() > 0.0:
+        return None
+    variances = np.log(np.maximum(squares, _MIN_RESIDUAL_FRACTION * squares.max()))
+    growth = 0.5 * float(column[:, 0] @ variances)
+    dispersions = np.exp(growth * column)
+    centre = (values / np.square(dispersions)).sum(axis=0) / (1.0 / np.square(dispersions)).sum()
+    return EqualizedAlong((values - centre) / dispersions, growth)
 
 
 class WelchStatistic:

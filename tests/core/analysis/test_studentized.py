@@ -4,7 +4,9 @@ from scipy import stats
 from statsmodels.stats.oneway import anova_oneway
 
 from homolog.analysis.design import group_design, paired_design, regression_design
-from homolog.analysis.statistics import WelchStatistic, equalize_groups, observed_design
+from homolog.analysis.mode_test import ModeStatistic
+from homolog.analysis.permutation import draw_permutations, permutation_p_value
+from homolog.analysis.statistics import WelchStatistic, equalize_along, equalize_groups, observed_design
 
 
 @pytest.mark.parametrize("counts", [(7, 12), (6, 9, 14), (4, 5, 6, 7)])
@@ -56,3 +58,28 @@ def test_equalized_groups_have_one_dispersion():
 )
 def test_only_groups_without_covariates_are_equalized(design):
     assert equalize_groups(np.random.default_rng(1).normal(size=(6, 4)), design) is None
+
+
+def test_subjects_equalized_along_a_variable_have_one_dispersion():
+    generator = np.random.default_rng(5)
+    values = generator.uniform(-1.0, 1.0, size=300)
+    rows = generator.normal(size=(300, 6)) * np.exp(values)[:, None]
+    along = equalize_along(rows - rows.mean(axis=0), regression_design(values))
+    spread = np.linalg.norm(along.values, axis=1)
+    assert spread[values > 0.5].mean() / spread[values < -0.5].mean() == pytest.approx(1.0, abs=0.1)
+    assert along.growth * np.linalg.norm(values - values.mean()) ** -1 == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_dispersion_that_grows_along_the_variable_leaves_the_level_as_it_is():
+    """The statistic of permuted values alone finds an effect in none of these."""
+    generator = np.random.default_rng(6)
+    noticed = 0
+    for repeat in range(300):
+        values = generator.normal(size=42)
+        rows = generator.normal(size=(42, 30)) * np.exp(0.4 * values)[:, None]
+        design = regression_design(values)
+        statistic = ModeStatistic(rows - rows.mean(axis=0), design, 5, None)
+        (some,) = draw_permutations(design, 99, chunk=99, seed=repeat)
+        observed = statistic.studentized(observed_design(design))
+        noticed += permutation_p_value(observed, statistic.studentized(some))[0] <= 0.05
+    assert 0.025 <= noticed / 300 <= 0.08
