@@ -17,6 +17,7 @@ from homolog.patient.fit import vertex_areas
 from homolog.progress import Tick, no_tick
 from homolog_app.pictures.layout import Panel, arrange
 from homolog_app.rendering.colours import LIGHT, common_limit
+from homolog_app.rendering.text import signed
 from homolog_app.report import NOTICE
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.page import Page
@@ -170,7 +171,7 @@ def _times(follow_up: FollowUp, reference: Reference) -> str:
 def _number_rows(follow_up: FollowUp) -> list[tuple[str, ...]]:
     areas = vertex_areas(follow_up.surface)
     return [
-        (change.name, *("none" if value is None else f"{value:+.2f}" for value in _numbers(change, areas)))
+        (change.name, *("none" if value is None else signed(value) for value in _numbers(change, areas)))
         for change in follow_up.changes
     ]
 
@@ -253,8 +254,8 @@ def expected_sentence(change: Change, follow_up: FollowUp) -> str:
     if against.regions:
         most, count = against.regions[0], len(against.regions)
         local = (
-            f"{count} region{'s' * (count != 1)} beyond their limit, the most extreme by {most.peak:+.1f} mm "
-            f"(|z| {abs(most.z):.1f}, limit {expected.limit:.1f})"
+            f"{count} region{'s' * (count != 1)} beyond their limit, the most extreme by "
+            f"{signed(most.peak, 1)} mm (|z| {abs(most.z):.1f}, limit {expected.limit:.1f})"
         )
     return (
         f"Against {expected.pairs} controls seen twice ({expected.between}): {rms.value:.2f} mm (rms) from "
@@ -301,11 +302,11 @@ def _numbers(change: Change, areas: Array) -> list[float | None]:
 def change_sentence(change: Change, follow_up: FollowUp) -> str:
     """Say how much changed from the first time to a later one."""
     since = f"{change.name} since {follow_up.comparisons[0].name}"
-    volume = f"volume {100.0 * (change.volume - 1.0):+.1f} %"
+    volume = f"volume {signed(100.0 * (change.volume - 1.0), 1)} %"
     if change.z is None:
         return (
-            f"{since}: {volume}; surface {change.distance.min():+.1f} to {change.distance.max():+.1f} mm, "
-            "without a limit."
+            f"{since}: {volume}; surface {signed(change.distance.min(), 1)} to "
+            f"{signed(change.distance.max(), 1)} mm, without a limit."
         )
     if not change.regions:
         return f"{since}: {volume}; no part of the surface changed by more than the limit."
@@ -313,5 +314,5 @@ def change_sentence(change: Change, follow_up: FollowUp) -> str:
     count = len(change.regions)
     return (
         f"{since}: {volume}; {count} region{'s' * (count != 1)} beyond the limit, the most extreme by "
-        f"{most.peak:+.1f} mm (|z| {abs(most.z):.1f}, limit {follow_up.limit:.1f})."
+        f"{signed(most.peak, 1)} mm (|z| {abs(most.z):.1f}, limit {follow_up.limit:.1f})."
     )

@@ -7,6 +7,7 @@ import numpy as np
 from homolog.errors import InputError, NumericalError
 from homolog.geometry import rms_radius
 from homolog.patient import PatientComparison, Percentile, Reference, Region, Typicality, typicality
+from homolog_app.rendering.text import signed
 
 __all__ = [
     "GROUP_CAUTION",
@@ -178,9 +179,9 @@ def region_rows(comparison: PatientComparison, reference: Reference) -> list[tup
         (
             str(number),
             f"{region.area:.0f}",
-            _signed(region.mean),
-            _signed(region.peak),
-            _signed(region.z),
+            signed(region.mean, 1),
+            signed(region.peak, 1),
+            signed(region.z, 1),
             _place(comparison, region),
             " ".join(map(str, comparison.nearest_particles(region, reference).tolist())),
         )
@@ -196,10 +197,6 @@ def _place(comparison: PatientComparison, region: Region) -> str:
 
 def _side(region: Region) -> str:
     return "outward" if region.peak > 0.0 else "inward"
-
-
-def _signed(value: float) -> str:
-    return f"{value:+.1f}".replace("-", "−")
 
 
 GroupRow = tuple[str, int, float | None, float | None, float | None, int | None, int | None, str]

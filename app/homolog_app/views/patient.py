@@ -14,6 +14,7 @@ from homolog.geometry import inverse_matrices, transform_points
 from homolog.progress import Tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.colours import ColourScale, displacement_scale
+from homolog_app.rendering.text import signed
 from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.contents import region_border
 
@@ -151,7 +152,7 @@ def _steps(comparison: "PatientComparison", reference: "Reference") -> list[_Ste
     for mode in range(min(reference.modes, len(scores))):
         vertices = vertices + scores[mode] * moves[mode]
         deviations = scores[mode] / np.sqrt(model.variances[mode])
-        steps.append((f"of mode {mode + 1} ({deviations:+.1f} SD)", vertices))
+        steps.append((f"of mode {mode + 1} ({signed(deviations, 1)} SD)", vertices))
     if len(scores) > reference.modes:
         steps.append(("of further modes", comparison.expected.vertices))
     return [*steps, ("of the difference outside of the modes", patient_surface(comparison).vertices)]
@@ -374,7 +375,7 @@ def change_scene(follow_up: "FollowUp", only_beyond: bool) -> ViewContents:
     for change in follow_up.changes:
         beyond = beyond_limit(change, follow_up)
         faded = ~beyond if only_beyond and beyond is not None else None
-        title = f"since {first.name}: volume {100.0 * (change.volume - 1.0):+.1f} %"
+        title = f"since {first.name}: volume {signed(100.0 * (change.volume - 1.0), 1)} %"
         colours = scale.colours(change.distance, faded, None if beyond is None else ~beyond)
         contents.append(on_patient(first, change.name, title, follow_up.surface, colours, beyond))
     return ViewContents(contents, int(np.ceil(np.sqrt(len(contents)))), scale, {})

@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidg
 from homolog.files.project import ProjectFolder
 from homolog.settings import GroomSettings, OptimizeSettings
 from homolog.surfaces.mirroring import mirrors
-from homolog_app.rendering.text import millilitres
+from homolog_app.rendering.text import millilitres, signed
 from homolog_app.studies.files import interrupted_text
 from homolog_app.views.contents import Groomed
 from homolog_app.window.actions import Actions
@@ -86,7 +86,7 @@ def _sentences(groomed: Groomed) -> str:
     change = 100.0 * (report.volume_after / report.volume_before - 1.0)
     lines = [
         f"Volume {millilitres(report.volume_before)} in the file, "
-        f"{millilitres(report.volume_after)} groomed ({change:+.1f} %)",
+        f"{millilitres(report.volume_after)} groomed ({signed(change, 1)} %)",
         f"{len(groomed.subject.mesh.vertices)} vertices, {report.genus} handle{'s' * (report.genus != 1)}",
         *report.notes,
     ]
