@@ -281,7 +281,7 @@ def summary(file: Path) -> None:
     """Print the tables of a file."""
     blocks = stored(file).values()
     print(f"Processor seconds: {sum(item['seconds'] for item in blocks):.0f}\n")
-    power = [f"power: {TESTS[0]}", "whole shape", "particles", DISCRIMINANT[0]]
+    power = [f"power: {TESTS[0]}", "whole shape", "particles", *DISCRIMINANT]
     columns = [*TESTS, *DISCRIMINANT, f"cautions: {', '.join(CAUTIONS)}", *power]
     print("| study |", " | ".join(columns), "|\n|---|", "---|" * len(columns), sep="")
     outside = []
@@ -291,7 +291,7 @@ def summary(file: Path) -> None:
         if not any(len(p) for p, _ in whole):
             continue
         rates = [*_rates(whole[0][0], len(TESTS)), *_rates(whole[1][0], len(DISCRIMINANT))]
-        powers = [*_rates(strong[0], len(TESTS))[:3], *_rates(strong[1], len(DISCRIMINANT))[:1]]
+        powers = [*_rates(strong[0], len(TESTS))[:3], *_rates(strong[1], len(DISCRIMINANT))]
         cautions = next(given for p, given in whole if len(p))
         given = ", ".join(f"{100.0 * item:.0f}" for item in cautions.mean(axis=0))
         cells = [*(_cell(item, 1) for item in rates), given, *(_cell(item, 0) for item in powers)]
