@@ -44,6 +44,7 @@ _EXPECTED = (
 )
 _MAPS_A_PAGE = 3
 _COLUMNS = ("time", "volume (%)", "mean (mm)", "rms (mm)", "outward (mm)", "inward (mm)", "beyond (mm²)")
+_UNSIGNED = ("rms (mm)", "beyond (mm²)")
 
 
 def check_times(subjects: Sequence[Subject], repeats: Sequence[Path]) -> None:
@@ -170,10 +171,17 @@ def _times(follow_up: FollowUp, reference: Reference) -> str:
 
 def _number_rows(follow_up: FollowUp) -> list[tuple[str, ...]]:
     areas = vertex_areas(follow_up.surface)
-    return [
-        (change.name, *("none" if value is None else signed(value) for value in _numbers(change, areas)))
-        for change in follow_up.changes
-    ]
+    rows = []
+    for change in follow_up.changes:
+        values = zip(_COLUMNS[1:], _numbers(change, areas), strict=True)
+        rows.append((change.name, *(_number_text(name, value) for name, value in values)))
+    return rows
+
+
+def _number_text(column: str, value: float | None) -> str:
+    if value is None:
+        return "none"
+    return f"{value:.2f}" if column in _UNSIGNED else signed(value)
 
 
 def _sheets(
