@@ -95,7 +95,8 @@ def _least_text(study: Study) -> str:
     least = 1.0 / (count + 1)
     corrected = least * max(len(study.pairwise), 1) * study.request.answers
     return (
-        f" With {count} permutations the least possible p is {least:.2g}, {corrected:.2g} after correction."
+        f" With {count} permutations the least possible p of whole shape and particles is {least:.2g}, "
+        f"{corrected:.2g} after correction."
     )
 
 
