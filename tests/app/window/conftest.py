@@ -100,6 +100,7 @@ def window(make_window):
 def beans(window, ellipsoids, wait):
     """Return a window in which four small shapes are listed and read, 32 particles asked for."""
     window.projects.open_paths([ellipsoids])
+    window.workspace.edit_settings("groom", "mesh_edge", coarse_settings())
     window.workspace.edit_settings("optimize", "particles", quick_settings())
     wait(lambda: len(window.workspace.session.surveys) == 4)
     return window
@@ -111,6 +112,13 @@ def quick_settings(particles=32):
     return OptimizeSettings(
         particles=particles, split_iterations=5, anneal_iterations=20, settle_iterations=20
     )
+
+
+def coarse_settings():
+    """Return settings of grooming that give meshes of some 800 vertices: finer ones cost most of a test."""
+    from homolog.settings import GroomSettings
+
+    return GroomSettings(mesh_edge=1.0)
 
 
 @pytest.fixture
@@ -126,11 +134,10 @@ def groomed_cache(ellipsoids, tmp_path_factory):
 
     from homolog.cohort import read_cohort
     from homolog.grooming import groom_cohort
-    from homolog.settings import GroomSettings
 
     folder = tmp_path_factory.mktemp("groomed")
     with ThreadPoolExecutor(1) as executor:
-        groom_cohort(read_cohort(ellipsoids), GroomSettings(), executor=executor, cache=folder)
+        groom_cohort(read_cohort(ellipsoids), coarse_settings(), executor=executor, cache=folder)
     return folder
 
 
@@ -144,7 +151,7 @@ def finished(ellipsoids, groomed_cache, tmp_path_factory):
 
     project = ProjectFolder(tmp_path_factory.mktemp("finished") / "study")
     shutil.copytree(groomed_cache, project.groomed)
-    settings = RunSettings(optimize=quick_settings())
+    settings = RunSettings(groom=coarse_settings(), optimize=quick_settings())
     RunJob(project, read_cohort(ellipsoids), settings, resume=False).execute()
     return project.folder
 
@@ -163,12 +170,16 @@ def bean_project(tmp_path_factory):
     """Return a project of ten coffee beans, those with a wide slot in a group; not to be written to."""
     from dataclasses import replace
 
+    import SimpleITK
+
     from homolog.beans.files import write_beans
     from homolog.beans.generate import draw_beans
     from homolog.cohort import Cohort
 
     folder, beans = tmp_path_factory.mktemp("beans"), draw_beans(10)
     cohort = write_beans(folder, beans, 5)
+    for one in cohort.subjects:  # each test that opens the project reads them
+        SimpleITK.WriteImage(SimpleITK.Shrink(SimpleITK.ReadImage(one.path), [2, 2, 2]), one.path)
     middle = sorted(bean.width for bean in beans)[5]
     subjects = [
         replace(one, group="wide" if bean.width >= middle else "slim")

@@ -154,7 +154,7 @@ def test_a_closed_window_lets_go_of_everything_that_vtk_draws(qapp, ellipsoids, 
 CHILD = """
 import sys, time
 from pathlib import Path
-from homolog.settings import OptimizeSettings
+from homolog.settings import GroomSettings, OptimizeSettings
 from homolog_app.window.start import make_application, make_window
 
 if __name__ == "__main__":
@@ -169,6 +169,7 @@ if __name__ == "__main__":
             app.processEvents()
             time.sleep(0.002)
     window.projects.open_paths([cohort])
+    workspace.edit_settings("groom", "mesh_edge", GroomSettings(mesh_edge=1.0))
     workspace.edit_settings("optimize", "particles", OptimizeSettings(
         particles=128, split_iterations=30, anneal_iterations=100, settle_iterations=5))
     until(lambda: len(workspace.session.surveys) == 4)
