@@ -1,6 +1,7 @@
 """What a user does, on the real window."""
 
 import shutil
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -52,12 +53,13 @@ def test_the_particles_of_a_cancelled_run_can_be_kept(groomed, errors, wait):
     groomed.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=128))
     groomed.commands["run.start"].trigger()
     wait(lambda: (job := work.session.job.run) and job.frame)
-    changes, steps = [], []
+    changes, steps = [work.session.preliminary], []
     work.session.job_changed.connect(lambda: changes.append(work.session.preliminary))
     work.session.job_progressed.connect(lambda: steps.append(work.session.job.status.fraction))
     wait(lambda: (job := work.session.job.run) and job.frame.world.shape[1] >= 16 and len(steps) > 2)
     assert steps == sorted(steps)
-    assert not changes  # pages are not refreshed while a run goes on as before
+    # Pages are refreshed for a new preliminary model, and not while a run goes on as before.
+    assert all(new is not before for before, new in pairwise(changes))
     groomed.commands["run.cancel"].trigger()
     wait(lambda: not work.session.job.is_busy)
     assert groomed.workspace.session.result is None
