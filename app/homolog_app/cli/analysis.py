@@ -45,15 +45,13 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
     )
     parser.add_argument("project", type=Path, help="project folder")
     what = parser.add_mutually_exclusive_group()
-    what.add_argument(
-        "--group", metavar="COLUMN", default="group", help="column of the groups (default group)"
-    )
+    what.add_argument("--group", metavar="COLUMN", default="group", help="column of groups (default group)")
     what.add_argument("--regress", metavar="COLUMN", help="column of a continuous variable")
     parser.add_argument(
         "--between",
         nargs="+",
         metavar="GROUP",
-        help="groups to compare, the reference first (default: all; controls, normal … first)",
+        help="groups to compare, the reference first (default: all, controls first)",
     )
     parser.add_argument("--pairs", metavar="COLUMN", help="column that names the pairs; needs --between A B")
     parser.add_argument(
@@ -81,9 +79,7 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
         help="short for --alignment: with is rigid, without is similarity",
     )
     parser.add_argument("--modes", type=int, help="number of modes to test (default: by parallel analysis)")
-    parser.add_argument(
-        "--permutations", type=int, default=10_000, help="number of permutations (default 10000)"
-    )
+    parser.add_argument("--permutations", type=int, default=10_000, help="permutations (default 10000)")
     repeats = parser.add_argument(
         "--null-repeats", type=int, default=1000, help="repeats of the null simulation (default 1000)"
     )

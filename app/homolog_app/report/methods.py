@@ -302,17 +302,19 @@ def _statistic(study: Study) -> str:
     """Return what the permutation tests of a study compare."""
     request, random = study.request, not study.overall.test.exact
     if request.kind == "groups" and not request.covariates:
+        statistic = "Welch's F over standardized modes, from each group's own variance"
         scaled = ". Before permutation the groups were scaled to one dispersion, and afterwards to their own"
-        return f"Welch's F over standardized modes, from each group's own variance{scaled * random}"
+        return statistic + scaled if random else statistic
+    statistic = (
+        "the tested sum of squares in standardized modes divided by its expectation without an effect, "
+        "estimated from each subject's own residual (Brown and Forsythe; HC2)"
+    )
     scaled = (
         ". Before permutation subjects were scaled to one dispersion along the variable, by a linear model "
         "of the logarithm of their distances from the fitted shapes, and afterwards to that at the new value"
     )
-    return (
-        "the tested sum of squares in standardized modes divided by its expectation without an effect, "
-        "estimated from each subject's own residual (Brown and Forsythe; HC2)"
-        f"{scaled * (random and request.kind == 'regression' and not request.covariates)}"
-    )
+    along = random and request.kind == "regression" and not request.covariates
+    return statistic + scaled if along else statistic
 
 
 def _permutations(comparison: Comparison) -> str:

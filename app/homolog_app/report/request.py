@@ -41,7 +41,7 @@ _REFERENCES = ("control", "controls", "healthy", "normal", "nor", "hc", "cn", "c
 
 
 def reference_first(values: Iterable[str]) -> list[str]:
-    """Return the different values in alphabetical order, but first one that names a reference."""
+    """Return the different values in alphabetical order, those that name a reference first."""
     there = {value for value in values if not is_missing(value)}
     return sorted(there, key=lambda value: (value.lower() not in _REFERENCES, value))
 
