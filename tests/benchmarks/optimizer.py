@@ -30,10 +30,9 @@ from homolog.analysis.thin_plate import landmark_errors as errors_of_landmarks
 from homolog.beans.evaluate import evaluate
 from homolog.beans.generate import NARROW, WIDE, draw_beans
 from homolog.correspondence import Shape, optimize
-from homolog.correspondence.engine import Engine
+from homolog.correspondence.divided import make_engine, prepare_on
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
 from homolog.correspondence.launcher import Launcher
-from homolog.correspondence.prepared_cohort import MEAN_AREA, prepare_cohort
 from homolog.correspondence.schedule import Weights
 from homolog.device import choose_device, describe_device
 from homolog.geometry import farthest_point_sampling
@@ -287,7 +286,8 @@ def an_engine(folder, device, count, particles):
     """Return an engine with particles spread over so many beans, copies of ten."""
     base = load(folder / "wide5.npz")
     shapes = [base[k % len(base)] for k in range(count)]
-    cohort = prepare_cohort(shapes, OptimizeSettings(particles=particles), device=device)
+    devices = device.split(",")
+    cohort = prepare_on(devices, shapes, OptimizeSettings(particles=particles), counts=[particles])
     surface_set = cohort.surface_set(particles)
     chosen = [
         farthest_point_sampling(m.vertices, min(particles, len(m.vertices)))
@@ -296,8 +296,7 @@ def an_engine(folder, device, count, particles):
     rows = [np.resize(chosen[k % len(base)], particles) for k in range(count)]
     jitter = np.random.default_rng(0).normal(scale=0.3, size=(count, particles, 3))
     positions = np.stack([m.vertices[row] for m, row in zip(surface_set.meshes, rows, strict=True)]) + jitter
-    given = {"geodesic": True, "area": MEAN_AREA, "launcher": Launcher(device)}
-    return Engine(cohort.fields, cohort.opening_fields, surface_set, positions, **given)
+    return make_engine(cohort, positions, Launcher(devices[0]), np.tile(np.eye(4), (count, 1, 1)), None)
 
 
 def memory():

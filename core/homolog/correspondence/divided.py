@@ -8,7 +8,7 @@ gradients, gets their steps and gives them the damped ones: 22 numbers a particl
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, permutations
 
 import numpy as np
 import warp as wp
@@ -95,6 +95,7 @@ def prepare_on(
             shapes, settings, device=devices[0], counts=counts, free_shapes=free_shapes, solve=solve,
             store=store, tick=tick,
         )  # fmt: skip
+    _connect(devices)
     unit = length_unit(shapes)
     opening = settings.opening_weight if settings.method.uses_normals else 0.0
     ways = [Similarity(shape.alignment[:3, :3] / unit, shape.alignment[:3, 3] / unit) for shape in shapes]
@@ -120,6 +121,13 @@ def prepare_on(
         device=devices[0],
         parts=parts,
     )
+
+
+def _connect(devices: Sequence[str]) -> None:
+    """Let GPUs read each other's memory, where they can; copies pass through the host otherwise."""
+    for target, peer in permutations(set(devices), 2):
+        if wp.is_mempool_access_supported(target, peer):
+            wp.set_mempool_access_enabled(target, peer, True)
 
 
 def _spans(shapes: int, devices: int) -> list[slice]:

@@ -3,7 +3,7 @@
 from homolog.geodesics.accuracy import Accuracy, measure_accuracy
 from homolog.geodesics.field import distances_from
 from homolog.geodesics.plan import Element, TablePlan, plan_tables
-from homolog.geodesics.solve import geodesic_distances, solve_plan, solve_table, solve_tables
+from homolog.geodesics.solve import check_room, geodesic_distances, solve_plan, solve_table, solve_tables
 from homolog.geodesics.table import GeodesicTable
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "Element",
     "GeodesicTable",
     "TablePlan",
+    "check_room",
     "distances_from",
     "geodesic_distances",
     "measure_accuracy",

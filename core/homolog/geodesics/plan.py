@@ -26,8 +26,8 @@ DENSE_BUDGET = 1_500_000_000
 """Limit [bytes] up to which a cohort's tables are dense, which is faster to read than blocks."""
 DENSE_TABLE_LIMIT = 250_000_000
 """Limit [bytes] for each dense table (11 180 vertices)."""
-DEFAULT_MEMORY_LIMIT = 8_000_000_000
-"""Default limit for the tables of a cohort [bytes]."""
+DENSE_LIMIT = 8_000_000_000
+"""Limit [bytes] for a cohort's dense tables, also where blocks would take more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,9 +124,9 @@ def plan_tables(
             tasks.append(task)
     squares = [2 * len(mesh.vertices) ** 2 for mesh in meshes]
     dense, blocks = sum(squares), sum(_block_bytes(task) for task in tasks)
-    ceiling = DEFAULT_MEMORY_LIMIT if memory_limit is None else memory_limit
+    ceiling = math.inf if memory_limit is None else memory_limit
     small = dense <= DENSE_BUDGET and max(squares, default=0) <= DENSE_TABLE_LIMIT
-    if dense <= ceiling and (small or dense <= blocks):
+    if dense <= min(ceiling, DENSE_LIMIT) and (small or dense <= blocks):
         return TablePlan(tuple(tasks), element, dense=True, nbytes=dense)
     if blocks > ceiling:
         raise InputError(

@@ -16,10 +16,11 @@ from homolog.geodesics.cpu.solver import solve_on_cpu
 from homolog.geodesics.cuda.solver import solve_on_cuda
 from homolog.geodesics.plan import Element, TablePlan, plan_tables
 from homolog.geodesics.table import GeodesicTable
+from homolog.memory import free_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["geodesic_distances", "solve_plan", "solve_table", "solve_tables"]
+__all__ = ["check_room", "geodesic_distances", "solve_plan", "solve_table", "solve_tables"]
 
 
 def solve_tables(
@@ -48,7 +49,7 @@ def solve_tables(
     element : {"point", "linear"}
         Local solver.
     memory_limit : int, optional
-        Ceiling for all tables together [bytes].
+        Ceiling for all tables together [bytes]; what is free on the device if not given.
     names : sequence of str, optional
         Subjects, for messages.
     tick : Tick
@@ -198,19 +199,30 @@ def geodesic_distances(
 
 
 def _solve(plan: TablePlan, device: str, tick: Tick, threads: int | None) -> list[GeodesicTable]:
+    check_room(plan, device)
     if device != "cpu":
         return solve_on_cuda(plan, device, _scratch(device, plan.nbytes), tick)
     n = len(plan.tasks)
     return [solve_on_cpu(plan, k, threads or cores(), part_of(tick, k / n, (k + 1) / n)) for k in range(n)]
 
 
+def check_room(plan: TablePlan, device: str) -> None:
+    """Refuse tables that the memory of the device can't hold.
+
+    Raises
+    ------
+    InputError
+        Naming both sizes.
+    """
+    free = free_memory() if device == "cpu" else int(wp.get_device(device).free_memory)
+    if plan.nbytes > 0.9 * free:
+        remedy = "keep them in files (--memory)" if device == "cpu" else "use several GPUs or the CPU"
+        raise InputError(
+            f"geodesic tables of {len(plan.tasks)} shapes take {plan.nbytes / 1e9:.3g} GB, but "
+            f"{free / 1e9:.3g} GB are free on {device}: {remedy}, fewer particles or a core set"
+        )
+
+
 def _scratch(device: str, table_bytes: int) -> int:
     """Return how much memory a batch may take beside the tables: half of what is left."""
-    free = int(wp.get_device(device).free_memory)
-    left = free - table_bytes
-    if left < free // 10:
-        raise InputError(
-            f"geodesic tables of {table_bytes / 1e9:.3g} GB do not fit the {free / 1e9:.3g} GB that are free "
-            f"on {device}: solve on the CPU, shorten d_max or use coarser meshes"
-        )
-    return left // 2
+    return (int(wp.get_device(device).free_memory) - table_bytes) // 2

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from homolog.files.atomic import report_os_errors
-from homolog.geodesics import GeodesicTable, plan_tables, solve_plan
+from homolog.geodesics import GeodesicTable, check_room, plan_tables, solve_plan
 from homolog.geodesics.cache import load_table, save_table, table_path
 from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
@@ -59,6 +59,9 @@ class TableCache:
             if kept is not None and kept.n_vertices == len(task.mesh.vertices):
                 tables[path] = kept.stored(self._store)
         absent = {path: task for path, task in zip(paths, plan.tasks, strict=True) if path not in tables}
+        if device != "cpu" or self._store is in_memory:  # else tables lie in files
+            tasks = tuple(absent.values())
+            check_room(replace(plan, tasks=tasks, nbytes=plan.nbytes * len(tasks) // len(paths)), device)
         size = 1 if device == "cpu" else _SHAPES_ON_GPU
         for first in range(0, len(absent), size):
             some = dict(list(absent.items())[first : first + size])
