@@ -194,7 +194,8 @@ def displacement_scale(
         Whether blue is away from the middle of the shape.
     """
     table = np.rint(255.0 * diverging_table()).astype(np.uint8)
-    texts = ("to the middle", "from the middle") if from_middle else ("into the tissue", "out of the tissue")
+    centre, tissue = ("toward the centre", "away from the centre"), ("into the tissue", "out of the tissue")
+    texts = centre if from_middle else tissue
     return ColourScale(title, "mm", -limit, limit, table, *texts, note)
 
 

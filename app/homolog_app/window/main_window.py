@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QEvent, QMimeData, QObject, Qt, Signal, Slot
+from PySide6.QtCore import QEvent, QMimeData, QObject, QSize, Qt, Signal, Slot
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
 from PySide6.QtOpenGLWidgets import QOpenGLWidget
 from PySide6.QtWidgets import QDockWidget, QFrame, QMainWindow, QStackedWidget, QTabBar, QVBoxLayout, QWidget
@@ -34,6 +34,8 @@ __all__ = ["Docks", "Inspector", "MainWindow"]
 
 _log = logging.getLogger(__name__)
 _INSPECTOR = 452  # pixels
+_SIZE, _FRAME = QSize(1440, 900), QSize(8, 40)
+"""Size at the first start, and what the system's frame takes of the screen [pixels]."""
 
 
 class Inspector(QFrame):
@@ -168,7 +170,7 @@ class MainWindow(QMainWindow):
         self.workspace = workspace
         workspace.setParent(self)
         self.setAcceptDrops(True)
-        self.resize(1440, 900)
+        self.resize(_SIZE.boundedTo(self.screen().availableSize() - _FRAME))
         self._take_colours()
         workspace.theme.changed.connect(self._take_colours)
         self.commands = Actions(self, workspace.theme)

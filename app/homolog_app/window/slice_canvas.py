@@ -26,6 +26,8 @@ from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
 from homolog.grooming.scans import Scan, check_frame, read_scan
 from homolog.progress import Tick
+from homolog_app.rendering.camera import round_length
+from homolog_app.rendering.text import short
 from homolog_app.views.slices import SliceScene, first_preset
 from homolog_app.window.runner import JobOutcome, Runner, Task
 from homolog_app.window.theme import Theme
@@ -38,6 +40,7 @@ _log = logging.getLogger(__name__)
 MARGIN = 28
 """Pixels around the slice, for letters."""
 _EDGE = 4.0
+_BAR_SHARE = 0.25
 _NOTCH = 120.0
 _ZOOM = 1.25
 _KEYS = {
@@ -172,14 +175,19 @@ class SliceCanvas(QWidget):
     def paintEvent(self, event: QPaintEvent) -> None:
         """Draw the slice, the contours, the crosshair and the letters."""
         painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.fillRect(self.rect(), QColor(self._theme.colours.scene))
-        if self.drawn is not None:
-            self._paint(painter, self.drawn)
+        self.draw(painter)
         if self.hasFocus():
             painter.setPen(QPen(QColor(self._theme.colours.accent), 1))
             painter.drawRect(self.rect().adjusted(0, 0, -1, -1))
         painter.end()
+
+    def draw(self, painter: QPainter) -> None:
+        """Draw the plane into its rectangle; nothing beyond it."""
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setClipRect(self.rect())
+        painter.fillRect(self.rect(), QColor(self._theme.colours.scene))
+        if self.drawn is not None:
+            self._paint(painter, self.drawn)
 
     def _pans(self, event: QMouseEvent) -> bool:
         middle = event.buttons() & Qt.MouseButton.MiddleButton
@@ -225,6 +233,7 @@ class SliceCanvas(QWidget):
             ]
         )  # fmt: skip
         self._paint_texts(painter, drawn)
+        self._paint_scale_bar(painter, drawn.scale)
 
     @staticmethod
     def _paint_line(painter: QPainter, line: Line, corner: FloatArray, size: FloatArray) -> None:
@@ -264,6 +273,21 @@ class SliceCanvas(QWidget):
                 painter.fillRect(area, patch)
                 painter.setPen(QColor(colour))
                 painter.drawText(area, Qt.AlignmentFlag.AlignCenter, text)
+
+    def _paint_scale_bar(self, painter: QPainter, scale: float) -> None:
+        """Draw a bar of a round length at the lower left, on a patch as the texts are."""
+        colours, metrics = self._theme.colours, painter.fontMetrics()
+        millimetres = round_length(_BAR_SHARE * self.width() / scale)
+        text, length = f"{short(millimetres)} mm", millimetres * scale
+        wide, high = max(length, float(metrics.horizontalAdvance(text))) + 8.0, metrics.height() + 6.0
+        area = QRectF(_EDGE, self.height() - high - _EDGE, wide, high)
+        patch = QColor(colours.scene)
+        patch.setAlpha(200)
+        painter.fillRect(area, patch)
+        painter.setPen(QPen(QColor(colours.text), 2))
+        left, y = area.left() + 4.0, area.bottom() - 3.0
+        painter.drawLine(QLineF(left, y, left + length, y))
+        painter.drawText(area.adjusted(4.0, 0.0, 0.0, -5.0), Qt.AlignmentFlag.AlignLeft, text)
 
 
 class ReadScan:

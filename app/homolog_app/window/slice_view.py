@@ -4,8 +4,8 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from PySide6.QtCore import Signal
-from PySide6.QtGui import QColor, QIcon, QImage, QPixmap
+from PySide6.QtCore import QRectF, Qt, Signal
+from PySide6.QtGui import QColor, QIcon, QImage, QPainter, QPixmap
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QVBoxLayout, QWidget
 
 from homolog.arrays import Array, FloatArray
@@ -32,6 +32,7 @@ __all__ = ["SliceView"]
 _NARROWEST = 176
 _TITLES = ("Axial", "Coronal", "Sagittal")
 _STRUCTURE, _WHOLE = "Structure", "Whole scan"
+_FINER = 2
 _ROOM = 1.3
 """How much more than the structure is seen around it."""
 _SEGMENTATION = "#ffb000"
@@ -145,6 +146,32 @@ class SliceView(QWidget):
         if name == self.sliced.name:
             self._place = self._aim[1]
             self._draw()
+
+    def picture(self) -> QImage:
+        """Return a picture of the planes and of what is shown in them, without the controls."""
+        colours, area = self._theme.colours, QRectF(self._info.geometry())
+        picture = QImage(self.size() * _FINER, QImage.Format.Format_RGB32)
+        picture.setDevicePixelRatio(_FINER)
+        picture.fill(QColor(colours.line))
+        painter = QPainter(picture)
+        for canvas in self.canvases:
+            if not canvas.isHidden():
+                painter.save()
+                painter.translate(canvas.pos())
+                canvas.draw(painter)
+                painter.restore()
+        painter.fillRect(area, QColor(colours.scene))
+        plain = self.contours.icon().isNull()  # the contour has the colours of a map
+        legend = ((self.segmentation, _SEGMENTATION), (self.contours, colours.text if plain else _GROOMED))
+        lines = [(text.text(), colours.text) for text in (self.title, self.about)]
+        lines += [(box.text(), colour) for box, colour in legend if not box.isHidden() and box.isChecked()]
+        room = area.adjusted(2.0 * GRID, GRID, -2.0 * GRID, 0.0)
+        for text, colour in lines:
+            painter.setPen(QColor(colour))
+            painter.drawText(room, Qt.TextFlag.TextWordWrap, text)
+            room.setTop(painter.boundingRect(room, Qt.TextFlag.TextWordWrap, text).bottom() + GRID)
+        painter.end()
+        return picture
 
     @property
     def place(self) -> FloatArray:

@@ -152,13 +152,13 @@ class Views(QObject):
     def copy_picture(self) -> None:
         """Put a picture of what is seen on the clipboard."""
         slices = self.stage.slices
-        picture = slices.grab().toImage() if self.shows_slices else self.stage.scene.picture()
+        picture = slices.picture() if self.shows_slices else self.stage.scene.picture()
         QApplication.clipboard().setImage(picture)
 
     def save_picture(self) -> None:
         """Ask how and where, and save a picture of the views, or of the slices, as they are now."""
         if self.shows_slices:
-            self.slices_wanted.emit(self.stage.slices.grab())
+            self.slices_wanted.emit(self.stage.slices.picture())
             return
         scene = self.stage.scene
         self.picture_wanted.emit(scene.shown_now, scene.canvas, self.snapshot)

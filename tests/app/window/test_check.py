@@ -102,6 +102,7 @@ def test_a_planted_swap_heads_the_list_and_is_mended_undone_and_kept(
 
     checking.commands["edit.undo"].trigger()
     assert session.result is before
+    assert not checking.workspace.is_changed  # nothing is left to be saved
     assert set(page.rows.suspects[0].particles) == set(PAIR)
     checking.commands["edit.redo"].trigger()
 

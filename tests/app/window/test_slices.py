@@ -168,6 +168,17 @@ def test_a_plane_can_be_seen_alone(scanned):
     assert all(canvas.isVisible() for canvas in slices.canvases)
 
 
+def test_a_picture_of_slices_has_the_planes_at_twice_the_size_and_no_controls(scanned):
+    slices = scanned()
+    picture = slices.picture()
+    assert picture.size() == slices.size() * 2
+    button = slices.choose.geometry().translated(slices.choose.parentWidget().pos())
+    for area, shows_something in ((slices.canvases[0].geometry(), True), (button, False)):
+        part = picture.copy(area.left() * 2, area.top() * 2, area.width() * 2, area.height() * 2)
+        shades = {part.pixel(x, y) for x in range(0, part.width(), 5) for y in range(0, part.height(), 5)}
+        assert (len(shades) > 2) is shows_something
+
+
 def test_an_image_that_is_dropped_on_a_subject_can_be_its_scan(scanned, tmp_path, wait):
     scanned()
     window = scanned.window

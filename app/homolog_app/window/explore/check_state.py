@@ -45,7 +45,7 @@ class InspectionState(QObject):
         self._versions: list[_Version] = []
         workspace.session.result_changed.connect(self._look)
         workspace.session.undo.cleanChanged.connect(self._follow_save)
-        workspace.session.job_changed.connect(self._look)
+        workspace.session.job_changed.connect(self._follow_job)
 
     @property
     def inspection(self) -> "Inspection | None":
@@ -160,6 +160,15 @@ class InspectionState(QObject):
         if clean and not self._workspace.closed:  # the history is cleared once more when it is destroyed
             self.write()
 
+    @Slot()
+    def _follow_job(self) -> None:
+        """Go on once a job has ended; particles that could not be written are still to be saved."""
+        session = self._workspace.session
+        known = self._version is not None
+        if known and not session.job.is_busy and session.undo.isClean() and not self.is_written:
+            session.undo.resetClean()
+        self._look()
+
     @property
     def _version(self) -> _Version | None:
         result = self._workspace.session.result
@@ -170,8 +179,6 @@ class InspectionState(QObject):
         session, result = self._workspace.session, self._workspace.session.result
         busy = session.job.is_busy
         known = self._version is not None
-        if known and not busy and session.undo.isClean() and not self.is_written:
-            session.undo.resetClean()  # writing was cancelled or failed
         if result is not self._seen:
             self._seen = result
             if not known:

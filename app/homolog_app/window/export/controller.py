@@ -19,7 +19,7 @@ from homolog_app.window.export.choosers import KINDS
 from homolog_app.window.workspace import Controller, Workspace, reported
 
 if TYPE_CHECKING:
-    from PySide6.QtGui import QPixmap
+    from PySide6.QtGui import QImage
 
     from homolog_app.rendering.camera import Canvas
     from homolog_app.views.content import ViewContents
@@ -62,7 +62,7 @@ class ExportController(Controller):
         dialog.show()
 
     @reported
-    def save_slices(self, picture: "QPixmap") -> None:
+    def save_slices(self, picture: "QImage") -> None:
         """Ask for a file and save a picture of the slices there."""
         path, _ = QFileDialog.getSaveFileName(self._window, "Save picture", "slices.png", "Pictures (*.png)")
         if path and not picture.save(path):
