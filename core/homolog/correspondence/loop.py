@@ -9,7 +9,7 @@ from homolog.correspondence.divided import make_engine
 from homolog.correspondence.engine import Engine, Particles, rotations
 from homolog.correspondence.entropy.dual import covariance, entropy
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
-from homolog.correspondence.initialization.registration import initial_particles
+from homolog.correspondence.initialization.registration import InitialRegistration
 from homolog.correspondence.initialization.splitting import split
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.misplaced import relocate, relocate_misplaced
@@ -17,7 +17,6 @@ from homolog.correspondence.poses import (
     alignments_of_particles,
     entropy_step,
     largest_turn,
-    posed_meshes,
     poses_of_particles,
     procrustes_step,
     scales_of,
@@ -151,15 +150,19 @@ class OptimizationLoop:
                 self.poses = poses_of_particles(points, self.poses, self.free_poses, scaling=self.scaling)
             self._set_particles(count, points)
             return
-        start = self.poses
+        start, tick = self.poses, self.initial_tick
+        registration = InitialRegistration(
+            self.cohort.surface_set(count).meshes, count, self.settings.seed, self.landmarks,
+            part_of(tick, 0.0, 0.1),
+        )  # fmt: skip
         first = 0.5 if self.aligns else 1.0  # of the progress; the rest is of a second try, if one is made
-        self._register(count, TANGENTIAL_WEIGHT, part_of(self.initial_tick, 0.0, first))
+        self._register(registration, TANGENTIAL_WEIGHT, part_of(tick, 0.1, first))
         if not self.aligns or largest_turn(self.poses) < DOUBTFUL_TURN:
             return
         # The surface of a shape that differs much from the mean may lie nearest when it is turned over.
         turned, engine, most = self.poses, self.engine, CLEARLY_LOWER * self._ensemble_entropy()
         self.poses, self.log.tangential_weight = start, 1.0
-        self._register(count, 1.0, part_of(self.initial_tick, first, 1.0))
+        self._register(registration, 1.0, part_of(tick, first, 1.0))
         if self._ensemble_entropy() > most:
             self.poses, self.engine, self.log.tangential_weight = turned, engine, TANGENTIAL_WEIGHT
 
@@ -167,15 +170,13 @@ class OptimizationLoop:
         rows = self.engine.aligned_positions().reshape(len(self.poses), -1)
         return entropy(covariance(rows - rows.mean(axis=0)), MAX_POSE_REGULARIZATION)
 
-    def _register(self, count: int, tangential_weight: float, progress: Tick) -> None:
+    def _register(self, registration: InitialRegistration, tangential_weight: float, progress: Tick) -> None:
         """Place particles by registration, and align the shapes by them."""
         rounds = INITIAL_ROUNDS if self.aligns else 1
         for number in range(rounds):
-            meshes = posed_meshes(self.cohort.surface_set(count).meshes, self.poses)
             tick = part_of(progress, number / rounds, (number + 1) / rounds)
-            landmarks = None if self.landmarks is None else transform_points(self.poses, self.landmarks)
-            aligned = initial_particles(meshes, count, self.settings.seed, tick, landmarks)
-            self._set_particles(count, transform_points(inverse_matrices(self.poses), aligned))
+            points = registration.particles(self.poses, tick)
+            self._set_particles(points.shape[1], points)
             for _ in range(ALIGNING_ROUNDS):
                 self._align(tangential_weight)
             if number == 0:  # a first model, long before the optimization has one

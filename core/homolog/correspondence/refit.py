@@ -10,9 +10,9 @@ from scipy.spatial import cKDTree
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.correspondence.initialization.registration import (
+    Registration,
     ThinPlateMap,
     features,
-    register,
     snap_to_mesh,
 )
 from homolog.correspondence.mirror_images import with_mirror_images
@@ -21,7 +21,6 @@ from homolog.correspondence.optimizer import optimize
 from homolog.correspondence.surface_sets import Similarity, length_unit, normalize_size
 from homolog.correspondence.types import FrameCallback, InitialParticles, OptimizedParticles, Shape
 from homolog.errors import InputError
-from homolog.geometry import farthest_point_sampling
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
@@ -201,9 +200,9 @@ def _warp(
     source: TriangleMesh, target: TriangleMesh, points: FloatArray, normals: FloatArray, tick: Tick
 ) -> tuple[FloatArray, FloatArray]:
     """Warp points and normals from one coarse mesh towards another, (n, 3) each."""
-    control = farthest_point_sampling(source.vertices, min(N_CONTROL_POINTS, len(source.vertices)))
-    maps = ThinPlateMap.fit(source.vertices[control], source.vertices)
-    deformed = register(source, control, target, target.vertex_normals, maps, source, tick)
+    registration = Registration.of(source)
+    deformed = registration.deform([target], [source.vertices], tick=tick)[0]
+    control = registration.control
     through = ThinPlateMap.fit(source.vertices[control], points)
     near = cKDTree(features(source.vertices, source.vertex_normals)).query(features(points, normals))[1]
     return through.apply(deformed.vertices[control], INTERPOLATION_SMOOTHING), deformed.vertex_normals[near]

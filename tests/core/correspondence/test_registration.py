@@ -1,10 +1,11 @@
 """The registration that places the first particles."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from homolog.correspondence.initialization.registration import (
+    InitialRegistration,
     ThinPlateMap,
-    initial_particles,
     registration_tree,
     shape_distances,
     spread_vertices,
@@ -95,8 +96,13 @@ def test_first_particles_follow_a_known_deformation(ellipsoid_shapes):
     plain = TriangleMesh(source.vertices / unit, source.faces)
     bent = plain.vertices.copy()
     bent[:, 2] += 6.0 * np.sin(bent[:, 0] / 50.0)
-    found = initial_particles([plain, TriangleMesh(bent, source.faces)], 60)
+    registration = InitialRegistration([plain, TriangleMesh(bent, source.faces)], 60)
+    found = registration.particles(np.tile(np.eye(4), (2, 1, 1)))
     expected = found[0].copy()
     expected[:, 2] += 6.0 * np.sin(expected[:, 0] / 50.0)
     spacing = np.sqrt(plain.area / 60)
     assert np.linalg.norm(found[1] - expected, axis=1).mean() < 0.25 * spacing
+    turned = np.tile(np.eye(4), (2, 1, 1))
+    turned[1, :3, :3] = Rotation.from_euler("z", 4.0, degrees=True).as_matrix()
+    again = registration.particles(turned)
+    assert np.linalg.norm(again[1] - expected, axis=1).mean() < 0.25 * spacing

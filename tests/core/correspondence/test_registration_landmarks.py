@@ -2,8 +2,13 @@
 
 import numpy as np
 
-from homolog.correspondence.initialization.registration import initial_particles
+from homolog.correspondence.initialization.registration import InitialRegistration
 from homolog.surfaces.mesh import TriangleMesh
+
+
+def initial_particles(meshes, count, landmarks=None):
+    poses = np.tile(np.eye(4), (len(meshes), 1, 1))
+    return InitialRegistration(meshes, count, landmarks=landmarks).particles(poses)
 
 
 def test_the_first_particles_are_the_vertices_nearest_to_the_landmarks(ellipsoid_shapes):

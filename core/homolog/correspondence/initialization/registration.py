@@ -6,29 +6,41 @@ here: iterated closest points in position and normal, under a thin-plate map of 
 that is far from the reference is reached in steps, by way of shapes between.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from typing import Self
 
 import numpy as np
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from homolog.arrays import FloatArray, IntArray
+from homolog.correspondence.poses import largest_turn, posed_meshes
 from homolog.device import cores
-from homolog.geometry import farthest_point_sampling
+from homolog.geometry import farthest_point_sampling, inverse_matrices, transform_points
 from homolog.progress import Tick, no_tick, part_of, run_in_background, run_in_threads
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import edges
 from homolog.threads import in_threads
 
-__all__ = ["initial_particles", "registration_tree", "shape_distances", "snap_to_mesh", "spread_vertices"]
+__all__ = [
+    "InitialRegistration",
+    "Registration",
+    "registration_tree",
+    "shape_distances",
+    "snap_to_mesh",
+    "spread_vertices",
+]
 
 N_CONTROL_POINTS = 400  # of the thin-plate map, on the reference
 N_ROUNDS = 12  # of closest points
+N_LATER_ROUNDS = 5  # of a shape that was registered before, beside a reference from which it turned little
+SMALL_TURN = np.radians(5.0)
+N_TOGETHER = 8  # shapes that are registered in one piece of work, on any number of cores
 MIN_LANDMARKS = 6  # for a thin-plate map; four points determine an affine map
 FIRST_SMOOTHING, LAST_SMOOTHING = 1e3, 10.0  # of the thin-plate map in the first and last round
 N_MATCHES, MATCH_WIDTH = (
@@ -69,83 +81,193 @@ class ThinPlateMap:
         return cls(bending, np.maximum(values, 0.0), basis, affine)
 
     def apply(self, targets: FloatArray, smoothing: float) -> FloatArray:
-        """Return the mapped points (V, 3), for targets (n, 3) of the control points."""
+        """Return the mapped points (V, 3K), for targets (n, 3K) of the control points by K maps."""
         weights = (self.basis.T @ targets) / (self.values + smoothing)[:, None]
         result: FloatArray = self.bending @ weights + self.affine @ targets
         return result
 
 
-def initial_particles(
-    meshes: Sequence[TriangleMesh],
-    count: int,
-    seed: int = 0,
-    tick: Tick = no_tick,
-    landmarks: FloatArray | None = None,
-) -> FloatArray:
-    """Return corresponding initial particles on coarse meshes.
+@dataclass(frozen=True, slots=True, eq=False)
+class Registration:
+    """A source mesh to be deformed onto others by closest points, under softening thin plates.
+
+    A closest point is the mean of a few vertices, by their distances: between vertices there is surface too.
+    """
+
+    source: TriangleMesh
+    control: IntArray  # (n,) vertices
+    maps: ThinPlateMap
+    corners: IntArray  # (F, 3) vertices of the faces with a control point
+    incidence: csr_array  # (n, F) which of the faces meet at a control point
+
+    @classmethod
+    def of(cls, source: TriangleMesh) -> Self:
+        """Choose the control points and factorize their maps."""
+        control = farthest_point_sampling(source.vertices, min(N_CONTROL_POINTS, len(source.vertices)))
+        rows = np.full(len(source.vertices), -1)
+        rows[control] = np.arange(len(control))
+        corners = source.faces[(rows[source.faces] >= 0).any(axis=1)]
+        face, corner = np.nonzero(rows[corners] >= 0)
+        entries = np.ones(len(face)), (rows[corners[face, corner]], face)
+        incidence = coo_array(entries, shape=(len(control), len(corners))).tocsr()
+        maps = ThinPlateMap.fit(source.vertices[control], source.vertices)
+        return cls(source, control, maps, corners, incidence)
+
+    def deform(
+        self,
+        targets: Sequence[TriangleMesh],
+        guesses: Sequence[FloatArray],
+        rounds: int = N_ROUNDS,
+        tick: Tick = no_tick,
+    ) -> list[TriangleMesh]:
+        """Return the source deformed onto each of some targets.
+
+        Parameters
+        ----------
+        targets : sequence of TriangleMesh
+            Registered together, as a product of many columns is quicker than many of three.
+        guesses : sequence of (V, 3) arrays
+            The source's vertices, deformed as the first closest points are searched from.
+        rounds : int
+            So many of the last of `N_ROUNDS` rounds, whose maps are the softest.
+        tick : Tick
+            Cancelling.
+        """
+        trees = [cKDTree(features(target.vertices, target.vertex_normals)) for target in targets]
+        deformed = np.stack(guesses, axis=1)  # (V, targets, 3)
+        for smoothing in np.geomspace(FIRST_SMOOTHING, LAST_SMOOTHING, N_ROUNDS)[-rounds:]:
+            normals = self._control_normals(deformed)
+            matched = np.empty((len(self.control), len(targets), 3))
+            for index, (target, tree) in enumerate(zip(targets, trees, strict=True)):
+                tick(0.0, "first particles")
+                wanted = features(deformed[self.control, index], normals[:, index])
+                distances, vertices = (np.asarray(item) for item in tree.query(wanted, k=N_MATCHES))
+                squared = np.square(distances)
+                weights = np.exp(-0.5 * (squared - squared[:, :1]) / MATCH_WIDTH**2)
+                weights /= weights.sum(axis=1, keepdims=True)
+                matched[:, index] = np.einsum("nk,nkd->nd", weights, target.vertices[vertices])
+            moved = self.maps.apply(matched.reshape(len(matched), -1), float(smoothing))
+            deformed = moved.reshape(deformed.shape)
+        return [TriangleMesh(deformed[:, index].copy(), self.source.faces) for index in range(len(targets))]
+
+    def _control_normals(self, deformed: FloatArray) -> FloatArray:
+        """Return the normals (n, targets, 3) at the control points of meshes (V, targets, 3)."""
+        a, b, c = (deformed[self.corners[:, corner]] for corner in range(3))
+        across = np.cross(b - a, c - a).reshape(len(self.corners), -1)
+        sums = (self.incidence @ across).reshape(len(self.control), -1, 3)
+        normals: FloatArray = sums / np.maximum(np.linalg.norm(sums, axis=2, keepdims=True), 1e-300)
+        return normals
+
+
+class InitialRegistration:
+    """Corresponding particles on coarse meshes, again and again while the poses of the shapes improve.
+
+    What does not depend on poses is computed once: the reference, the particles that are spread over it, and
+    by way of which shapes it reaches the others.
 
     Parameters
     ----------
     meshes : sequence of TriangleMesh
-        The M shapes, aligned, in the optimizer's coordinates.
+        The M shapes in the optimizer's coordinates, roughly aligned.
     count : int
         Particles a shape.
     seed : int
         Draws the vertex from which the particles are spread.
-    tick : Tick
-        Progress and cancelling.
     landmarks : (M, L, 3) array, optional
         Corresponding points, L <= count: the first L particles are the vertices nearest to them, and the
         registrations of the others start from the thin-plate map between them.
-
-    Returns
-    -------
-    (M, count, 3) array
-        On the meshes, or nearly.
+    tick : Tick
+        Progress and cancelling.
     """
-    normals = list(in_threads(lambda mesh: mesh.vertex_normals, meshes, cores()))
-    reference, parents = registration_tree(*shape_distances(meshes, part_of(tick, 0.0, 0.1)))
-    source = meshes[reference]
-    control = farthest_point_sampling(source.vertices, min(N_CONTROL_POINTS, len(source.vertices)))
-    landmark_vertices = _landmark_vertices(meshes, landmarks)
-    if len(landmark_vertices[reference]):
-        chosen = spread_vertices(source, count, landmark_vertices[reference])
-    else:
-        begin = int(np.random.default_rng(seed).integers(len(source.vertices)))
-        chosen = spread_vertices(source, count, np.array([begin]))
-    maps = run_in_background(
-        lambda _: ThinPlateMap.fit(source.vertices[control], source.vertices),
-        part_of(tick, 0.1, 0.1),
-        "first particles",
-    )
 
-    result = np.empty((len(meshes), count, 3))
-    result[reference] = source.vertices[chosen]
-    deformed = {reference: source}
+    def __init__(
+        self,
+        meshes: Sequence[TriangleMesh],
+        count: int,
+        seed: int = 0,
+        landmarks: FloatArray | None = None,
+        tick: Tick = no_tick,
+    ) -> None:
+        self._meshes, self._landmarks = meshes, _landmark_vertices(meshes, landmarks)
+        self._reference, self._parents = registration_tree(*shape_distances(meshes, tick))
+        source = meshes[self._reference]
+        begin = self._landmarks[self._reference]
+        if not len(begin):
+            begin = np.array([int(np.random.default_rng(seed).integers(len(source.vertices)))])
+        self._chosen = spread_vertices(source, count, begin)
+        self._registration = run_in_background(
+            lambda _: Registration.of(source), part_of(tick, 1.0, 1.0), "first particles"
+        )
+        self._deformed: dict[int, TriangleMesh] = {}
+        self._relative: FloatArray | None = None
 
-    def deform(index: int, inner: Tick) -> TriangleMesh:
-        own = landmark_vertices[index]
-        guess = _guess_of_landmarks(source, landmark_vertices[reference], meshes[index].vertices[own])
-        guess = guess or deformed[int(parents[index])]
-        return register(source, control, meshes[index], normals[index], maps, guess, inner)
+    def particles(self, poses: FloatArray, tick: Tick = no_tick) -> FloatArray:
+        """Return the particles (M, count, 3) on the meshes, or nearly.
 
-    while len(deformed) < len(meshes):
-        ready = [i for i in range(len(meshes)) if i not in deformed and int(parents[i]) in deformed]
-        done = len(deformed) / len(meshes)
-        part = part_of(tick, 0.1 + 0.9 * done, 0.1 + 0.9 * (done + len(ready) / len(meshes)))
-        works = [partial(deform, index) for index in ready]
-        deformed |= dict(zip(ready, run_in_threads(works, part, "first particles", cores()), strict=True))
+        Parameters
+        ----------
+        poses : (M, 4, 4) array
+            Similarities that align the shapes. A shape that has turned little beside the reference since
+            the last call is registered from where it was then, with fewer closest points.
+        tick : Tick
+            Progress and cancelling.
+        """
+        relative = inverse_matrices(poses[self._reference][None])[0] @ poses  # to the reference's frame
+        meshes = posed_meshes(self._meshes, relative)
+        source, chosen = meshes[self._reference], self._chosen
+        deformed = {self._reference: source}
+        if self._relative is not None:
+            moves = relative @ inverse_matrices(self._relative)
+            near = [k for k in self._deformed if largest_turn(moves[k : k + 1]) < SMALL_TURN]
+            guesses = [transform_points(moves[k], self._deformed[k].vertices) for k in near]
+            share = part_of(tick, 0.0, (1 + len(near)) / len(meshes))
+            deformed |= self._deform(meshes, near, guesses, N_LATER_ROUNDS, share)
+        while len(deformed) < len(meshes):
+            ready = [k for k in range(len(meshes)) if k not in deformed and int(self._parents[k]) in deformed]
+            done, end = len(deformed) / len(meshes), (len(deformed) + len(ready)) / len(meshes)
+            guesses = [self._guess(meshes, deformed, k) for k in ready]
+            deformed |= self._deform(meshes, ready, guesses, N_ROUNDS, part_of(tick, done, end))
+        del deformed[self._reference]
+        self._relative, self._deformed = relative, deformed
 
-    def snapped(index: int) -> FloatArray:
-        mesh = deformed[index]
-        return snap_to_mesh(mesh.vertices[chosen], mesh.vertex_normals[chosen], meshes[index])
+        def snapped(index: int) -> FloatArray:
+            mesh = deformed[index]
+            points = snap_to_mesh(mesh.vertices[chosen], mesh.vertex_normals[chosen], meshes[index])
+            own = self._landmarks[index]
+            points[: len(own)] = meshes[index].vertices[own]
+            return points
 
-    others = [index for index in deformed if index != reference]
-    for index, points in zip(others, in_threads(snapped, others, cores()), strict=True):
-        own = landmark_vertices[index]
-        result[index] = points
-        result[index, : len(own)] = meshes[index].vertices[own]
-    return result
+        result = np.empty((len(meshes), len(chosen), 3))
+        result[self._reference] = source.vertices[chosen]
+        for index, points in zip(deformed, in_threads(snapped, deformed, cores()), strict=True):
+            result[index] = points
+        return transform_points(inverse_matrices(relative), result)
+
+    def _guess(
+        self, meshes: Sequence[TriangleMesh], deformed: Mapping[int, TriangleMesh], index: int
+    ) -> FloatArray:
+        """Return the reference's vertices as the first closest points of a shape are searched from."""
+        of_reference, own = self._landmarks[self._reference], self._landmarks[index]
+        guess = _guess_of_landmarks(meshes[self._reference], of_reference, meshes[index].vertices[own])
+        return deformed[int(self._parents[index])].vertices if guess is None else guess
+
+    def _deform(
+        self,
+        meshes: Sequence[TriangleMesh],
+        chosen: Sequence[int],
+        guesses: Sequence[FloatArray],
+        rounds: int,
+        tick: Tick,
+    ) -> dict[int, TriangleMesh]:
+        """Return the reference deformed onto some of the shapes."""
+
+        def deform(some: slice, inner: Tick) -> list[TriangleMesh]:
+            targets = [meshes[index] for index in chosen[some]]
+            return self._registration.deform(targets, guesses[some], rounds, inner)
+
+        works = [partial(deform, slice(k, k + N_TOGETHER)) for k in range(0, len(chosen), N_TOGETHER)]
+        found = chain(*run_in_threads(works, tick, "first particles", cores()))
+        return dict(zip(chosen, found, strict=True))
 
 
 def spread_vertices(mesh: TriangleMesh, count: int, begin: IntArray) -> IntArray:
@@ -193,41 +315,13 @@ def _landmark_vertices(meshes: Sequence[TriangleMesh], landmarks: FloatArray | N
 
 def _guess_of_landmarks(
     source: TriangleMesh, landmark_vertices: IntArray, targets: FloatArray
-) -> TriangleMesh | None:
-    """Return the source deformed by the thin-plate map of its landmarks; None if there are too few."""
+) -> FloatArray | None:
+    """Return the source's vertices, mapped by the thin plate of its landmarks; None if those are too few."""
     points = source.vertices[landmark_vertices]
     if len(landmark_vertices) < MIN_LANDMARKS or np.linalg.matrix_rank(points - points.mean(axis=0)) < 3:
         return None
     maps = ThinPlateMap.fit(points, source.vertices)
-    return TriangleMesh(maps.apply(targets, LAST_SMOOTHING), source.faces)
-
-
-def register(
-    source: TriangleMesh,
-    control: IntArray,
-    target: TriangleMesh,
-    normals: FloatArray,
-    maps: ThinPlateMap,
-    initial_guess: TriangleMesh,
-    tick: Tick = no_tick,
-) -> TriangleMesh:
-    """Return the source mesh deformed onto the target by closest points, under softening thin plates.
-
-    A closest point is the mean of a few vertices, by their distances: between vertices there is surface too.
-    The first closest points are those of the guess, a deformed source.
-    """
-    deformed = initial_guess
-    tree = cKDTree(features(target.vertices, normals))
-    for number, smoothing in enumerate(np.geomspace(FIRST_SMOOTHING, LAST_SMOOTHING, N_ROUNDS)):
-        tick(number / N_ROUNDS, "first particles")
-        source_features = features(deformed.vertices, deformed.vertex_normals)
-        nearest = tree.query(source_features[control], k=N_MATCHES)
-        distances, vertices = np.asarray(nearest[0]), np.asarray(nearest[1])
-        weights = np.exp(-0.5 * (np.square(distances) - np.square(distances[:, :1])) / MATCH_WIDTH**2)
-        weights /= weights.sum(axis=1, keepdims=True)
-        matched = np.einsum("nk,nkd->nd", weights, target.vertices[vertices])
-        deformed = TriangleMesh(maps.apply(matched, float(smoothing)), source.faces)
-    return deformed
+    return maps.apply(targets, LAST_SMOOTHING)
 
 
 def features(vertices: FloatArray, normals: FloatArray) -> FloatArray:
