@@ -148,6 +148,8 @@ class DeviceCoupling(Coupling):
         self._blocks = -(-shapes // int(dual_kernels.BLOCK_SIZE))
         size = (int(dual_kernels.N_MATRICES), self._blocks, self._blocks)
         self._matrices = [wp.zeros(size, dtype=wp.mat44d, **make) for _ in range(2)]
+        panel = (size[0], dual_kernels.PANEL_ROWS, self._blocks)
+        self._panels = [wp.zeros(panel, dtype=wp.mat44d, **make) for _ in range(2)]
         self._logdets: DeviceArray = wp.zeros(size[0], dtype=wp.float64, **make)
         self._inverses = [wp.zeros((shapes, shapes), dtype=float, **make) for _ in range(3)]
 
@@ -173,11 +175,20 @@ class DeviceCoupling(Coupling):
             inputs=[stage, iteration, *self._covariances, source, self._logdets, self.stiffness],
             device=device,
         )
-        for pivot in range(self._blocks):
+        for begin in range(0, self._blocks, dual_kernels.PANEL_ROWS):
+            rows = min(dual_kernels.PANEL_ROWS, self._blocks - begin)
+            for pivot in range(begin, begin + rows):
+                self._panels.reverse()
+                wp.launch(
+                    dual_kernels.reduce_panel,
+                    dim=(source.shape[0], rows, self._blocks),
+                    inputs=[begin, pivot, source, *self._panels, self._logdets],
+                    device=device,
+                )
             wp.launch(
                 dual_kernels.eliminate,
                 dim=source.shape,
-                inputs=[pivot, source, target, self._logdets],
+                inputs=[begin, rows, source, self._panels[1], target],
                 device=device,
             )
             source, target = target, source

@@ -1,7 +1,7 @@
 """The dual of `homolog.correspondence.entropy.dual` on a CUDA device, without synchronization with the host.
 
-Matrices are processed in blocks of `BLOCK_SIZE` x `BLOCK_SIZE`, so that an inversion takes M/4 launches.
-Matrices to be inverted are padded with the identity to whole blocks.
+Matrices are processed in blocks of `BLOCK_SIZE` x `BLOCK_SIZE`, padded with the identity to whole ones, and
+inverted by sweeps of `PANEL_ROWS` rows of blocks, as each sweep reads and writes the matrices as a whole.
 """
 
 import warp as wp
@@ -15,16 +15,19 @@ __all__ = [
     "BLOCK_DIM",
     "BLOCK_SIZE",
     "N_MATRICES",
+    "PANEL_ROWS",
     "eliminate",
     "extract_inverses",
     "gram",
     "multiply",
+    "reduce_panel",
     "regularize",
 ]
 
 N_MATRICES = wp.constant(3)  # C + aI, C + (a + p)I, normals' C + bI
 BLOCK_SIZE = wp.constant(4)
 BLOCK_DIM = 128
+PANEL_ROWS = 4  # of blocks
 
 
 @wp.kernel
@@ -123,25 +126,61 @@ def invert_block(matrix: wp.mat44d):
 
 
 @wp.kernel
-def eliminate(
+def reduce_panel(
+    begin: int,
     pivot: int,
     source: wp.array3d(dtype=wp.mat44d),
-    target: wp.array3d(dtype=wp.mat44d),
+    before: wp.array3d(dtype=wp.mat44d),
+    panel: wp.array3d(dtype=wp.mat44d),
     logdets: wp.array(dtype=wp.float64),
 ):
-    """One Gauss-Jordan sweep of a block of pivots; as many as blocks in a row invert the matrices."""
+    """One Gauss-Jordan sweep by a block of pivots, of the rows `begin` … of a panel only.
+
+    `before` holds the panel as the sweep before left it; the first sweep takes it from `source`.
+    """
     m, i, j = wp.tid()
-    inverse, determinant = invert_block(source[m, pivot, pivot])
-    value = source[m, i, j]
-    if i == pivot and j == pivot:
+    row = begin + i
+    if pivot == begin:
+        corner = source[m, pivot, pivot]
+        value = source[m, row, j]
+        across = source[m, row, pivot]
+        above = source[m, pivot, j]
+    else:
+        corner = before[m, pivot - begin, pivot]
+        value = before[m, i, j]
+        across = before[m, i, pivot]
+        above = before[m, pivot - begin, j]
+    inverse, determinant = invert_block(corner)
+    if row == pivot and j == pivot:
         value = inverse
         logdets[m] = logdets[m] + wp.log(determinant)
-    elif i == pivot:
+    elif row == pivot:
         value = inverse * value
     elif j == pivot:
         value = -value * inverse
     else:
-        value = value - source[m, i, pivot] * (inverse * source[m, pivot, j])
+        value = value - across * (inverse * above)
+    panel[m, i, j] = value
+
+
+@wp.kernel
+def eliminate(
+    begin: int,
+    rows: int,
+    source: wp.array3d(dtype=wp.mat44d),
+    panel: wp.array3d(dtype=wp.mat44d),
+    target: wp.array3d(dtype=wp.mat44d),
+):
+    """Apply the sweeps of a panel of `rows` blocks to all rows; as many as panels invert the matrices."""
+    m, i, j = wp.tid()
+    if i >= begin and i < begin + rows:
+        target[m, i, j] = panel[m, i - begin, j]
+        return
+    value = wp.mat44d()
+    if j < begin or j >= begin + rows:
+        value = source[m, i, j]
+    for k in range(rows):
+        value -= source[m, i, begin + k] * panel[m, k, j]
     target[m, i, j] = value
 
 
