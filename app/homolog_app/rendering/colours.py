@@ -114,7 +114,7 @@ def colours_by_place(mean: FloatArray) -> Array:
     return frozen(np.rint(255 * np.array(rgb)), np.uint8)
 
 
-FAINT = 0.35
+_FAINT = 0.35
 """What remains of a colour's strength where a difference is within the limit."""
 GREY = (150, 150, 150)
 """What has no value, or none that counts: neutral, and unlike every colour of the scales."""
@@ -173,7 +173,7 @@ class ColourScale:
         chosen = self.table[np.rint(place).astype(np.intp)]
         if faint is not None:
             middle = self.table[len(self.table) // 2]
-            chosen[faint] = np.rint(middle + FAINT * (chosen[faint] - middle.astype(float)))
+            chosen[faint] = np.rint(middle + _FAINT * (chosen[faint] - middle.astype(float)))
         if faded is not None and faded.any():
             chosen[faded] = GREY
         return chosen

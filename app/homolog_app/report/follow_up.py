@@ -43,6 +43,8 @@ _EXPECTED = (
     "subject in twenty exceeds the limit anywhere."
 )
 _MAPS_A_PAGE = 3
+_HIGHEST = 2.0
+"""Of a map on a page [inches]."""
 _COLUMNS = ("time", "volume (%)", "mean (mm)", "rms (mm)", "outward (mm)", "inward (mm)", "beyond (mm²)")
 _UNSIGNED = ("rms (mm)", "beyond (mm²)")
 
@@ -106,7 +108,7 @@ def write_follow_up(
     own = follow_up.surface.placed(inverse_matrices(first.placement))
     scale = common_limit([change.distance for change in follow_up.changes])
     rows_of_panels = [
-        change_pictures(own, change.distance, beyond_limit(change, follow_up), scale)
+        change_pictures(first, change.distance, beyond_limit(change, follow_up), scale)
         for change in follow_up.changes
     ]
     write_text(folder / "follow_up.html", _page(follow_up, reference, rows_of_panels, scale).html)
@@ -200,7 +202,7 @@ def _sheets(
                 sheet.text(sentence, 9.0)
         for row, name in zip(part, names[_MAPS_A_PAGE * (number - 1) :], strict=False):
             sheet.heading(f"{name}: change (mm)")
-            sheet.panels(row, limit)
+            sheet.panels(row, limit, _HIGHEST)
         sheets.append(sheet)
     last = Sheet(_title(follow_up))
     last.heading("Numbers")

@@ -36,6 +36,7 @@ from homolog_app.report.patient_pages import map_pictures, percentiles_figure, w
 from homolog_app.report.patient_words import (
     GROUP_CAUTION,
     GROUP_COLUMNS,
+    MARKS,
     METHOD,
     REGION_COLUMNS,
     GroupRow,
@@ -48,6 +49,7 @@ from homolog_app.report.patient_words import (
     reference_rows,
     region_rows,
     verdict,
+    who_text,
 )
 
 __all__ = [
@@ -297,7 +299,12 @@ def write_patient(
         "detectable_mm": reference.detectable, "cut_off": comparison.missing.astype(np.int32),
     }  # fmt: skip
     write_mesh(folder / "map.vtp", comparison.expected.placed(back), values)
-    write_mesh(folder / "patient.vtp", comparison.mesh)
+    shown, there = (
+        ("difference_mm", "z", "difference_from_mean_mm", "z_from_mean"),
+        len(comparison.mesh.vertices),
+    )
+    carried = {name: comparison.own.carried(values[name])[:there] for name in shown}
+    write_mesh(folder / "patient.vtp", comparison.mesh, carried)
     write_particles(folder / "patient_local.particles", comparison.particles)
 
 
@@ -309,12 +316,7 @@ def patient_page(
 
     assert isinstance(maps, Figure)
     page = Page(f"Shape of {comparison.name} against a reference", NOTICE, footer=NOTICE)
-    about = reference.provenance
-    given = ", ".join(f"{name} {value}" for name, value in comparison.covariates.items())
-    page.paragraph(
-        f"Reference: {about.project}{f', {about.group}' if about.group else ''}, {about.controls} controls"
-        f"{f'. Patient: {given}' if given else ''}."
-    )
+    page.paragraph(who_text(comparison, reference))
     page.heading("Finding")
     page.paragraph(verdict(comparison, reference))
     page.paragraph(detectable_text(reference))
@@ -333,11 +335,7 @@ def patient_page(
     else:
         page.paragraph("None.")
     page.heading("Among the controls")
-    text = (
-        "Marks: controls fitted as patients; band: their middle 90 %; diamond: this subject, red where "
-        "p is 0.05 or less; dashed: limit."
-    )
-    page.figures([ReportFigure("percentiles", percentiles_figure(comparison, reference), text)])
+    page.figures([ReportFigure("percentiles", percentiles_figure(comparison, reference), MARKS)])
     page.table(
         ("", "value", "percentile of controls (95 % interval)", "p"), measure_rows(comparison, reference)
     )

@@ -10,16 +10,16 @@ from matplotlib.figure import Figure
 from homolog.arrays import BoolArray, FloatArray
 from homolog.geometry import inverse_matrices
 from homolog.patient import PatientComparison, Reference
-from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.pictures.layout import Panel, arrange, view_of_region
 from homolog_app.plots import draw_percentiles, new_figure
 from homolog_app.rendering.camera import VIEWS, View, frame_around, three_quarter_view
-from homolog_app.rendering.colours import FAINT, GREY, LIGHT, common_limit, diverging_colours, page_colours
+from homolog_app.rendering.colours import LIGHT, common_limit, displacement_scale, page_colours
 from homolog_app.rendering.draw import draw
 from homolog_app.rendering.rays import hollows
 from homolog_app.rendering.scene import Scene, Surface, surface
 from homolog_app.report.patient_words import (
     GROUP_CAUTION,
+    MARKS,
     METHOD,
     REGION_COLUMNS,
     cut_off_text,
@@ -29,8 +29,9 @@ from homolog_app.report.patient_words import (
     reference_rows,
     region_rows,
     verdict,
+    who_text,
 )
-from homolog_app.report.sheets import EDGE, HIGH, WIDE, Sheet, write_sheets
+from homolog_app.report.sheets import BOTTOM, EDGE, HIGH, WIDE, Sheet, write_sheets
 
 __all__ = ["MapPictures", "change_pictures", "map_pictures", "percentiles_figure", "write_pdf"]
 
@@ -75,46 +76,47 @@ def map_pictures(comparison: PatientComparison, width: int = 400) -> MapPictures
     width : int
         Pixels of a panel's width.
     """
-    own = _own_surface(comparison)
+    own = comparison.own
     beyond = np.zeros(len(comparison.z), dtype=bool)
     for region in comparison.regions:
         beyond[region.vertices] = True
     limit = common_limit([comparison.residual, comparison.total])
-    views = _views(comparison, own)
-    shadow = hollows(own)
-    local = _shaded(comparison.residual, limit, beyond)
-    total = diverging_colours(comparison.total, limit)
+    scale, grey = displacement_scale(limit), own.marked(comparison.missing)
+    views = _views(comparison)
+    shadow = hollows(own.mesh)
     rows = [
-        _row(surface(own, _without_missing(colours, comparison.missing), shadow), own, views, width)
-        for colours in (local, total)
+        _row(surface(own.mesh, scale.colours(own.carried(values), grey, faint) / 255.0, shadow), views, width)
+        for values, faint in ((comparison.residual, ~own.marked(beyond)), (comparison.total, None))
     ]
     return MapPictures(rows[0], rows[1], limit, limit)
 
 
 def change_pictures(
-    own: TriangleMesh, distance: FloatArray, beyond: BoolArray | None, limit: float, width: int = 400
+    first: PatientComparison, distance: FloatArray, beyond: BoolArray | None, limit: float, width: int = 400
 ) -> tuple[Panel, ...]:
-    """Draw a map of change on a patient's first surface; faint where it is not `beyond`, if that is given.
+    """Draw a map of change on a patient's first surface, in the file's frame (LPS).
 
     Parameters
     ----------
-    own : TriangleMesh
-        In the file's frame (LPS).
+    first : PatientComparison
+        Of the first time.
     distance : (V,) array
-        [mm].
+        At the reference's vertices [mm].
     beyond : (V,) bool array or None
+        Where the map is not faint, if that is given.
     limit : float
         Ends of the colour scale [mm].
     width : int
         Pixels of a panel's width.
     """
-    everywhere = np.ones(len(distance), dtype=bool) if beyond is None else beyond
+    own = first.own
     views = [
-        replace(three_quarter_view(own.vertices), name="oblique"),
+        replace(three_quarter_view(own.mesh.vertices), name="oblique"),
         *(VIEWS[name] for name in _ANATOMICAL),
     ]
-    colours = _shaded(distance, limit, everywhere)
-    return _row(surface(own, colours, hollows(own)), own, views, width)
+    faint = None if beyond is None else ~own.marked(beyond)
+    colours = displacement_scale(limit).colours(own.carried(distance), None, faint) / 255.0
+    return _row(surface(own.mesh, colours, hollows(own.mesh)), views, width)
 
 
 def percentiles_figure(comparison: PatientComparison, reference: Reference) -> Figure:
@@ -124,48 +126,30 @@ def percentiles_figure(comparison: PatientComparison, reference: Reference) -> F
     return figure
 
 
-def _own_surface(comparison: PatientComparison) -> TriangleMesh:
-    """Return the expected surface moved onto the patient, in the file's frame."""
-    expected = comparison.expected
-    there = expected.vertices + comparison.residual[:, None] * expected.vertex_normals
-    return TriangleMesh(there, expected.faces).placed(inverse_matrices(comparison.placement))
-
-
-def _views(comparison: PatientComparison, own: TriangleMesh) -> list[View]:
+def _views(comparison: PatientComparison) -> list[View]:
     """Return a view at the most extreme region, or an oblique one, and anatomical ones."""
-    first = replace(three_quarter_view(own.vertices), name="oblique")
+    first = replace(three_quarter_view(comparison.own.mesh.vertices), name="oblique")
     if comparison.regions:
-        first = replace(
-            view_of_region(own, comparison.regions[0].vertices, comparison.regions[0].centre),
-            name="towards region 1",
+        region, matched = (
+            comparison.regions[0],
+            comparison.matched.placed(inverse_matrices(comparison.placement)),
         )
+        first = replace(view_of_region(matched, region.vertices, region.centre), name="towards region 1")
     return [first, *(VIEWS[name] for name in _ANATOMICAL)]
 
 
-def _shaded(differences: FloatArray, limit: float, beyond: BoolArray) -> FloatArray:
-    """Return colours (V, 3) of a map that are faint within the limit."""
-    colours = diverging_colours(differences, limit)
-    faint = np.array(LIGHT.surface) + FAINT * (colours - np.array(LIGHT.surface))
-    result: FloatArray = np.where(beyond[:, None], colours, faint)
-    return result
-
-
-def _without_missing(colours: FloatArray, missing: BoolArray) -> FloatArray:
-    """Return colours (V, 3) that are grey where a part is cut off."""
-    result: FloatArray = np.where(missing[:, None], np.array(GREY) / 255.0, colours)
-    return result
-
-
-def _row(solid: Surface, own: TriangleMesh, views: Sequence[View], width: int) -> tuple[Panel, ...]:
-    widest = max(frame_around([own.vertices], view).width for view in views)
+def _row(solid: Surface, views: Sequence[View], width: int) -> tuple[Panel, ...]:
+    widest = max(frame_around([solid.vertices], view).width for view in views)
     panels = []
     for view in views:
-        frame = frame_around([own.vertices], view, width=widest)
+        frame = frame_around([solid.vertices], view, width=widest)
         panels.append(Panel(draw(Scene((solid,)), frame, width), view.name))
     return tuple(panels)
 
 
 _MOST_REGIONS = 12
+_BESIDE_MAPS = 4.4
+"""Height of all else on the first page below the finding [inches]."""
 
 
 def write_pdf(
@@ -192,28 +176,20 @@ def _title(comparison: PatientComparison) -> str:
 
 def _first(comparison: PatientComparison, reference: Reference, maps: MapPictures) -> Sheet:
     sheet = Sheet(_title(comparison))
-    about = reference.provenance
-    given = ", ".join(f"{name} {value}" for name, value in comparison.covariates.items())
-    sheet.text(
-        f"Reference: {about.project}{f', {about.group}' if about.group else ''}, {about.controls} controls"
-        f"{f'. Patient: {given}' if given else ''}."
-    )
+    sheet.text(who_text(comparison, reference))
     sheet.heading("Finding")
     sheet.text(verdict(comparison, reference), 9.0)
     sheet.text(detectable_text(reference))
+    most = (BOTTOM - sheet.y - _BESIDE_MAPS) / 2.0
     sheet.heading("Difference from the shape that the reference expects of this subject (mm)")
-    sheet.panels(maps.local, maps.limit)
+    sheet.panels(maps.local, maps.limit, most)
     faint = "Within the limit colours are faint; beyond it they are full."
     sheet.text(f"{faint}{cut_off_text(comparison)}", 7.5)
     sheet.heading("Difference from the mean of the reference (mm)")
-    sheet.panels(maps.total, maps.total_limit)
+    sheet.panels(maps.total, maps.total_limit, most)
     sheet.heading("Among the controls")
     _add_bars(sheet, comparison, reference)
-    sheet.text(
-        "Marks: controls fitted as patients; band: their middle 90 %; diamond: this subject, red "
-        "where p is 0.05 or less; dashed: limit.",
-        7.5,
-    )
+    sheet.text(MARKS, 7.5)
     return sheet
 
 

@@ -12,6 +12,7 @@ from homolog_app.rendering.text import signed
 __all__ = [
     "GROUP_CAUTION",
     "GROUP_COLUMNS",
+    "MARKS",
     "METHOD",
     "REGION_COLUMNS",
     "GroupRow",
@@ -25,12 +26,18 @@ __all__ = [
     "reference_text",
     "region_rows",
     "verdict",
+    "who_text",
 ]
 
 _COARSE = 0.12
 """Of the size (root mean square radius): a limit above it finds gross changes only."""
 
 REGION_COLUMNS = ("region", "area (mm²)", "mean (mm)", "peak (mm)", "z at peak", "place", "particles")
+
+MARKS = (
+    "Marks: controls fitted as patients; band: their middle 90 %; diamond: this subject, red where "
+    "p is 0.05 or less; dashed: limit."
+)
 
 METHOD = (
     "The surface was groomed with the settings of the controls, registered rigidly, and the reference's "
@@ -42,6 +49,16 @@ METHOD = (
     "controls. Percentiles are among those fits. The limit of z is such that a healthy subject exceeds it "
     "anywhere on the surface in 5 % of cases. Intervals of percentiles are 95 % (Clopper and Pearson).",
 )
+
+
+def who_text(comparison: PatientComparison, reference: Reference) -> str:
+    """Name the reference, and the patient's covariates."""
+    about = reference.provenance
+    given = ", ".join(f"{name} {value}" for name, value in comparison.covariates.items())
+    return (
+        f"Reference: {about.project}{f', {about.group}' if about.group else ''}, {about.controls} controls"
+        f"{f'. Patient: {given}' if given else ''}."
+    )
 
 
 def reference_text(reference: Reference) -> list[str]:

@@ -22,7 +22,7 @@ from homolog_app.rendering.text import complete_texts, typeset
 from homolog_app.report import NOTICE
 from homolog_app.report.page import Link, Page
 
-__all__ = ["EDGE", "HIGH", "WIDE", "Sheet", "write_page", "write_sheets"]
+__all__ = ["BOTTOM", "EDGE", "HIGH", "WIDE", "Sheet", "write_page", "write_sheets"]
 
 WIDE, HIGH = 8.27, 11.69
 """Of A4 [inches]."""
@@ -31,7 +31,8 @@ EDGE = 0.6
 _LINE = 0.17
 _WRAP = 108  # characters of small text on a line
 _ACROSS = 15.0  # characters of a table's cell in an inch
-_BOTTOM = HIGH - 0.65
+BOTTOM = HIGH - 0.65
+"""Where a page is full [inches]."""
 _ORANGE = "#a03c00"
 _SMALLEST = 0.75
 """Of a figure's size, for it to fit beside another."""
@@ -96,15 +97,15 @@ class Sheet:
             )  # fmt: skip
         self.y += _LINE * max(map(len, cells))
 
-    def panels(self, panels: Sequence[Panel], limit: float) -> None:
-        """Add a row of pictures with the colour bar."""
-        room = WIDE - 2.0 * EDGE - 1.05
-        width = room / len(panels)
-        tall = max(panel.image.shape[0] / panel.image.shape[1] for panel in panels) * (width - 0.06)
-        for index, panel in enumerate(panels):
-            high = panel.image.shape[0] / panel.image.shape[1] * (width - 0.06)
-            left, top = EDGE + index * width, self.y + (tall - high) / 2.0
-            self.picture(panel.image, left, top, width - 0.06)
+    def panels(self, panels: Sequence[Panel], limit: float, most: float = HIGH) -> None:
+        """Add a row of pictures, at most so high, with the colour bar."""
+        width = (WIDE - 2.0 * EDGE - 1.05) / len(panels)
+        slopes = [panel.image.shape[0] / panel.image.shape[1] for panel in panels]
+        wide = min(width - 0.06, most / max(slopes))
+        tall = max(slopes) * wide
+        for index, (panel, slope) in enumerate(zip(panels, slopes, strict=True)):
+            left, top = EDGE + index * width, self.y + (tall - slope * wide) / 2.0
+            self.picture(panel.image, left + (width - 0.06 - wide) / 2.0, top, wide)
             self.figure.text(
                 (left + width / 2.0) / WIDE, 1.0 - (self.y + tall + 0.03) / HIGH, panel.caption,
                 fontsize=7.5, ha="center", va="top",
@@ -209,7 +210,7 @@ class _Flow:
 
     def room(self, height: float) -> None:
         """Begin a sheet if so many inches do not fit on this one, and write the headings that come before."""
-        if self.sheet.y + height + 0.35 * len(self._headings) > _BOTTOM:
+        if self.sheet.y + height + 0.35 * len(self._headings) > BOTTOM:
             self.sheets.append(Sheet(self._title))
         headings, self._headings = self._headings, []
         for text, large in headings:
@@ -235,7 +236,7 @@ class _Flow:
         self.sheet.row(columns, starts, bold=True)
         for row in rows[:_MOST_ROWS]:
             high = _LINE * max(map(len, wrapped_cells(row, starts)))
-            if self.sheet.y + high > _BOTTOM:
+            if self.sheet.y + high > BOTTOM:
                 self.room(high)
                 self.sheet.row(columns, starts, bold=True)
             self.sheet.row(row, starts)
@@ -254,11 +255,11 @@ class _Flow:
             image = matplotlib.image.imread(io.BytesIO(base64.b64decode(str(item["data"]))))
             width = min(own * (smaller if len(items) > 1 and smaller > _SMALLEST else 1.0), room)
             high = image.shape[0] / image.shape[1] * width
-            if high > (limit := _BOTTOM - 2.2):
+            if high > (limit := BOTTOM - 2.2):
                 width, high = width * limit / high, limit
             caption = textwrap.wrap(typeset(str(item["caption"])), max(20, int(width * _ACROSS)))
             needed = high + 0.05 + _LINE * len(caption)
-            if not left or left + width > room or self.sheet.y + needed > _BOTTOM:
+            if not left or left + width > room or self.sheet.y + needed > BOTTOM:
                 self.sheet.y += below
                 left = below = 0.0
                 self.room(needed)

@@ -1,4 +1,4 @@
-"""What the page Patient computes and shows in the views: a patient, and later times of the same one."""
+"""What the page Patient computes and shows in the views."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +11,7 @@ from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.cohort import Subject
 from homolog.errors import InputError
 from homolog.geometry import inverse_matrices, transform_points
-from homolog.progress import Tick, part_of
+from homolog.progress import Tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.colours import ColourScale, displacement_scale
 from homolog_app.rendering.text import signed
@@ -20,30 +20,24 @@ from homolog_app.views.contents import region_border
 
 if TYPE_CHECKING:
     from homolog.grooming.images import Segmentation
-    from homolog.patient import FollowUp, PatientComparison, Reference, Region
+    from homolog.patient import PatientComparison, Reference
     from homolog_app.views.slices import SliceScene
 
 __all__ = [
-    "CHANGE",
     "EXPECTED",
     "MEAN",
-    "ChangeRegion",
     "ComparedPatient",
     "PatientDisplay",
-    "PatientTimes",
     "Z",
     "about_text",
-    "change_regions",
-    "change_scene",
-    "change_text",
     "compared",
     "nearest_text",
+    "on_own_surface",
     "on_patient",
     "patient_scene",
     "patient_slices",
     "place_of",
     "verdict_text",
-    "with_file",
 ]
 
 
@@ -119,9 +113,14 @@ def patient_scene(
     scale = replace(scale, grey_words=" or ".join(grey))
     steps = _steps(comparison, reference) if look.by_modes else _straight(comparison)
     note, vertices = _point_on_path(comparison.mean.vertices, steps, look.way)
-    shape = TriangleMesh(vertices, comparison.mean.faces)
-    colours = scale.colours(values, faded, None if kind == MEAN else ~beyond)
-    mapped = on_patient(comparison, comparison.name, note, shape, colours, beyond)
+    if look.way == 1.0:
+        mapped = on_own_surface(
+            comparison, comparison.name, note, scale, values, beyond, faded=faded, faint=kind != MEAN
+        )
+    else:
+        shape = TriangleMesh(vertices, comparison.mean.faces)
+        colours = scale.colours(values, faded, None if kind == MEAN else ~beyond)
+        mapped = on_patient(comparison, comparison.name, note, shape, colours, beyond)
     if look.overlaid:
         mean = comparison.mean.placed(inverse_matrices(comparison.placement))
         mapped = replace(mapped, raw=mean, overlaid=True)
@@ -140,7 +139,7 @@ _Step = tuple[str, FloatArray]
 
 
 def _straight(comparison: "PatientComparison") -> list[_Step]:
-    return [("from the mean to the patient", patient_surface(comparison).vertices)]
+    return [("from the mean to the patient", comparison.matched.vertices)]
 
 
 def _steps(comparison: "PatientComparison", reference: "Reference") -> list[_Step]:
@@ -155,7 +154,7 @@ def _steps(comparison: "PatientComparison", reference: "Reference") -> list[_Ste
         steps.append((f"of mode {mode + 1} ({signed(deviations, 1)} SD)", vertices))
     if len(scores) > reference.modes:
         steps.append(("of further modes", comparison.expected.vertices))
-    return [*steps, ("of the difference outside of the modes", patient_surface(comparison).vertices)]
+    return [*steps, ("of the difference outside of the modes", comparison.matched.vertices)]
 
 
 def _point_on_path(start: FloatArray, steps: Sequence[_Step], way: float) -> _Step:
@@ -169,17 +168,9 @@ def _point_on_path(start: FloatArray, steps: Sequence[_Step], way: float) -> _St
     return f"{100.0 * share:.0f} % {title}", before + share * (there - before)
 
 
-def patient_surface(comparison: "PatientComparison") -> TriangleMesh:
-    """Return the mean surface's faces as they lie on the patient, in the coordinates that are shown."""
-    expected = comparison.expected
-    return TriangleMesh(
-        expected.vertices + comparison.residual[:, None] * expected.vertex_normals, expected.faces
-    )
-
-
 def place_of(comparison: "PatientComparison", vertex: int) -> FloatArray:
     """Return the place of a vertex on the patient, in the coordinates that are shown."""
-    place: FloatArray = patient_surface(comparison).vertices[vertex]
+    place: FloatArray = comparison.matched.vertices[vertex]
     return place
 
 
@@ -218,7 +209,7 @@ def compared(reference: "Reference", path: Path, values: Mapping[str, str], tick
     if len(subjects) != 1:
         raise InputError(f"{path}: contains {len(subjects)} subjects; choose one file")
     comparison = compare_patient(reference, subjects[0], values, tick=tick)
-    shape = patient_surface(comparison)
+    shape = comparison.matched
     views = [view_of_region(shape, region.vertices, region.centre) for region in comparison.regions]
     groom = reference.provenance.groom
     survey = survey_subject(subjects[0], groom.label, groom.segment)
@@ -233,10 +224,10 @@ def patient_slices(compared: ComparedPatient, reference: "Reference") -> "SliceS
 
     comparison = compared.comparison
     scale, z = _scale(comparison, reference, Z)
-    surface = patient_surface(comparison)
-    local = transform_points(inverse_matrices(comparison.placement), surface.vertices)
+    own = comparison.own
+    colours = scale.colours(own.carried(z), own.marked(comparison.missing))
     note = f"Contour: z, blue outward, yellow inward, ends ± {scale.high:.1f}, limit ± {reference.limit:.1f}"
-    outline = Outline("Map", TriangleMesh(local, surface.faces), scale.colours(z, comparison.missing), note)
+    outline = Outline("Map", own.mesh, colours, note)
     return SliceScene(comparison.name, compared.image, compared.voxels, [outline])
 
 
@@ -275,124 +266,38 @@ def on_patient(
     return Content(name, None, local, None, comparison.placement, note, colours, None, None, lines)
 
 
-CHANGE = "change"
-"""Map: distance from the first surface to a later one [mm]."""
+def on_own_surface(
+    comparison: "PatientComparison",
+    name: str,
+    note: str,
+    scale: ColourScale,
+    values: FloatArray,
+    beyond: BoolArray | None,
+    *,
+    faded: BoolArray | None,
+    faint: bool,
+) -> Content:
+    """Return a patient's own surface with a map; values and marks are those of the reference's vertices.
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PatientTimes:
-    """A patient at several times.
-
-    Attributes
+    Parameters
     ----------
-    comparisons : tuple of PatientComparison
-        With the reference, the first time first.
-    repeats : tuple of PatientComparison
-        Further segmentations of the first time.
-    follow_up : FollowUp or None
-        None until there is a later time.
+    comparison : PatientComparison
+    name, note : str
+        Of the view.
+    scale : ColourScale
+    values : (V,) array
+    beyond : (V,) bool array or None
+        What is beyond the limit, with a border around it.
+    faded : (V,) bool array or None
+        What is grey.
+    faint : bool
+        Whether the rest is faint.
     """
-
-    comparisons: "tuple[PatientComparison, ...]"
-    repeats: "tuple[PatientComparison, ...]" = ()
-    follow_up: "FollowUp | None" = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ChangeRegion:
-    """A region of change: the later time, the region, its place as shown, and from where it is seen."""
-
-    time: str
-    region: "Region"
-    place: FloatArray
-    seen_from: FloatArray
-
-
-def with_file(
-    times: PatientTimes,
-    reference: "Reference",
-    path: Path,
-    values: Mapping[str, str],
-    repeats: bool,
-    tick: Tick,
-) -> PatientTimes:
-    """Return the times with one more file: a later time, or a further segmentation of the first one.
-
-    Raises
-    ------
-    InputError
-        If the file can't be compared with the reference, or is there already.
-    """
-    from homolog.patient import compare_patient, compare_times
-    from homolog_app.report.patient import patients_of
-
-    subjects = patients_of([path])
-    if len(subjects) != 1:
-        raise InputError(f"{path}: contains {len(subjects)} subjects; choose one file")
-    if subjects[0].name in {item.name for item in (*times.comparisons, *times.repeats)}:
-        raise InputError(f"{path}: a file of this name is there already; give each time its own name")
-    added = compare_patient(reference, subjects[0], values, tick=part_of(tick, 0.0, 0.8))
-    if repeats:
-        times = replace(times, repeats=(*times.repeats, added))
-    else:
-        times = replace(times, comparisons=(*times.comparisons, added))
-    if len(times.comparisons) < 2:
-        return times
-    return replace(
-        times,
-        follow_up=compare_times(
-            times.comparisons, times.repeats, part_of(tick, 0.8, 1.0), expected=reference.change
-        ),
-    )
-
-
-def change_text(times: PatientTimes) -> str:
-    """Say what changed, and what is known of the error of measuring."""
-    from homolog_app.report.follow_up import change_sentence, error_text, expected_sentence
-
-    if times.follow_up is None:
-        count = len(times.repeats)
-        return f"{count} repeated segmentation{'s' * (count != 1)}; add a later time." if count else ""
-    said = []
-    for change in times.follow_up.changes:
-        said += [change_sentence(change, times.follow_up), expected_sentence(change, times.follow_up)]
-    return "\n".join([*filter(None, said), error_text(times.follow_up)])
-
-
-def change_scene(follow_up: "FollowUp", only_beyond: bool) -> ViewContents:
-    """Return the first surface with the map of change of each later time."""
-    from homolog_app.rendering.colours import common_limit
-    from homolog_app.report.follow_up import beyond_limit, limit_text
-
-    first = follow_up.comparisons[0]
-    limit = common_limit([change.distance for change in follow_up.changes])
-    known, cause = beyond_limit(follow_up.changes[0], follow_up) is not None, limit_text(follow_up)
-    note = f"faint within the limit of {cause}" if known else "without a limit"
-    scale = displacement_scale(limit, f"Change since {first.name}", note)
-    if only_beyond and known:
-        scale = replace(scale, grey_words=f"within the limit of {cause}")
-    contents = []
-    for change in follow_up.changes:
-        beyond = beyond_limit(change, follow_up)
-        faded = ~beyond if only_beyond and beyond is not None else None
-        title = f"since {first.name}: volume {signed(100.0 * (change.volume - 1.0), 1)} %"
-        colours = scale.colours(change.distance, faded, None if beyond is None else ~beyond)
-        contents.append(on_patient(first, change.name, title, follow_up.surface, colours, beyond))
-    return ViewContents(contents, int(np.ceil(np.sqrt(len(contents)))), scale, {})
-
-
-def change_regions(follow_up: "FollowUp") -> Sequence[ChangeRegion]:
-    """Return the regions of all later times, in their order."""
-    from homolog_app.pictures.layout import view_of_region
-
-    surface = follow_up.surface
-    return [
-        ChangeRegion(
-            change.name,
-            region,
-            surface.vertices[region.centre],
-            view_of_region(surface, region.vertices, region.centre).axes[2],
-        )
-        for change in follow_up.changes
-        for region in (change.regions if change.expected is None else change.expected.regions)
-    ]
+    own = comparison.own
+    inside, grey = (None if marks is None else own.marked(marks) for marks in (beyond, faded))
+    colours = scale.colours(own.carried(values), grey, None if inside is None or not faint else ~inside)
+    lines = None
+    if inside is not None and inside.any():
+        shown = own.mesh.placed(comparison.placement)
+        lines = region_border(shown.vertices, shown.faces, inside)
+    return Content(name, None, own.mesh, None, comparison.placement, note, colours, lines=lines)

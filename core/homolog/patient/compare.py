@@ -18,6 +18,7 @@ from homolog.patient.distribution import Percentile, percentile
 from homolog.patient.fit import SurfaceFit, fit_surface, vertex_areas
 from homolog.patient.left_out import Measures, measures_of
 from homolog.patient.local import Region, bands_of, regions, scores_of
+from homolog.patient.own_surface import OwnSurface, own_surface
 from homolog.patient.reference import Reference
 from homolog.progress import Tick, no_tick, part_of, run_in_background
 from homolog.surfaces.mesh import TriangleMesh
@@ -66,6 +67,8 @@ class PatientComparison:
         What a reader should know.
     particles : (N, 3) array
         The reference's particles on the patient, in the file's frame [mm].
+    own : OwnSurface
+        On which maps are drawn.
     """
 
     name: str
@@ -87,6 +90,7 @@ class PatientComparison:
     regions: tuple[Region, ...]
     remarks: tuple[str, ...]
     particles: FloatArray
+    own: OwnSurface
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -98,6 +102,13 @@ class PatientComparison:
     def residual(self) -> FloatArray:
         """Differences from the expected shape along its normals [mm], outward positive, (V,)."""
         return self.fit.residual
+
+    @property
+    def matched(self) -> TriangleMesh:
+        """The vertices of `expected` as they lie on the patient, with its faces and in its frame."""
+        expected = self.expected
+        there = expected.vertices + self.residual[:, None] * expected.vertex_normals
+        return TriangleMesh(there, expected.faces)
 
     def place(self, region: Region) -> str:
         """Return where a region's centre is on the patient, in words: ``"left anterior"`` (LPS)."""
@@ -114,12 +125,9 @@ class PatientComparison:
 
     def position(self, region: Region) -> FloatArray:
         """Return a region's centre in the file's frame [mm], (3,)."""
-        vertex = self.expected.vertices[region.centre]
-        normal = self.expected.vertex_normals[region.centre]
-        there: FloatArray = transform_points(
-            inverse_matrices(self.placement), (vertex + self.residual[region.centre] * normal)[None]
-        )[0]
-        return there
+        there = self.matched.vertices[region.centre][None]
+        place: FloatArray = transform_points(inverse_matrices(self.placement), there)[0]
+        return place
 
     def nearest_particles(self, region: Region, reference: Reference) -> IntArray:
         """Return the particles nearest to a region's centre, at most four."""
@@ -219,11 +227,14 @@ def compare_groomed(
         remarks += check_cut(groomed.name, cut, measures.gap, reference, force=force)
     particles, unplaced = _particles(reference, groomed, fit, turn, part_of(tick, 0.4, 1.0))
     remarks += unplaced
-    largest = float(np.abs(z).max())
+    largest, placement = float(np.abs(z).max()), fit.pose @ turn
+    own = own_surface(
+        groomed.mesh, surface.placed(inverse_matrices(placement)), fit.residual, fit.met, cut.missing
+    )
     return PatientComparison(
         name=groomed.name,
         mesh=groomed.mesh,
-        placement=fit.pose @ turn,
+        placement=placement,
         covariates={name: values[name] for name in reference.coding.names},
         fit=fit,
         mean=model.surface(model.expected(columns)),
@@ -240,6 +251,7 @@ def compare_groomed(
         regions=regions(surface, vertex_areas(surface), fit.residual, z, fit.met, reference.limit),
         remarks=(*groomed.report.notes, *remarks),
         particles=particles,
+        own=own,
     )
 
 

@@ -67,8 +67,7 @@ class FollowUp:
     comparisons : tuple of PatientComparison
         With the reference, each time for itself.
     surface : TriangleMesh
-        The first one, with the faces of the reference, in the reference's frame, to which the first placement
-        leads.
+        The first one's `matched`, along whose normals changes are measured.
     changes : tuple of Change
         Of each later time.
     repeats : int
@@ -132,8 +131,7 @@ def compare_times(
     faces = first.expected.faces
     if any(not np.array_equal(item.expected.faces, faces) for item in (*comparisons, *repeats)):
         raise InputError("the times are compared with several references; compare them with one")
-    there = first.expected.vertices + first.residual[:, None] * first.expected.vertex_normals
-    surface = TriangleMesh(there, faces)
+    surface = first.matched
     others = (*comparisons[1:], *repeats)
     mesh = first.mesh.placed(first.placement)
     fits = [

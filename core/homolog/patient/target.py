@@ -7,9 +7,9 @@ from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.geometry import rms_radius
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Target"]
+__all__ = ["NORMAL_WEIGHT", "Target"]
 
-_NORMAL_WEIGHT = 0.2
+NORMAL_WEIGHT = 0.2
 """Of the root mean square radius: how far apart points with normals at 60° seem."""
 _LEAST_COSINE = 0.5
 """Between the line along which a distance is measured and the normal of what it meets."""
@@ -33,7 +33,7 @@ class Target:
         self.points, self.normals = mesh.vertices, mesh.vertex_normals
         self.size = float(rms_radius(mesh.vertices))
         self._edge = mesh.mean_edge
-        self._weight = _NORMAL_WEIGHT * self.size
+        self._weight = NORMAL_WEIGHT * self.size
         self._tree = KDTree(np.hstack([self.points, self._weight * self.normals]))
         self._plain: KDTree | None = None
 

@@ -10,6 +10,7 @@ from homolog.errors import InputError
 from homolog.geometry import transform_points
 from homolog.patient import Reference, compare_groomed, typicality
 from homolog.patient.build import scores_of_points
+from homolog.patient.own_surface import own_surface
 from homolog.patient.surface_model import SurfaceModel
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -308,3 +309,27 @@ def test_members_are_beyond_their_group_in_five_percent_of_cases(reference):
         )
         beyond.append(not typicality(own, group).is_typical)
     assert 0.02 < np.mean(beyond) < 0.08
+
+
+def test_maps_of_thin_shapes_do_not_mix_opposite_walls(template):
+    directions, faces = template
+    plate = TriangleMesh(directions * [30.0, 20.0, 0.3], faces)
+    turned = TriangleMesh(directions @ np.diag([-1.0, -1.0, 1.0]) * [30.0, 20.0, 0.3], faces)
+    everywhere = np.ones(len(directions), bool)
+    own = own_surface(turned, plate, np.zeros(len(directions)), everywhere, ~everywhere)
+    values, across = own.carried(plate.vertex_normals[:, 2]), turned.vertex_normals[:, 2]
+    flat = np.abs(across) > 0.9
+    np.testing.assert_array_less(0.5, (values * np.sign(across))[flat])
+    assert own.marked(everywhere).all()
+
+
+def test_a_part_that_is_cut_off_is_shown_as_it_is_expected(template):
+    directions, faces = template
+    whole = TriangleMesh(directions * [30.0, 22.0, 16.0], faces)
+    missing = directions[:, 0] > 0.7
+    kept = faces[~missing[faces].all(axis=1)]
+    own = own_surface(TriangleMesh(whole.vertices, kept), whole, np.zeros(700), ~missing, missing)
+    added = len(own.mesh.vertices) - len(whole.vertices)
+    assert len(own.mesh.faces) == len(faces)
+    assert own.marked(missing)[-added:].all()
+    assert not own.marked(missing)[:700][directions[:, 0] < 0.5].any()

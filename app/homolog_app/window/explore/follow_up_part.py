@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
 
 from homolog.errors import InputError
 from homolog.progress import Tick
-from homolog_app.views.patient import PatientTimes, change_text, with_file
+from homolog_app.views.follow_up import PatientTimes, change_text, with_file
 from homolog_app.window.actions import Actions
 from homolog_app.window.widgets import ActionButton, label
 from homolog_app.window.workspace import Workspace

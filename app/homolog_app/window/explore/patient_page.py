@@ -25,16 +25,14 @@ from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.progress import Tick
 from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.follow_up import CHANGE, change_regions, change_scene
 from homolog_app.views.patient import (
-    CHANGE,
     EXPECTED,
     MEAN,
     ComparedPatient,
     PatientDisplay,
     Z,
     about_text,
-    change_regions,
-    change_scene,
     compared,
     nearest_text,
     patient_scene,

@@ -1,0 +1,97 @@
+"""A patient's own surface, and what carries values of the reference's vertices onto it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.spatial import KDTree
+
+from homolog.arrays import BoolArray, FloatArray
+from homolog.patient.target import NORMAL_WEIGHT, Target
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["OwnSurface", "own_surface"]
+
+_NEIGHBOURS = 8
+"""Vertices of the reference whose values are averaged at a vertex of the patient."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OwnSurface:
+    """A patient's own surface, on which maps are drawn.
+
+    Attributes
+    ----------
+    mesh : TriangleMesh
+        P vertices in the file's frame [mm]: the groomed surface, then what the border of the image cuts
+        off, as it is expected.
+    weights : (P, V) sparse array
+        Of the values at the reference's vertices; rows sum to 1.
+    """
+
+    mesh: TriangleMesh
+    weights: csr_array
+
+    def carried(self, values: FloatArray) -> FloatArray:
+        """Return values (V,) of the reference's vertices on the patient's surface (P,)."""
+        return np.asarray(self.weights @ values, np.float64)
+
+    def marked(self, marks: BoolArray) -> BoolArray:
+        """Return marks (V,) of the reference's vertices on the patient's surface (P,)."""
+        return self.carried(marks.astype(np.float64)) > 0.5
+
+
+def own_surface(
+    mesh: TriangleMesh, expected: TriangleMesh, residual: FloatArray, met: BoolArray, missing: BoolArray
+) -> OwnSurface:
+    """Find whose values belong to a vertex of a patient's surface: of points near in position and normal.
+
+    The reference's triangles are of no use for that: in thin or folded parts its vertices do not lie on the
+    patient in the order of the mean. Normals keep the values of opposite walls apart.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The groomed surface in the file's frame [mm].
+    expected : TriangleMesh
+        Of the reference, V vertices in the same frame.
+    residual : (V,) array
+        How far the patient's surface is outward of them along their normals [mm].
+    met : (V,) bool array
+        Where it is met there. Elsewhere the residual is the distance to its nearest point.
+    missing : (V,) bool array
+        What the border of the image cuts off.
+
+    Returns
+    -------
+    OwnSurface
+    """
+    target, normals = Target(mesh), expected.vertex_normals
+    places = expected.vertices + residual[:, None] * normals
+    away = ~met & ~missing
+    nearest = target.nearest(places, normals)
+    if away.any():
+        nearest[away] = np.asarray(KDTree(mesh.vertices).query(expected.vertices[away])[1])
+        places[away] = mesh.vertices[nearest[away]]
+    directions = np.where(missing[:, None], normals, target.normals[nearest])
+    weight = NORMAL_WEIGHT * target.size
+    whole, cut = _joined(mesh, expected, missing)
+    asked = np.concatenate([target.normals, normals[cut]])
+    tree = KDTree(np.hstack([places, weight * directions]))
+    found = tree.query(np.hstack([whole.vertices, weight * asked]), k=_NEIGHBOURS + 1)
+    gaps, near = np.asarray(found[0]), np.asarray(found[1])
+    weights = np.square(1.0 - gaps[:, :-1] / np.maximum(gaps[:, -1:], 1e-9)) + 1e-9
+    rows = np.repeat(np.arange(len(near)), _NEIGHBOURS)
+    shares = weights / weights.sum(axis=1, keepdims=True)
+    matrix = csr_array((shares.ravel(), (rows, near[:, :-1].ravel())), shape=(len(near), len(places)))
+    return OwnSurface(whole, matrix)
+
+
+def _joined(mesh: TriangleMesh, expected: TriangleMesh, missing: BoolArray) -> tuple[TriangleMesh, BoolArray]:
+    """Return a surface together with the faces that are missing, and whose vertices these are (V,)."""
+    faces = expected.faces[missing[expected.faces].all(axis=1)]
+    used = np.zeros(len(missing), np.bool_)
+    used[faces] = True
+    numbers = len(mesh.vertices) + np.cumsum(used) - 1
+    vertices = np.concatenate([mesh.vertices, expected.vertices[used]])
+    return TriangleMesh(vertices, np.concatenate([mesh.faces, numbers[faces].astype(mesh.faces.dtype)])), used
