@@ -2,7 +2,9 @@ import csv
 import json
 import re
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.cli import main
 from homolog_app.report.findings import p_text
 from homolog_app.report.request import Answered, StudyRequest, read_requests, study_folder, write_request
+from homolog_app.report.sample import sample_rows
 from homolog_app.report.study import column_of
 from homolog_app.report.surface_maps import SurfaceCarrier
 
@@ -258,6 +261,7 @@ def test_tables_say_what_they_are_of_and_what_each_column_holds(project):
     assert float(particle["outward_low_95_mm"]) < float(particle["outward_mm"])
     sample = _rows(folder / "sample.csv")
     assert [row["n"] for row in sample if row["variable"] == "subjects"] == ["6", "6"]
+    assert [row for row in sample if row["variable"] == "voxel"] == []
     left_out = [row["left_out_because"] for row in _rows(folder / "subjects.csv")]
     assert left_out.count("group is 'B'") == 6
 
@@ -453,3 +457,20 @@ def test_a_project_without_a_result_has_no_report(tmp_path, capsys):
     project.write(ProjectRecord())
     assert main(["report", str(project.folder), "--progress", "none"]) == 2
     assert "has no result yet" in capsys.readouterr().err
+
+
+def test_voxels_of_the_files_are_told_by_group_and_ranges_where_there_are_many_sizes(project):
+    result = read_result(project)
+    study = SimpleNamespace(request=StudyRequest(between=("A", "B")), left_out={}, labels=result.groups)
+    edges = [(0.5, 0.5, 2.0 if group == "A" else 3.0) for group in result.groups]
+    rows = sample_rows(study, replace(result, voxels=tuple(edges)))
+    voxels = [(row[0], row[2], row[3]) for row in rows if row[1] == "voxel"]
+    assert voxels == [
+        ("A", "0.5 x 0.5 x 2", 6), ("A", "0.5 x 0.5 x 3", 0),
+        ("B", "0.5 x 0.5 x 2", 0), ("B", "0.5 x 0.5 x 3", 6),
+    ]  # fmt: skip
+    many = tuple((0.5, 0.5, 1.0 + 0.1 * index) for index in range(len(edges)))
+    rows = sample_rows(study, replace(result, voxels=many))
+    texts = {row[2] for row in rows if row[1] == "voxel"}
+    assert len(texts) == 1
+    assert texts.pop().startswith("0.5 x 0.5 x 1 to ")

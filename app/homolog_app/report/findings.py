@@ -8,7 +8,7 @@ import numpy as np
 from homolog.analysis.assumptions import shape_outliers
 from homolog.analysis.cautions import LEVEL, cautions_of, p_text
 from homolog.analysis.comparison import Comparison
-from homolog.analysis.effects import Effect
+from homolog.analysis.effects import Effect, SizeVariance
 from homolog.analysis.procrustes import Alignment
 from homolog.files.results import Result
 from homolog_app.report.study import Study
@@ -30,6 +30,7 @@ __all__ = [
     "p_text",
     "percent_text",
     "region_text",
+    "size_variance_text",
 ]
 
 
@@ -260,13 +261,21 @@ def _tested(p: float | None, permutations: int) -> str:
     return f", permutation {p_text(p, permutations)}" if p is not None else ""
 
 
+def size_variance_text(between: SizeVariance) -> str:
+    """Return F and the share of the variance of size that lies between groups."""
+    return (
+        f"F = {between.f:.2f} ({between.dof[0]:g}, {between.dof[1]:.1f}), "
+        f"ω² = {interval_text(between.omega_squared)}"
+    )
+
+
 def _size_text(study: Study, comparison: Comparison) -> list[str]:
     size, p = comparison.size, comparison.size_p_adjusted
     if size is None or p is None:
         return []
     sentence = p_text(p, size.permutations)
-    if np.isnan(size.value):
-        return [f"Size alone: {sentence}."]
+    if (between := comparison.size_variance) is not None:
+        return [f"Size alone: {size_variance_text(between)}, {sentence}."]
     unit = f"mm per unit of {study.request.column}" if study.request.kind == "regression" else "mm"
     form = "+.3g" if study.request.kind == "regression" else "+.2f"
     value, low, high = (format(bound, form) for bound in (size.value, size.low, size.high))

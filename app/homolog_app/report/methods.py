@@ -9,6 +9,7 @@ from homolog.analysis.procrustes import Alignment
 from homolog.files.records import ResultRecord
 from homolog.settings import Procrustes
 from homolog_app.report.findings import LEVEL, correction_text
+from homolog_app.report.sample import voxel_text
 from homolog_app.report.study import Study
 
 __all__ = ["methods", "references", "settings_rows"]
@@ -123,7 +124,9 @@ def _groomed(record: ResultRecord) -> str:
     listed = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in values.items())
     vertices = [subject.vertices for subject in record.subjects if subject.vertices]
     surfaces = f" Surfaces had {_range(vertices, 'd')} vertices." if vertices else ""
-    return f"Shapes were groomed with these settings: {listed}.{surfaces}"
+    voxels = [sorted(subject.voxel) for subject in record.subjects if subject.voxel]
+    edges = f"Voxels of the files were {voxel_text(voxels)} mm (the shortest edge first). " if voxels else ""
+    return f"{edges}Shapes were groomed with these settings: {listed}.{surfaces}"
 
 
 def _range(values: Sequence[float], form: str) -> str:

@@ -1,7 +1,7 @@
 """The part of a report on one study: sample, results, where, assumptions, figures."""
 
 from collections.abc import Iterator, Sequence
-from math import floor, isfinite, log10
+from math import floor, log10
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +16,13 @@ from homolog_app.report.findings import (
     classified_text,
     corrections_text,
     p_text,
+    size_variance_text,
 )
 from homolog_app.report.page import Page
+from homolog_app.report.sample import VOXEL, SampleRow, sample_rows
 from homolog_app.report.seeds import read_spread, spread_text
 from homolog_app.report.study import SHAPE_SIZE, Study
 from homolog_app.report.surface_maps import SurfaceCarrier, significant_regions
-from homolog_app.report.tables import SampleRow, sample_rows
 
 __all__ = ["add_study"]
 
@@ -195,7 +196,8 @@ def _separation_row(study: Study, title: str, comparison: Comparison) -> tuple[s
     digits = 3 if study.request.kind == "regression" else 2
     sizes = ["–", "–"]
     if size is not None and size_p is not None:
-        effect = _interval(size, digits) if isfinite(size.value) else "–"
+        between = comparison.size_variance
+        effect = _interval(size, digits) if between is None else size_variance_text(between)
         sizes = [effect, _p(size_p, size.permutations)]
     if line is None:
         return (title, *sizes, *["–"] * 5)
@@ -320,7 +322,8 @@ def _sample(page: Page, study: Study, result: Result) -> None:
     cells: dict[str, dict[str, str]] = {}
     sizes = {row[0]: row[3] for row in rows if row[1] == "subjects"}
     for group, variable, category, count, mean, spread in rows:
-        title = f"{variable}{f': {category}' if category else ''}{' (mm)' if variable == SHAPE_SIZE else ''}"
+        unit = " (mm)" if variable in (SHAPE_SIZE, VOXEL) else ""
+        title = f"{variable}{unit}{f': {category}' if category else ''}"
         cells.setdefault(title, {})[group] = _sample_text(count, sizes[group], category, mean, spread)
     page.table(
         ["", *groups], ([title, *(row.get(group, "–") for group in groups)] for title, row in cells.items())
@@ -337,7 +340,9 @@ def _sample(page: Page, study: Study, result: Result) -> None:
     gone = [f"{name} ({why})" for name, why in study.left_out.items()]
     excluded = f"Not compared: {len(gone)} of {len(result.names)} subjects. {', '.join(gone)}"
     page.paragraph(excluded if gone else "All subjects were compared.")
+    known = any(row[1] == VOXEL for row in rows)
     page.paragraph(
         "Not in the files, for the authors to add: where and when subjects were recruited, criteria of "
-        "inclusion and diagnosis, scanner, protocol and voxel size, who segmented and how, ethics approval."
+        f"inclusion and diagnosis, scanner and protocol{'' if known else ', voxel size'}, who segmented "
+        "and how, ethics approval."
     )

@@ -9,27 +9,22 @@ from pathlib import Path
 import numpy as np
 
 from homolog.analysis.comparison import Comparison, prepare_shapes
-from homolog.analysis.design import numbers
 from homolog.analysis.effects import Effect
 from homolog.analysis.welch import WelchMap, welch_map
-from homolog.errors import InputError
 from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.files.tables import write_table
 from homolog_app.report.findings import LEVEL
-from homolog_app.report.request import Answered, StudyRequest, category_of, study_folder, write_request
+from homolog_app.report.request import Answered, StudyRequest, study_folder, write_request
+from homolog_app.report.sample import sample_rows
 from homolog_app.report.study import SHAPE_SIZE, Study, column_of, compared_shapes, study_options
 from homolog_app.report.surface_maps import SurfaceCarrier, significant_regions
 
-__all__ = ["SampleRow", "sample_rows", "save_study"]
+__all__ = ["save_study"]
 
-_MOST_CATEGORIES = 8
-"""Of a column that is not asked for, for it to be in the description of the sample."""
 _Cell = str | float | int | None
 _Table = tuple[str, Sequence[str], Iterable[Sequence[_Cell]]]
-SampleRow = tuple[str, str, str, int, float | None, float | None]
-"""Group, variable, category, number of subjects, mean and standard deviation."""
 
 
 def save_study(
@@ -149,56 +144,6 @@ def _tests(study: Study, answered: Answered) -> Iterator[_Table]:
     yield "tests_without_outliers.csv", [*rows[0], "without"], (list(row.values()) for row in without)
 
 
-def sample_rows(study: Study, result: Result) -> list[SampleRow]:
-    """Describe those who take part by group: numbers, size of the shapes, covariates, other columns."""
-    request = study.request
-    taking = [index for index, name in enumerate(result.names) if name not in study.left_out]
-    groups: dict[str, list[int]] = {"all": taking}
-    if request.kind != "regression":
-        groups = {
-            item: [index for index in taking if study.labels[index] == item] for item in request.between
-        }
-    known = {name for columns in result.columns for name in columns}
-    variables = [SHAPE_SIZE, *([request.column] if request.kind == "regression" else [])]
-    variables += [
-        covariate for covariate in request.covariates if category_of(covariate, known)[0] not in variables
-    ]
-    named = {category_of(variable, known)[0] for variable in variables} | {request.column, request.pairs}
-    for column in sorted(known - named):
-        cells = column_of(result, column)
-        if _describes({cells[index] for index in taking} - {""}):
-            variables.append(column)
-    rows: list[SampleRow] = []
-    for group, members in groups.items():
-        rows.append((group, "subjects", "", len(members), None, None))
-        for variable in variables:
-            column, is_category = category_of(variable, known)
-            cells = column_of(result, column)
-            there = {cells[index] for index in taking} - {""}
-            if is_category or numbers(sorted(there)) is None:
-                for level in sorted(there):
-                    count = sum(cells[index] == level for index in members)
-                    rows.append((group, column, level, count, None, None))
-                continue
-            own = numbers([cells[index] for index in members if cells[index]])
-            if own is not None and len(own):
-                spread = float(own.std(ddof=1)) if len(own) > 1 else None
-                rows.append((group, column, "", len(own), float(own.mean()), spread))
-    return rows
-
-
-def _describes(values: set[str]) -> bool:
-    """Return whether values of a column describe a sample: numbers, or few categories."""
-    try:
-        as_numbers = numbers(sorted(values))
-        several = len(values) > 1
-        return several and (
-            len(values) <= _MOST_CATEGORIES if as_numbers is None else bool(np.isfinite(as_numbers).all())
-        )
-    except InputError:  # commas that may be between thousands
-        return False
-
-
 def _provenance(request: StudyRequest, answered: Answered) -> dict[str, _Cell]:
     return {
         "question": request.title,
@@ -215,12 +160,8 @@ def _provenance(request: StudyRequest, answered: Answered) -> dict[str, _Cell]:
 
 
 def _test_row(study: Study, comparison: Comparison) -> dict[str, _Cell]:
-    test, local, separation, spread = (
-        comparison.test,
-        comparison.pointwise,
-        comparison.discriminant,
-        comparison.dispersion,
-    )
+    test, local, separation = comparison.test, comparison.pointwise, comparison.discriminant
+    spread, between = comparison.dispersion, comparison.size_variance
     significant = comparison.p_fwe <= LEVEL
     area = float(study.areas[significant].sum())
     regression = study.request.kind == "regression"
@@ -255,6 +196,8 @@ def _test_row(study: Study, comparison: Comparison) -> dict[str, _Cell]:
         "area_p_fwe_corrected_05_percent": 100.0 * area / max(float(study.areas.sum()), 1e-300),
         "particles_q_05": int(np.count_nonzero(local.q <= LEVEL)),
         **_effect("size_effect_mm", comparison.size),
+        "size_f": None if between is None else between.f,
+        **_effect("size_omega_squared", None if between is None else between.omega_squared),
         "size_p_permutation": None if comparison.size is None else comparison.size.p,
         "size_p_permutation_corrected": comparison.size_p_adjusted,
         **_effect("balanced_accuracy", None if separation is None else separation.accuracy),

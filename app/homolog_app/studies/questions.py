@@ -17,6 +17,7 @@ from homolog_app.report.findings import (
     p_text,
     percent_text,
     region_text,
+    size_variance_text,
 )
 from homolog_app.report.request import SIZE_WORDS, StudyRequest
 from homolog_app.report.study import SHAPE_SIZE
@@ -227,7 +228,10 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
         rows.append(("Balanced accuracy", f"{percent_text(discriminant.accuracy)}{accuracy}"))
         rows.append(("Classified correctly", classified_text(pair)))
         rows.append(("AUC", f"{interval_text(discriminant.auc)}{auc}"))
-    if pair.size is not None and np.isfinite(pair.size.value) and pair.size_p_adjusted is not None:
+    if pair.size is not None and pair.size_p_adjusted is not None and pair.size_variance is not None:
+        p = p_text(pair.size_p_adjusted, pair.size.permutations)
+        rows.append(("Size", f"{size_variance_text(pair.size_variance)}, {p}"))
+    elif pair.size is not None and pair.size_p_adjusted is not None:
         unit = f"mm per unit of {study.request.column}" if kind == "regression" else "mm"
         form = "+.3g" if slope else "+.2f"
         size, low, high = (format(item, form) for item in (pair.size.value, pair.size.low, pair.size.high))

@@ -15,7 +15,7 @@ from homolog.analysis.assumptions import (
 from homolog.analysis.cautions import cautions_of
 from homolog.analysis.design import Design
 from homolog.analysis.discriminant import Discriminant
-from homolog.analysis.effects import Effect, corrected_distance, size_effect
+from homolog.analysis.effects import Effect, SizeVariance, corrected_distance, size_effect, size_variance
 from homolog.analysis.mode_test import ModeTest, mode_test
 from homolog.analysis.null_simulation import FalsePositives, null_simulation
 from homolog.analysis.pointwise_test import PointwiseTest, pointwise_test
@@ -114,6 +114,8 @@ class Comparison:
         All results without them, corrected in the same way; None if there are none, or too few others.
     notes : tuple of str
         What was done another way than asked for, in sentences.
+    size_variance : SizeVariance or None
+        Size between three or more groups; None otherwise.
     pairwise : tuple of Comparison
         Each two groups, of three or more that `homolog.compare_groups` compared.
     """
@@ -138,6 +140,7 @@ class Comparison:
     notes: tuple[str, ...] = ()
     accuracy_p_adjusted: float | None = None
     auc_p_adjusted: float | None = None
+    size_variance: SizeVariance | None = None
     pairwise: tuple["Comparison", ...] = ()
 
     def __post_init__(self) -> None:
@@ -224,6 +227,7 @@ def run_comparison(
             tick=part_of(tick, 0.8, 1.0),
         )
     effect = size_effect(size, design, alike, **drawn)
+    several = effect is not None and design.tested.shape[1] > 1
     outliers = outliers_in_groups(data, design, list(members.values()))
     kept = np.full(len(subjects), True)
     kept[outliers] = False
@@ -259,6 +263,7 @@ def run_comparison(
         p_adjusted=min(options.answers * test.p_permutation, 1.0),
         p_fwe=np.minimum(options.answers * pointwise.p_fwe, 1.0),
         size_p_adjusted=None if effect is None else effect.p,
+        size_variance=size_variance(size, design, alike) if several else None,
         false_positives=false_positives,
         size_skewness=size_skewness(size, data, design, members),
         outliers=subjects[outliers],

@@ -26,12 +26,14 @@ from homolog.threads import on_one_thread
 __all__ = [
     "CONFIDENCE",
     "Effect",
+    "SizeVariance",
     "accuracy_bounds",
     "auc_bounds",
     "corrected_distance",
     "effect_bounds",
     "shares_below",
     "size_effect",
+    "size_variance",
 ]
 
 CONFIDENCE = 0.95
@@ -96,7 +98,7 @@ def corrected_distance(t_squared: float, modes: int, error_dof: int, scale: floa
     return Effect(float(np.sqrt(max(square, 0.0))), float(np.sqrt(low)), float(np.sqrt(high)))
 
 
-def _noncentrality(f: float, between: int, within: int, probability: float) -> float:
+def _noncentrality(f: float, between: int, within: float, probability: float) -> float:
     """Return the noncentrality at which F is below f with this probability; 0 if it never is."""
     if stats.f.cdf(f, between, within) <= probability:
         return 0.0
@@ -200,6 +202,65 @@ def size_effect(
         float(effect_bound[0]) for effect_bound in effect_bounds(size[:, None], design, members)
     )
     return Effect(value, low, high, p, count)
+
+
+@dataclass(frozen=True, slots=True)
+class SizeVariance:
+    """How much of the variance of size lies between three or more groups.
+
+    Attributes
+    ----------
+    f : float
+        Welch's F (1951); with covariates that of the analysis of covariance.
+    dof : (float, float)
+        Its degrees of freedom, of numerator and denominator.
+    omega_squared : Effect
+        Share of the variance (with covariates: of what they leave) that lies between the groups, made nearly
+        unbiased (Hays 1963), with bounds from the noncentral F distribution. Without p: see `size_effect`.
+    """
+
+    f: float
+    dof: tuple[float, float]
+    omega_squared: Effect
+
+
+def size_variance(size: FloatArray, design: Design, members: Sequence[BoolArray] = ()) -> SizeVariance:
+    """Return how much of the variance of size lies between groups.
+
+    Parameters
+    ----------
+    size : (M,) array
+        Size of each subject [mm].
+    design : Design
+        Of three or more groups.
+    members : sequence of (M,) bool arrays, optional
+        The groups, without covariates.
+    """
+    between, count = design.tested.shape[1], len(size)
+    if members:
+        f, within = _welch_f([size[own] for own in members])
+    else:
+        residuals = design.residuals(size[:, None])[:, 0]
+        explained = float(np.square(design.tested.T @ residuals).sum())
+        within = float(design.error_dof)
+        f = explained / between / ((float(np.square(residuals).sum()) - explained) / within)
+    share = between * (f - 1.0)
+    tails = (1.0 + CONFIDENCE) / 2.0, (1.0 - CONFIDENCE) / 2.0
+    low, high = (_noncentrality(f, between, within, tail) for tail in tails)
+    omega = Effect(max(share, 0.0) / (max(share, 0.0) + count), low / (low + count), high / (high + count))
+    return SizeVariance(f, (float(between), within), omega)
+
+
+def _welch_f(parts: Sequence[FloatArray]) -> tuple[float, float]:
+    """Return F and the degrees of freedom of its denominator (Welch 1951)."""
+    groups, free = len(parts), np.array([len(part) - 1.0 for part in parts])
+    variances = np.array([max(part.var(ddof=1), np.finfo(float).tiny) for part in parts])
+    weights, means = (free + 1.0) / variances, np.array([part.mean() for part in parts])
+    grand = weights @ means / weights.sum()
+    spread = float((np.square(1.0 - weights / weights.sum()) / free).sum())
+    ratio = float(weights @ np.square(means - grand)) / (groups - 1.0)
+    f = ratio / (1.0 + 2.0 * (groups - 2.0) / (groups**2 - 1.0) * spread)
+    return f, (groups**2 - 1.0) / (3.0 * spread)
 
 
 def shares_below(values: FloatArray, others: FloatArray) -> FloatArray:

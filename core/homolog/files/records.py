@@ -49,7 +49,8 @@ class ResultSubject(_Record):
     `file` is the stem of the subject's files, `content` the hash of its groomed surface, `alignment` the
     similarity from local to world coordinates (a reflection for a subject that was mirrored), `side` that of
     the body as far as it was known, `notes` what grooming found and changed, `spacing` the distance of the
-    nodes of its grid [mm] and `vertices` the number of those of its surface, both 0 if not known.
+    nodes of its grid [mm] and `vertices` the number of those of its surface, both 0 if not known, `voxel` the
+    edges of the voxels of its file [mm], empty for surfaces and if not known.
     """
 
     name: str
@@ -62,6 +63,7 @@ class ResultSubject(_Record):
     notes: list[str] = []
     spacing: Annotated[float, Field(ge=0.0)] = 0.0
     vertices: Annotated[int, Field(ge=0)] = 0
+    voxel: list[Annotated[float, Field(gt=0.0)]] = []
 
     @property
     def is_mirrored(self) -> bool:

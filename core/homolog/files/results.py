@@ -55,6 +55,9 @@ class Result:
     smoothing : (N,) float64 array
         Of the spline by which the mean surface follows the particles, at each of them [mm]; 0 but where it
         or a mode would have folds. See `homolog.analysis.reconstruction.warp_surface`.
+    voxels : tuple of tuples of float
+        Edges of the voxels of each subject's file [mm], the shortest first; empty for surfaces and where they
+        are not known.
     """
 
     names: tuple[str, ...]
@@ -65,6 +68,7 @@ class Result:
     alignments: FloatArray
     mean_surface: TriangleMesh
     smoothing: FloatArray
+    voxels: tuple[tuple[float, ...], ...] = ()
 
     @property
     def mirrored(self) -> int:
@@ -123,6 +127,7 @@ def read_result(project: ProjectFolder) -> Result:
         alignments=frozen(np.array([subject.alignment for subject in subjects])),
         mean_surface=read_mesh(mean_file(project)),
         smoothing=_read_smoothing(project, record),
+        voxels=tuple(tuple(sorted(subject.voxel)) for subject in subjects),
     )
 
 

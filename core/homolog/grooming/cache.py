@@ -125,7 +125,8 @@ _DAMAGED = (InputError, KeyError, ValueError, TypeError, RecursionError)
 def _report(stored: Mapping[str, Array]) -> GroomReport:
     report = json.loads(str(stored["report"]))
     borders = tuple(tuple(item) for item in report.get("borders", ()))
-    return GroomReport(**{**report, "notes": tuple(report["notes"]), "borders": borders})
+    voxel = tuple(report.get("voxel", ()))  # not in archives of older versions
+    return GroomReport(**{**report, "notes": tuple(report["notes"]), "borders": borders, "voxel": voxel})
 
 
 def _mesh(stored: Mapping[str, Array], prefix: str) -> TriangleMesh:

@@ -69,6 +69,8 @@ class GroomReport:
         Number of handles of the surface.
     notes : tuple of str
         Sentences for the user on all of this.
+    voxel : tuple of float
+        Edges of the input's voxels along the axes of its image [mm]; empty for surfaces.
     """
 
     components_dropped: int
@@ -79,6 +81,7 @@ class GroomReport:
     genus: int
     notes: tuple[str, ...] = ()
     borders: tuple[tuple[float, float, float], ...] = ()
+    voxel: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,6 +283,7 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
         genus=1 - euler_number(mesh.faces) // 2,
         notes=(*notes, *further, *_of_other_unit(mesh)),
         borders=borders,
+        voxel=tuple(source.spacing.tolist()) if isinstance(source, Segmentation) else (),
     )
     return GroomedSubject(name, field, mesh, coarse_isosurface(field, mesh, COARSE_VERTICES), report)
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from homolog import __version__
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.cohort import Subject
 from homolog.correspondence import Shape
@@ -215,6 +216,7 @@ def compare_groomed(
     fit = cut.fit
     measures, total = measures_of(model, fit, columns, reference.modes, cut.missing)
     remarks += [
+        *_version_remarks(reference),
         *side_remarks,
         *check_fit(
             groomed.name, reference, mesh, fit, measures, columns, part_of(tick, 0.3, 0.4), force=force
@@ -270,6 +272,15 @@ def _particles(
             "particles are those of the surface's fit; the run's objective does not hold them on this shape"
         )
         return transform_points(back, fit.particles), [remark]
+
+
+def _version_remarks(reference: Reference) -> list[str]:
+    if reference.made_by in ("", __version__):
+        return []
+    return [
+        f"the reference was made by Homolog {reference.made_by}, whose fits of controls give its percentiles "
+        f"and limits; this is {__version__}: make it again (homolog reference) if you can"
+    ]
 
 
 def _turn(reference: Reference, side: str) -> tuple[FloatArray, list[str]]:

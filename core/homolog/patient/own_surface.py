@@ -76,10 +76,9 @@ def own_surface(
     directions = np.where(missing[:, None], normals, target.normals[nearest])
     weight = NORMAL_WEIGHT * target.size
     whole, cut = _joined(mesh, expected, missing)
-    asked = np.concatenate([target.normals, normals[cut]])
-    tree = KDTree(np.hstack([places, weight * directions]))
-    found = tree.query(np.hstack([whole.vertices, weight * asked]), k=_NEIGHBOURS + 1)
-    gaps, near = np.asarray(found[0]), np.asarray(found[1])
+    wanted = np.hstack([whole.vertices, weight * np.concatenate([target.normals, normals[cut]])])
+    neighbours = KDTree(np.hstack([places, weight * directions])).query(wanted, k=_NEIGHBOURS + 1)
+    gaps, near = np.asarray(neighbours[0]), np.asarray(neighbours[1])
     weights = np.square(1.0 - gaps[:, :-1] / np.maximum(gaps[:, -1:], 1e-9)) + 1e-9
     rows = np.repeat(np.arange(len(near)), _NEIGHBOURS)
     shares = weights / weights.sum(axis=1, keepdims=True)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from homolog import __version__
 from homolog.arrays import FloatArray, frozen
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
@@ -280,13 +281,15 @@ class Reference:
         Raises
         ------
         InputError
-            If the file is missing, damaged, of a newer version, or no reference.
+            If the file is missing, damaged, no reference, of a newer version, or of an older one that lacks
+            what is needed now.
         """
         if Path(path).is_dir():
             raise InputError(f"{path}: is a folder; give the file that homolog reference makes of a project")
         stored = read_arrays(Path(path), "copy it again, or make it again (homolog reference)")
         if "record" not in stored:
             raise InputError(f"{path}: is not a reference; give a file that homolog reference wrote")
+        record: dict[str, Any] = {}
         try:
             record = json.loads(str(stored["record"]))
             if record["format"] != "homolog-reference":
@@ -314,8 +317,9 @@ class Reference:
         except InputError:
             raise
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"{path}: is damaged: {error}; make the reference again") from error
-        reference._check(path)
+            raise InputError(f"{path}: {_unreadable(record, str(error))}") from error
+        if not reference._fits():
+            raise InputError(f"{path}: {_unreadable(record, 'its arrays do not belong together')}")
         return reference
 
     def _arrays(self) -> dict[str, Any]:
@@ -330,12 +334,17 @@ class Reference:
             **(self.change.arrays if self.change else {}),
         }
 
-    def _check(self, path: str | PathLike[str]) -> None:
-        """Raise InputError if the arrays do not belong together."""
+    @property
+    def made_by(self) -> str:
+        """The version of Homolog that made it."""
+        return str(self.provenance.versions.get("homolog", ""))
+
+    def _fits(self) -> bool:
+        """Whether the arrays belong together."""
         model, vertices = self.model, self.model.vertices
         modes, columns = len(model.variances), len(self.coding.means)
         points = model.mean.shape
-        fits = (
+        return bool(
             len(points) == 2
             and points[1:] == (3,)
             and model.components.shape == (modes, *points)
@@ -360,10 +369,20 @@ class Reference:
                 )
             )
         )
-        if not fits:
-            raise InputError(
-                f"{path}: is damaged: its arrays do not belong together; make the reference again"
-            )
+
+
+def _unreadable(record: Mapping[str, Any], fault: str) -> str:
+    """Say why a file can't be read, and what to do: it is damaged, or of another version of Homolog."""
+    try:
+        made_by = str(record["provenance"]["versions"]["homolog"])
+    except (KeyError, TypeError):
+        made_by = __version__
+    if made_by == __version__:
+        return f"is damaged: {fault}; make the reference again"
+    return (
+        f"was made by Homolog {made_by} and lacks what {__version__} needs ({fault}); make it again from its "
+        f"project (homolog reference), or use Homolog {made_by}"
+    )
 
 
 def _are_ratios(values: FloatArray, count: int) -> bool:

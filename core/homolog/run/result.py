@@ -239,6 +239,7 @@ def _record(
             notes=list(groomed.report.notes),
             spacing=round(shape.field.spacing, 6),
             vertices=len(shape.mesh.vertices),
+            voxel=[round(edge, 6) for edge in groomed.report.voxel],
         )
         for subject, stem, shape, alignment, groomed in zip(
             inputs.cohort.subjects, stems, inputs.shapes, outcome.alignments, inputs.groomed, strict=True

@@ -3,7 +3,7 @@ import pytest
 from scipy import stats
 
 from homolog.analysis.design import group_design, regression_design
-from homolog.analysis.effects import corrected_distance, effect_bounds, size_effect
+from homolog.analysis.effects import corrected_distance, effect_bounds, size_effect, size_variance
 
 
 def test_the_distance_is_unbiased_where_the_plain_one_is_too_large():
@@ -48,3 +48,23 @@ def test_size_against_itself_has_no_test():
     groups = group_design(["a", "b"] * 10, ["a", "b"], ((size - size.mean()) / size.std())[:, None])
     assert size_effect(size, groups) is None
     assert size_effect(size, group_design(["a", "b"] * 10, ["a", "b"]), permutations=99).p > 0.0
+
+
+def test_size_of_three_groups_has_the_f_of_welch_and_a_share_of_the_variance():
+    random = np.random.default_rng(3)
+    groups = ["a"] * 12 + ["b"] * 9 + ["c"] * 15
+    labels = np.array(groups)
+    size = random.normal(50.0, 2.0, size=36) + 3.0 * (labels == "c")
+    design = group_design(groups, ["a", "b", "c"])
+    members = [labels == name for name in "abc"]
+    welch = size_variance(size, design, members)
+    parts = [size[own] for own in members]
+    assert welch.f == pytest.approx(stats.f_oneway(*parts, equal_var=False).statistic)
+    assert stats.f.sf(welch.f, *welch.dof) == pytest.approx(stats.f_oneway(*parts, equal_var=False).pvalue)
+    assert 0.0 < welch.omega_squared.low < welch.omega_squared.value < welch.omega_squared.high < 1.0
+    age = random.normal(size=(36, 1))
+    adjusted = size_variance(size, group_design(groups, ["a", "b", "c"], age))
+    full = np.column_stack([np.ones(36), age, labels == "b", labels == "c"])
+    rest = [np.linalg.lstsq(full[:, :columns], size, rcond=None)[1][0] for columns in (2, 4)]
+    assert adjusted.f == pytest.approx((rest[0] - rest[1]) / 2.0 / (rest[1] / 32.0))
+    assert adjusted.dof == (2.0, 32.0)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from homolog import __version__
 from homolog.grooming import GroomedSubject, GroomReport
 from homolog.patient import left_out
 from homolog.patient.build import reference_of
@@ -68,7 +69,7 @@ def template():
 @pytest.fixture(scope="session")
 def provenance():
     return Provenance(
-        "study", "NOR", 24, "2026-01-01", "2026-01-01", {"homolog": "0"}, "abc", 100,
+        "study", "NOR", 24, "2026-01-01", "2026-01-01", {"homolog": __version__}, "abc", 100,
         GroomSettings(mesh_edge=2.2), "",
     )  # fmt: skip
 

@@ -150,6 +150,28 @@ def test_a_damaged_reference_is_refused(reference, tmp_path, damage):
         Reference.load(path)
 
 
+def test_a_reference_of_an_older_version_is_read_or_said_to_be_made_again(reference, template, tmp_path):
+    import json
+
+    path = tmp_path / "old.npz"
+    older = replace(reference, provenance=replace(reference.provenance, versions={"homolog": "0.1.9"}))
+    replace(older, mirrored=None, placing=None).save(path)
+    with np.load(path) as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    record = json.loads(str(arrays["record"]))
+    for name in ("names", "placing", "change_between"):  # not yet in files of older versions
+        del record[name]
+    arrays["record"] = np.array(json.dumps(record))
+    np.savez(path, **arrays)
+    found = compare_groomed(Reference.load(path), patient(template), AGE)
+    assert found.measures == compare_groomed(reference, patient(template), AGE).measures
+    assert any("0.1.9" in words for words in found.remarks)
+    del arrays["local_mean"]
+    np.savez(path, **arrays)
+    with pytest.raises(InputError, match=r"0\.1\.9.*local_mean.*make it again"):
+        Reference.load(path)
+
+
 def test_another_archive_is_no_reference(tmp_path):
     np.savez(tmp_path / "x.npz", mean=np.zeros(3))
     with pytest.raises(InputError, match="not a reference"):

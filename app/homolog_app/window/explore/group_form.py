@@ -22,9 +22,9 @@ __all__ = ["GroupForm"]
 _MOST_VALUES = 12
 _LONG = 48
 _ALIGNMENTS = {
+    "Both: form and shape (two answers)": None,
     "Form: size and shape (rigid alignment)": Alignment.RIGID,
     "Shape: size removed (similarity)": Alignment.SIMILARITY,
-    "Both: form and shape (two answers)": None,
     "As the shapes lie (not aligned)": Alignment.AS_IT_LIES,
 }
 _BOTH = (Alignment.RIGID, Alignment.SIMILARITY)
