@@ -242,7 +242,6 @@ def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_
         session.select(members)
         session.set_group(group)
     page.form.every.setChecked(True)
-    page.form.alignment.setCurrentText("Both: form and shape (two answers)")
     window.commands["explore.test"].trigger()
     wait(lambda: bool(page.answers), seconds=300)
     form, shape = page.all.own
@@ -287,6 +286,7 @@ def test_pairs_of_subjects_are_compared_as_the_command_line_does(explore, bean_p
     assert offered == ["Subjects are not paired", "Paired by patient"]
     page.form.pairing.setCurrentIndex(1)
     page.form.pairing.activated.emit(1)
+    page.form.alignment.setCurrentText("Form: size and shape (rigid alignment)")
     assert not page.form.allow.isVisible()  # pairs are compared without covariates
     window.commands["explore.test"].trigger()
     wait(lambda: bool(page.answers), seconds=300)
