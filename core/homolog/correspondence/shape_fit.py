@@ -41,9 +41,10 @@ _ANNEAL_ITERATIONS, _FIRST_REGULARIZATION = 200, 1.0
 _SETTLE_ITERATIONS, _SETTLED = 300, 0.01
 """At most, and the motion between two records at which 95 % of the particles have settled [spacings]: the
 objective of one shape fluctuates too much to tell."""
-_PLACED_ANNEAL, _PLACED_WEIGHTS = 60, 0.1
-"""Of a fit whose pose was searched for: iterations, and weights of the last stage over the run's. By then the
-particles have found their places, and lower weights spread them more evenly."""
+_PLACED_ANNEAL, _PLACED_WEIGHTS, _WEIGHTS_A_SUBJECT = 200, 0.3, 0.03
+"""Of a fit whose pose was searched for: iterations, and weights of the last stage over the run's, at most and
+for each subject. By then the particles have found their places, and lower weights spread them more evenly; a
+few subjects tell little of another one."""
 _TEMPLATE_POINTS = 256
 
 
@@ -176,10 +177,11 @@ def fit_shape_from(
         If a particle is lost.
     """
     anneal, settle = _stages(settings, len(starts[0]), _PLACED_ANNEAL)
+    share = min(_PLACED_WEIGHTS, _WEIGHTS_A_SUBJECT * float(ensemble.subjects[0]))
     settle = replace(
         settle,
-        ensemble_weight=_PLACED_WEIGHTS * settle.ensemble_weight,
-        normals_weight=_PLACED_WEIGHTS * settle.normals_weight,
+        ensemble_weight=share * settle.ensemble_weight,
+        normals_weight=share * settle.normals_weight,
     )
     stages, searches = [anneal, settle], settings.procrustes not in (Procrustes.OFF, Procrustes.AUTO)
     return _fitted(shape, settings, ensemble, starts, stages, settled=False, searches=searches, tick=tick)
