@@ -97,7 +97,7 @@ def draw_slope(
 
 
 def draw_boxes(
-    axes: Axes, parts: Sequence[FloatArray], names: Sequence[str], means: Sequence[tuple[str, str]],
+    axes: Axes, parts: Sequence[FloatArray], names: Sequence[str], means: Sequence[Sequence[str]],
     title: str, unit: str, colours: Colours,
 ) -> None:  # fmt: skip
     """Draw a measure by group: quartiles, whiskers, the mean as a diamond, and every subject.
@@ -112,8 +112,9 @@ def draw_boxes(
         The measure of each group.
     names : sequence of str
         The groups.
-    means : sequence of (str, str)
-        The mean of each group with its standard deviation, and alone; what there is room for is written.
+    means : sequence of sequence of str
+        The mean of each group, with its standard deviation beside it, below it, and without; the first for
+        which there is room is written.
     title, unit : str
     colours : Colours
     """
@@ -134,7 +135,12 @@ def draw_boxes(
         axes.plot(index + across, part, ".", color=colour, markersize=5)
     room = letters(axes, 0.72 * axes.bbox.width / len(parts))  # the texts beside the frame take some
     below = next(
-        (texts for texts in zip(*means, strict=True) if max(map(len, texts)) < room), [""] * len(parts)
+        (
+            texts
+            for texts in zip(*means, strict=True)
+            if max(len(line) for text in texts for line in text.splitlines()) < room
+        ),
+        [""] * len(parts),
     )
     names = [shortened(legible(name), room) for name in names]
     axes.set_xticks(range(len(parts)), map("\n".join, zip(names, below, strict=True)))

@@ -283,10 +283,9 @@ def interrupted_text(checkpoint: Path, particles: int) -> str:
         placed, iterations = _read(checkpoint, checkpoint.stat().st_mtime_ns)
     except (InputError, OSError, KeyError, IndexError):
         return "The last run was interrupted, and its checkpoint can't be read; start a new run."
-    share = round(100.0 * min(1.0, placed / max(1, particles)))
     return (
-        f"The last run was interrupted after {iterations} iterations, with {placed} of {particles} particles "
-        f"({share} %). Resume continues from its checkpoint."
+        f"The last run was interrupted after {iterations} iterations, with {placed} of {particles} "
+        "particles. Resume continues from its checkpoint."
     )
 
 

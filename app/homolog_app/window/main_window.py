@@ -7,9 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QEvent, QMimeData, QObject, QSize, Qt, Signal, Slot
-from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
+from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QResizeEvent
 from PySide6.QtOpenGLWidgets import QOpenGLWidget
-from PySide6.QtWidgets import QDockWidget, QFrame, QMainWindow, QStackedWidget, QTabBar, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QDockWidget,
+    QFrame,
+    QMainWindow,
+    QScrollArea,
+    QStackedWidget,
+    QTabBar,
+    QVBoxLayout,
+    QWidget,
+)
 
 from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_panel import CohortPanel
@@ -33,7 +42,9 @@ if TYPE_CHECKING:
 __all__ = ["Docks", "Inspector", "MainWindow"]
 
 _log = logging.getLogger(__name__)
-_INSPECTOR = 452  # pixels
+_INSPECTOR, _NARROWEST, _FLATTEST = 452, 376, 192  # pixels
+_WIDTH_SHARE, _HEIGHT_SHARE = 0.2, 0.22
+"""What inspector and plots have at least of a large window."""
 _SIZE, _FRAME = QSize(1440, 900), QSize(8, 40)
 """Size at the first start, and what the system's frame takes of the screen [pixels]."""
 
@@ -46,7 +57,7 @@ class Inspector(QFrame):
     def __init__(self, workspace: Workspace, actions: Actions) -> None:
         super().__init__()
         self.setObjectName("Inspector")
-        self.setMinimumWidth(376)
+        self.setMinimumWidth(_NARROWEST)
         self.cohort = CohortPanel(workspace.session, workspace.theme, actions)
         self.groom = GroomPanel(workspace.session, actions)
         self.correspond = RunPanel(workspace.session, actions)
@@ -93,6 +104,7 @@ class Docks(QObject):
     ) -> None:
         super().__init__(window)
         self._window, self._workspace, self._explore = window, workspace, inspector.explore
+        self._inspector = inspector
         self.curves = EnergyCurves(workspace.theme)
         self.log = LogPane(workspace.memory)
         bottom = Qt.DockWidgetArea.BottomDockWidgetArea
@@ -139,6 +151,12 @@ class Docks(QObject):
         )
         wanted = open_ and plots is None and of_run
         self._curves_dock.setVisible(wanted and (session.job.run is not None or session.result is not None))
+
+    def follow_size(self, size: QSize) -> None:
+        """Let inspector and plots have their share of a large window."""
+        self._inspector.setMinimumWidth(max(_NARROWEST, round(_WIDTH_SHARE * size.width())))
+        for plots in (self._plots, self.curves):
+            plots.setMinimumHeight(max(_FLATTEST, round(_HEIGHT_SHARE * size.height())))
 
     def _show_result(self) -> None:
         result = self._workspace.session.result
@@ -304,6 +322,11 @@ class MainWindow(QMainWindow):
         if self.workspace.session.step != "explore" or not self.exploring.drop_files(paths):
             self.projects.open_paths(paths)
 
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Share the room out."""
+        super().resizeEvent(event)
+        self.docks.follow_size(event.size())
+
     def changeEvent(self, event: QEvent) -> None:
         """Rest the drawing while minimized."""
         super().changeEvent(event)
@@ -324,7 +347,11 @@ class MainWindow(QMainWindow):
             self
         )  # makes the window one of OpenGL before it is shown: no flash later
         self._first_gl.setFixedSize(1, 1)
-        self._middle.addWidget(self.start_page)
+        first = QScrollArea(widgetResizable=True)  # many recent projects do not make the window taller
+        first.setFrameShape(QFrame.Shape.NoFrame)
+        first.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        first.setWidget(self.start_page)
+        self._middle.addWidget(first)
         self.setCentralWidget(self._middle)
 
     def _connect(self) -> None:

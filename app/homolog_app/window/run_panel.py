@@ -212,7 +212,7 @@ class RunPanel(Panel):
         self.resume.setVisible(idle and resumable)
         self.keep.setVisible(idle and self._actions["run.keep"].isEnabled())
         self.proceed.setVisible(idle and done)
-        ready = session.is_groomed or done or resumable
+        ready = session.is_groomed or done or resumable or not idle
         text = session.result.summary if session.result else "" if ready else _FIRST
         if self.resume.isVisibleTo(self):
             text = f"{self._interrupted()}\n{text}".strip()

@@ -28,7 +28,7 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.scene import Scene
 from homolog_app.window.slice_view import SliceView
 from homolog_app.window.theme import Theme, pixmap
-from homolog_app.window.widgets import GRID, button, choice, label
+from homolog_app.window.widgets import GRID, PercentEdit, button, choice, label
 
 __all__ = ["ClipBar", "RangeDialog", "Stage", "ViewBar", "ViewFooter", "view_menu"]
 
@@ -253,8 +253,7 @@ class ClipBar(QFrame):
         self.position.setAccessibleName("Position of the cutting plane")
         self.position.setToolTip("Position of the cutting plane")
         self.low, self.high = label("", "Hint"), label("", "Hint")
-        self.percent = label("", "Hint")
-        self.percent.setMinimumWidth(36)
+        self.percent = PercentEdit("Position of the cutting plane in percent", self.position)
         self.flip = button("Flip", "pick")
         self.flip.setCheckable(True)
         self.flip.setToolTip("Remove the other side")
@@ -262,7 +261,7 @@ class ClipBar(QFrame):
         row.setContentsMargins(GRID, GRID // 2, GRID, GRID // 2)
         row.setSpacing(GRID)
         row.addWidget(self.plane)
-        for widget in (self.low, self.position, self.high, self.percent, self.flip):
+        for widget in (self.low, self.position, self.high, self.percent, label("%", "Unit"), self.flip):
             row.addWidget(widget, 1 if widget is self.position else 0)
         self.plane.currentIndexChanged.connect(self._follow)
         self.position.valueChanged.connect(self._follow)
@@ -284,7 +283,6 @@ class ClipBar(QFrame):
         low, high = _ENDS[self.plane.currentData()]
         self.low.setText(low)
         self.high.setText(high)
-        self.percent.setText(f"{100 * self.position.value() / _STEPS:.0f} %")
         self.changed.emit()
 
 

@@ -1,6 +1,6 @@
 """Widgets that several parts use: labels and buttons in one grid, numbers, progress."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from PySide6.QtCore import QEvent, QObject, Qt, Signal, Slot
 from PySide6.QtGui import QAction, QKeyEvent, QShowEvent
@@ -33,6 +33,7 @@ __all__ = [
     "ActionButton",
     "NumberBox",
     "Panel",
+    "PercentEdit",
     "Progress",
     "ValueEdit",
     "button",
@@ -222,7 +223,7 @@ class NumberBox(QSpinBox):
 
 
 class ValueEdit(QLineEdit):
-    """Shows a value with its sign; a number that is typed is kept within bounds, anything else is undone.
+    """Shows a value; a number that is typed is kept within bounds, anything else is undone.
 
     Parameters
     ----------
@@ -232,16 +233,20 @@ class ValueEdit(QLineEdit):
         Bounds.
     step : float
         How far the arrow keys go.
+    form : callable
+        Writes a value.
     """
 
     entered = Signal(float)
 
-    def __init__(self, name: str, low: float, high: float, step: float = 0.1) -> None:
+    def __init__(
+        self, name: str, low: float, high: float, step: float = 0.1, form: Callable[[float], str] = signed
+    ) -> None:
         super().__init__()
-        self._low, self._high, self._step = low, high, step
+        self._low, self._high, self._step, self._form = low, high, step, form
         self._value = 0.0
         self.setAccessibleName(name)
-        self.setToolTip(f"Type a number from {signed(low, 0)} to {signed(high, 0)}")
+        self.setToolTip(f"Type a number from {low:g} to {high:g}".replace("-", "−"))
         self.setAlignment(Qt.AlignmentFlag.AlignRight)
         self.setFixedWidth(64)
         self.editingFinished.connect(self._receive)
@@ -249,7 +254,7 @@ class ValueEdit(QLineEdit):
     def show_value(self, value: float) -> None:
         """Show a value; `entered` does not follow."""
         self._value = value
-        self.setText(signed(value))
+        self.setText(self._form(value))
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Go a step up or down."""
@@ -261,7 +266,7 @@ class ValueEdit(QLineEdit):
 
     @Slot()
     def _receive(self) -> None:
-        if self.text() == signed(self._value):
+        if self.text() == self._form(self._value):
             return
         try:
             value = parse_number(self.text())
@@ -275,6 +280,17 @@ class ValueEdit(QLineEdit):
         self.show_value(value)
         if changed:
             self.entered.emit(value)
+
+
+class PercentEdit(ValueEdit):
+    """A whole number of percent beside a slider, from 0 to 100; each changes the other."""
+
+    def __init__(self, name: str, slider: QSlider) -> None:
+        super().__init__(name, 0.0, 100.0, 1.0, lambda value: f"{value:.0f}")
+        self.setFixedWidth(48)
+        self.entered.connect(lambda value: slider.setValue(round(value / 100.0 * slider.maximum())))
+        slider.valueChanged.connect(lambda value: self.show_value(100.0 * value / slider.maximum()))
+        self.show_value(100.0 * slider.value() / slider.maximum())
 
 
 class Progress(QWidget):

@@ -28,6 +28,16 @@ def test_a_value_can_be_typed_beside_a_slider(modes):
         assert row.typed.text() == shown
 
 
+def test_percent_of_a_slider_can_be_typed(explored):
+    bar = explored.views.stage.clip
+    for text, place in (("37", 0.37), ("250", 1.0), ("nothing", 1.0)):
+        bar.percent.setText(text)
+        bar.percent.editingFinished.emit()
+        assert bar.clip.position == place
+    bar.position.setValue(0)
+    assert bar.percent.text() == "0"
+
+
 def test_the_range_of_colours_is_set_by_hand_and_automatic_again(explored, modes, wait):
     bar, command = explored.views.stage.scene.bar, explored.commands["view.range"]
     automatic = bar.scale.high
@@ -80,7 +90,7 @@ def test_colours_can_be_positive_away_from_the_middle(explored, modes):
     before, words = scene.shown[0].colours, scene.bar.scale.high_words
     assert words == "out of the tissue"
     command.trigger()
-    assert scene.bar.scale.high_words == "from the middle"
+    assert scene.bar.scale.high_words == "away from the centre"
     assert modes.chosen.from_middle
     np.testing.assert_array_equal(scene.shown[0].colours, before)  # an ellipsoid has no inner wall
     command.trigger()

@@ -6,14 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import (
-    QCheckBox,
-    QComboBox,
-    QHBoxLayout,
-    QSlider,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QSlider, QVBoxLayout, QWidget
 
 from homolog_app.rendering.text import typeset
 from homolog_app.studies.answers import (
@@ -34,7 +27,17 @@ from homolog_app.window.explore.controls import CompareBox, NumbersTable, Player
 from homolog_app.window.explore.group_form import GroupForm
 from homolog_app.window.explore.group_results import GroupPlot, GroupResults, correction_sentence
 from homolog_app.window.explore.page import ExplorePage, ModelCache
-from homolog_app.window.widgets import GRID, Progress, button, choice, label, rule, set_dimmed, set_primary
+from homolog_app.window.widgets import (
+    GRID,
+    PercentEdit,
+    Progress,
+    button,
+    choice,
+    label,
+    rule,
+    set_dimmed,
+    set_primary,
+)
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -123,6 +126,8 @@ class GroupsPage(ExplorePage):
         slide.addWidget(self.first)
         slide.addWidget(self.way, 1)
         slide.addWidget(self.second)
+        slide.addWidget(PercentEdit("Percent of the way to the second group or value", self.way))
+        slide.addWidget(label("%", "Unit"))
         answer.addLayout(slide)
         choices = QHBoxLayout()
         for box in (self.map, self.views):

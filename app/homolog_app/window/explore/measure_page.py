@@ -15,7 +15,6 @@ from PySide6.QtWidgets import (
 
 from homolog.arrays import FloatArray
 from homolog.progress import Tick, part_of
-from homolog_app.rendering.text import signed
 from homolog_app.studies.study import with_present_table
 from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.contents import single_subject
@@ -28,6 +27,7 @@ from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.widgets import (
     ActionButton,
     NumberBox,
+    ValueEdit,
     choice,
     dress_table,
     label,
@@ -71,7 +71,7 @@ class MeasurePage(ExplorePage):
         self._next = 0
         self.particles = (NumberBox(), NumberBox())
         self.mode, self.place = choice("Mode"), QSlider(Qt.Orientation.Horizontal)
-        self.at = label("")
+        self.at = ValueEdit("Standard deviations", -_REACH, _REACH)
         self.who, self.map = choice("Shape that is shown"), choice("Map", _MAPS)
         self.beside = choice("Shape that is shown next to it")
         self.kind = choice("Plots", _PLOTS)
@@ -95,11 +95,11 @@ class MeasurePage(ExplorePage):
         self.place.setSingleStep(_STEPS // 10)
         self.place.setPageStep(_STEPS // 2)
         self.place.setAccessibleName("Place along the mode in standard deviations")
-        self.at.setMinimumWidth(64)
         along = QHBoxLayout()
         along.addWidget(self.mode)
         along.addWidget(self.place, 1)
         along.addWidget(self.at)
+        along.addWidget(label("SD", "Unit"))
         dress_table(self.view, "Measures of the subjects", 200)
         self.view.setModel(self._rows)
         self.view.setSortingEnabled(True)
@@ -133,6 +133,7 @@ class MeasurePage(ExplorePage):
             box.valueChanged.connect(self._show_measures)
         self.mode.currentIndexChanged.connect(self._show_mode)
         self.place.valueChanged.connect(self._show_place)
+        self.at.entered.connect(lambda value: self.place.setValue(round(value * _STEPS)))
         for chooser in (self.who, self.beside, self.map):
             chooser.activated.connect(lambda _: self.shown_changed.emit())
         self.kind.activated.connect(self.choose_plots)
@@ -259,7 +260,7 @@ class MeasurePage(ExplorePage):
 
     def _show_place(self) -> None:
         at = self.place.value() / _STEPS
-        self.at.setText(f"{signed(at)} SD")
+        self.at.show_value(at)
         for plot in self.charts.each:
             plot.show_place(at)
         self.shown_changed.emit()

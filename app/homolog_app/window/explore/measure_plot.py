@@ -137,8 +137,9 @@ class BoxPlot(Plot):
         means = []
         for mean, deviation in zip(measure.means, measure.deviations, strict=True):
             digits = int(np.clip(-np.floor(np.log10(deviation)), 0, 3)) if deviation > 0.0 else 1
-            spread = f"\u2009±\u2009{deviation:.{digits}f}" if np.isfinite(deviation) else ""
-            means.append((f"{mean:.{digits}f}{spread}", short(mean)))
+            spread = f"±\u2009{deviation:.{digits}f}" if np.isfinite(deviation) else ""
+            fixed = f"{mean:.{digits}f}"
+            means.append((f"{fixed}\u2009{spread}".strip(), f"{fixed}\n{spread}".strip(), short(mean)))
         title, colours = self.title.replace(": ", "\n"), self.theme.colours  # there may be little width
         draw_boxes(figure.subplots(), self._parts, measure.groups, means, title, self._unit, colours)
 
