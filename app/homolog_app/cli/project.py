@@ -93,9 +93,11 @@ def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
         ("versions", ", ".join(f"{name} {number}" for name, number in result.versions.items())),
         ("fingerprint", result.fingerprint),
     ]
-    return facts + [
-        ("note", f"{subject.name}: {note}") for subject in result.subjects for note in subject.notes
-    ]
+    notes: dict[str, list[str]] = {}
+    for subject in result.subjects:
+        for note in subject.notes:
+            notes.setdefault(note, []).append(subject.name)
+    return facts + [("note", f"{', '.join(names)}: {note}") for note, names in notes.items()]
 
 
 def _mirrored(result: ResultRecord) -> str:
