@@ -33,7 +33,7 @@ __all__ = ["CohortPanel", "LabelPicker"]
 
 _TOOLS = ("file.add", "file.import", "file.export", "edit.group", "edit.include", "edit.remove")
 _GROUP_PX = (56, 120)
-_NAME_PX, _STATUS_PX = 140, 76
+_NAME_PX, _VOLUME_PX, _STATUS_PX = 140, 72, 96
 _MEASURED_ROWS = 100  # beyond those in sight, whose names are looked at for the width
 
 
@@ -44,6 +44,7 @@ class _Table(QTableView):
         """Make the column of names as wide as they are, if there is room, and then that of the status."""
         head = self.horizontalHeader()
         head.setResizeContentsPrecision(_MEASURED_ROWS)
+        head.resizeSection(VOLUME, max(_VOLUME_PX, self.sizeHintForColumn(VOLUME)))
         others = sum(head.sectionSize(column) for column in (GROUP, VOLUME)) + _STATUS_PX
         free = self.viewport().width() - others
         names = max(_NAME_PX, min(free, self.sizeHintForColumn(NAME)))
@@ -119,7 +120,12 @@ class CohortPanel(Panel):
         head = table.horizontalHeader()
         head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         head.setStretchLastSection(True)
-        for column, width in ((NAME, _NAME_PX), (GROUP, _GROUP_PX[0]), (VOLUME, 72), (STATUS, _STATUS_PX)):
+        for column, width in (
+            (NAME, _NAME_PX),
+            (GROUP, _GROUP_PX[0]),
+            (VOLUME, _VOLUME_PX),
+            (STATUS, _STATUS_PX),
+        ):
             head.resizeSection(column, width)
         head.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         return table

@@ -80,6 +80,7 @@ class CommandPalette(QDialog):
         self.list.itemActivated.connect(self._choose)
         self.list.itemClicked.connect(self._choose)
         self.query.installEventFilter(self)
+        self.query.setFocus()  # a popup gives none by itself: what is typed would be lost
         self._fill("")
 
     @property

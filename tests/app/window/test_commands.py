@@ -78,6 +78,8 @@ def test_the_palette_lists_what_is_possible_and_runs_it(window):
     from homolog_app.window.palette import CommandPalette
 
     palette = CommandPalette(window, window.commands)
+    palette.show()
+    assert palette.focusWidget() is palette.query  # what is typed goes there
     palette.query.setText("light dark")
     assert palette.list.topLevelItemCount() == 1
     palette.query.returnPressed.emit()

@@ -76,6 +76,7 @@ class GroupResults(QTreeWidget):
             for pair, comparison in enumerate(pairs):
                 item = QTreeWidgetItem(list(_values(study, comparison)))
                 item.setData(0, _PLACE, (number, pair))
+                item.setToolTip(0, item.text(0))  # there may be little room for it
                 top.addChild(item)
                 if (number, pair) == chosen:
                     self.setCurrentItem(item)
