@@ -53,7 +53,11 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
         metavar="GROUP",
         help="groups to compare, the reference first (default: all, controls first)",
     )
-    parser.add_argument("--pairs", metavar="COLUMN", help="column that names the pairs; needs --between A B")
+    parser.add_argument(
+        "--pairs",
+        metavar="COLUMN",
+        help="column that names the pairs of two groups; --between A B where there are more",
+    )
     parser.add_argument(
         "--covariates",
         nargs="+",
@@ -162,7 +166,7 @@ def _request(arguments: argparse.Namespace, result: "Result", alignment: str, an
     between = arguments.between or []
     if kind == "regression" and between:
         raise InputError("--between names groups and can't be combined with --regress")
-    if kind == "groups" and not between:
+    if kind != "regression" and not between:
         between = reference_first(column_of(result, column))
     try:
         return StudyRequest(

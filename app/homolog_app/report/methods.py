@@ -126,7 +126,20 @@ def _groomed(record: ResultRecord) -> str:
     surfaces = f" Surfaces had {_range(vertices, 'd')} vertices." if vertices else ""
     voxels = [sorted(subject.voxel) for subject in record.subjects if subject.voxel]
     edges = f"Voxels of the files were {voxel_text(voxels)} mm (the shortest edge first). " if voxels else ""
-    return f"{edges}Shapes were groomed with these settings: {listed}.{surfaces}"
+    return (
+        f"{edges}Segmentations were cleaned (enclosed cavities filled) and antialiased; surfaces are the "
+        f"zero levels of signed distance fields. Shapes were groomed with these settings: {listed}.{surfaces}"
+    )
+
+
+def _size_of_groups(study: Study) -> list[str]:
+    if study.overall.size_variance is None:
+        return []
+    f = "the F of the analysis of covariance" if study.request.covariates else "Welch's F"
+    return [
+        f"Of all groups together, size has {f} and ω², the share of its variance that lies between the "
+        "groups, with bounds from the noncentral F distribution."
+    ]
 
 
 def _range(values: Sequence[float], form: str) -> str:
@@ -199,6 +212,7 @@ def _statistics(study: Study) -> list[str]:
         f"The level was alpha = {LEVEL:g}; tests are two-sided, those of accuracy and AUC one-sided.",
         "Size is the root mean square distance of a shape's particles from their centroid; it was tested by "
         "permutation of its studentized difference or slope.",
+        *_size_of_groups(study),
         "95 % intervals of size and of displacements at particles are those of Welch (with covariates and "
         "for variables: with HC2 standard errors); they are not corrected over the surface or for pairs.",
         *_adjustments(study),

@@ -29,6 +29,8 @@ __all__ = [
     "who_text",
 ]
 
+_USUALLY_NEAR = 0.95
+"""Share of particles in place from where on nothing is said."""
 _COARSE = 0.12
 """Of the size (root mean square radius): a limit above it finds gross changes only."""
 
@@ -78,6 +80,11 @@ def reference_text(reference: Reference) -> list[str]:
             f"{change.pairs} controls seen twice ({change.between}): a change of {usual:.1f} mm on average "
             "is beyond theirs"
         )
+    if quality.near < _USUALLY_NEAR:
+        lines.append(
+            "caution: particles of a patient may lie elsewhere than the joint run would put them; maps, "
+            "regions and percentiles do not depend on them"
+        )
     size = float(rms_radius(reference.surface.vertices))
     if quality.limit_mm > _COARSE * size:
         lines.append(
@@ -115,12 +122,21 @@ def reference_rows(reference: Reference) -> list[tuple[str, str]]:
             "Controls seen twice",
             "none" if reference.change is None else f"{reference.change.pairs}, {reference.change.between}",
         ),
+        ("Particles in place", _placed_words(reference)),
         ("Limit of |z|", f"{reference.limit:.2f} (5 % of healthy subjects anywhere)"),
         ("Structure", structure),
         ("Side", _side_words(reference)),
         ("Made", f"{about.made}, Homolog {about.versions.get('homolog', '')}"),
         ("Result", f"{about.finished} ({about.result[:16]})"),
     ]
+
+
+def _placed_words(reference: Reference) -> str:
+    quality = reference.quality
+    return (
+        f"{100.0 * quality.near:.0f} % of those of left-out controls within 0.3 spacings of the joint run, "
+        f"95 % within {quality.error_95:.1f}"
+    )
 
 
 def _side_words(reference: Reference) -> str:

@@ -227,8 +227,10 @@ def _check(result: Result, request: StudyRequest) -> None:
     twice = [item for item, count in Counter(named).items() if count > 1]
     if twice:
         raise InputError(f"the covariate {twice[0]!r} is given twice; give it once")
-    if request.kind == "pairs" and (len(request.between) != 2 or request.covariates):
-        raise InputError("a paired comparison is between two values of a column and takes no covariates")
+    if request.kind == "pairs" and request.covariates:
+        raise InputError(
+            "a paired comparison takes no covariates, as it is made within pairs; leave them out"
+        )
     plain, is_category = category_of(request.column, known)
     if is_category and (request.kind == "regression" or not plain.endswith(CATEGORY)):
         raise InputError(
@@ -246,6 +248,11 @@ def _check(result: Result, request: StudyRequest) -> None:
             raise InputError(
                 f"column {request.column!r}: no subject is in {group!r}; groups are: {', '.join(there)}"
             )
+    if request.kind == "pairs" and len(request.between) != 2:
+        raise InputError(
+            f"a paired comparison is between two values of column {request.column!r}; name two of: "
+            f"{', '.join(there)}"
+        )
     if request.kind == "groups" and len(request.between) < 2:
         raise InputError(f"column {request.column!r}: has one group only; a comparison needs two")
     if plain in named:
