@@ -216,7 +216,7 @@ def check_room(plan: TablePlan, device: str) -> None:
     """
     free = free_memory() if device == "cpu" else int(wp.get_device(device).free_memory)
     if plan.nbytes > 0.9 * free:
-        remedy = "keep them in files (--memory)" if device == "cpu" else "use several GPUs or the CPU"
+        remedy = "limit the memory (files)" if device == "cpu" else "use several GPUs or the CPU"
         raise InputError(
             f"geodesic tables of {len(plan.tasks)} shapes take {plan.nbytes / 1e9:.3g} GB, but "
             f"{free / 1e9:.3g} GB are free on {device}: {remedy}, fewer particles or a core set"

@@ -266,8 +266,8 @@ class InitialRegistration:
             return self._registration.deform(targets, guesses[some], rounds, inner)
 
         works = [partial(deform, slice(k, k + N_TOGETHER)) for k in range(0, len(chosen), N_TOGETHER)]
-        found = chain(*run_in_threads(works, tick, "first particles", cores()))
-        return dict(zip(chosen, found, strict=True))
+        deformed = chain(*run_in_threads(works, tick, "first particles", cores()))
+        return dict(zip(chosen, deformed, strict=True))
 
 
 def spread_vertices(mesh: TriangleMesh, count: int, begin: IntArray) -> IntArray:
