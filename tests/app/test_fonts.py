@@ -9,7 +9,9 @@ from matplotlib.figure import Figure
 from homolog_app.pictures import write_picture
 from homolog_app.plots import draw_discriminant, new_figure
 from homolog_app.rendering import text as fonts
+from homolog_app.rendering.colours import displacement_scale
 from homolog_app.rendering.scheme import LIGHT
+from homolog_app.views.captions import scale_picture
 
 HAN = "王"
 
@@ -69,3 +71,11 @@ def test_numbers_are_typeset_with_minus_signs_and_stay_beside_their_units():
         "HCM − NOR: −0.05\u00a0mm (95\u00a0%\u00a0CI\u00a0−1 to +4.2), F(4,\u00a017)\u00a0=\u00a09.9, "
         "p\u00a0<\u00a00.001; sub-01 of 2026-11-24"
     )
+
+
+def test_the_title_of_a_colour_scale_gets_smaller_letters_before_it_is_cut():
+    scale = displacement_scale(6.0, "Outward difference from healthy to infarct, adjusted for age and sex")
+    picture = scale_picture(scale, LIGHT, 400, 1.0)
+    title = (picture[:20] != picture[0, 0]).any(axis=(0, 2))
+    assert title.any()
+    assert not title[[0, 1, -2, -1]].any()

@@ -253,8 +253,11 @@ def scale_picture(
     own = font_file(line + scale.grey_words)  # groups may be named in any script
     grey = f" · {scale.grey_words}" if scale.grey_words else ""
     patch = round(_PATCH * ratio) if grey else 0
-    text, letters = written(line, own), _font(own, size)
-    tail = written(grey, own)
+    text, tail = written(line, own), written(grey, own)
+    letters = _font(own, size)
+    whole = letters.getlength(text) + letters.getlength(tail) + patch
+    if whole > (room := width - _LETTERS * ratio):
+        letters = _font(own, int(size * room / whole))
     start = (width - draw.textlength(text, letters) - draw.textlength(tail, letters) - patch) / 2
     draw.text((start, 12 * ratio), text, colours.text, letters, anchor="lm")
     font = _font(font_file(), size)

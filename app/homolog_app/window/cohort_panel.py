@@ -22,7 +22,7 @@ from homolog_app.rendering.text import millilitres
 from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_model import GROUP, NAME, STATUS, VOLUME, CohortModel, thumbnail
 from homolog_app.window.session import Session
-from homolog_app.window.theme import Theme
+from homolog_app.window.theme import Theme, scaled
 from homolog_app.window.widgets import GRID, Panel, button, dress_table, label
 
 if TYPE_CHECKING:
@@ -44,13 +44,14 @@ class _Table(QTableView):
         """Make the column of names as wide as they are, if there is room, and then that of the status."""
         head = self.horizontalHeader()
         head.setResizeContentsPrecision(_MEASURED_ROWS)
-        head.resizeSection(VOLUME, max(_VOLUME_PX, self.sizeHintForColumn(VOLUME)))
-        others = sum(head.sectionSize(column) for column in (GROUP, VOLUME)) + _STATUS_PX
+        head.resizeSection(VOLUME, max(scaled(_VOLUME_PX), self.sizeHintForColumn(VOLUME)))
+        status = scaled(_STATUS_PX)
+        others = sum(head.sectionSize(column) for column in (GROUP, VOLUME)) + status
         free = self.viewport().width() - others
-        names = max(_NAME_PX, min(free, self.sizeHintForColumn(NAME)))
+        names = max(scaled(_NAME_PX), min(free, self.sizeHintForColumn(NAME)))
         left = max(0, free - names)
         head.resizeSection(NAME, names)
-        head.resizeSection(STATUS, max(_STATUS_PX, min(_STATUS_PX + left, self.sizeHintForColumn(STATUS))))
+        head.resizeSection(STATUS, max(status, min(status + left, self.sizeHintForColumn(STATUS))))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Give free width to the names."""
@@ -126,7 +127,7 @@ class CohortPanel(Panel):
             (VOLUME, _VOLUME_PX),
             (STATUS, _STATUS_PX),
         ):
-            head.resizeSection(column, width)
+            head.resizeSection(column, scaled(width))
         head.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         return table
 
@@ -150,7 +151,8 @@ class CohortPanel(Panel):
         groups = self._session.study.groups
         if groups != self._groups:
             self._groups = groups
-            width = min(max(self.table.sizeHintForColumn(GROUP), _GROUP_PX[0]), _GROUP_PX[1])
+            low, high = map(scaled, _GROUP_PX)
+            width = min(max(self.table.sizeHintForColumn(GROUP), low), high)
             self.table.horizontalHeader().resizeSection(GROUP, width)
             self.table.fit_names()
         text = f"{included} of {len(members)} subjects included"

@@ -34,6 +34,7 @@ from homolog_app.window.rail import STEPS, Rail, StatusBar, steps_of
 from homolog_app.window.run_panel import GroomPanel, RunPanel
 from homolog_app.window.run_particles import EnergyCurves
 from homolog_app.window.start_page import StartPage
+from homolog_app.window.theme import scaled
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ class Inspector(QFrame):
     def __init__(self, workspace: Workspace, actions: Actions) -> None:
         super().__init__()
         self.setObjectName("Inspector")
-        self.setMinimumWidth(_NARROWEST)
+        self.setMinimumWidth(scaled(_NARROWEST))
         self.cohort = CohortPanel(workspace.session, workspace.theme, actions)
         self.groom = GroomPanel(workspace.session, actions)
         self.correspond = RunPanel(workspace.session, actions)
@@ -121,7 +122,7 @@ class Docks(QObject):
                 self._plots.addWidget(page.plots)
         window.tabifyDockWidget(self._curves_dock, self._plots_dock)
         window.tabifyDockWidget(self._curves_dock, self._log_dock)
-        window.resizeDocks([self._inspector_dock], [_INSPECTOR], Qt.Orientation.Horizontal)
+        window.resizeDocks([self._inspector_dock], [scaled(_INSPECTOR)], Qt.Orientation.Horizontal)
         self._log_dock.visibilityChanged.connect(lambda shown: commands["view.log"].setChecked(shown))
         workspace.session.result_changed.connect(self._show_result)
 
@@ -154,7 +155,7 @@ class Docks(QObject):
 
     def follow_size(self, size: QSize) -> None:
         """Let inspector and plots have their share of a large window."""
-        self._inspector.setMinimumWidth(max(_NARROWEST, round(_WIDTH_SHARE * size.width())))
+        self._inspector.setMinimumWidth(max(scaled(_NARROWEST), round(_WIDTH_SHARE * size.width())))
         for plots in (self._plots, self.curves):
             plots.setMinimumHeight(max(_FLATTEST, round(_HEIGHT_SHARE * size.height())))
 

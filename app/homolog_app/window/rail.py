@@ -43,7 +43,7 @@ class Rail(QFrame):
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.setObjectName("Rail")
-        self.setFixedWidth(_WIDTH)
+        self.setFixedWidth(scaled(_WIDTH))
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, GRID, 0, GRID)
         layout.setSpacing(GRID // 2)
@@ -79,10 +79,10 @@ class _StepButton(QAbstractButton):
         self.update()
 
     def sizeHint(self) -> QSize:
-        return QSize(_WIDTH, _HEIGHT)
+        return QSize(scaled(_WIDTH), scaled(_HEIGHT))
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(_WIDTH, _HEIGHT - 2 * GRID)
+        return QSize(scaled(_WIDTH), scaled(_HEIGHT) - 2 * GRID)
 
     def paintEvent(self, event: QPaintEvent) -> None:
         colours = self._theme.colours

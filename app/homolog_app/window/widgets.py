@@ -27,6 +27,7 @@ from PySide6.QtWidgets import (
 from homolog_app.rendering.text import duration, parse_number, signed
 from homolog_app.window.actions import Actions
 from homolog_app.window.runner import Status
+from homolog_app.window.theme import scaled
 
 __all__ = [
     "GRID",
@@ -248,7 +249,7 @@ class ValueEdit(QLineEdit):
         self.setAccessibleName(name)
         self.setToolTip(f"Type a number from {low:g} to {high:g}".replace("-", "−"))
         self.setAlignment(Qt.AlignmentFlag.AlignRight)
-        self.setFixedWidth(64)
+        self.setFixedWidth(scaled(64))
         self.editingFinished.connect(self._receive)
 
     def show_value(self, value: float) -> None:
@@ -287,7 +288,7 @@ class PercentEdit(ValueEdit):
 
     def __init__(self, name: str, slider: QSlider) -> None:
         super().__init__(name, 0.0, 100.0, 1.0, lambda value: f"{value:.0f}")
-        self.setFixedWidth(48)
+        self.setFixedWidth(scaled(48))
         self.entered.connect(lambda value: slider.setValue(round(value / 100.0 * slider.maximum())))
         slider.valueChanged.connect(lambda value: self.show_value(100.0 * value / slider.maximum()))
         self.show_value(100.0 * slider.value() / slider.maximum())

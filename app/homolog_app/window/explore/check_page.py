@@ -16,7 +16,7 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.explore.check_display import CheckDisplay, NormalSphere
 from homolog_app.window.explore.check_state import InspectionState
 from homolog_app.window.explore.page import ExplorePage, ModelCache
-from homolog_app.window.theme import Theme, icon
+from homolog_app.window.theme import Theme, icon, scaled
 from homolog_app.window.widgets import GRID, Progress, button, dress_table, label
 from homolog_app.window.workspace import Workspace
 
@@ -108,7 +108,7 @@ def suspect_table(model: SuspectModel) -> QTableView:
         )
     ):
         head.setSectionResizeMode(column, mode)
-    head.resizeSection(2, 72)
+    head.resizeSection(2, scaled(76))
     return table
 
 

@@ -24,6 +24,7 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.explore.controls import SORTED_BY, SubjectTable
 from homolog_app.window.explore.measure_plot import MeasurePlots
 from homolog_app.window.explore.page import ExplorePage, ModelCache
+from homolog_app.window.theme import scaled
 from homolog_app.window.widgets import (
     ActionButton,
     NumberBox,
@@ -46,7 +47,7 @@ __all__ = ["MeasurePage"]
 _REACH = 3.0
 _SAMPLES = 13
 _STEPS = 100
-_NUMBER_PX = 50
+_NUMBER_PX = 52
 _HEADS = ("Subject", "Group", "Dist.\n(mm)", "Vol.\n(ml)", "Area\n(cm²)", "Wall\n(mm)")
 _PARTICLES = ("First particle", "Second particle")
 _MODEL, _NOTHING = "Shape along the mode", "Nothing"
@@ -108,7 +109,7 @@ class MeasurePage(ExplorePage):
         self.view.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
         for column in range(2, len(_HEADS)):
             self.view.horizontalHeader().setSectionResizeMode(column, QHeaderView.ResizeMode.Fixed)
-            self.view.horizontalHeader().resizeSection(column, _NUMBER_PX)
+            self.view.horizontalHeader().resizeSection(column, scaled(_NUMBER_PX))
         particles = zip(_PARTICLES, self.particles, strict=True)
         rows = (
             *particles,
