@@ -161,9 +161,9 @@ class SliceView(QWidget):
                 canvas.draw(painter)
                 painter.restore()
         painter.fillRect(area, QColor(colours.scene))
-        plain = self.contours.icon().isNull()  # the contour has the colours of a map
-        legend = ((self.segmentation, _SEGMENTATION), (self.contours, colours.text if plain else _GROOMED))
-        lines = [(text.text(), colours.text) for text in (self.title, self.about)]
+        mapped = self.contours.icon().isNull()  # the contour has the colours of a map
+        legend = ((self.segmentation, _SEGMENTATION), (self.contours, colours.text if mapped else _GROOMED))
+        lines = [(text.text(), colours.text) for text in (self.title, self.about, self.readout)]
         lines += [(box.text(), colour) for box, colour in legend if not box.isHidden() and box.isChecked()]
         room = area.adjusted(2.0 * GRID, GRID, -2.0 * GRID, 0.0)
         for text, colour in lines:

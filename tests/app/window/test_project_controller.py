@@ -538,3 +538,14 @@ def test_a_subject_that_cannot_be_used_says_why_in_its_tooltip(window, ellipsoid
     index = model.index(4, STATUS)
     assert window.workspace.session.surveys["z"].problem in index.data(Qt.ItemDataRole.ToolTipRole)
     assert len(index.data()) < 12  # has room in its column
+
+
+def test_many_recent_projects_do_not_make_the_window_taller(window, tmp_path, qapp):
+    page = window.start_page
+    page.show_recent([])
+    qapp.processEvents()
+    lowest, height = window.minimumSizeHint().height(), page.sizeHint().height()
+    page.show_recent([tmp_path / f"project {number}" for number in range(10)])
+    qapp.processEvents()
+    assert page.sizeHint().height() > height + 100
+    assert window.minimumSizeHint().height() == lowest
