@@ -43,10 +43,7 @@ SMALL_TURN = np.radians(5.0)
 N_TOGETHER = 8  # shapes that are registered in one piece of work, on any number of cores
 MIN_LANDMARKS = 6  # for a thin-plate map; four points determine an affine map
 FIRST_SMOOTHING, LAST_SMOOTHING = 1e3, 10.0  # of the thin-plate map in the first and last round
-N_MATCHES, MATCH_WIDTH = (
-    8,
-    4.0,
-)  # vertices averaged for a closest point; width of their weights [optimizer lengths]
+N_MATCHES, MATCH_WIDTH = 8, 4.0  # vertices averaged for a closest point; width of weights [optimizer lengths]
 N_CANDIDATES, N_SAMPLES = 40, 200  # for the reference; points of each shape that are compared
 MIN_NORMAL_COSINE = 0.5  # between normals on the same wall
 NORMAL_LENGTH = 20.0  # distance [optimizer lengths] equivalent to one radian between normals
@@ -252,13 +249,9 @@ class InitialRegistration:
         return deformed[int(self._parents[index])].vertices if guess is None else guess
 
     def _deform(
-        self,
-        meshes: Sequence[TriangleMesh],
-        chosen: Sequence[int],
-        guesses: Sequence[FloatArray],
-        rounds: int,
-        tick: Tick,
-    ) -> dict[int, TriangleMesh]:
+        self, meshes: Sequence[TriangleMesh], chosen: Sequence[int], guesses: Sequence[FloatArray],
+        rounds: int, tick: Tick,
+    ) -> dict[int, TriangleMesh]:  # fmt: skip
         """Return the reference deformed onto some of the shapes."""
 
         def deform(some: slice, inner: Tick) -> list[TriangleMesh]:
