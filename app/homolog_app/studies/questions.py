@@ -228,10 +228,11 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
         rows.append(("Balanced accuracy", f"{percent_text(discriminant.accuracy)}{accuracy}"))
         rows.append(("Classified correctly", classified_text(pair)))
         rows.append(("AUC", f"{interval_text(discriminant.auc)}{auc}"))
-    if pair.size is not None and pair.size_p_adjusted is not None and pair.size_variance is not None:
-        p = p_text(pair.size_p_adjusted, pair.size.permutations)
-        rows.append(("Size", f"{size_variance_text(pair.size_variance)}, {p}"))
-    elif pair.size is not None and pair.size_p_adjusted is not None:
+    overall, between = study.overall.size, study.overall.size_variance
+    if overall is not None and overall.p is not None and between is not None:
+        p = p_text(overall.p, overall.permutations)
+        rows.append(("Size of all groups", f"{size_variance_text(between)}, {p}"))
+    if pair.size is not None and pair.size_p_adjusted is not None:
         unit = f"mm per unit of {study.request.column}" if kind == "regression" else "mm"
         form = "+.3g" if slope else "+.2f"
         size, low, high = (format(item, form) for item in (pair.size.value, pair.size.low, pair.size.high))
