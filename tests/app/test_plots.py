@@ -159,3 +159,6 @@ def test_nearly_equal_measures_look_nearly_equal():
     low, high = axes.get_ylim()
     assert high - low > 1.0
     assert low < 79.55 < 79.562 < high
+    axes = _axes()
+    draw_measure(axes, np.array([-1.0, 1.0]), np.array([79.2, 79.22]), "Distance", "mode 1 (SD)", COLOURS)
+    assert np.diff(axes.get_ylim())[0] > 1.0

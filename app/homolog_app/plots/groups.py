@@ -145,9 +145,14 @@ def draw_boxes(
     names = [shortened(legible(name), room) for name in names]
     axes.set_xticks(range(len(parts)), map("\n".join, zip(names, below, strict=True)))
     axes.set_xlim(-0.6, len(parts) - 0.4)
+    _widen(axes)
+
+
+def _widen(axes: Axes) -> None:
+    """Let values that are nearly equal look so."""
     low, high = axes.get_ylim()
     middle = (low + high) / 2.0
-    if high - low < _LEAST_RANGE * abs(middle):  # nearly equal values look so
+    if high - low < _LEAST_RANGE * abs(middle):
         axes.set_ylim(middle - _LEAST_RANGE * abs(middle) / 2.0, middle + _LEAST_RANGE * abs(middle) / 2.0)
 
 
@@ -157,6 +162,7 @@ def draw_measure(axes: Axes, x: FloatArray, y: FloatArray, title: str, label: st
     axes.plot(x, y, color=colours.groups[0], linewidth=1.5)
     axes.set_xlim(float(x[0]), float(x[-1]))
     axes.margins(y=0.08)
+    _widen(axes)
 
 
 def draw_value(axes: Axes, x: float, y: float, text: str, colours: Colours) -> Sequence[Artist]:

@@ -105,12 +105,18 @@ def _read_folder(folder: Path, manifest: Path) -> Cohort:
     return Cohort(changes.subjects, folder, (*cohort.notes, *remarks))
 
 
+_TRUTH = "truth.csv"  # of generated beans: says nothing of subjects
+
+
 def _unused_tables(folder: Path) -> list[str]:
     """Return a note on the tables of a folder that lacks a table of the name that is looked for."""
     tables = sorted(
         entry.name
         for entry in folder.iterdir()
-        if entry.suffix.lower() in TABLE_SUFFIXES and entry.is_file() and entry.name[0] not in ".~"
+        if entry.suffix.lower() in TABLE_SUFFIXES
+        and entry.is_file()
+        and entry.name[0] not in ".~"
+        and entry.name != _TRUTH
     )
     listed = f"{tables[0]} and {len(tables) - 1} more" if len(tables) > 1 else "".join(tables)
     use = f"call a table {MANIFEST}, or import it later: homolog table PROJECT TABLE, or File > Import table"
