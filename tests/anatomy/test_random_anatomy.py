@@ -12,8 +12,8 @@ from homolog.settings import GroomSettings
 
 SEED = int(os.environ["HOMOLOG_ANATOMY_SEED"])  # drawn in tests/conftest.py unless the user gave it
 FAMILIES = [*LABEL_MAPS, *LABEL_MAPS, *MESHES]  # most people have label maps, and they take less time
-VOXELS, VERTICES = 3000.0, 250.0
-NODES = 60  # of the grids of all meshes but one: by default a grid has up to two million nodes in all
+VOXELS, VERTICES = 1500.0, 200.0
+NODES = 48  # of the grids of all meshes but one: by default a grid has up to two million nodes in all
 
 
 @pytest.mark.timeout(300)

@@ -18,7 +18,7 @@ from homolog_app.cli import main
 from homolog_app.cli.options import with_all_options
 
 QUICK = ["--particles", "16", "--method", "euclidean", "--mesh-edge", "3", "--settle-iterations", "10"]
-QUICK += ["--split-iterations", "5", "--anneal-iterations", "10"]
+QUICK += ["--split-iterations", "5", "--anneal-iterations", "10", "--alignment", "center", "--mirror", "off"]
 QUIET = ["--progress", "none", "--no-figures", "--device", "cpu", "--workers", "1"]
 OVAL, ROUND, RARE, BROKEN = 1, 2, 3, 4
 

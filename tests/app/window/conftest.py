@@ -11,6 +11,8 @@ import pytest
 
 pytest.importorskip("PySide6.QtWidgets")
 
+SIZE = (960, 640)  # pixels of a window: drawing takes time by the pixel
+
 
 def pytest_collection_modifyitems(items):
     """Let what Qt warns of fail a test of the window, and one that hangs end the whole run.
@@ -78,6 +80,7 @@ def make_window(qapp, tmp_path, wait, monkeypatch):
         window.workspace.preferences.ask_on_close = False
         window.workspace.theme.choose(os.environ.get("HOMOLOG_TEST_SCHEME", "light"))
         windows.append(window)
+        window.resize(*SIZE)
         window.show()
         if views:
             window.load_views()
@@ -115,10 +118,19 @@ def quick_settings(particles=32):
 
 
 def coarse_settings():
-    """Return settings of grooming that give meshes of some 800 vertices: finer ones cost most of a test."""
-    from homolog.settings import GroomSettings
+    """Return settings of grooming that cost little: meshes of some 800 vertices, and nothing is registered.
 
-    return GroomSettings(mesh_edge=1.0)
+    Registration takes seconds, when shapes are groomed, when a project is opened and when a run starts.
+    """
+    from homolog.settings import Alignment, GroomSettings, Mirror
+
+    return GroomSettings(mesh_edge=1.0, alignment=Alignment.CENTER, mirror=Mirror.OFF)
+
+
+@pytest.fixture(scope="session")
+def coarse():
+    """Return settings of grooming that cost little."""
+    return coarse_settings()
 
 
 @pytest.fixture
@@ -204,7 +216,7 @@ def run_quickly(folder, cohort, mesh_edge=3.0, **groom):
     from homolog.settings import GroomSettings, RunSettings
 
     settings = RunSettings(
-        groom=GroomSettings(mesh_edge=mesh_edge, **groom),
+        groom=GroomSettings(mesh_edge=mesh_edge, mirror="off", **groom),
         optimize=quick_settings(128),
         device="cpu",
         workers=1,

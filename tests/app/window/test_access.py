@@ -210,11 +210,14 @@ def walk(window, monkeypatch):
     """Return what looks at places of the window; dialogs that wait for an answer are looked at and left."""
     from PySide6.QtWidgets import QDialog, QFileDialog, QInputDialog, QMessageBox
 
+    from homolog_app.window.export.process import Preview
+
     walk = Walk(window)
+    monkeypatch.setattr(Preview, "want", lambda *_: None)  # a process draws it for seconds
 
     def answer(dialog):
         dialog.show()
-        walk.look(dialog.windowTitle() or type(dialog).__name__, dialog)
+        walk.look_once(dialog.windowTitle() or type(dialog).__name__, dialog)
         dialog.reject()
         return QDialog.DialogCode.Rejected
 
@@ -272,17 +275,26 @@ def look_through(look, walk):
 
 @pytest.fixture
 def order(look_through, window, qapp):
-    """Return a function that orders commands and looks at the dialogs that come of them, all at once."""
+    """Return a function that orders commands and looks at the dialogs that come of them, all at once.
+
+    An order is the name of a command, or a function. All are given again in the other scheme, for the dialogs
+    that wait for an answer.
+    """
     from PySide6.QtWidgets import QDialog
 
-    def ordered(*names):
-        for name in names:
-            if window.commands[name].isEnabled():
-                window.commands[name].trigger()
-                qapp.processEvents()
-        dialogs = [one for one in window.findChildren(QDialog) if one.isVisible()]
+    def give(orders):
+        for one in orders:
+            if callable(one):
+                one()
+            elif window.commands[one].isEnabled():
+                window.commands[one].trigger()
+            qapp.processEvents()
+        return [one for one in window.findChildren(QDialog) if one.isVisible()]
+
+    def ordered(*orders):
+        dialogs = give(orders)
         look_through(lambda: [(dialog.windowTitle(), dialog) for dialog in dialogs])
-        for dialog in dialogs:
+        for dialog in [*dialogs, *give(orders)]:
             dialog.close()
 
     return ordered
@@ -375,10 +387,12 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
         rest()
         look(question, page)
 
-    order(*(one.id for one in COMMANDS if one.title.endswith("…") or one.menu == "Help"))
-    window.help.show_error("run", InputError("a.nrrd: is empty; choose another file"))
-    order("view.corner")
-    ask(window, "Leave?", "Something is not saved.", ("Save", "Cancel"))
+    order(
+        *(one.id for one in COMMANDS if one.title.endswith("…") or one.menu == "Help"),
+        lambda: window.help.show_error("run", InputError("a.nrrd: is empty; choose another file")),
+        "view.corner",
+        lambda: ask(window, "Leave?", "Something is not saved.", ("Save", "Cancel")),
+    )
 
     commands["view.correspond"].trigger()
     workspace.edit_settings("optimize", "particles", quick(200))

@@ -14,7 +14,7 @@ SUBJECT = 2
 
 
 @pytest.fixture(scope="session")
-def converged(ellipsoids, groomed_cache, tmp_path_factory):
+def converged(ellipsoids, groomed_cache, coarse, tmp_path_factory):
     """Return a project whose particles are in place; not to be written to."""
     from homolog.cohort import read_cohort
     from homolog.files.project import ProjectFolder
@@ -24,9 +24,10 @@ def converged(ellipsoids, groomed_cache, tmp_path_factory):
     project = ProjectFolder(tmp_path_factory.mktemp("converged") / "study")
     shutil.copytree(groomed_cache, project.groomed)
     settings = RunSettings(
+        groom=coarse,
         optimize=OptimizeSettings(
             particles=64, split_iterations=10, anneal_iterations=60, settle_iterations=40
-        )
+        ),
     )
     RunJob(project, read_cohort(ellipsoids), settings, resume=False).execute()
     return project.folder

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.window
 
 
 @pytest.fixture
-def dialog(qapp, finished):
+def dialog_with_preview(qapp, finished):
     """Return a function that opens the dialog of an export of a finished project."""
     from PySide6.QtWidgets import QWidget
 
@@ -29,6 +29,15 @@ def dialog(qapp, finished):
     for one in opened:
         one.close()
     parent.deleteLater()
+
+
+@pytest.fixture
+def dialog(dialog_with_preview, monkeypatch):
+    """Return the function that opens a dialog, without the process that draws its preview for seconds."""
+    from homolog_app.window.export.process import Preview
+
+    monkeypatch.setattr(Preview, "want", lambda *_: None)
+    return dialog_with_preview
 
 
 def small(dialog, **changes):
@@ -66,7 +75,7 @@ def test_a_film_is_the_same_file_as_the_command_line_makes(dialog, wait, tmp_pat
 
 def test_a_cancelled_film_leaves_nothing(dialog, wait, tmp_path, qapp):
     film = dialog("film")
-    small(film, fps=60, seconds=600.0)
+    small(film, fps=60, seconds=60.0)
     (tmp_path / "films").mkdir()
     film.place.setText(str(tmp_path / "films" / "film.mp4"))
     ended = []
@@ -110,8 +119,8 @@ def test_closing_the_window_ends_an_export(explored, wait, close, tmp_path):
     assert not list((tmp_path / "films").iterdir())
 
 
-def test_the_first_frame_is_previewed(dialog, wait):
-    film = dialog("film")
+def test_the_first_frame_is_previewed(dialog_with_preview, wait):
+    film = dialog_with_preview("film")
     wait(lambda: not film.preview.pixmap().isNull(), what=film.preview.text())
     assert film.preview.pixmap().width() > 200
 

@@ -13,13 +13,14 @@ from homolog.settings import OptimizeSettings
 
 pytestmark = pytest.mark.window
 
+LONG = OptimizeSettings(particles=64, split_iterations=10)  # its last stage takes much longer than a test
 PHASES = ("any", "geodesics", "splitting", "optimizing")
 
 
 @pytest.mark.parametrize("phase", PHASES)
 def test_a_run_can_be_cancelled_in_every_phase(groomed, errors, wait, phase):
     work = groomed.workspace.work
-    groomed.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
+    groomed.workspace.edit_settings("optimize", "particles", LONG)
     groomed.commands["run.start"].trigger()
     wait(lambda: work.session.job.run is None or phase in ("any", work.session.job.run.status.phase))
     assert work.session.job.run is not None
@@ -31,7 +32,7 @@ def test_a_run_can_be_cancelled_in_every_phase(groomed, errors, wait, phase):
 
 def test_a_paused_run_stands_still_and_goes_on(groomed, errors, wait):
     work = groomed.workspace.work
-    groomed.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=64))
+    groomed.workspace.edit_settings("optimize", "particles", LONG)
     groomed.commands["run.start"].trigger()
     wait(lambda: work.session.job.run.frame is not None)
     groomed.commands["run.pause"].trigger()
@@ -66,7 +67,7 @@ def test_a_project_whose_run_was_stopped_says_so_when_it_is_opened(
 ):
     work = groomed.workspace.work
     groomed.projects.save_to(tmp_path / "stopped")
-    groomed.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
+    groomed.workspace.edit_settings("optimize", "particles", LONG)
     groomed.commands["run.start"].trigger()
     wait(lambda: work.session.job.run is None or groomed.workspace.project.checkpoint.is_file())
     groomed.commands["run.cancel"].trigger()
@@ -169,7 +170,8 @@ if __name__ == "__main__":
             app.processEvents()
             time.sleep(0.002)
     window.projects.open_paths([cohort])
-    workspace.edit_settings("groom", "mesh_edge", GroomSettings(mesh_edge=1.0))
+    workspace.edit_settings("groom", "mesh_edge", GroomSettings(
+        mesh_edge=1.0, alignment="center", mirror="off"))
     workspace.edit_settings("optimize", "particles", OptimizeSettings(
         particles=128, split_iterations=30, anneal_iterations=100, settle_iterations=5))
     until(lambda: len(workspace.session.surveys) == 4)

@@ -21,7 +21,7 @@ def named(ellipsoids, groomed_cache, tmp_path, run):
         )
         for name, file in zip(NAMES, "abcd", strict=True)
     ]
-    return run(tmp_path / "made", Cohort(tuple(subjects), ellipsoids))
+    return run(tmp_path / "made", Cohort(tuple(subjects), ellipsoids), alignment="center")
 
 
 def words_in(scene):
