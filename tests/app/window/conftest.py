@@ -75,12 +75,14 @@ def make_window(qapp, tmp_path, wait, monkeypatch):
 
     def make(home=None, views=True):
         home = home or tmp_path / "home"
+        is_new = not home.is_dir()
         home.mkdir(exist_ok=True)
         window = make_window(qapp, home)
         window.workspace.preferences.ask_on_close = False
         window.workspace.theme.choose(os.environ.get("HOMOLOG_TEST_SCHEME", "light"))
         windows.append(window)
-        window.resize(*SIZE)
+        if is_new:  # else the size may be one that was kept
+            window.resize(*SIZE)
         window.show()
         if views:
             window.load_views()

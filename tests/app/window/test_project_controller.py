@@ -323,8 +323,13 @@ def test_size_and_panel_widths_come_back(explored, close, make_window, tmp_path,
 
 @pytest.mark.window
 def test_names_take_the_width_that_is_free(beans, wait):
+    from PySide6.QtCore import Qt
+    from PySide6.QtWidgets import QDockWidget
+
     from homolog_app.window.cohort_model import NAME
 
+    beans.resize(1440, 900)  # as the program opens
+    beans.resizeDocks([beans.findChild(QDockWidget, "Inspector")], [452], Qt.Orientation.Horizontal)
     panel, session = beans.inspector.cohort, beans.workspace.session
     long = "acdc_patient_001_myo"
     first = session.study.members[0]
