@@ -201,7 +201,7 @@ def test_slices_can_be_saved_as_a_picture(groomed, monkeypatch, tmp_path, errors
     monkeypatch.setattr("PySide6.QtWidgets.QFileDialog.getSaveFileName", lambda *_: (str(where), ""))
     groomed.commands["view.slice"].trigger()
     groomed.commands["view.screenshot"].trigger()
-    assert QImage(str(where)).size() == groomed.views.stage.slices.size()
+    assert QImage(str(where)).size() == 2 * groomed.views.stage.slices.size()
     where = tmp_path / "no" / "folder.png"
     groomed.commands["view.screenshot"].trigger()
     assert "can't be written" in str(errors[0][1])
