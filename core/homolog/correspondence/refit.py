@@ -201,7 +201,7 @@ def _warp(
 ) -> tuple[FloatArray, FloatArray]:
     """Warp points and normals from one coarse mesh towards another, (n, 3) each."""
     registration = Registration.of(source)
-    deformed = registration.deform([target], [source.vertices], tick=tick)[0]
+    deformed = registration.deform([target], [source.vertices], tick)[0]
     control = registration.control
     through = ThinPlateMap.fit(source.vertices[control], points)
     near = cKDTree(features(source.vertices, source.vertex_normals)).query(features(points, normals))[1]

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.correspondence.poses import largest_turn, posed_meshes
+from homolog.correspondence.poses import posed_meshes
 from homolog.device import cores
 from homolog.geometry import farthest_point_sampling, inverse_matrices, transform_points
 from homolog.progress import Tick, no_tick, part_of, run_in_background, run_in_threads
@@ -38,8 +38,6 @@ __all__ = [
 
 N_CONTROL_POINTS = 400  # of the thin-plate map, on the reference
 N_ROUNDS = 12  # of closest points
-N_LATER_ROUNDS = 5  # of a shape that was registered before, beside a reference from which it turned little
-SMALL_TURN = np.radians(5.0)
 N_TOGETHER = 8  # shapes that are registered in one piece of work, on any number of cores
 MIN_LANDMARKS = 6  # for a thin-plate map; four points determine an affine map
 FIRST_SMOOTHING, LAST_SMOOTHING = 1e3, 10.0  # of the thin-plate map in the first and last round
@@ -111,11 +109,7 @@ class Registration:
         return cls(source, control, maps, corners, incidence)
 
     def deform(
-        self,
-        targets: Sequence[TriangleMesh],
-        guesses: Sequence[FloatArray],
-        rounds: int = N_ROUNDS,
-        tick: Tick = no_tick,
+        self, targets: Sequence[TriangleMesh], guesses: Sequence[FloatArray], tick: Tick = no_tick
     ) -> list[TriangleMesh]:
         """Return the source deformed onto each of some targets.
 
@@ -125,14 +119,12 @@ class Registration:
             Registered together, as a product of many columns is quicker than many of three.
         guesses : sequence of (V, 3) arrays
             The source's vertices, deformed as the first closest points are searched from.
-        rounds : int
-            So many of the last of `N_ROUNDS` rounds, whose maps are the softest.
         tick : Tick
             Cancelling.
         """
         trees = [cKDTree(features(target.vertices, target.vertex_normals)) for target in targets]
         deformed = np.stack(guesses, axis=1)  # (V, targets, 3)
-        for smoothing in np.geomspace(FIRST_SMOOTHING, LAST_SMOOTHING, N_ROUNDS)[-rounds:]:
+        for smoothing in np.geomspace(FIRST_SMOOTHING, LAST_SMOOTHING, N_ROUNDS):
             normals = self._control_normals(deformed)
             matched = np.empty((len(self.control), len(targets), 3))
             for index, (target, tree) in enumerate(zip(targets, trees, strict=True)):
@@ -195,8 +187,6 @@ class InitialRegistration:
         self._registration = run_in_background(
             lambda _: Registration.of(source), part_of(tick, 1.0, 1.0), "first particles"
         )
-        self._deformed: dict[int, TriangleMesh] = {}
-        self._relative: FloatArray | None = None
 
     def particles(self, poses: FloatArray, tick: Tick = no_tick) -> FloatArray:
         """Return the particles (M, count, 3) on the meshes, or nearly.
@@ -204,8 +194,7 @@ class InitialRegistration:
         Parameters
         ----------
         poses : (M, 4, 4) array
-            Similarities that align the shapes. A shape that has turned little beside the reference since
-            the last call is registered from where it was then, with fewer closest points.
+            Similarities that align the shapes.
         tick : Tick
             Progress and cancelling.
         """
@@ -213,19 +202,12 @@ class InitialRegistration:
         meshes = posed_meshes(self._meshes, relative)
         source, chosen = meshes[self._reference], self._chosen
         deformed = {self._reference: source}
-        if self._relative is not None:
-            moves = relative @ inverse_matrices(self._relative)
-            near = [k for k in self._deformed if largest_turn(moves[k : k + 1]) < SMALL_TURN]
-            guesses = [transform_points(moves[k], self._deformed[k].vertices) for k in near]
-            share = part_of(tick, 0.0, (1 + len(near)) / len(meshes))
-            deformed |= self._deform(meshes, near, guesses, N_LATER_ROUNDS, share)
         while len(deformed) < len(meshes):
             ready = [k for k in range(len(meshes)) if k not in deformed and int(self._parents[k]) in deformed]
             done, end = len(deformed) / len(meshes), (len(deformed) + len(ready)) / len(meshes)
             guesses = [self._guess(meshes, deformed, k) for k in ready]
-            deformed |= self._deform(meshes, ready, guesses, N_ROUNDS, part_of(tick, done, end))
+            deformed |= self._deform(meshes, ready, guesses, part_of(tick, done, end))
         del deformed[self._reference]
-        self._relative, self._deformed = relative, deformed
 
         def snapped(index: int) -> FloatArray:
             mesh = deformed[index]
@@ -249,14 +231,17 @@ class InitialRegistration:
         return deformed[int(self._parents[index])].vertices if guess is None else guess
 
     def _deform(
-        self, meshes: Sequence[TriangleMesh], chosen: Sequence[int], guesses: Sequence[FloatArray],
-        rounds: int, tick: Tick,
-    ) -> dict[int, TriangleMesh]:  # fmt: skip
+        self,
+        meshes: Sequence[TriangleMesh],
+        chosen: Sequence[int],
+        guesses: Sequence[FloatArray],
+        tick: Tick,
+    ) -> dict[int, TriangleMesh]:
         """Return the reference deformed onto some of the shapes."""
 
         def deform(some: slice, inner: Tick) -> list[TriangleMesh]:
             targets = [meshes[index] for index in chosen[some]]
-            return self._registration.deform(targets, guesses[some], rounds, inner)
+            return self._registration.deform(targets, guesses[some], inner)
 
         works = [partial(deform, slice(k, k + N_TOGETHER)) for k in range(0, len(chosen), N_TOGETHER)]
         deformed = chain(*run_in_threads(works, tick, "first particles", cores()))
