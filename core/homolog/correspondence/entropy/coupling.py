@@ -148,7 +148,9 @@ class DeviceCoupling(Coupling):
         self._blocks = -(-shapes // int(dual_kernels.BLOCK_SIZE))
         size = (int(dual_kernels.N_MATRICES), self._blocks, self._blocks)
         self._matrices = [wp.zeros(size, dtype=wp.mat44d, **make) for _ in range(2)]
-        panel = (size[0], dual_kernels.PANEL_ROWS, self._blocks)
+        few = self._blocks <= dual_kernels.ONE_PANEL
+        self._panel_rows = self._blocks if few else dual_kernels.PANEL_ROWS
+        panel = (size[0], self._panel_rows, self._blocks)
         self._panels = [wp.zeros(panel, dtype=wp.mat44d, **make) for _ in range(2)]
         self._logdets: DeviceArray = wp.zeros(size[0], dtype=wp.float64, **make)
         self._inverses = [wp.zeros((shapes, shapes), dtype=float, **make) for _ in range(3)]
@@ -175,8 +177,8 @@ class DeviceCoupling(Coupling):
             inputs=[stage, iteration, *self._covariances, source, self._logdets, self.stiffness],
             device=device,
         )
-        for begin in range(0, self._blocks, dual_kernels.PANEL_ROWS):
-            rows = min(dual_kernels.PANEL_ROWS, self._blocks - begin)
+        for begin in range(0, self._blocks, self._panel_rows):
+            rows = min(self._panel_rows, self._blocks - begin)
             for pivot in range(begin, begin + rows):
                 self._panels.reverse()
                 wp.launch(

@@ -15,6 +15,7 @@ __all__ = [
     "BLOCK_DIM",
     "BLOCK_SIZE",
     "N_MATRICES",
+    "ONE_PANEL",
     "PANEL_ROWS",
     "eliminate",
     "extract_inverses",
@@ -28,6 +29,7 @@ N_MATRICES = wp.constant(3)  # C + aI, C + (a + p)I, normals' C + bI
 BLOCK_SIZE = wp.constant(4)
 BLOCK_DIM = 128
 PANEL_ROWS = 4  # of blocks
+ONE_PANEL = 64  # rows up to which all are one panel: launches then cost more than memory traffic
 
 
 @wp.kernel
