@@ -299,11 +299,9 @@ def write_patient(
         "detectable_mm": reference.detectable, "cut_off": comparison.missing.astype(np.int32),
     }  # fmt: skip
     write_mesh(folder / "map.vtp", comparison.expected.placed(back), values)
-    shown, there = (
-        ("difference_mm", "z", "difference_from_mean_mm", "z_from_mean"),
-        len(comparison.mesh.vertices),
-    )
-    carried = {name: comparison.own.carried(values[name])[:there] for name in shown}
+    vertices = len(comparison.mesh.vertices)
+    mapped = ("difference_mm", "z", "difference_from_mean_mm", "z_from_mean")
+    carried = {name: comparison.own.carried(values[name])[:vertices] for name in mapped}
     write_mesh(folder / "patient.vtp", comparison.mesh, carried)
     write_particles(folder / "patient_local.particles", comparison.particles)
 

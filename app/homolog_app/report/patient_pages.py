@@ -130,10 +130,8 @@ def _views(comparison: PatientComparison) -> list[View]:
     """Return a view at the most extreme region, or an oblique one, and anatomical ones."""
     first = replace(three_quarter_view(comparison.own.mesh.vertices), name="oblique")
     if comparison.regions:
-        region, matched = (
-            comparison.regions[0],
-            comparison.matched.placed(inverse_matrices(comparison.placement)),
-        )
+        region = comparison.regions[0]
+        matched = comparison.matched.placed(inverse_matrices(comparison.placement))
         first = replace(view_of_region(matched, region.vertices, region.centre), name="towards region 1")
     return [first, *(VIEWS[name] for name in _ANATOMICAL)]
 
