@@ -84,8 +84,10 @@ def test_views_that_are_turned_alone_and_a_page_of_them_are_drawn_again(explored
     assert json.loads(words[words.index("--view") + 1])["canvas"]["page"] == 1
 
 
-def test_a_moment_of_the_run_is_drawn_again(explored, both):
-    explored.views.stage.footer.time.setValue(1)
+def test_a_moment_of_the_run_is_drawn_again(explored, both, wait):
+    time = explored.views.stage.footer.time
+    wait(lambda: time.maximum() > 1)
+    time.setValue(1)
     mine, theirs, words = both()
     assert_same(mine, theirs)
     assert '"moment":1' in words[words.index("--view") + 1]
