@@ -101,7 +101,7 @@ def groom(
             cohort, settings.groom, executor=executor, cache=project.groomed, tick=part_of(tick, 0.0, 0.9)
         )
     tick(0.9, "aligning")
-    return align_cohort(cohort, groomed, settings.groom, part_of(tick, 0.9, 1.0))
+    return align_cohort(cohort, groomed, settings.groom, part_of(tick, 0.9, 1.0), cache=project.registrations)
 
 
 def groom_again(
@@ -128,6 +128,7 @@ def groom_again(
         [shapes[item.name] for item in among],
         settings.groom,
         part_of(tick, 0.9, 1.0),
+        cache=project.registrations,
     )
     return next(item for item in aligned if item.name == name)
 
@@ -153,7 +154,9 @@ def groomed_before(
         if kept is None:
             return None
         groomed.append(kept)
-    return align_cohort(cohort, groomed, settings.groom, tick) if groomed else None
+    return (
+        align_cohort(cohort, groomed, settings.groom, tick, cache=project.registrations) if groomed else None
+    )
 
 
 class RunJob:

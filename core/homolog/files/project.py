@@ -4,6 +4,7 @@
 
     project.json              cohort, settings, and how the result came about
     groomed/                  surfaces in the coordinates of their files
+    registrations.npz         how they were registered to each other
     particles/                NAME_local.particles, NAME_world.particles
     model/                    mean, modes, scores, eigenvalues
     energies.csv              the objective's parts along the run
@@ -62,6 +63,11 @@ class ProjectFolder:
     def groomed(self) -> Path:
         """Folder of the groomed surfaces."""
         return self.folder / "groomed"
+
+    @property
+    def registrations(self) -> Path:
+        """Registrations of the groomed surfaces to each other."""
+        return self.folder / "registrations.npz"
 
     @property
     def particles(self) -> Path:

@@ -1,6 +1,6 @@
 """Bringing groomed shapes into one frame."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -23,7 +23,10 @@ from homolog.progress import Tick, no_tick, run_in_threads
 from homolog.settings import Alignment, GroomSettings
 from homolog.threads import on_one_thread
 
-__all__ = ["Registration", "align", "medoid", "of_other_units", "register"]
+__all__ = ["RegisterPair", "Registration", "align", "medoid", "of_other_units", "register"]
+
+RegisterPair = Callable[[OrientedPoints, OrientedPoints], Fit]
+"""Signature of `registered`."""
 
 _OTHER_UNIT = 100.0
 _OTHER_SIZE = 5.0  # times the median: a file in cm among files in mm is ten times smaller
@@ -73,7 +76,11 @@ def align(groomed: Sequence[GroomedSubject], settings: GroomSettings, tick: Tick
 
 
 def register(
-    groomed: Sequence[GroomedSubject], settings: GroomSettings, tick: Tick = no_tick
+    groomed: Sequence[GroomedSubject],
+    settings: GroomSettings,
+    tick: Tick = no_tick,
+    *,
+    register_pair: RegisterPair = registered,
 ) -> Registration:
     """Bring a cohort into one frame.
 
@@ -90,6 +97,8 @@ def register(
         Its `alignment` and `scaling`: every root-mean-square radius becomes the cohort's geometric mean.
     tick : Tick
         Called at least every 0.2 s.
+    register_pair : callable
+        What registers a shape to another.
 
     Raises
     ------
@@ -104,7 +113,7 @@ def register(
     units = [shape.scaled(1.0 / shape.size) for shape in oriented_shapes]
     reference = units[medoid(units)]
     result, distances = np.empty((len(units), 4, 4)), np.zeros(len(units))
-    fits = _fits(units, reference, settings.alignment, tick)
+    fits = _fits(units, reference, settings.alignment, register_pair, tick)
     for index, (unit, size, goal) in enumerate(zip(units, sizes.tolist(), goals.tolist(), strict=True)):
         pose = np.eye(4)
         if settings.alignment is Alignment.AXES:
@@ -123,7 +132,11 @@ def register(
 
 
 def _fits(
-    units: Sequence[OrientedPoints], reference: OrientedPoints, alignment: Alignment, tick: Tick
+    units: Sequence[OrientedPoints],
+    reference: OrientedPoints,
+    alignment: Alignment,
+    register_pair: RegisterPair,
+    tick: Tick,
 ) -> list[Fit]:
     """Return the registrations of all shapes to the reference, none where only places or axes are aligned."""
     tick(0.0, "aligning")
@@ -132,14 +145,18 @@ def _fits(
 
     def fit(unit: OrientedPoints, inner: Tick) -> Fit:
         inner(0.0, "aligning")
-        return registered(unit, reference)
+        return register_pair(unit, reference)
 
     fits = run_in_threads([partial(fit, unit) for unit in units], tick, "aligning", cores())
-    return _reconsidered(units, reference, fits, tick)
+    return _reconsidered(units, reference, fits, register_pair, tick)
 
 
 def _reconsidered(
-    units: Sequence[OrientedPoints], reference: OrientedPoints, fits: Sequence[Fit], tick: Tick
+    units: Sequence[OrientedPoints],
+    reference: OrientedPoints,
+    fits: Sequence[Fit],
+    register_pair: RegisterPair,
+    tick: Tick,
 ) -> list[Fit]:
     """Register shapes that were turned away from all others by way of their neighbours.
 
@@ -161,7 +178,7 @@ def _reconsidered(
         best = np.inf
         for neighbour in alike[nearest].tolist():
             tick(1.0, "aligning")
-            fit = registered(units[index], units[neighbour])
+            fit = register_pair(units[index], units[neighbour])
             poses[index] = pose = poses[neighbour] @ fit.pose
             if fit.distance < best and _turns(poses)[index] <= _DOUBTFUL:
                 best, result[index] = fit.distance, fit_at(units[index], reference, pose)

@@ -1,8 +1,9 @@
-"""Groomed subjects on disk: one archive and one surface for other programs per subject."""
+"""What was made earlier, on disk: groomed subjects, one archive and one surface each, and registrations."""
 
 import hashlib
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
@@ -10,20 +11,26 @@ import numpy as np
 
 from homolog.arrays import Array
 from homolog.errors import InputError
-from homolog.files.arrays import read_arrays
+from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.atomic import atomic_write
 from homolog.files.meshes import write_mesh
 from homolog.files.names import file_stems
+from homolog.grooming.icp import Fit, OrientedPoints, registered
 from homolog.grooming.images import Segmentation
 from homolog.grooming.subject import GroomedSubject, GroomReport
 from homolog.settings import GroomSettings
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["content_key", "is_outdated", "load_groomed", "load_report", "read_groomed", "save_groomed"]
+__all__ = [
+    "RegistrationCache", "content_key", "is_outdated", "load_groomed", "load_report", "read_groomed",
+    "save_groomed",
+]  # fmt: skip
 
 _VERSION = "9"
 """To be raised whenever grooming gives other results: older archives are then made again."""
+_REGISTRATION_VERSION = "1"
+"""To be raised whenever `registered` gives other results."""
 
 
 def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) -> str:
@@ -174,3 +181,53 @@ def save_groomed(folder: Path, groomed: GroomedSubject, key: str) -> None:
 def _file(folder: Path, name: str, kind: str) -> Path:
     """Return a file's path, within the folder whatever the name; who shares one grooms again each time."""
     return folder / f"{file_stems([name])[0]}.{kind}"
+
+
+class RegistrationCache:
+    """Registrations of one surface to another, by the content of both; a surface that changed has none.
+
+    Parameters
+    ----------
+    path : Path, optional
+        File with those of earlier; damaged, or of another version, it counts as missing.
+    """
+
+    def __init__(self, path: Path | None = None) -> None:
+        self._path = path
+        self._before = {} if path is None else _registrations(path)
+        self._used: dict[str, Fit] = {}
+
+    def registered(self, moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
+        """Return what `icp.registered` returns, computed if it is not here; may be called from any thread."""
+        digest = hashlib.blake2b(_REGISTRATION_VERSION.encode(), digest_size=16)
+        for array in (moving.points, moving.normals, fixed.points, fixed.normals):
+            digest.update(f"{array.shape}".encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
+        key = digest.hexdigest()
+        fit = self._used.get(key) or self._before.get(key) or registered(moving, fixed)
+        self._used[key] = fit
+        return fit
+
+    def save(self) -> None:
+        """Keep the registrations that were asked for, if there are new ones.
+
+        What can't be kept, as in a folder that is only read, is computed again the next time.
+        """
+        if self._path is None or self._used.keys() <= self._before.keys():
+            return
+        fits = self._used.values()
+        arrays = {"poses": [fit.pose for fit in fits], "distances": [fit.distance for fit in fits]}
+        with suppress(InputError):
+            write_arrays(self._path, {"keys": list(self._used), **arrays})
+
+
+def _registrations(path: Path) -> dict[str, Fit]:
+    try:
+        stored = read_arrays(path)
+        poses, distances = stored["poses"].reshape(-1, 4, 4), stored["distances"].tolist()
+        return {
+            str(key): Fit(pose, distance)
+            for key, pose, distance in zip(stored["keys"], poses, distances, strict=True)
+        }
+    except _DAMAGED:
+        return {}

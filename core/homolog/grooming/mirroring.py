@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -12,8 +13,9 @@ from homolog.cohort import FROM_NAMES, LEFT, RIGHT, Cohort, other_side, sides_of
 from homolog.device import cores
 from homolog.errors import InputError
 from homolog.geometry import transform_points
-from homolog.grooming.align import Registration, medoid, register
-from homolog.grooming.icp import OrientedPoints, oriented_points, registered
+from homolog.grooming.align import RegisterPair, Registration, medoid, register
+from homolog.grooming.cache import RegistrationCache
+from homolog.grooming.icp import OrientedPoints, oriented_points
 from homolog.grooming.subject import GroomedSubject
 from homolog.progress import Tick, no_tick, part_of, run_in_threads
 from homolog.settings import Alignment, GroomSettings, Mirror
@@ -41,6 +43,7 @@ def align_cohort(
     tick: Tick = no_tick,
     *,
     known: Mapping[str, FloatArray] | None = None,
+    cache: Path | None = None,
 ) -> tuple[list[GroomedSubject], FloatArray]:
     """Bring groomed subjects into one frame, those of one side of the body mirrored.
 
@@ -59,6 +62,8 @@ def align_cohort(
         Progress and cancelling.
     known : mapping of str to (4, 4) array, optional
         Alignments of a result's subjects: those are mirrored as there, new ones are brought to their side.
+    cache : Path, optional
+        File with earlier registrations; only what changed is registered again and added.
 
     Returns
     -------
@@ -76,10 +81,13 @@ def align_cohort(
     """
     given = known or {}
     plan = _plan(cohort, settings, given)
-    registered, better = _aligned(groomed, plan, settings, given, part_of(tick, 0.0, 0.6))
+    registrations = RegistrationCache(cache)
+    pair = registrations.registered
+    registered, better = _aligned(groomed, plan, settings, given, pair, part_of(tick, 0.0, 0.6))
     if plan.from_names and len(better & plan.mirrored) > len(plan.mirrored) / 2:
         plan = plan.without_mirroring()
-        registered, better = _aligned(groomed, plan, settings, given, part_of(tick, 0.6, 1.0))
+        registered, better = _aligned(groomed, plan, settings, given, pair, part_of(tick, 0.6, 1.0))
+    registrations.save()
     result = []
     for item, registered_as in zip(groomed, registered.notes, strict=True):
         notes = [plan.notes[item.name]] if item.name in plan.notes else []
@@ -99,16 +107,19 @@ def _aligned(
     plan: "_Plan",
     settings: GroomSettings,
     known: Collection[str],
+    register_pair: RegisterPair,
     tick: Tick,
 ) -> tuple[Registration, set[str]]:
     """Return alignments, reflections where mirrored, and the names of who would fit far better otherwise."""
     taken = [_image(item) if item.name in plan.mirrored else item for item in groomed]
-    registered = register(taken, settings, part_of(tick, 0.0, 0.5))
+    registered = register(taken, settings, part_of(tick, 0.0, 0.5), register_pair=register_pair)
     alignments = registered.alignments
     better: set[str] = set()
     if settings.mirror is not Mirror.OFF:
         registered_already = settings.alignment is Alignment.ICP
-        better = _better_mirrored(taken, alignments, known, registered_already, part_of(tick, 0.5, 1.0))
+        better = _better_mirrored(
+            taken, alignments, known, registered_already, register_pair, part_of(tick, 0.5, 1.0)
+        )
     mirrored = np.array([item.name in plan.mirrored for item in groomed])
     reflected = np.where(mirrored[:, None, None], alignments @ MIRROR, alignments)
     return replace(registered, alignments=reflected), better
@@ -187,6 +198,7 @@ def _better_mirrored(
     alignments: FloatArray,
     known: Collection[str],
     registered_already: bool,
+    register_pair: RegisterPair,
     tick: Tick,
 ) -> set[str]:
     """Return the names of those whose mirror image comes far nearer to the most typical subject.
@@ -202,16 +214,22 @@ def _better_mirrored(
     fixed = _thinned(clouds[middle], _FIXED)
     undecided = {k: item.name for k, item in enumerate(groomed) if k != middle and item.name not in known}
 
+    def gap_of(cloud: OrientedPoints) -> float:
+        return _gap(transform_points(register_pair(cloud, fixed).pose, cloud.points), fixed)
+
     def is_better(k: int, inner: Tick) -> bool:
         inner(0.0, "comparing with mirror images")
         cloud = _thinned(clouds[k], _MOVING)
         if registered_already:  # to the same one, whose centre is the origin
             own = _gap(cloud.points + placed[k].centre / placed[k].size, fixed)
         else:
-            own = _gap(_moved(cloud, fixed), fixed)
+            own = gap_of(cloud)
         image = _turned(cloud, MIRROR[:3, :3])
-        there = _gap(_moved(image, fixed), fixed)
-        return there < _FAR_BETTER * own and there < _FAR_BETTER * _best_turned(image, fixed)
+        there = gap_of(image)
+        if there >= _FAR_BETTER * own:
+            return False
+        rotation = register_pair(image, fixed).pose[:3, :3]
+        return there < _FAR_BETTER * min(map(gap_of, _reflections(image, rotation)))
 
     works = [partial(is_better, k) for k in undecided]
     better = run_in_threads(works, tick, "comparing with mirror images", cores())
@@ -228,27 +246,20 @@ def _turned(cloud: OrientedPoints, rotation: FloatArray) -> OrientedPoints:
     return replace(cloud, points=cloud.points @ rotation.T, normals=cloud.normals @ rotation.T)
 
 
-def _best_turned(image: OrientedPoints, fixed: OrientedPoints) -> float:
-    """Return how near a shape comes from where its mirror image lies, reflected about its principal planes.
+def _reflections(image: OrientedPoints, rotation: FloatArray) -> list[OrientedPoints]:
+    """Return a shape's mirror image, as it was registered, reflected about its principal planes.
 
     A shape that is symmetric about one of them is its own mirror image, turned; its registration may have
     ended in another orientation.
     """
-    rotation = registered(image, fixed).pose[:3, :3]
     placed = _turned(image, rotation / np.cbrt(np.linalg.det(rotation)))
     axes = np.linalg.eigh(placed.points.T @ placed.points)[1].T
-    reflections = [np.eye(3) - 2.0 * np.outer(axis, axis) for axis in axes]
-    return min(_gap(_moved(_turned(placed, item), fixed), fixed) for item in reflections)
+    return [_turned(placed, np.eye(3) - 2.0 * np.outer(axis, axis)) for axis in axes]
 
 
 def _thinned(cloud: OrientedPoints, points: int) -> OrientedPoints:
     every = slice(None, None, max(1, len(cloud.points) // points))
     return replace(cloud, points=cloud.points[every], normals=cloud.normals[every])
-
-
-def _moved(moving: OrientedPoints, fixed: OrientedPoints) -> FloatArray:
-    """Return a cloud's points (N, 3) registered to another cloud."""
-    return transform_points(registered(moving, fixed).pose, moving.points)
 
 
 def _gap(points: FloatArray, fixed: OrientedPoints) -> float:

@@ -34,6 +34,7 @@ def grow(
     *,
     in_process: bool = False,
     store: Store = in_memory,
+    registrations: Path | None = None,
 ) -> OptimizationOutcome:
     """Optimize a core set, and fit the others to it.
 
@@ -56,6 +57,8 @@ def grow(
         Fit in a thread of this process, one subject at a time, in place of processes.
     store : Store
         Where the shapes of the core set lie.
+    registrations : Path, optional
+        File with earlier registrations, as of `align_cohort`.
 
     Returns
     -------
@@ -73,7 +76,9 @@ def grow(
     if settings.optimize.landmarks:
         raise InputError("a core set does not use landmarks yet; run without one of them")
     annotated, alignments = run_in_background(
-        lambda inner: align_cohort(cohort, outlines, settings.groom, inner), tick, "aligning"
+        lambda inner: align_cohort(cohort, outlines, settings.groom, inner, cache=registrations),
+        tick,
+        "aligning",
     )
     whole = prepare_from_disk(cohort, annotated, alignments, settings, groomed, device)
     groups = [subject.group for subject in cohort.subjects]

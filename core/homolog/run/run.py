@@ -221,8 +221,9 @@ class Run:
                 outcome = self._grown(cohort, groomed, device)
             else:
                 self._study = prepare_inputs(
-                    cohort, groomed, self._settings, device, self._control.tick, prior=prior
-                )
+                    cohort, groomed, self._settings, device, self._control.tick,
+                    prior=prior, registrations=self.project.registrations,
+                )  # fmt: skip
                 outcome = self._optimized(self._study, prior)
             self._control.enter(Phase.MODELING, "principal components")
             model, surface = run_in_background(
@@ -335,8 +336,9 @@ class Run:
 
         folders = self.project.groomed, self.project.fits
         return grow(
-            cohort, outlines, self._settings, folders, device, self._control, optimized, store=self._store
-        )
+            cohort, outlines, self._settings, folders, device, self._control, optimized,
+            store=self._store, registrations=self.project.registrations,
+        )  # fmt: skip
 
     def _optimized(self, inputs: OptimizationInput, prior: PriorResult | None) -> OptimizationOutcome:
         path = self.project.checkpoint

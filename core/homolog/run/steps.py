@@ -1,6 +1,7 @@
 """The steps of a run after grooming: the same for runs in a project's folder and in memory."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from homolog.cohort import Cohort
 from homolog.correspondence import Checkpoint, Frame, FrameCallback, Shape, load_kernels, optimize
@@ -29,6 +30,7 @@ def prepare_inputs(
     tick: Tick,
     *,
     prior: PriorResult | None = None,
+    registrations: Path | None = None,
 ) -> OptimizationInput:
     """Bring groomed subjects into one frame, with the landmarks that first particles are put on.
 
@@ -43,6 +45,8 @@ def prepare_inputs(
     tick : Tick
     prior : PriorResult, optional
         Result that is started from; it gives alignments and first particles.
+    registrations : Path, optional
+        File with earlier registrations, as of `align_cohort`.
 
     Returns
     -------
@@ -55,7 +59,9 @@ def prepare_inputs(
     """
     known = None if prior is None else prior.alignments
     annotated, alignments = run_in_background(
-        lambda inner: align_cohort(cohort, groomed, settings.groom, inner, known=known), tick, "aligning"
+        lambda inner: align_cohort(cohort, groomed, settings.groom, inner, known=known, cache=registrations),
+        tick,
+        "aligning",
     )
     tick(1.0, "aligned")
     shapes = [

@@ -50,6 +50,15 @@ def finished(folder, cohort, settings=SETTINGS):
     return project
 
 
+def groomed(project, folder):
+    """Return a project in which nothing but the shapes of another one is groomed and registered."""
+    copy = ProjectFolder(folder)
+    shutil.copytree(project.groomed, copy.groomed)
+    shutil.copy(project.registrations, copy.registrations)
+    copy.write(ProjectRecord())
+    return copy
+
+
 @pytest.fixture(scope="module")
 def scans(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sides")
@@ -106,9 +115,7 @@ def test_left_and_right_give_the_model_that_one_side_gives(both, result, one_sid
 
 
 def test_without_mirroring_left_and_right_are_mixed_up(scans, both, result):
-    shutil.copytree(both.groomed, scans / "p_mixed" / "groomed")
-    ProjectFolder(scans / "p_mixed").write(ProjectRecord())
-    mixed = finished(scans / "p_mixed", scans / "both", OFF)
+    mixed = finished(groomed(both, scans / "p_mixed").folder, scans / "both", OFF)
     assert record_of(mixed).mirrored_text == ""
     assert np.var(read_result(mixed).world, axis=0).sum() > 2.0 * np.var(result.world, axis=0).sum()
 
@@ -185,9 +192,7 @@ def test_particles_are_added_to_mirrored_subjects(grown, scans):
 
 
 def test_a_cancelled_run_of_both_sides_is_resumed(scans, both, tmp_path):
-    shutil.copytree(both.groomed, tmp_path / "p" / "groomed")
-    project = ProjectFolder(tmp_path / "p")
-    project.write(ProjectRecord())
+    project = groomed(both, tmp_path / "p")
     first = Run(project, read_cohort(scans / "both"), SETTINGS)
     first.execute(lambda status: first.cancel() if status.phase == "optimizing" else None)
     assert first.keep()
@@ -201,9 +206,8 @@ def test_a_wrong_side_in_the_table_is_noted(scans, both, tmp_path):
     table = tmp_path / "cohort.csv"
     table.write_text("\n".join(["name,path,side", *rows]) + "\n", encoding="utf-8")
     cohort = read_cohort(table)
-    aligned, _ = align_cohort(
-        cohort, groom_cohort(cohort, SETTINGS.groom, cache=both.groomed), SETTINGS.groom
-    )
+    shapes = groom_cohort(cohort, SETTINGS.groom, cache=both.groomed)
+    aligned, _ = align_cohort(cohort, shapes, SETTINGS.groom, cache=both.registrations)
     assert [item.name for item in aligned if any("far better" in note for note in item.report.notes)] == [
         "b_L"
     ]
@@ -211,8 +215,8 @@ def test_a_wrong_side_in_the_table_is_noted(scans, both, tmp_path):
 
 def test_files_that_are_mirrored_already_are_left_alone(scans, one_side):
     cohort = read_cohort(scans / "one")
-    groomed = groom_cohort(cohort, SETTINGS.groom, cache=one_side.groomed)
-    aligned, alignments = align_cohort(cohort, groomed, SETTINGS.groom)
+    shapes = groom_cohort(cohort, SETTINGS.groom, cache=one_side.groomed)
+    aligned, alignments = align_cohort(cohort, shapes, SETTINGS.groom, cache=one_side.registrations)
     assert (np.linalg.det(alignments[:, :3, :3]) > 0.0).all()
     assert [item.name for item in aligned if item.report.notes] == ["b_L", "d_L"]
 
