@@ -2,20 +2,37 @@
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
+from multiprocessing.context import BaseContext
 
 __all__ = ["worker_processes"]
 
+_THREADS = "OPENBLAS_NUM_THREADS"
+_PRELOADED = ["homolog.workers", "homolog.grooming.cohort"]
+
 
 @contextmanager
-def worker_processes(count: int) -> Iterator[Executor]:
-    """Give an executor of several processes; when the block is left they end, whatever they are doing."""
-    context = get_context("spawn")  # a fork of a process with threads, Warp or a window is not safe
+def worker_processes(count: int, *, fresh: bool = False) -> Iterator[Executor]:
+    """Give an executor of several processes; when the block is left they end, whatever they are doing.
+
+    Parameters
+    ----------
+    count : int
+        Processes at most.
+    fresh : bool
+        Start each as a program of its own, which takes a second or two, with the environment that holds now.
+
+    Yields
+    ------
+    Executor
+    """
+    context = get_context("spawn") if fresh else _server() or get_context("spawn")
     others = set(active_children())
     reader, writer = context.Pipe(duplex=False)
     executor = ProcessPoolExecutor(count, mp_context=context, initializer=_live_with, initargs=(reader,))
@@ -29,10 +46,37 @@ def worker_processes(count: int) -> Iterator[Executor]:
         reader.close()
 
 
+def _server() -> BaseContext | None:
+    """Return what forks workers from a process that has loaded what they need and nothing else.
+
+    A fork of this process, with its threads, Warp or a window, would not be safe. On macOS no fork is.
+    """
+    if not sys.platform.startswith("linux"):
+        return None
+    from multiprocessing import forkserver
+
+    context = get_context("forkserver")
+    context.set_forkserver_preload(_PRELOADED)
+    own = {_THREADS: os.environ.get(_THREADS, "1"), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    before = {name: os.environ.get(name) for name in own}
+    os.environ.update(own)  # the server takes what holds when it starts
+    try:
+        forkserver.ensure_running()
+    except OSError:  # such as a temporary folder whose name is too long for a socket
+        return None
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+    return context
+
+
 def _live_with(parent: Connection) -> None:
     """Leave Ctrl-C to the parent, and end with it even if it is killed: the pipe breaks then."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # each process has its core
+    os.environ.setdefault(_THREADS, "1")  # each process has its core
 
     def watch() -> None:
         try:

@@ -27,6 +27,24 @@ def test_workers_end_at_once_when_the_block_is_left():
     assert not alive(pid)
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have no server of processes")
+def test_workers_are_forked_with_what_grooms_loaded_and_nothing_of_this_process_changed():
+    before = dict(os.environ)
+    with worker_processes(1) as executor:
+        loaded = executor.submit(eval, "set(__import__('sys').modules)").result(60)
+        threads = executor.submit(os.getenv, "OPENBLAS_NUM_THREADS").result(60)
+    assert "homolog.grooming.cohort" in loaded
+    assert not {"matplotlib", "PySide6", "vtkmodules"} & loaded
+    assert threads == before.get("OPENBLAS_NUM_THREADS", "1")
+    assert dict(os.environ) == before
+
+
+def test_a_fresh_worker_sees_the_present_environment(monkeypatch):
+    monkeypatch.setenv("WORKERS_TEST", "now")
+    with worker_processes(1, fresh=True) as executor:
+        assert executor.submit(os.getenv, "WORKERS_TEST").result(60) == "now"
+
+
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
 def test_workers_end_with_a_killed_parent():
     code = (

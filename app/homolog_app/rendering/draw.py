@@ -141,7 +141,7 @@ class OpenGLProcess:
     def __init__(self, *, draws_emulated: bool = True) -> None:
         stack = ExitStack()
         atexit.register(stack.close)
-        self._executor = stack.enter_context(worker_processes(1))
+        self._executor = stack.enter_context(worker_processes(1, fresh=True))
         try:
             card = self._executor.submit(_begin).result(_PATIENCE_S)
         except TimeoutError:
