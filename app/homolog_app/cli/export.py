@@ -88,9 +88,10 @@ def add_measures(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
     parser = add_kind(
         kinds,
         "measures",
-        "distance of two particles, volume and surface area of each subject as CSV",
-        "Write the straight distance of two particles, the volume and the surface area of each subject's "
-        "groomed surface, in the size of its file.",
+        "distances, volume, surface area and wall thickness of each subject as CSV",
+        "Write the straight distance of two particles, and volume, surface area and mean wall thickness of "
+        "each subject's groomed surface, in the size of its file; also its mean distance from the mean "
+        "surface, as aligned. Mean, standard deviation and Welch's test by group are printed.",
         "FILE.csv",
     )
     parser.add_argument(
@@ -106,14 +107,17 @@ def add_measures(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
 def run_measures(arguments: argparse.Namespace) -> int:
     """Write the table; returns the exit code."""
     from homolog.files.results import read_result, read_surface
-    from homolog_app.exports.tables import measure_meshes, write_measures
+    from homolog_app.exports.tables import group_lines, measure_meshes, write_measures
 
     project = ProjectFolder(arguments.project)
     with exporting(arguments) as tick:
         result, record = read_result(project), project.read().result
         assert record is not None, "a result that was read has a record"
         meshes = [read_surface(project, subject) for subject in record.subjects]
-        write_measures(arguments.out, result, measure_meshes(meshes, tick), *arguments.particles)
+        measures = measure_meshes(meshes, result.mean_surface, result.alignments, tick)
+        write_measures(arguments.out, result, measures, *arguments.particles)
+        lines = group_lines(result, measures, *arguments.particles)
+    sys.stdout.writelines(f"{line}\n" for line in lines)
     sys.stderr.write(f"{arguments.out}\n")
     return 0
 

@@ -10,6 +10,7 @@ from homolog.analysis.assumptions import shape_outliers
 from homolog.analysis.parallel import parallel_analysis
 from homolog.analysis.procrustes import Alignment
 from homolog.analysis.shape_model import ShapeModel
+from homolog.analysis.welch import compare_measure
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
 from homolog.errors import InputError
@@ -29,6 +30,7 @@ __all__ = [
     "Measures",
     "compare",
     "distances",
+    "group_lines",
     "measure_meshes",
     "write_cohort",
     "write_measures",
@@ -193,29 +195,73 @@ _MM3_IN_ML, _MM2_IN_CM2 = 1000.0, 100.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measures:
-    """Volume [ml], surface area [cm²] and mean wall thickness [mm] of some surfaces, shape (n,) each."""
+    """Volume, area, mean wall thickness and mean distance from the mean surface, shape (n,) each.
+
+    In ml, cm² and mm. The distance is averaged over a surface's area, without sign.
+    """
 
     volumes: FloatArray
     areas: FloatArray
     walls: FloatArray
+    from_mean: FloatArray
 
 
-def measure_meshes(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> Measures:
+def measure_meshes(
+    meshes: Sequence[TriangleMesh],
+    mean: TriangleMesh,
+    alignments: FloatArray | None = None,
+    tick: Tick = no_tick,
+) -> Measures:
     """Measure closed surfaces.
 
     Parameters
     ----------
     meshes : sequence of TriangleMesh
+    mean : TriangleMesh
+        The mean surface.
+    alignments : (n, 4, 4) array, optional
+        Lead to the frame of the mean surface; the identity if not given.
     tick : Tick
     """
-    from homolog.surfaces.walls import mean_thickness, wall_thickness  # loads Warp
+    from homolog.surfaces.closest import distances_to  # loads Warp
+    from homolog.surfaces.walls import mean_over_area, wall_thickness
 
-    volumes, areas, walls = (np.empty(len(meshes)) for _ in range(3))
+    volumes, areas, walls, from_mean = (np.empty(len(meshes)) for _ in range(4))
     for index, mesh in enumerate(meshes):
         tick(index / len(meshes), "measuring")
         volumes[index], areas[index] = mesh.volume / _MM3_IN_ML, mesh.area / _MM2_IN_CM2
-        walls[index] = mean_thickness(mesh, wall_thickness(mesh))
-    return Measures(volumes, areas, walls)
+        walls[index] = mean_over_area(mesh, wall_thickness(mesh))
+        aligned = mesh if alignments is None else mesh.placed(alignments[index])
+        from_mean[index] = mean_over_area(aligned, distances_to(mean, aligned.vertices))
+    return Measures(volumes, areas, walls, from_mean)
+
+
+def group_lines(result: Result, measures: Measures, first: int, second: int) -> list[str]:
+    """Say mean and standard deviation of each measure by group, and how likely equal means are.
+
+    One line for each measure; none without groups. See `write_measures` for the parameters.
+    """
+    groups = [group or "" for group in result.groups]
+    if not any(groups):
+        return []
+    lines = []
+    for name, values in _measured(result, measures, first, second).items():
+        of_groups = compare_measure(values, groups)
+        rows = zip(of_groups.groups, of_groups.means, of_groups.deviations, of_groups.counts, strict=True)
+        each = (f"{group} {mean:.4g} ± {spread:.2g} (n = {count})" for group, mean, spread, count in rows)
+        test = "no test" if of_groups.p is None else f"p = {of_groups.p:.2g}"
+        lines.append(f"{name}: {', '.join(each)}; {test}")
+    return lines
+
+
+def _measured(result: Result, measures: Measures, first: int, second: int) -> dict[str, FloatArray]:
+    return {
+        f"distance_{first}_{second}_mm": distances(result.local, first, second),
+        "volume_ml": measures.volumes,
+        "area_cm2": measures.areas,
+        "wall_mm": measures.walls,
+        "distance_from_mean_surface_mm": measures.from_mean,
+    }
 
 
 def distances(particles: FloatArray, first: int, second: int) -> FloatArray:
@@ -234,7 +280,9 @@ def distances(particles: FloatArray, first: int, second: int) -> FloatArray:
 
 
 def write_measures(path: Path, result: Result, measures: Measures, first: int, second: int) -> None:
-    """Write the subjects' distance of two particles, volume, area, wall thickness, in their files' size.
+    """Write the subjects' distance of two particles, volume, area, wall thickness, distance from the mean.
+
+    All but the last are in the size of the subjects' files.
 
     Parameters
     ----------
@@ -251,7 +299,6 @@ def write_measures(path: Path, result: Result, measures: Measures, first: int, s
     InputError
         If there is no such particle, or the file can't be written.
     """
-    columns = ["name", "group", f"distance_{first}_{second}_mm", "volume_ml", "area_cm2", "wall_mm"]
-    numbers = (distances(result.local, first, second), measures.volumes, measures.areas, measures.walls)
-    rows = zip(result.names, result.groups, *(number.tolist() for number in numbers), strict=True)
-    write_table(path, columns, rows)
+    measured = _measured(result, measures, first, second)
+    rows = zip(result.names, result.groups, *(values.tolist() for values in measured.values()), strict=True)
+    write_table(path, ["name", "group", *measured], rows)

@@ -157,6 +157,8 @@ def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_t
     tick : Tick
         Progress and cancelling.
     """
+    import homolog_app.plots  # noqa: F401 - slow: imported by the thread that fits, not by the first plot
+
     model = ShapeModel.fit(result.world, names=result.names)
     parallel = parallel_analysis(result.world, tick=part_of(tick, 0.0, 0.6))
     tick(0.6, "carrying the modes to the mean surface")

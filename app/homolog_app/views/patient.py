@@ -113,14 +113,15 @@ def patient_scene(
     scale = replace(scale, grey_words=" or ".join(grey))
     steps = _steps(comparison, reference) if look.by_modes else _straight(comparison)
     note, vertices = _point_on_path(comparison.mean.vertices, steps, look.way)
-    if look.way == 1.0:
-        mapped = on_own_surface(
-            comparison, comparison.name, note, scale, values, beyond, faded=faded, faint=kind != MEAN
-        )
-    else:
-        shape = TriangleMesh(vertices, comparison.mean.faces)
+    if look.way == 0.0:
         colours = scale.colours(values, faded, None if kind == MEAN else ~beyond)
-        mapped = on_patient(comparison, comparison.name, note, shape, colours, beyond)
+        mapped = on_patient(comparison, comparison.name, note, comparison.mean, colours, beyond)
+    else:
+        moved = vertices - comparison.matched.vertices if look.way < 1.0 else None
+        mapped = on_own_surface(
+            comparison, comparison.name, note, scale, values, beyond, faded=faded, faint=kind != MEAN,
+            moved=moved,
+        )  # fmt: skip
     if look.overlaid:
         mean = comparison.mean.placed(inverse_matrices(comparison.placement))
         mapped = replace(mapped, raw=mean, overlaid=True)
@@ -276,6 +277,7 @@ def on_own_surface(
     *,
     faded: BoolArray | None,
     faint: bool,
+    moved: FloatArray | None = None,
 ) -> Content:
     """Return a patient's own surface with a map; values and marks are those of the reference's vertices.
 
@@ -292,12 +294,19 @@ def on_own_surface(
         What is grey.
     faint : bool
         Whether the rest is faint.
+    moved : (V, 3) array, optional
+        Displacement of the surface in the reference's frame [mm].
     """
     own = comparison.own
+    mesh = own.mesh
+    if moved is not None:
+        there = mesh.placed(comparison.placement).vertices + own.carried(moved)
+        back = inverse_matrices(comparison.placement)
+        mesh = TriangleMesh(transform_points(back, there), mesh.faces)
     inside, grey = (None if marks is None else own.marked(marks) for marks in (beyond, faded))
     colours = scale.colours(own.carried(values), grey, None if inside is None or not faint else ~inside)
     lines = None
     if inside is not None and inside.any():
-        shown = own.mesh.placed(comparison.placement)
+        shown = mesh.placed(comparison.placement)
         lines = region_border(shown.vertices, shown.faces, inside)
-    return Content(name, None, own.mesh, None, comparison.placement, note, colours, lines=lines)
+    return Content(name, None, mesh, None, comparison.placement, note, colours, lines=lines)

@@ -38,7 +38,7 @@ class Step:
 
 
 class Rail(QFrame):
-    """Four buttons from top to bottom."""
+    """A button for each step that can be opened, from top to bottom."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -72,7 +72,7 @@ class _StepButton(QAbstractButton):
 
     def show_step(self, step: Step, current: bool) -> None:
         self._step, self._current = step, current
-        self.setEnabled(step.enabled)
+        self.setVisible(step.enabled)
         state = "done" if step.done else "next" if step.following else ""
         self.setAccessibleDescription(", ".join(part for part in (step.status, state) if part))
         self.setToolTip(f"{self.text()}: {step.status}" if step.status else self.text())
@@ -96,7 +96,7 @@ class _StepButton(QAbstractButton):
         if self._current:
             painter.setBrush(QColor(colours.accent))
             painter.drawRoundedRect(QRect(0, box.top() + 16, 4, box.height() - 32), 2, 2)
-        ink = colours.faint if not self._step.enabled else colours.accent if self._current else colours.text
+        ink = colours.accent if self._current else colours.text
         painter.drawPixmap((self.width() - 28) // 2, box.top() + 12, pixmap(self._name, ink, 28))
         self._paint_badge(painter, (self.width() + 28) // 2 + 2, box.top() + 14)
         self._paint_text(painter, box, ink)
@@ -125,7 +125,7 @@ class _StepButton(QAbstractButton):
         font.setPixelSize(scaled(11))
         font.setWeight(QFont.Weight.Normal)
         painter.setFont(font)
-        painter.setPen(QColor(self._theme.colours.dim if self._step.enabled else self._theme.colours.faint))
+        painter.setPen(QColor(self._theme.colours.dim))
         text = self._step.status or ("next" if self._step.following and not self._current else "")
         painter.drawText(box.adjusted(2, 54 + scaled(12), -2, 0), flags | Qt.TextFlag.TextWordWrap, text)
 

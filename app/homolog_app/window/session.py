@@ -152,11 +152,13 @@ class Session(QObject):
         self.step = step
         self.step_changed.emit()
 
-    def show_page(self, page: str) -> None:
-        """Say which page of *Explore* is open."""
+    def show_page(self, page: str, step: str = "") -> None:
+        """Turn to a page of *Explore*, and to a step if one is named."""
         if page != self.page:
             self.page = page
             self.page_changed.emit()
+        if step:
+            self.show_step(step)
 
     @property
     def preliminary(self) -> PreliminaryModel | None:

@@ -79,6 +79,10 @@ class ViewBar(QFrame):
         self.opacity.setAccessibleName("Opacity of surfaces")
         self.opacity.valueChanged.connect(lambda value: self.opacity_changed.emit(value / 100.0))
         row.addWidget(self.opacity)
+        row.addSpacing(GRID // 2)
+        self.percent = PercentEdit("Opacity of surfaces in percent", self.opacity)
+        row.addWidget(self.percent)
+        row.addWidget(label("%", "Unit"))
         row.addStretch()
         for identifier in _GRIDS:
             row.addWidget(actions.button(identifier, self))

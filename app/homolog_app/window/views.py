@@ -380,7 +380,8 @@ class Views(QObject):
 
     def _switch_slices(self) -> None:
         self._cut()
-        self.stage.bar.opacity.setEnabled(not self.hides_views)
+        for control in (self.stage.bar.opacity, self.stage.bar.percent):
+            control.setEnabled(not self.hides_views)
         self.refresh()
         self._update_page()
 

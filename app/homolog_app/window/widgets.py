@@ -284,10 +284,11 @@ class ValueEdit(QLineEdit):
 
 
 class PercentEdit(ValueEdit):
-    """A whole number of percent beside a slider, from 0 to 100; each changes the other."""
+    """A whole number of percent of a slider's end, beside the slider; each changes the other."""
 
     def __init__(self, name: str, slider: QSlider) -> None:
-        super().__init__(name, 0.0, 100.0, 1.0, lambda value: f"{value:.0f}")
+        lowest = 100.0 * slider.minimum() / slider.maximum()
+        super().__init__(name, lowest, 100.0, 1.0, lambda value: f"{value:.0f}")
         self.setFixedWidth(scaled(48))
         self.entered.connect(lambda value: slider.setValue(round(value / 100.0 * slider.maximum())))
         slider.valueChanged.connect(lambda value: self.show_value(100.0 * value / slider.maximum()))

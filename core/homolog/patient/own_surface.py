@@ -33,7 +33,7 @@ class OwnSurface:
     weights: csr_array
 
     def carried(self, values: FloatArray) -> FloatArray:
-        """Return values (V,) of the reference's vertices on the patient's surface (P,)."""
+        """Return values (V, …) of the reference's vertices on the patient's surface (P, …)."""
         return np.asarray(self.weights @ values, np.float64)
 
     def marked(self, marks: BoolArray) -> BoolArray:

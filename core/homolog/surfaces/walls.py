@@ -9,7 +9,7 @@ from homolog.surfaces.closest import on_device
 from homolog.surfaces.kernels import distances as kernels
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["mean_thickness", "wall_thickness"]
+__all__ = ["mean_over_area", "wall_thickness"]
 
 _CONE = np.deg2rad(25.0)
 _RINGS = ((0.0, 1), (0.5, 6), (1.0, 6))
@@ -55,20 +55,20 @@ def wall_thickness(mesh: TriangleMesh, *, device: str = "cpu") -> FloatArray:
     return result
 
 
-def mean_thickness(mesh: TriangleMesh, thickness: FloatArray) -> float:
-    """Return the mean thickness [mm] over a surface's area, where it is known; not a number if nowhere.
+def mean_over_area(mesh: TriangleMesh, values: FloatArray) -> float:
+    """Return the mean of a number over a surface's area, where it is known; not a number if nowhere.
 
     Parameters
     ----------
     mesh : TriangleMesh
-    thickness : (V,) array
-        As `wall_thickness` returns it [mm].
+    values : (V,) array
+        At the vertices, such as those that `wall_thickness` returns.
     """
     weights = np.zeros(len(mesh.vertices))
     np.add.at(weights, mesh.faces.ravel(), np.repeat(mesh.face_areas, 3) / 3.0)
-    known = ~np.isnan(thickness)
+    known = ~np.isnan(values)
     total = float(weights[known].sum())
-    return float(weights[known] @ thickness[known]) / total if total > 0.0 else float("nan")
+    return float(weights[known] @ values[known]) / total if total > 0.0 else float("nan")
 
 
 def _directions() -> FloatArray:

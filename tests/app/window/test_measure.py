@@ -5,7 +5,8 @@ import csv
 import numpy as np
 import pytest
 
-from homolog.surfaces.walls import mean_thickness, wall_thickness
+from homolog.surfaces.closest import distances_to
+from homolog.surfaces.walls import mean_over_area, wall_thickness
 from homolog_app.window.explore.mode_plots import axis_menu
 
 pytestmark = pytest.mark.window
@@ -32,11 +33,18 @@ def test_names_of_subjects_have_room_beside_their_measures(page):
 
 def test_subjects_have_the_volume_and_area_of_their_own_surfaces(page, window):
     surfaces = window.workspace.session.result.surfaces
-    for name, _, _, volume, area, wall in cells(page):
+    result = window.workspace.session.result.result
+    mean = result.mean_surface
+    for (name, _, _, volume, area, wall, from_mean), alignment in zip(
+        cells(page), result.alignments, strict=True
+    ):
         mesh = surfaces[name][0]
+        apart = distances_to(mean, mesh.placed(alignment).vertices)
+        assert apart.min() <= from_mean <= apart.max()
+        assert from_mean == pytest.approx(apart.mean(), rel=0.1)
         assert volume == pytest.approx(mesh.volume / 1000.0)
         assert area == pytest.approx(mesh.area / 100.0)
-        assert wall == pytest.approx(mean_thickness(mesh, wall_thickness(mesh)))
+        assert wall == pytest.approx(mean_over_area(mesh, wall_thickness(mesh)))
     volumes = {row[0]: row[3] for row in cells(page)}
     for name, axes in (("a", (9, 7, 6)), ("b", (10, 7, 5)), ("c", (8, 7.5, 6)), ("d", (9.5, 6, 6.5))):
         assert volumes[name] == pytest.approx(4.0 / 3.0 * np.pi * np.prod(axes) / 1000.0, rel=0.05)
@@ -62,7 +70,8 @@ def test_clicks_on_the_shape_set_the_two_particles_in_turn(page):
 
 
 def test_curves_along_a_mode_are_those_of_the_shapes_that_are_shown(page, window):
-    shape, (distance, volume, area, _) = page.fitted.shape, page.charts.each
+    shape, (distance, volume, area, *_) = page.fitted.shape, page.charts.each
+    assert page.charts.each[4].values.min() == pytest.approx(0.0, abs=1e-3)
     page.place.setValue(150)
     (shown,) = window.views.stage.scene.shown
     at = 1.5
@@ -90,6 +99,7 @@ def test_the_exported_table_is_that_of_the_command_line(page, window, finished, 
     with path.open() as stream:
         rows = list(csv.DictReader(stream))
     assert [row["name"] for row in rows] == ["a", "b", "c", "d"]
+    assert float(rows[1]["distance_from_mean_surface_mm"]) == pytest.approx(cells(page)[1][6])
     assert float(rows[0]["volume_ml"]) == pytest.approx(cells(page)[0][3])
 
 
@@ -128,7 +138,7 @@ def test_a_map_shows_the_thickness_of_a_subject_and_its_distance_from_the_mean(p
 
 def test_measures_are_compared_by_group(page, window):
     session = window.workspace.session
-    _, volume, _, _ = page.charts.boxes
+    volume = page.charts.boxes[1]
     assert volume.is_empty
     for names, group in ((["a", "b"], "large"), (["c", "d"], "small")):
         session.select(names)
@@ -158,7 +168,7 @@ def test_the_two_volumes_of_a_subject_are_named(page, window):
 def test_the_boxes_of_another_study_are_not_shown(page, monkeypatch):
     volume = page.charts.boxes[1]
     values, groups = np.array([1.0, 2.0, 4.0, 5.0]), ["large", "large", "small", "small"]
-    page.charts.show_measures([values] * 4, groups, list("abcd"))
+    page.charts.show_measures([values] * 5, groups, list("abcd"))
     assert not volume.is_empty
     assert not page.charts.pairs.is_empty
     monkeypatch.setattr(type(page.fitted), "shape", None)

@@ -74,9 +74,17 @@ def test_views_show_the_map_and_what_leads_to_it(patient, explored):
     (shown,) = scene.shown
     there = shown.groomed.placed(shown.alignment).vertices
     np.testing.assert_allclose(there, patient.comparison.mean.vertices, atol=1e-5)
+    patient.percent.entered.emit(60.0)
+    (shown,) = scene.shown
+    own = patient.comparison.mesh
+    np.testing.assert_array_equal(shown.groomed.faces, own.faces)
+    there = shown.groomed.placed(shown.alignment).vertices
+    away = np.linalg.norm(there - own.placed(shown.alignment).vertices, axis=1)
+    whole = np.linalg.norm(patient.comparison.matched.vertices - patient.comparison.mean.vertices, axis=1)
+    assert away.mean() == pytest.approx(0.4 * whole.mean(), rel=0.1)
     patient.way.setValue(400)
     (shown,) = scene.shown
-    np.testing.assert_array_equal(shown.groomed.vertices, patient.comparison.mesh.vertices)
+    np.testing.assert_array_equal(shown.groomed.vertices, own.vertices)
     assert len(shown.colours) == len(shown.groomed.vertices)
 
 

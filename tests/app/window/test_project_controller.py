@@ -303,22 +303,25 @@ def test_work_that_is_to_be_stopped_is_stopped_before_the_next_question(groomed,
 
 
 @pytest.mark.window
-def test_size_and_panel_widths_come_back(explored, close, make_window, tmp_path, wait):
+def test_size_and_panel_sizes_come_back(explored, close, make_window, tmp_path, wait):
     from PySide6.QtCore import Qt
     from PySide6.QtWidgets import QDockWidget
 
-    def panel(window):
-        return window.findChild(QDockWidget, "Inspector")
+    def panel(window, name="Inspector"):
+        return window.findChild(QDockWidget, name)
 
     explored.resize(1500, 850)
     explored.resizeDocks([panel(explored)], [520], Qt.Orientation.Horizontal)
-    wait(lambda: panel(explored).width() == 520)
+    explored.commands["explore.modes"].trigger()
+    explored.resizeDocks([panel(explored, "Plots")], [333], Qt.Orientation.Vertical)
+    wait(lambda: panel(explored).width() == 520 and panel(explored, "Plots").height() == 333)
     close(explored)
     window = make_window()
     assert window.size().toTuple() == (1500, 850)
     window.projects.open_paths([tmp_path / "copy"])
     wait(lambda: window.workspace.session.result is not None)
-    wait(lambda: panel(window).width() == 520, seconds=5)
+    window.commands["explore.modes"].trigger()
+    wait(lambda: panel(window).width() == 520 and panel(window, "Plots").height() == 333, seconds=5)
 
 
 @pytest.mark.window

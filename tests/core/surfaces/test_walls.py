@@ -5,7 +5,7 @@ import pytest
 
 from homolog.surfaces.closest import signed_distances_to
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.walls import mean_thickness, wall_thickness
+from homolog.surfaces.walls import mean_over_area, wall_thickness
 
 
 def ball(radius, count=3):
@@ -38,7 +38,7 @@ def test_the_wall_of_a_hollow_ball_is_as_thick_as_its_radii_differ():
     thickness = wall_thickness(wall)
     np.testing.assert_allclose(thickness[:count], 3.0, rtol=0.08)
     np.testing.assert_allclose(thickness[count:], 3.0, rtol=0.08)
-    assert mean_thickness(wall, thickness) == pytest.approx(3.0, rel=0.04)
+    assert mean_over_area(wall, thickness) == pytest.approx(3.0, rel=0.04)
 
 
 def test_a_slab_is_as_thick_as_it_is_wherever_it_lies():
@@ -59,7 +59,7 @@ def test_where_no_side_lies_opposite_the_thickness_is_unknown():
     sheet = TriangleMesh(np.eye(3), np.array([[0, 1, 2]]))
     thickness = wall_thickness(sheet)
     assert np.isnan(thickness).all()
-    assert np.isnan(mean_thickness(sheet, thickness))
+    assert np.isnan(mean_over_area(sheet, thickness))
 
 
 def test_distances_are_negative_inside_and_positive_outside():

@@ -123,7 +123,7 @@ class CheckPage(ExplorePage):
 
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
         super().__init__(workspace, actions, fitted)
-        self.checked = InspectionState(workspace, self)
+        self.checked = InspectionState(workspace, self, self.title)
         self.rows = SuspectModel(workspace.theme)
         self.table = suspect_table(self.rows)
         self.state, self.message = label("", "Hint", wrap=True), label("", wrap=True)
@@ -140,14 +140,6 @@ class CheckPage(ExplorePage):
         self._lay_out()
         self._connect()
         self._show_inspection()
-
-    def enter(self) -> None:
-        """Find suspects unless that was done."""
-        self.checked.want()
-
-    def stop(self) -> None:
-        """Leave results that come while another page is open alone."""
-        self.checked.want_no_more()
 
     def handle_pick(self, pick: "Pick") -> None:
         """Choose what was clicked."""

@@ -31,19 +31,22 @@ class _Version:
 
 
 class InspectionState(QObject):
-    """Inspects the session's result in the computing thread, when first wanted and after each change."""
+    """Inspects the session's result in the computing thread while the page that shows that is open.
+
+    An inspection that was cancelled is begun again when the page is opened again, or when it is wanted.
+    """
 
     changed = Signal()
     repaired = Signal(object)
 
-    def __init__(self, workspace: Workspace, parent: QObject) -> None:
+    def __init__(self, workspace: Workspace, parent: QObject, page: str) -> None:
         super().__init__(parent)
-        self._workspace = workspace
-        self._wanted = False
+        self._workspace, self._page = workspace, page
         self._asked: LoadedResult | None = None
         self._seen: LoadedResult | None = None
         self._versions: list[_Version] = []
-        workspace.session.result_changed.connect(self._look)
+        for signal in (workspace.session.result_changed, workspace.session.page_changed):
+            signal.connect(self._look)
         workspace.session.undo.cleanChanged.connect(self._follow_save)
         workspace.session.job_changed.connect(self._follow_job)
 
@@ -65,13 +68,10 @@ class InspectionState(QObject):
         return self._workspace.session.is_result_written
 
     def want(self) -> None:
-        """Inspect the result unless that was done; `changed` follows. Asks again if it was cancelled."""
-        self._wanted, self._asked = True, None
+        """Open the page and inspect the result unless that was done; `changed` follows."""
+        self._asked = None
+        self._workspace.session.show_page(self._page, "explore")
         self._look()
-
-    def want_no_more(self) -> None:
-        """Inspect no further results by itself."""
-        self._wanted = False
 
     def repair(self, suspects: "Sequence[Suspect]") -> None:
         """Optimize the particles around suspects again; `repaired` follows; one undo takes it back."""
@@ -184,9 +184,10 @@ class InspectionState(QObject):
             if not known:
                 self._versions = []
             self.changed.emit()
-        if known or not self._wanted or result is None or result is self._asked or busy:
+        if session.page != self._page:
+            self._asked = None
             return
-        if not self.is_possible:
+        if known or result is None or result is self._asked or busy or not self.is_possible:
             return
         self._asked = result
 

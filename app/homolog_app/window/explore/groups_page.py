@@ -177,10 +177,6 @@ class GroupsPage(ExplorePage):
         self.chart.subject_toggled.connect(session.toggle_selected)
         self.chart.morphed.connect(self._morph)
 
-    def enter(self) -> None:
-        """Fit the model if it is not."""
-        self.fitted.want()
-
     def play_or_stop(self) -> bool:
         """Play from group to group, or hold."""
         if self.answers:

@@ -1,4 +1,4 @@
-"""Measures: distance of two particles, volume, area, wall thickness, along a mode and for each subject."""
+"""Measures: distances, volume, area, wall thickness, along a mode and for each subject."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -48,7 +48,7 @@ _REACH = 3.0
 _SAMPLES = 13
 _STEPS = 100
 _NUMBER_PX = 52
-_HEADS = ("Subject", "Group", "Dist.\n(mm)", "Vol.\n(ml)", "Area\n(cm²)", "Wall\n(mm)")
+_HEADS = ("Subject", "Group", "Dist.\n(mm)", "Vol.\n(ml)", "Area\n(cm²)", "Wall\n(mm)", "From\nmean")
 _PARTICLES = ("First particle", "Second particle")
 _MODEL, _NOTHING = "Shape along the mode", "Nothing"
 _MAPS = {"None": "none", "Wall thickness": "thickness", "Distance from the mean surface": "distance"}
@@ -123,6 +123,7 @@ class MeasurePage(ExplorePage):
         self.body.addLayout(along)
         self.body.addWidget(rule())
         self.body.addWidget(label("Groomed surfaces at their original size", "SectionTitle"))
+        self.view.setToolTip("From mean: mean distance of the aligned surface from the mean surface, in mm")
         self.body.addWidget(self.view, 1)
         self.footer.addWidget(self.write_button)
 
@@ -148,9 +149,8 @@ class MeasurePage(ExplorePage):
             plot.chosen.connect(lambda at: self.place.setValue(round(_STEPS * at)))
 
     def enter(self) -> None:
-        """Fit the model and measure the subjects if that was not done."""
+        """Measure the subjects if that was not done."""
         self._asked = (None, -1)
-        self.fitted.want()
         self._measure()
 
     def handle_pick(self, pick: "Pick") -> None:
@@ -233,7 +233,7 @@ class MeasurePage(ExplorePage):
             return
         if request == self._asked:
             return
-        self._asked = request
+        self._asked, known = request, self._subjects
 
         def measure(tick: Tick) -> "tuple[Measures, Measures]":
             from homolog.surfaces.mesh import TriangleMesh
@@ -245,8 +245,9 @@ class MeasurePage(ExplorePage):
                 deviations = np.zeros(mode + 1)
                 deviations[mode] = amount
                 meshes.append(TriangleMesh(shape.mean.vertices + shape.moved(deviations), shape.mean.faces))
-            along = measure_meshes(meshes, part_of(tick, 0.0, 0.4))
-            return along, self._subjects or measure_meshes(own, part_of(tick, 0.4, 1.0))
+            along = measure_meshes(meshes, shape.mean, tick=part_of(tick, 0.0, 0.4))
+            rest = part_of(tick, 0.4, 1.0)
+            return along, known or measure_meshes(own, shape.mean, loaded.result.alignments, rest)
 
         def take(measured: "tuple[Measures, Measures]") -> None:
             self._along[mode], self._subjects = measured
@@ -279,7 +280,7 @@ class MeasurePage(ExplorePage):
             apart = [float(_apart(shape, mode, amount, self.pair)) for amount in x]
             for plot, y in zip(
                 self.charts.each,
-                (np.array(apart), measures.volumes, measures.areas, measures.walls),
+                (np.array(apart), measures.volumes, measures.areas, measures.walls, measures.from_mean),
                 strict=True,
             ):
                 plot.show_curve(x, y, axis)
@@ -295,7 +296,8 @@ class MeasurePage(ExplorePage):
         from homolog_app.exports.tables import distances
 
         result, measures = with_present_table(loaded.result, self.workspace.session.study), self._subjects
-        columns = (distances(result.local, *self.pair), measures.volumes, measures.areas, measures.walls)
+        apart = distances(result.local, *self.pair)
+        columns = (apart, measures.volumes, measures.areas, measures.walls, measures.from_mean)
         groups = [group or "" for group in result.groups]
         rows = zip(result.names, groups, *(column.tolist() for column in columns), strict=True)
         self.table.show_rows(list(rows))

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 __all__ = ["MEASURES", "BoxPlot", "MeasurePlot", "MeasurePlots", "PairPlot", "PercentileBars"]
 
 
-MEASURES = {"Distance": "mm", "Volume": "ml", "Area": "cm²", "Wall": "mm"}
+MEASURES = {"Distance": "mm", "Volume": "ml", "Area": "cm²", "Wall": "mm", "From mean": "mm"}
 """The measures in the order of the table, with their units."""
 
-_WIDTH = 150
+_WIDTH = 120
 
 
 class MeasurePlot(Plot):
@@ -193,7 +193,7 @@ class MeasurePlots(QStackedWidget):
         self.boxes = tuple(BoxPlot(theme, *measure) for measure in MEASURES.items())
         self.pairs = PairPlot(theme)
         self.pairs.offer_axes(list(MEASURES))
-        self.pairs.axes = (1, len(MEASURES) - 1)
+        self.pairs.axes = (1, 3)
         self.pairs.axes_chosen.connect(self._show_pair)
         self._measures: tuple[Sequence[FloatArray], Sequence[str], Sequence[str]] = ((), (), ())
         for plots in (self.each, self.boxes):

@@ -91,10 +91,6 @@ class ModesPage(ExplorePage):
         session.selection_changed.connect(self._follow_selection)
         session.study_changed.connect(self._show_scores)
 
-    def enter(self) -> None:
-        """Fit the model if it is not."""
-        self.fitted.want()
-
     def play_or_stop(self) -> bool:
         """Play the chosen mode, or hold."""
         if self._shape is not None:

@@ -1,6 +1,7 @@
 """What every page of Explore is, and the shape models that they share."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.progress import Tick
 from homolog_app.studies.loaded_result import LoadedResult
-from homolog_app.studies.model_shape import PreliminaryModel
+from homolog_app.studies.model_shape import ModelShape, PreliminaryModel, fit_model_shape
 from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.view_states import View
 from homolog_app.window.actions import Actions
@@ -19,15 +20,20 @@ from homolog_app.window.widgets import Panel
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
-    from homolog_app.studies.model_shape import ModelShape
     from homolog_app.views.slices import SliceScene
     from homolog_app.window.interactor import Pick
 
 __all__ = ["ExplorePage", "ModelCache"]
 
+_OF_MODEL = ("Modes", "Groups", "Measure")
+"""Titles of the pages that show the model."""
+
 
 class ModelCache(QObject):
-    """Fits the model of the session's result when a page first wants it, in the computing thread."""
+    """Fits the model of the session's result in the computing thread, once a page that shows it was opened.
+
+    A fit that was cancelled is begun again when another page is opened.
+    """
 
     changed = Signal()
 
@@ -35,6 +41,7 @@ class ModelCache(QObject):
         super().__init__(parent)
         self._workspace = workspace
         self._wanted = False
+        self._page = ""
         self._asked: LoadedResult | None = None
         self._of: LoadedResult | None = None
         self._shape: ModelShape | None = None
@@ -44,8 +51,9 @@ class ModelCache(QObject):
         self._early_of: tuple[int, LoadedResult | None] = (0, None)
         self.draw_ms = 0.0
         """How long the views take to draw [ms]; what plays rests accordingly."""
-        workspace.session.result_changed.connect(self._look)
-        workspace.session.job_changed.connect(self._look)
+        session = workspace.session
+        for signal in (session.result_changed, session.job_changed, session.page_changed):
+            signal.connect(self._look)
 
     @property
     def shape(self) -> "ModelShape | None":
@@ -71,11 +79,6 @@ class ModelCache(QObject):
     def both(self) -> "tuple[ModelShape, ...]":
         """The models that are shown beside each other: none, the open one, or the other one after it."""
         return tuple(shape for shape in (self.shape, self.other) if shape is not None)
-
-    def want(self) -> None:
-        """Fit the model unless that was done; `changed` follows. Asks again if it was cancelled before."""
-        self._wanted, self._asked = True, None
-        self._look()
 
     def compare_with(self, folder: Path) -> None:
         """Read another project's result and fit its model; `changed` follows.
@@ -113,19 +116,16 @@ class ModelCache(QObject):
     def _look(self) -> None:
         session, result = self._workspace.session, self._workspace.session.result
         self._update_preliminary(result)
+        self._wanted |= session.page in _OF_MODEL
+        if session.page != self._page:
+            self._page, self._asked = session.page, None
         if self._of is not None and self._of is not result:
             self._of = self._shape = self._other = None
             self.changed.emit()
         if not self._wanted or result is None or result in (self._of, self._asked) or session.job.is_busy:
             return
         self._asked = result
-        name = self._workspace.session.title
-
-        def fit(tick: Tick) -> "ModelShape":
-            import homolog_app.plots  # noqa: F401 - slow; the plots that follow need it
-            from homolog_app.studies.model_shape import fit_model_shape
-
-            return fit_model_shape(name, result.method, result.result, tick)
+        fit = partial(fit_model_shape, session.title, result.method, result.result)
 
         def take(shape: "ModelShape") -> None:
             self._of, self._shape = result, shape

@@ -153,6 +153,8 @@ class ExplorePanel(QWidget):
             self.tabs.addTab(page.title)
             self._stack.addWidget(page)
             page.shown_changed.connect(lambda page=page: self._update(page))
+        self._session = workspace.session
+        self._session.page = PAGES[0].title
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, GRID // 2, 0, 0)
         layout.setSpacing(0)
@@ -161,20 +163,19 @@ class ExplorePanel(QWidget):
         self.outdated.setContentsMargins(2 * GRID, GRID, 2 * GRID, 0)
         layout.addWidget(self.outdated)
         layout.addWidget(self._stack, 1)
-        self.tabs.currentChanged.connect(self._turn)
-        self._session = workspace.session
+        self.tabs.currentChanged.connect(lambda index: self._session.show_page(PAGES[index].title))
+        self._session.page_changed.connect(self._turn)
         for signal in (workspace.session.study_changed, workspace.session.result_changed):
             signal.connect(self._update_outdated)
         self._page_before: ExplorePage | None = None
         for signal in (workspace.session.result_changed, self.fitted.changed):
             signal.connect(self._offer_pages)
         self._update_outdated()
-        self._session.page = self.page.title
 
     @property
     def page(self) -> ExplorePage:
         """The open page."""
-        return self.pages[self.tabs.currentIndex()]
+        return next(page for page in self.pages if page.title == self._session.page)
 
     def page_of(self, kind: type[_Kind]) -> _Kind:
         """Return the page of a kind."""
@@ -182,7 +183,7 @@ class ExplorePanel(QWidget):
 
     def open_page(self, page: ExplorePage) -> None:
         """Turn to a page."""
-        self.tabs.setCurrentIndex(self.pages.index(page))
+        self._session.show_page(page.title)
 
     def _update_outdated(self) -> None:
         """Say whether what the pages show is of another cohort or other settings than those in force."""
@@ -205,13 +206,15 @@ class ExplorePanel(QWidget):
                 self.open_page(self._page_before)
             self._page_before = None
 
-    def _turn(self, index: int) -> None:
-        before = self._stack.currentWidget()
+    def _turn(self) -> None:
+        before, page = self._stack.currentWidget(), self.page
+        if before is page:
+            return
         if isinstance(before, ExplorePage):
             before.stop()
-        self._stack.setCurrentIndex(index)
-        self.page.enter()
-        self._session.show_page(self.page.title)
+        self._stack.setCurrentWidget(page)
+        self.tabs.setCurrentIndex(self.pages.index(page))
+        page.enter()
 
     def _update(self, page: ExplorePage) -> None:
         if page is self.page:
@@ -232,15 +235,16 @@ class ExploreController(Controller):
         self._check = self._panel.page_of(CheckPage)
         self._patient = self._panel.page_of(PatientPage)
         for page in self._panel.pages:
-            page.page_wanted.connect(partial(self._turn_to, page))
+            page.page_wanted.connect(partial(workspace.session.show_page, page.title, "explore"))
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of Explore do."""
+        show_page = self._workspace.session.show_page
         return {
-            "explore.modes": lambda: self._turn_to(self._modes),
-            "explore.groups": lambda: self._turn_to(self._groups),
-            "explore.measure": lambda: self._turn_to(self._measure),
-            "explore.check": lambda: self._turn_to(self._check),
+            "explore.modes": partial(show_page, ModesPage.title, "explore"),
+            "explore.groups": partial(show_page, GroupsPage.title, "explore"),
+            "explore.measure": partial(show_page, MeasurePage.title, "explore"),
+            "explore.check": partial(show_page, CheckPage.title, "explore"),
             "check.look": self._check.checked.want,
             "check.next": self._next_suspect,
             "check.mend": self._check.repair_chosen,
@@ -252,7 +256,7 @@ class ExploreController(Controller):
             "explore.keep": self._groups.save_study,
             "explore.compare": self.compare,
             "explore.table": self.write_table,
-            "explore.patient": lambda: self._turn_to(self._patient),
+            "explore.patient": partial(show_page, PatientPage.title, "explore"),
             "patient.reference": self._patient.make_reference,
             "patient.open_reference": self.open_reference,
             "patient.keep_reference": self.save_reference,
@@ -308,7 +312,7 @@ class ExploreController(Controller):
     @reported
     def open_patient(self) -> None:
         """Ask for a patient's file and compare it."""
-        self._turn_to(self._patient)
+        self._workspace.session.show_page(PatientPage.title, "explore")
         path, _ = QFileDialog.getOpenFileName(self._window, "Patient's segmentation or surface", "", FILES)
         if path:
             self._patient.compare(Path(path))
@@ -336,9 +340,5 @@ class ExploreController(Controller):
             self._patient.write(Path(path))
 
     def _next_suspect(self) -> None:
-        self._turn_to(self._check)
+        self._workspace.session.show_page(CheckPage.title, "explore")
         self._check.go_to_next()
-
-    def _turn_to(self, page: ExplorePage) -> None:
-        self._panel.open_page(page)
-        self._workspace.session.show_step("explore")

@@ -48,6 +48,7 @@ from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.widgets import (
     GRID,
     ActionButton,
+    PercentEdit,
     choice,
     dress_table,
     label,
@@ -158,7 +159,9 @@ class PatientPage(ExplorePage):
         self.way.setValue(_STEPS)
         self.way.setAccessibleName("From the mean to the patient")
         ends = QHBoxLayout()
-        for part in (label("mean", "FieldHelp"), self.way, label("patient", "FieldHelp")):
+        self.percent = PercentEdit("Percent of the way from the mean to the patient", self.way)
+        texts = (label("mean", "FieldHelp"), label("patient", "FieldHelp"), label("%", "Unit"))
+        for part in (texts[0], self.way, texts[1], self.percent, texts[2]):
             ends.addWidget(part, int(part is self.way))
         answer.addLayout(ends)
         for check in (self.overlaid, self.only_beyond):
@@ -349,7 +352,7 @@ class PatientPage(ExplorePage):
 
     def _show_map(self) -> None:
         """Show the chosen map, with its regions in the table."""
-        for widget in (self.views, self.path, self.way, self.overlaid):
+        for widget in (self.views, self.path, self.way, self.percent, self.overlaid):
             widget.setEnabled(self.comparison is not None and self._change is None)
         rows: list[tuple[str | float, ...]] = []
         self.places = []
