@@ -7,7 +7,7 @@
     result = hl.correspond("SEGMENTATIONS", n_particles=512)    # or meshes and label maps in memory
     model = hl.ShapeModel.fit(result.aligned)                   # mean, components, explained_variance_ratio
     larger = result.surface(model.instance([2.0]))              # +2 SD of the first mode, as a mesh
-    test = hl.compare_groups(result.aligned, groups)            # permutation tests, effects, maps
+    form, shape = hl.compare_groups(result.aligned, groups)     # permutation tests, effects, maps
 
 Names are loaded when they are first used, so that importing the package takes no time. docs/api.md is their
 reference. Lengths are millimetres.

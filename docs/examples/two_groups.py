@@ -13,14 +13,14 @@ shapes[12:, :5] *= 1.1
 groups = 12 * ["control"] + 12 * ["patient"]
 ages = random.uniform(20.0, 80.0, size=24)
 
-comparison = hl.compare_groups(
+form, shape = hl.compare_groups(
     shapes, groups, ("control", "patient"), covariates={"age": ages}, permutations=999, seed=0
 )
 
-print(f"{comparison.title}: p = {comparison.p_adjusted:.3f} over the whole shape")
-where = np.flatnonzero(comparison.p_fwe < 0.05)  # corrected over the surface
-outward = np.einsum("ni,ni->n", comparison.pointwise.effect[0], directions)
+print(f"{form.title}: form p = {form.p_adjusted:.3f}, shape p = {shape.p_adjusted:.3f}, corrected for both")
+where = np.flatnonzero(form.p_fwe < 0.05)  # corrected over the surface, too
+outward = np.einsum("ni,ni->n", form.pointwise.effect[0], directions)
 print(f"particles that differ: {where}, by {outward[where].round(2)} mm along the normal")
-if comparison.discriminant is not None:
-    accuracy = comparison.discriminant.accuracy
+if form.discriminant is not None:
+    accuracy = form.discriminant.accuracy
     print(f"balanced accuracy {accuracy.value:.2f} (95 % CI {accuracy.low:.2f} to {accuracy.high:.2f})")

@@ -32,7 +32,7 @@ VIEWS = (
 def main(study: Path, folder: Path) -> None:
     """Draw the true effect next to the difference that Homolog finds between the groups."""
     project = hl.Project(folder)
-    found = hl.compare_groups(project.aligned, project.groups, ("healthy", "infarct"))
+    found = hl.compare_groups(project.aligned, project.groups, ("healthy", "infarct"), alignment="rigid")
     reference, affected = (
         hl.read_mesh(study / "truth" / f"{name}.ply") for name in ("reference", "affected")
     )

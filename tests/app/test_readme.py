@@ -26,5 +26,5 @@ def test_the_readme_example_prints_shares_and_a_p_value_and_makes_a_project(elli
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert re.fullmatch(r"\[0\.\d+ +0\.\d+ +0\.\d+ *\]\ny - x [01]\.\d+", done.stdout.strip())
+    assert re.fullmatch(r"\[0\.\d+ +0\.\d+ +0\.\d+ *\]\ny - x [01]\.\d+ [01]\.\d+", done.stdout.strip())
     assert {"mode_1.ply", "PROJECT"} <= {path.name for path in tmp_path.iterdir()}

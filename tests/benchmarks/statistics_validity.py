@@ -194,7 +194,7 @@ def classified(data: np.ndarray, design: Design, members: dict, seed: int) -> li
 def p_values(data: np.ndarray, design: Design, members: dict, seed: int) -> list[float | None]:
     """Return p of each test but that of dispersion."""
     residuals = design.residuals(data.reshape(len(data), -1))
-    whole = ModeStatistic(residuals, design, MODES, None)
+    whole = ModeStatistic(residuals, design, MODES)
     local = PointwiseStatistic(residuals.reshape(data.shape), design)
     ratios, largest = [], []
     for some in draw_permutations(design, PERMUTATIONS, chunk=PERMUTATIONS, seed=seed):

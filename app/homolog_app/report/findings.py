@@ -102,11 +102,11 @@ def _least_text(study: Study) -> str:
 
 
 def classified_text(comparison: Comparison) -> str:
-    """Return how many of each group were classified correctly, such as ``"8 of 10 A, 9 of 12 B"``."""
+    """Return how many of each group were classified correctly, such as ``"8 of 10 A, 9.5 of 12 B"``."""
     if comparison.discriminant is None:
         return ""
     counts = zip(comparison.discriminant.right, comparison.counts.items(), strict=True)
-    return ", ".join(f"{right} of {count} {name}" for right, (name, count) in counts)
+    return ", ".join(f"{round(right, 1):g} of {count} {name}" for right, (name, count) in counts)
 
 
 def region_text(study: Study, comparison: Comparison) -> str:
@@ -239,7 +239,8 @@ def _effects(study: Study, comparison: Comparison) -> tuple[str, ...]:
         auc = _tested(comparison.auc_p_adjusted, separation.auc.permutations)
         sentences.append(
             f"Cross-validated linear discriminant: balanced accuracy {percent_text(separation.accuracy)}"
-            f"{accuracy} (correct: {classified_text(comparison)}), AUC {interval_text(separation.auc)}{auc}."
+            f"{accuracy} (correct on average: {classified_text(comparison)}), "
+            f"AUC {interval_text(separation.auc)}{auc}."
         )
     return (*sentences, *_size_text(study, comparison))
 

@@ -249,7 +249,7 @@ def _test_of_the_shape(study: Study) -> Iterator[str]:
         f"The whole shape was tested in {modes}, by permutation of a studentized statistic: "
         f"{_statistic(study)}."
     )
-    yield f"{_permutations(first)}; seed {request.seed}."
+    yield f"{_permutations(first)} (seed {request.seed})."
     yield (
         "Hotelling's T² or Wilks' lambda with the F distribution are given as well and assume equal "
         "covariances."
@@ -260,10 +260,9 @@ def _adjustments(study: Study) -> Iterator[str]:
     """Yield what the tests were adjusted and corrected for."""
     request = study.request
     if request.covariates:
-        chosen = "." if request.modes is not None else ", with modes chosen again in each permutation."
         yield (
             f"Shapes were adjusted for {', '.join(request.covariates)} by a linear model of each coordinate; "
-            f"residuals were permuted (Freedman and Lane){chosen}"
+            "residuals were permuted (Freedman and Lane)."
         )
     if request.complete_cases:
         yield "Subjects with missing values were excluded (complete cases)."
@@ -315,29 +314,33 @@ def _discriminants(study: Study) -> Iterator[str]:
     )
 
 
+_SCALED = "Before permutation the groups were scaled to one dispersion, and afterwards to their own"
+
+
 def _statistic(study: Study) -> str:
     """Return what the permutation tests of a study compare."""
-    request, random = study.request, not study.overall.test.exact
+    request = study.request
     if request.kind == "groups" and not request.covariates:
         statistic = "Welch's F over standardized modes, from each group's own variance"
-        scaled = ". Before permutation the groups were scaled to one dispersion, and afterwards to their own"
-        return statistic + scaled if random else statistic
+        return f"{statistic}. {_SCALED}"
     statistic = (
         "the tested sum of squares in standardized modes divided by its expectation without an effect, "
         "estimated from each subject's own residual (Brown and Forsythe; HC2)"
     )
-    scaled = (
-        ". Before permutation subjects were scaled to one dispersion along the variable, by a linear model "
-        "of the logarithm of their distances from the fitted shapes, and afterwards to that at the new value"
-    )
-    along = random and request.kind == "regression" and not request.covariates
-    return statistic + scaled if along else statistic
+    if request.kind == "regression":
+        return (
+            f"{statistic}. Before permutation subjects were scaled to one dispersion along the variable, by "
+            "a linear model of the logarithm of their distances from the fitted shapes, and afterwards to "
+            "that at the new value"
+        )
+    return statistic if request.kind == "pairs" else f"{statistic}. {_SCALED}"
 
 
 def _permutations(comparison: Comparison) -> str:
+    tests = "The tests of the whole shape, of particles and of size"
     if comparison.test.exact:
-        return f"All {comparison.test.permutations + 1} permutations were taken (exact test)"
-    return f"{comparison.test.permutations} random permutations"
+        return f"{tests} took all {comparison.test.permutations + 1} permutations"
+    return f"{tests} took {comparison.test.permutations} random permutations"
 
 
 _OFF_BY_DEFAULT = ("core_set", "segment", "pairs")

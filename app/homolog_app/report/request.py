@@ -212,28 +212,35 @@ def write_request(request: StudyRequest, folder: Path, answered: Answered) -> No
 
 
 def read_requests(project: ProjectFolder) -> list[StudyRequest]:
-    """Return the questions kept in a project, by name.
+    """Return the questions kept in a project, by name, the answers to each next to each other.
 
     Raises
     ------
     InputError
         If one of them is damaged.
     """
-    return [_read(path)[0] for path in sorted((project.folder / "analysis").glob(f"*/{_RECORD}"))]
+    return [request for request, _ in kept_studies(project)]
 
 
 def kept_studies(project: ProjectFolder) -> list[tuple[StudyRequest, bool]]:
-    """Return the questions kept in a project, by name, each with whether its tables are out of date.
+    """Return the questions as `read_requests` does, each with whether its tables are out of date.
 
     Raises
     ------
     InputError
         If one of them is damaged.
     """
-    return [
+    kept = [
         (_read(path)[0], (path.parent / OUT_OF_DATE).is_file())
         for path in sorted((project.folder / "analysis").glob(f"*/{_RECORD}"))
     ]
+    return sorted(kept, key=lambda study: _place(study[0]))
+
+
+def _place(request: StudyRequest) -> tuple[str, int]:
+    """Return what questions are ordered by: form before shape."""
+    name = request.model_copy(update={"alignment": Alignment.RIGID}).name
+    return name, list(Alignment).index(request.alignment)
 
 
 def _read(path: Path) -> tuple[StudyRequest, Answered]:

@@ -88,9 +88,9 @@ def add_study(
         page.paragraph(
             f"The labels were permuted {study.request.null_repeats} times, so that there is nothing to "
             "find. Permutation tests then have a type I error rate of 5 % by construction: their rows check "
-            "the software and do not validate the comparison. The rows of F show whether "
-            "normal distributions may be assumed. The table can't show what differences in dispersion do; "
-            "see Assumptions."
+            "the software and do not validate the comparison. The bounds of about one row in twenty miss its "
+            "true rate by chance. The rows of F show whether normal distributions may be "
+            "assumed. The table can't show what differences in dispersion do; see Assumptions."
         )
         page.table(["comparison", "test", "type I error (%)", "95 % bounds"], false_positives, as_text=True)
 
@@ -140,8 +140,8 @@ def _results(page: Page, study: Study) -> None:
         )  # fmt: skip
     if any(comparison.discriminant is not None for comparison in study.comparisons):
         page.paragraph(
-            "Accuracy and AUC are cross-validated and means over the repeats; the counts of those "
-            "classified correctly are of the scores' means over the repeats."
+            "Accuracy, AUC and the numbers of those classified correctly are cross-validated and means over "
+            "the repeats."
         )
 
 
@@ -312,7 +312,7 @@ def _sample_text(count: int, of: int, category: str, mean: float | None, spread:
 
 
 def _sample_of(study: Study, result: Result) -> tuple[list[SampleRow], dict[str, str]]:
-    return sample_rows(study, result), dict(study.left_out)
+    return sorted(sample_rows(study, result), key=repr), dict(study.left_out)
 
 
 def _sample(page: Page, study: Study, result: Result) -> None:

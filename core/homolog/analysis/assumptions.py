@@ -16,7 +16,7 @@ from scipy import stats
 from homolog.analysis.design import Design, Exchange
 from homolog.analysis.permutation import PermutedDesigns, null_distribution, permutation_p_value
 from homolog.analysis.shape_model import leading_scores
-from homolog.analysis.statistics import observed_design
+from homolog.analysis.statistics import design_columns, observed_design
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.threads import on_one_thread
 
@@ -107,12 +107,12 @@ def dispersion_test(
     if design.exchange is Exchange.SIGNS or modes == 0:
         return None
     scores, _ = leading_scores(design.residuals(particles.reshape(len(particles), -1)), modes)
-    columns = _columns(observed_design(design), design)
+    columns = design_columns(observed_design(design))
     rest, left = _rest(scores, columns)
     standardized = rest[0] / np.sqrt(left[0])[:, None]
 
     def ratio(rows: FloatArray, permuted: PermutedDesigns) -> FloatArray:
-        columns = _columns(permuted, design)
+        columns = design_columns(permuted)
         rest, left = _rest(rows, columns)
         return _ratio(np.sqrt(np.square(rest).sum(axis=2) / left), columns, permuted.tested.shape[2])
 
@@ -129,12 +129,6 @@ def dispersion_test(
     by_group = {name: float(distances[own].mean()) for name, own in members.items()}
     p = float(permutation_p_value(observed, null_statistics)[0])
     return Dispersion(distances, by_group, float(observed[0]), p, len(null_statistics))
-
-
-def _columns(permuted: PermutedDesigns, design: Design) -> FloatArray:
-    """Return all columns of permuted designs (c, M, q + d), the tested ones last."""
-    intercept = np.broadcast_to(design.nuisance[:, :1], (*permuted.tested.shape[:2], 1))
-    return np.concatenate([intercept, permuted.covariates, permuted.tested], axis=2)
 
 
 def _rest(rows: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -183,16 +183,19 @@ class Design:
         Orthonormal basis of intercept and covariates; the first column is the intercept, if there is one.
     exchange : Exchange
         What may be exchanged under the null.
+    given : (M, d) array
+        Tested columns as they came in: indicators of all groups but the first, or the variable.
     """
 
     columns: FloatArray
     tested: FloatArray
     nuisance: FloatArray
     exchange: Exchange
+    given: FloatArray
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("columns", "tested", "nuisance"):
+        for name in ("columns", "tested", "nuisance", "given"):
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
     @property
@@ -213,7 +216,7 @@ class Design:
         InputError
             If what is tested can't be told from the nuisance columns there, or no error is left.
         """
-        columns, nuisance = self.columns[rows], self.nuisance[rows]
+        columns, nuisance = self.given[rows], self.nuisance[rows]
         if self.exchange is Exchange.SIGNS:
             return paired_design(len(columns))
         return _design(columns, nuisance[:, 1:] if nuisance.shape[1] > 1 else None, "what is tested")
@@ -300,7 +303,7 @@ def paired_design(pairs: int) -> Design:
     if pairs < 2:
         raise InputError(f"a paired comparison needs at least two pairs, not {pairs}")
     ones = np.ones((pairs, 1))
-    return Design(ones, ones / np.sqrt(pairs), np.zeros((pairs, 0)), Exchange.SIGNS)
+    return Design(ones, ones / np.sqrt(pairs), np.zeros((pairs, 0)), Exchange.SIGNS, ones)
 
 
 def _design(columns: FloatArray, covariates: FloatArray | None, what: str) -> Design:
@@ -310,7 +313,8 @@ def _design(columns: FloatArray, covariates: FloatArray | None, what: str) -> De
         nuisance = _extended(nuisance, covariates, "a covariate is a combination of the others")
     tested = _extended(nuisance, columns, f"{what} can't be told apart from the covariates")
     basis = tested[:, nuisance.shape[1] :]
-    design = Design(columns - nuisance @ (nuisance.T @ columns), basis, nuisance, Exchange.ROWS)
+    projected = columns - nuisance @ (nuisance.T @ columns)
+    design = Design(projected, basis, nuisance, Exchange.ROWS, columns)
     if design.error_dof < 1:
         raise InputError(
             f"{subjects} subjects are too few for {nuisance.shape[1] + basis.shape[1]} columns of the "

@@ -52,6 +52,8 @@ class Discriminant:
         DeLong and Clarke-Pearson (1988), on the logit scale, of the subjects' mean scores over the repeats.
     held_out : (M,) array
         Cross-validated score of each subject, mean over the repeats, relative to the distance of the groups.
+    right : (float, float)
+        Subjects of the first and of the second group that fall on their own side, mean over the repeats.
     folds, repeats : int
         Of the cross-validation; modes and direction are fitted without the left-out subjects.
     """
@@ -65,6 +67,7 @@ class Discriminant:
     accuracy: Effect
     auc: Effect
     held_out: FloatArray
+    right: tuple[float, float]
     folds: int
     repeats: int
 
@@ -73,12 +76,6 @@ class Discriminant:
         for name in ("modes", "weights", "bootstrap", "scores", "held_out"):
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
         object.__setattr__(self, "second", frozen(self.second))
-
-    @property
-    def right(self) -> tuple[int, int]:
-        """How many subjects of the first and of the second group fall on their own side by `held_out`."""
-        own_side = (self.held_out > 0.0) == self.second
-        return int(np.count_nonzero(own_side & ~self.second)), int(np.count_nonzero(own_side & self.second))
 
     @property
     def displacement(self) -> FloatArray:
@@ -199,6 +196,7 @@ def discriminant(
         accuracy=Effect(accuracy, *accuracy_bounds(correct, second, accuracy), p[0], permutations),
         auc=Effect(auc, *auc_bounds(held_out, second, auc), p[1], permutations),
         held_out=held_out,
+        right=(float(correct[~second].sum()), float(correct[second].sum())),
         folds=folds,
         repeats=repeats,
     )

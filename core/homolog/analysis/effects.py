@@ -16,6 +16,7 @@ from homolog.analysis.permutation import (
 from homolog.analysis.statistics import (
     WelchStatistic,
     equalize_groups,
+    equalize_subjects,
     null_weights,
     observed_design,
     studentized_ratio,
@@ -183,13 +184,16 @@ def size_effect(
     left = residuals - design.tested @ (design.tested.T @ residuals)
     if spread == 0.0 or float(np.square(left).sum()) <= _NEGLIGIBLE * spread:
         return None
-    count, exact = permutation_count(design, permutations)
-    groups = equalize_groups(residuals, design, scaled=not exact)
+    count, _ = permutation_count(design, permutations)
+    groups = equalize_groups(residuals, design)
     welch = None if groups is None else WelchStatistic(groups.values[None], np.ones(1), groups, design)
+    equalized = None if groups is not None else equalize_subjects(residuals, design)
 
     def statistic(some: PermutedDesigns) -> FloatArray:
         if welch is not None:
             return welch.deviate(some)[:, 0]
+        if equalized is not None:
+            return studentized_ratio(equalized.restored(equalized.values, some), some, design)
         rest = residuals[None, :, :]
         rest = rest - some.covariates @ (np.swapaxes(some.covariates, 1, 2) @ rest)
         return studentized_ratio(rest, some, design)

@@ -6,14 +6,12 @@ which holds when the groups' covariances differ. Hotelling's T², Wilks' lambda 
 The modes are those of the data with covariates regressed out but with the tested effect still in, so they
 don't depend on the labels. For normal data the subjects' scores, scaled to unit variance, are then a
 uniformly distributed orthonormal frame whatever the variances of the modes are: choosing modes by their
-variance costs nothing. F is exact for normal data of equal covariance, and so is the permutation p for any
-exchangeable data.
+variance costs nothing. F is exact for normal data of equal covariance.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from homolog.analysis.checks import checked_particles
 from homolog.analysis.design import Design, Exchange
@@ -26,17 +24,17 @@ from homolog.analysis.permutation import (
 )
 from homolog.analysis.shape_model import leading_scores
 from homolog.analysis.statistics import (
-    EqualizedAlong,
+    EqualizedSubjects,
     WelchStatistic,
-    equalize_along,
     equalize_groups,
+    equalize_subjects,
     hotelling,
     observed_design,
     rao_f,
     studentized_ratio,
     wilks_p,
 )
-from homolog.arrays import FloatArray, IntArray
+from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
 from homolog.threads import on_one_thread
@@ -78,7 +76,7 @@ class ModeTest:
         Welch's F of groups in standardized modes; with covariates or for a variable the ratio of the tested
         sum of squares to the one expected without an effect.
     p_permutation : float
-        Share of the permutations whose studentized statistic, with modes chosen again, is as large.
+        Share of the permutations whose studentized statistic is as large.
     permutations : int
         Number of permutations.
     exact : bool
@@ -115,13 +113,11 @@ class ModeStatistic:
     design : Design
         Whose rows are exchanged.
     n_modes : int
-        Modes of the test, where they are not chosen again.
-    threshold : (K,) array or None
-        Variances above which a mode is retained; None tests in the first `n_modes` modes always.
+        Modes of the test.
     scaled : bool
         Whether the dispersions of groups, or along a variable, are equalized before subjects are exchanged;
-        see `equalize_groups` and `equalize_along`. The modes of the permutation statistic are then those of
-        the equalized shapes.
+        see `equalize_groups` and `equalize_subjects`. The modes of the permutation statistic are then those
+        of the equalized shapes.
     """
 
     def __init__(
@@ -129,7 +125,6 @@ class ModeStatistic:
         residuals: FloatArray,
         design: Design,
         n_modes: int,
-        threshold: FloatArray | None,
         *,
         scaled: bool = True,
     ) -> None:
@@ -139,102 +134,80 @@ class ModeStatistic:
         self._rows = rows
         self._gram = rows.T @ rows if self._many else rows @ rows.T
         self._n_modes = n_modes
-        self._dof = len(residuals) - design.nuisance.shape[1]
-        self._threshold = None if threshold is None else threshold * self._dof
-        self._frame = _unit_columns(rows) if self._many else self._decomposed(self._gram)[0]
+        self._frame = _unit_columns(rows) if self._many else self._decomposed(self._gram)
         self._welch: WelchStatistic | None = None
-        self._along: EqualizedAlong | None = None
+        self._equalized: EqualizedSubjects | None = None
         groups = equalize_groups(residuals, design, scaled=scaled)
         if groups is not None and n_modes:
             coordinates = self._modes_of(groups.values).T[:, :, None]
             self._welch = WelchStatistic(coordinates, np.array([float(n_modes)]), groups, design)
         elif groups is None and scaled and n_modes:
-            self._along = equalize_along(residuals, design)
-            if self._along is not None:
-                self._equalized = self._modes_of(self._along.values)
+            self._equalized = equalize_subjects(residuals, design)
+            if self._equalized is not None:
+                self._equal_scores = self._modes_of(self._equalized.values)
 
-    def projections(self, permuted: PermutedDesigns) -> tuple[FloatArray, IntArray]:
-        """Return the tested columns in the modes, (c, d, K) with zeros from mode k on, and k (c,).
-
-        Without covariates the modes are the same for all permutations. With covariates the data change
-        (their permuted residuals are regressed on the covariates again), and so modes are chosen again.
-        """
-        scores, modes = self._scores(permuted)
-        return np.swapaxes(permuted.tested, 1, 2) @ scores, modes
+    def projections(self, permuted: PermutedDesigns) -> FloatArray:
+        """Return the tested columns in the modes, (c, d, k)."""
+        projected: FloatArray = np.swapaxes(permuted.tested, 1, 2) @ self._scores(permuted)
+        return projected
 
     def scores(self, modes: int) -> FloatArray:
         """Return the subjects' scores in the first modes, shape (M, modes), columns of length 1."""
         return self._frame[:, :modes]
 
-    def _scores(self, permuted: PermutedDesigns) -> tuple[FloatArray, IntArray]:
-        """Return the subjects' standardized scores (M, k) or (c, M, K), zero from mode k on, and k (c,)."""
-        if permuted.covariates.shape[2] == 0:
-            return self._frame[:, : self._n_modes], np.full(len(permuted.tested), self._n_modes)
+    def _scores(self, permuted: PermutedDesigns) -> FloatArray:
+        """Return the subjects' standardized scores (M, k), with covariates (c, M, k).
+
+        Without covariates the modes are the same for all permutations. With covariates the data change (their
+        permuted residuals are regressed on the covariates again), and so do the modes.
+        """
         covariates = permuted.covariates
+        if covariates.shape[2] == 0:
+            return self._frame[:, : self._n_modes]
         across = np.swapaxes(covariates, 1, 2)
         if self._many:
             along = across @ self._rows
-            vectors, squares = self._decomposed(self._gram - np.swapaxes(along, 1, 2) @ along)
-        else:
-            gram = self._gram - covariates @ (across @ self._gram)
-            gram = gram - (gram @ covariates) @ across
-            vectors, squares = self._decomposed(gram)
-        modes = np.full(len(vectors), self._n_modes)
-        if self._threshold is not None:
-            threshold = self._threshold[: squares.shape[1]]
-            above = squares[:, : len(threshold)] > threshold
-            modes = np.where(above.all(axis=1), above.shape[1], above.argmin(axis=1))
-        frames = vectors[:, :, : max(int(modes.max()), 1)]
-        if self._many:
-            frames = _unit_columns(self._rows @ frames - covariates @ (along @ frames))
-        return frames * (np.arange(frames.shape[2]) < modes[:, None, None]), modes
+            frames = self._decomposed(self._gram - np.swapaxes(along, 1, 2) @ along)[..., : self._n_modes]
+            return _unit_columns(self._rows @ frames - covariates @ (along @ frames))
+        gram = self._gram - covariates @ (across @ self._gram)
+        gram = gram - (gram @ covariates) @ across
+        return self._decomposed(gram)[..., : self._n_modes]
 
     def log_p(self, permuted: PermutedDesigns) -> FloatArray:
         """Return the logarithm of the parametric p-value of each permutation, shape (c,)."""
-        projected, modes = self.projections(permuted)
-        return _log_p(_wilks(projected), modes, self._design)
+        return _log_p(_wilks(self.projections(permuted)), self._n_modes, self._design)
 
     def statistic(self) -> float:
         """Return the studentized statistic of the observed labels; see `ModeTest.studentized`."""
         original = observed_design(self._design)
         if self._welch is not None:
             return float(self._welch.f(original)[0][0, 0])
-        if self._n_modes == 0:
-            return 0.0
-        if self._along is not None:
-            return float(self.studentized(original)[0])
-        return float(studentized_ratio(self.scores(self._n_modes), original, self._design)[0])
+        return float(self.studentized(original)[0])
 
     def studentized(self, permuted: PermutedDesigns) -> FloatArray:
         """Return a statistic that is comparable between permutations, shape (c,); 0 without a mode.
 
-        For groups the normal deviate of Welch's F, else the studentized ratio. Where modes are chosen again
-        it is the quantile that the ratio is among F ratios of so many modes, so that permutations with more
-        and with fewer modes can be compared.
+        For groups the normal deviate of Welch's F, else the studentized ratio.
         """
         if self._welch is not None:
             return self._welch.deviate(permuted)[:, 0]
-        if self._along is not None:
-            restored = self._along.restored(self._equalized, permuted)
+        if self._n_modes == 0:
+            return np.zeros(len(permuted.tested))
+        if self._equalized is not None:
+            restored = self._equalized.restored(self._equal_scores, permuted)
             return studentized_ratio(restored, permuted, self._design)
-        scores, modes = self._scores(permuted)
-        ratio = studentized_ratio(scores, permuted, self._design)
-        if permuted.covariates.shape[2]:
-            across = self._design.tested.shape[1] * np.maximum(modes, 1)
-            within = self._design.error_dof * np.maximum(modes, 1)
-            ratio = -np.log(np.maximum(stats.f.sf(ratio, across, within), np.finfo(float).tiny))
-        return np.where(modes > 0, ratio, 0.0)
+        return studentized_ratio(self._scores(permuted), permuted, self._design)
 
     def _modes_of(self, rows: FloatArray) -> FloatArray:
         """Return the scores of rows (M, P) in their leading modes, (M, n_modes), columns of length 1."""
         if self._many:
             return _unit_columns(leading_scores(rows, self._n_modes)[0])
-        return self._decomposed(rows @ rows.T)[0][:, : self._n_modes]
+        return self._decomposed(rows @ rows.T)[:, : self._n_modes]
 
-    def _decomposed(self, gram: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Left singular vectors as columns, and squared singular values, largest first."""
-        squares, vectors = np.linalg.eigh(gram)
-        return vectors[..., ::-1], squares[..., ::-1]
+    def _decomposed(self, gram: FloatArray) -> FloatArray:
+        """Left singular vectors as columns, those of the largest singular values first."""
+        vectors: FloatArray = np.linalg.eigh(gram)[1][..., ::-1]
+        return vectors
 
 
 @on_one_thread
@@ -282,10 +255,9 @@ def mode_test(
     n_modes = parallel.n_retained if modes is None else modes
     _check_modes(n_modes, design, len(parallel.eigenvalues))
     count, exact = permutation_count(design, permutations)
-    threshold = parallel.threshold if modes is None else None
-    statistic = ModeStatistic(residuals, design, n_modes, threshold, scaled=not exact)
+    statistic = ModeStatistic(residuals, design, n_modes)
     original = observed_design(design)
-    projected, _ = statistic.projections(original)
+    projected = statistic.projections(original)
     wilks = float(_wilks(projected)[0])
     null_statistics = null_distribution(
         statistic.studentized,
@@ -296,7 +268,7 @@ def mode_test(
         tick=part_of(tick, 0.3, 1.0),
         message="permutations of the whole shape",
     )
-    observed = _log_p(np.array([wilks]), np.array([n_modes]), design)
+    observed = _log_p(np.array([wilks]), n_modes, design)
     columns = design.tested.shape[1]
     f, between, within = (
         float(value) for value in rao_f(np.array(wilks), max(n_modes, 1), columns, design.error_dof)
@@ -334,9 +306,10 @@ def _wilks(projected: FloatArray) -> FloatArray:
     return wilks
 
 
-def _log_p(wilks: FloatArray, modes: IntArray, design: Design) -> FloatArray:
-    log_p = wilks_p(wilks, np.maximum(modes, 1), design.tested.shape[1], design.error_dof, log=True)
-    return np.where(modes > 0, log_p, 0.0)
+def _log_p(wilks: FloatArray, modes: int, design: Design) -> FloatArray:
+    if modes == 0:
+        return np.zeros(wilks.shape)
+    return wilks_p(wilks, modes, design.tested.shape[1], design.error_dof, log=True)
 
 
 def _check_modes(n_modes: int, design: Design, available: int) -> None:

@@ -101,7 +101,7 @@ def null_simulation(
     """
     shapes = checked_particles(particles)
     residuals = design.residuals(shapes.reshape(len(shapes), -1))
-    whole = ModeStatistic(residuals, design, modes, None, scaled=False)
+    whole = ModeStatistic(residuals, design, modes, scaled=False)
     local = PointwiseStatistic(residuals.reshape(shapes.shape), design, scaled=False)
     count, _ = permutation_count(design, permutations)
     reference, reference_largest = np.empty(count), np.empty(count)

@@ -49,8 +49,8 @@ class PermutedDesigns:
 def permutation_count(design: Design, count: int) -> tuple[int, bool]:
     """Return how many permutations `draw_permutations` yields, and whether these are all distinct ones.
 
-    Small groups have fewer distinct permutations than requested. Each is then used once, and the
-    permutation test is exact. The observed labels are not among them.
+    Small groups have fewer distinct permutations than requested. Each is then used once. The observed
+    labels are not among them.
     """
     possible = _possible(design)
     return (possible - 1, True) if possible <= count else (count, False)
@@ -75,7 +75,7 @@ def draw_permutations(
         Take each different permutation once where there are no more than `count`; else draw always.
     """
     if exhaustive and permutation_count(design, count)[1]:
-        yield from _all_permutations(design, chunk)
+        yield from _all_permutations(design, chunk, seed)
         return
     generator, of_signs = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     subjects = len(design.tested)
@@ -86,8 +86,9 @@ def draw_permutations(
             yield PermutedDesigns(signs * design.tested, np.zeros((some, subjects, 0)))
         else:
             order = generator.random((some, subjects)).argsort(axis=1)
-            drawn = of_signs.choice(np.array([-1.0, 1.0]), size=(some, subjects))
-            yield PermutedDesigns(design.tested[order], design.covariates[order], drawn)
+            yield PermutedDesigns(
+                design.tested[order], design.covariates[order], _signs(of_signs, some, subjects)
+            )
 
 
 def null_distribution(
@@ -164,7 +165,11 @@ def _possible(design: Design) -> int:
     return factorial(subjects) // prod(factorial(count) for count in counts)
 
 
-def _all_permutations(design: Design, chunk: int) -> Iterator[PermutedDesigns]:
+def _signs(generator: np.random.Generator, count: int, subjects: int) -> FloatArray:
+    return generator.choice(np.array([-1.0, 1.0]), size=(count, subjects))
+
+
+def _all_permutations(design: Design, chunk: int, seed: int) -> Iterator[PermutedDesigns]:
     subjects = len(design.tested)
     if design.exchange is Exchange.SIGNS:
         numbers = np.arange(1, 2**subjects)
@@ -178,9 +183,11 @@ def _all_permutations(design: Design, chunk: int) -> Iterator[PermutedDesigns]:
     orders = np.array(
         [arrangement for arrangement in _distinct_orders(kinds.tolist()) if arrangement != kinds.tolist()]
     )
+    generator = np.random.default_rng([seed, 1])
     for start in range(0, len(orders), chunk):
         rows = first_of[orders[start : start + chunk]]
-        yield PermutedDesigns(design.tested[rows], design.covariates[rows])
+        signs = _signs(generator, len(rows), subjects)
+        yield PermutedDesigns(design.tested[rows], design.covariates[rows], signs)
 
 
 def _distinct_orders(kinds: list[int]) -> Iterator[list[int]]:

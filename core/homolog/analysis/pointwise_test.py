@@ -26,8 +26,11 @@ from homolog.analysis.permutation import (
     subtract_rounding,
 )
 from homolog.analysis.statistics import (
+    EqualizedSubjects,
     WelchStatistic,
+    design_columns,
     equalize_groups,
+    equalize_subjects,
     null_weights,
     observed_design,
     wilks_p,
@@ -115,7 +118,8 @@ class PointwiseStatistic:
     design : Design
         Whose rows are exchanged.
     scaled : bool
-        Whether the groups' dispersions are equalized before subjects are exchanged; see `equalize_groups`.
+        Whether dispersions are equalized before subjects are exchanged; see `equalize_groups` and
+        `equalize_subjects`.
     """
 
     def __init__(self, residuals: FloatArray, design: Design, *, scaled: bool = True) -> None:
@@ -125,7 +129,14 @@ class PointwiseStatistic:
         self.variables = int(varying.max())
         self.particles = residuals.shape[1]
         self._welch: WelchStatistic | None = None
-        groups = equalize_groups(residuals.reshape(len(residuals), -1), design, scaled=scaled)
+        self._equalized: EqualizedSubjects | None = None
+        rows = residuals.reshape(len(residuals), -1)
+        groups = equalize_groups(rows, design, scaled=scaled)
+        if groups is None and scaled:
+            self._equalized = equalize_subjects(rows, design)
+        if self._equalized is not None:
+            self._equal = _whitened(self._equalized.values.reshape(residuals.shape))[0]
+            self._equal_squares = np.square(self._equal).sum(axis=0)
         if groups is not None:
             white, varying = _whitened(groups.values.reshape(residuals.shape))
             self._welch = WelchStatistic(white, np.maximum(varying, 1.0), groups, design)
@@ -152,16 +163,28 @@ class PointwiseStatistic:
         """
         if self._welch is not None:
             return self._welch.deviate(permuted)
-        weights = null_weights(permuted, self._design)
+        white, squares, equalized = self._white, self._squares, self._equalized
         columns = np.concatenate([permuted.covariates, permuted.tested], axis=2)
+        scale = np.ones(columns.shape[:2])
+        if equalized is not None:
+            white, squares = self._equal, self._equal_squares
+            columns = design_columns(permuted)
+            scale = equalized.dispersions(columns)
+        weights = null_weights(permuted, self._design)
         crossed = np.einsum("cm,cmq,cmr->cqr", weights, columns, columns)
-        expected = weights @ self._squares
-        first_tested = permuted.covariates.shape[2]
+        first_tested = columns.shape[2] - permuted.tested.shape[2]
+        columns = columns * scale[:, :, None]
+        of_squares = weights * np.square(scale)
+        expected = of_squares @ squares
         explained = np.zeros_like(expected)
-        for axis in self._white:
-            along = [columns[:, :, index] @ axis for index in range(columns.shape[2])]
+        for axis in white:
+            mean = np.zeros((1, 1))
+            if equalized is not None:
+                mean = equalized.random_mean(axis, permuted)
+                expected += mean * (of_squares @ axis + _product(of_squares, axis, mean))
+            along = [_product(column, axis, mean) for column in np.moveaxis(columns, 2, 0)]
             for item, place in enumerate(along):
-                expected -= 2.0 * place * ((weights * columns[:, :, item]) @ axis)
+                expected -= 2.0 * place * _product(weights * columns[:, :, item], axis, mean)
                 for other, another in enumerate(along):
                     expected += crossed[:, item, other, None] * place * another
                 if item >= first_tested:
@@ -226,8 +249,8 @@ def pointwise_test(
             "use more subjects or fewer covariates"
         )
     rows = shapes.reshape(len(shapes), -1)
-    count, exact = permutation_count(design, permutations)
-    statistic = PointwiseStatistic(design.residuals(rows).reshape(shapes.shape), design, scaled=not exact)
+    count, _ = permutation_count(design, permutations)
+    statistic = PointwiseStatistic(design.residuals(rows).reshape(shapes.shape), design)
     original = observed_design(design)
     explained, observed = statistic.explained(original)[0], statistic.studentized(original)[0]
     largest, beyond = np.empty(count), np.zeros(len(observed), np.int64)
@@ -258,6 +281,12 @@ def pointwise_test(
         variables=statistic.variables,
         **_errors(design.residuals(rows), design, members),
     )
+
+
+def _product(rows: FloatArray, axis: FloatArray, mean: FloatArray) -> FloatArray:
+    """Return rows (c, M) times an axis (M, N) to which a mean (c, N) is added, (c, N)."""
+    product: FloatArray = rows @ axis + mean * rows.sum(axis=1)[:, None]
+    return product
 
 
 def _whitened(residuals: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -6,12 +6,11 @@ are scaled to one dispersion; each group's own dispersion is restored afterwards
 distribution then is that of groups with these dispersions and equal means (Chung and Romano 2013 show that
 studentizing alone suffices for many subjects; scaling serves few).
 
-Without covariates the whole shape is treated in the same way along a continuous variable: the logarithm of
-the dispersion is a linear function of it.
-
 With covariates and for a continuous variable the sum of squares of the tested effect is divided by what it
 would be on average without an effect, given each subject's own residual (Brown and Forsythe 1974, with the
-variances of MacKinnon and White's HC2, 1985).
+variances of MacKinnon and White's HC2, 1985). Dispersions are scaled and restored in the same way: those of
+groups, or along a variable, of which the logarithm of the dispersion is a linear function. What is exchanged
+are the residuals of covariates that are fitted with each subject's weight (Freedman and Lane 1983).
 
 Wilks' lambda with its F distribution, which assumes equal covariances, is reported beside them; with one
 tested column it is Hotelling's T².
@@ -27,11 +26,12 @@ from homolog.analysis.permutation import PermutedDesigns
 from homolog.arrays import FloatArray, IntArray, frozen
 
 __all__ = [
-    "EqualizedAlong",
     "EqualizedGroups",
+    "EqualizedSubjects",
     "WelchStatistic",
-    "equalize_along",
+    "design_columns",
     "equalize_groups",
+    "equalize_subjects",
     "hotelling",
     "null_weights",
     "observed_design",
@@ -80,8 +80,7 @@ def equalize_groups(values: FloatArray, design: Design, *, scaled: bool = True) 
     design : Design
         With the observed labels.
     scaled : bool
-        Whether to scale; the dispersions are taken as equal otherwise, and the permutation test is exact
-        for exchangeable subjects.
+        Whether to scale; the dispersions are taken as equal otherwise.
     """
     memberships = _memberships(observed_design(design), design)
     if memberships is None:
@@ -106,54 +105,86 @@ def equalize_groups(values: FloatArray, design: Design, *, scaled: bool = True) 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EqualizedAlong:
-    """Values scaled to one dispersion along a variable. The array is read-only.
+class EqualizedSubjects:
+    """Values scaled to one dispersion, adjusted for covariates or along a variable. Arrays are read-only.
 
     Attributes
     ----------
     values : (M, P) array
-        Differences from the weighted mean, divided by the dispersion at the subject's value.
-    growth : float
-        Of the logarithm of the dispersion, per unit of the tested column.
+        Differences from the weighted fit of the nuisance columns, divided by the dispersion of the subject.
+    exponents : (q + d,) array
+        Of nuisance and tested basis in the logarithm of the dispersion.
+    mean_spread : float
+        As of `EqualizedGroups`.
     """
 
     values: FloatArray
-    growth: float
+    exponents: FloatArray
+    mean_spread: float
 
     def __post_init__(self) -> None:
-        """Freeze the array."""
-        object.__setattr__(self, "values", frozen(self.values, np.float64))
+        """Freeze the arrays."""
+        for name in ("values", "exponents"):
+            object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
-    def restored(self, scores: FloatArray, permuted: PermutedDesigns) -> FloatArray:
-        """Return equalized scores (M, k) with the dispersions of permuted values, centred, (c, M, k)."""
-        scaled: FloatArray = scores * np.exp(self.growth * permuted.tested)
-        scaled -= scaled.mean(axis=1, keepdims=True)
-        return scaled
+    def dispersions(self, columns: FloatArray) -> FloatArray:
+        """Return the dispersion that each subject gets from permuted columns (c, M, q + d), (c, M)."""
+        dispersions: FloatArray = np.exp(columns @ self.exponents)
+        return dispersions
+
+    def random_mean(self, values: FloatArray, permuted: PermutedDesigns) -> FloatArray:
+        """Return random means (c, k) to add to values (M, k), for those that the fit took from them."""
+        if permuted.signs is None:
+            return np.zeros((len(permuted.tested), values.shape[1]))
+        return _random_mean(self.mean_spread, permuted.signs, values)
+
+    def restored(self, values: FloatArray, permuted: PermutedDesigns) -> FloatArray:
+        """Return equalized values (M, k) with permuted dispersions, nuisance regressed out, (c, M, k)."""
+        columns = design_columns(permuted)
+        nuisance = columns[:, :, : columns.shape[2] - permuted.tested.shape[2]]
+        whole = values + self.random_mean(values, permuted)[:, None, :]
+        whole = whole * self.dispersions(columns)[:, :, None]
+        whole -= nuisance @ (nuisance.swapaxes(1, 2) @ whole)
+        return whole
 
 
-def equalize_along(values: FloatArray, design: Design) -> EqualizedAlong | None:
-    """Scale subjects to one dispersion along a variable; None for other designs and with covariates.
+def equalize_subjects(values: FloatArray, design: Design) -> EqualizedSubjects | None:
+    """Scale subjects to one dispersion; None for pairs.
+
+    Groups have the dispersion of their residuals. Along a variable its logarithm is a linear function.
 
     Parameters
     ----------
     values : (M, P) array
-        Data with the intercept regressed out.
+        Data with the nuisance columns regressed out.
     design : Design
-        With the observed values.
+        With the observed labels or values.
     """
-    column = design.tested
-    if design.exchange is Exchange.SIGNS or design.covariates.shape[1] or column.shape[1] > 1:
+    if design.exchange is Exchange.SIGNS:
         return None
-    rest = values - column @ (column.T @ values)
-    left = np.maximum(1.0 - 1.0 / len(column) - np.square(column[:, 0]), _MIN_RESIDUAL_FRACTION)
+    columns = design_columns(observed_design(design))[0]
+    rest = values - columns @ (columns.T @ values)
+    left = np.maximum(1.0 - np.square(columns).sum(axis=1), _MIN_RESIDUAL_FRACTION)
     squares = np.square(rest).sum(axis=1) / left
     if not squares.max() > 0.0:
         return None
-    variances = np.log(np.maximum(squares, _MIN_RESIDUAL_FRACTION * squares.max()))
-    growth = 0.5 * float(column[:, 0] @ variances)
-    dispersions = np.exp(growth * column)
-    centre = (values / np.square(dispersions)).sum(axis=0) / (1.0 / np.square(dispersions)).sum()
-    return EqualizedAlong((values - centre) / dispersions, growth)
+    kinds, of_kind = np.unique(design.given, axis=0, return_inverse=True)
+    floor = _MIN_RESIDUAL_FRACTION * squares.max()
+    if len(kinds) == design.given.shape[1] + 1:  # groups
+        members = np.eye(len(kinds))[:, of_kind.reshape(-1)]
+        variances = members.T @ (members @ squares / members.sum(axis=1))
+        logarithms = 0.5 * np.log(np.maximum(variances, floor))
+    else:
+        along = np.column_stack([np.ones(len(values)), design.given])
+        half = 0.5 * np.log(np.maximum(squares, floor))
+        logarithms = along @ np.linalg.lstsq(along, half, rcond=None)[0]
+    logarithms -= logarithms.mean()
+    scale = np.exp(logarithms)[:, None]
+    fitted = np.linalg.qr(design.nuisance / scale)[0]
+    equal = values / scale
+    equal -= fitted @ (fitted.T @ equal)
+    spread = float(np.linalg.norm(fitted.sum(axis=0))) / len(values)
+    return EqualizedSubjects(equal, columns.T @ logarithms, spread)
 
 
 class WelchStatistic:
@@ -192,7 +223,8 @@ class WelchStatistic:
         within = np.maximum(squares - counts * np.square(means).sum(axis=0), _MIN_RESIDUAL_FRACTION * squares)
         within = np.maximum(within * np.square(self._dispersions), _MIN_SQUARES)
         if permuted.signs is not None and self._mean_spread:
-            means += np.stack([self._random_mean(permuted.signs, axis) for axis in self._coordinates])
+            drawn = (_random_mean(self._mean_spread, permuted.signs, axis) for axis in self._coordinates)
+            means += np.stack([mean[:, None] for mean in drawn])
         means *= self._dispersions
         weights = counts * self._varying * free / within
         total = weights.sum(axis=1)
@@ -215,10 +247,11 @@ class WelchStatistic:
         )
         return deviate
 
-    def _random_mean(self, signs: FloatArray, axis: FloatArray) -> FloatArray:
-        """Return random means, (c, 1, N), whose covariance over the surface is that of the data."""
-        drawn: FloatArray = (self._mean_spread / np.sqrt(signs.shape[1]) * signs @ axis)[:, None]
-        return drawn
+
+def _random_mean(spread: float, signs: FloatArray, values: FloatArray) -> FloatArray:
+    """Return random means (c, N) of values (M, N), whose covariance over the surface is that of the data."""
+    drawn: FloatArray = spread / np.sqrt(signs.shape[1]) * signs @ values
+    return drawn
 
 
 def _group_sums(memberships: FloatArray, values: FloatArray) -> FloatArray:
@@ -249,6 +282,13 @@ def _memberships(permuted: PermutedDesigns, design: Design) -> FloatArray | None
 def observed_design(design: Design) -> PermutedDesigns:
     """Return the design itself, as the identity permutation."""
     return PermutedDesigns(design.tested[None], design.covariates[None])
+
+
+def design_columns(permuted: PermutedDesigns) -> FloatArray:
+    """Return all columns of permuted designs with an intercept, (c, M, q + d), the tested ones last."""
+    draws, subjects, _ = permuted.tested.shape
+    intercept = np.full((draws, subjects, 1), subjects**-0.5)
+    return np.concatenate([intercept, permuted.covariates, permuted.tested], axis=2)
 
 
 def null_weights(permuted: PermutedDesigns, design: Design) -> FloatArray:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy import stats
 
 from homolog.analysis.design import group_design
-from homolog.analysis.permutation import null_distribution, permutation_count, permutation_p_value
+from homolog.analysis.permutation import null_distribution, permutation_p_value
 from homolog.analysis.statistics import WelchStatistic, equalize_groups, observed_design
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
@@ -89,8 +89,7 @@ def welch_map(
     centred = values - values.mean(axis=0)
     floor = np.sqrt(np.square(centred).mean(axis=0))
     centred = centred / np.where(floor > 0.0, floor, 1.0)
-    _, exact = permutation_count(design, permutations)
-    groups = equalize_groups(centred, design, scaled=not exact)
+    groups = equalize_groups(centred, design)
     assert groups is not None
     welch = WelchStatistic(groups.values[None], np.ones(values.shape[1]), groups, design)
     original = observed_design(design)

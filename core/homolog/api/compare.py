@@ -21,6 +21,8 @@ __all__ = ["compare_groups", "regress"]
 
 _Alignment = Literal["rigid", "similarity", "as-it-lies"]
 _Covariates = Mapping[str, Sequence[str | float] | Array]
+_BOTH: tuple[_Alignment, ...] = ("rigid", "similarity")
+"""Form and shape, as on the command line and in the window."""
 
 
 @overload
@@ -32,7 +34,7 @@ def compare_groups(
     pairs: Sequence[str | None] | None = None,
     comparisons: Sequence[tuple[str, str]] | None = None,
     covariates: _Covariates | None = None,
-    alignment: _Alignment = "rigid",
+    alignment: _Alignment,
     modes: int | None = None,
     permutations: int = 10_000,
     null_repeats: int = 0,
@@ -51,7 +53,7 @@ def compare_groups(
     pairs: Sequence[str | None] | None = None,
     comparisons: Sequence[tuple[str, str]] | None = None,
     covariates: _Covariates | None = None,
-    alignment: tuple[_Alignment, ...] | list[_Alignment],
+    alignment: tuple[_Alignment, ...] | list[_Alignment] = _BOTH,
     modes: int | None = None,
     permutations: int = 10_000,
     null_repeats: int = 0,
@@ -69,7 +71,7 @@ def compare_groups(
     pairs: Sequence[str | None] | None = None,
     comparisons: Sequence[tuple[str, str]] | None = None,
     covariates: _Covariates | None = None,
-    alignment: _Alignment | Sequence[_Alignment] = "rigid",
+    alignment: _Alignment | Sequence[_Alignment] = _BOTH,
     modes: int | None = None,
     permutations: int = 10_000,
     null_repeats: int = 0,
@@ -99,9 +101,9 @@ def compare_groups(
         name that ends in ``:c``, such as ``site:c``, are codes of categories.
     alignment : {"rigid", "similarity", "as-it-lies"}, or several of them
         How shapes are aligned before they are compared: rigidly (size and shape are compared: form), by
-        similarities (shape alone), or not at all. Several are several questions, whose p values are
-        corrected for their number (Bonferroni): ``("rigid", "similarity")`` asks for form and shape as
-        ``homolog analyze`` does.
+        similarities (shape alone), or not at all. Several are several answers, whose p values are
+        corrected for their number (Bonferroni). By default both form and shape, as in the window and by
+        ``homolog analyze``. A single one, such as ``"rigid"``, is not corrected: choose it before looking.
     modes : int, optional
         Modes in which the whole shape is tested; by parallel analysis if not given.
     permutations : int
@@ -117,10 +119,10 @@ def compare_groups(
 
     Returns
     -------
-    Comparison, or tuple of Comparison
-        Of two groups, or the two of each pair; of more groups, the test for any difference between them, with
-        each two, corrected for their number (Holm), in its `pairwise`. One for each alignment, if several
-        are given.
+    tuple of Comparison, or Comparison
+        One for each alignment, form and shape by default; a Comparison itself if `alignment` is one name. It
+        is of two groups, or of the two of each pair; of more groups it is the test for any difference between
+        them, with each two, corrected for their number (Holm), in its `pairwise`.
 
     Raises
     ------
@@ -143,9 +145,9 @@ def compare_groups(
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     >>> shapes = 10.0 * directions + random.normal(scale=0.05, size=(12, 40, 3))
     >>> shapes[6:, 7] *= 1.2
-    >>> comparison = hl.compare_groups(shapes, 6 * ["plain"] + 6 * ["bump"], permutations=999)
-    >>> comparison.title, int(np.argmin(comparison.p_fwe))
-    ('bump - plain', 7)
+    >>> form, shape = hl.compare_groups(shapes, 6 * ["plain"] + 6 * ["bump"], permutations=999)
+    >>> form.title, int(np.argmin(form.p_fwe)), int(np.argmin(shape.p_fwe))
+    ('bump - plain', 7, 7)
     """
     _check((alignment,) if isinstance(alignment, str) else alignment, permutations)
     labels = np.array(["" if group is None or is_missing(group) else str(group) for group in groups])
@@ -195,7 +197,7 @@ def regress(
     name: str = "variable",
     *,
     covariates: _Covariates | None = None,
-    alignment: _Alignment = "rigid",
+    alignment: _Alignment,
     modes: int | None = None,
     permutations: int = 10_000,
     null_repeats: int = 0,
@@ -212,7 +214,7 @@ def regress(
     name: str = "variable",
     *,
     covariates: _Covariates | None = None,
-    alignment: tuple[_Alignment, ...] | list[_Alignment],
+    alignment: tuple[_Alignment, ...] | list[_Alignment] = _BOTH,
     modes: int | None = None,
     permutations: int = 10_000,
     null_repeats: int = 0,
@@ -228,7 +230,7 @@ def regress(
     name: str = "variable",
     *,
     covariates: _Covariates | None = None,
-    alignment: _Alignment | Sequence[_Alignment] = "rigid",
+    alignment: _Alignment | Sequence[_Alignment] = _BOTH,
     modes: int | None = None,
     permutations: int = 10_000,
     null_repeats: int = 0,
@@ -249,7 +251,7 @@ def regress(
     covariates : mapping of str to sequence, optional
         What is adjusted for; as of `compare_groups`, also what follows.
     alignment : {"rigid", "similarity", "as-it-lies"}, or several of them
-        How shapes are aligned before they are tested.
+        How shapes are aligned before they are tested; by default form and shape.
     modes : int, optional
         Modes in which the whole shape is tested; by parallel analysis if not given.
     permutations : int
@@ -265,8 +267,9 @@ def regress(
 
     Returns
     -------
-    Comparison, or tuple of Comparison
-        Its effects are changes per unit of the variable. One for each alignment, if several are given.
+    tuple of Comparison, or Comparison
+        One for each alignment, form and shape by default; a Comparison itself if `alignment` is one name. Its
+        effects are changes per unit of the variable.
 
     Raises
     ------
@@ -290,8 +293,8 @@ def regress(
     >>> shapes = 10.0 * directions + random.normal(scale=0.05, size=(12, 40, 3))
     >>> ages = np.arange(50, 62)
     >>> shapes[:, 7] *= 1.0 + 0.02 * (ages[:, None] - 50)
-    >>> effect = hl.regress(shapes, ages, "age", permutations=999)
-    >>> effect.title, int(np.argmin(effect.p_fwe))
+    >>> form, shape = hl.regress(shapes, ages, "age", permutations=999)
+    >>> form.title, int(np.argmin(form.p_fwe))
     ('age', 7)
     """
     _check((alignment,) if isinstance(alignment, str) else alignment, permutations)

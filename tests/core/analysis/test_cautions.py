@@ -21,7 +21,7 @@ def _shapes(spread, seed=0):
 
 def test_three_groups_of_unequal_dispersion_raise_a_caution_in_the_api():
     shapes = _shapes(np.where(np.array(LABELS) == "a", 2.0, 1.0))
-    found = hl.compare_groups(shapes, LABELS, modes=3, permutations=99)
+    found = hl.compare_groups(shapes, LABELS, modes=3, permutations=99, alignment="rigid")
     assert found.title == "a, b, c"
     assert any("differ in dispersion" in caution for caution in found.cautions)
     raised = {

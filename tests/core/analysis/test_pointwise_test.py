@@ -5,8 +5,9 @@ from statsmodels.multivariate.manova import MANOVA
 from statsmodels.stats.multitest import multipletests
 
 from homolog.analysis.design import covariate_columns, group_design, paired_design
-from homolog.analysis.permutation import PermutedDesigns, draw_permutations
+from homolog.analysis.permutation import PermutedDesigns, draw_permutations, permutation_p_value
 from homolog.analysis.pointwise_test import PointwiseStatistic, pointwise_test
+from homolog.analysis.statistics import observed_design
 from homolog.errors import InputError
 
 
@@ -53,17 +54,20 @@ def test_freedman_lane_refits_covariates_at_each_particle(correlated, covariates
 def test_the_family_wise_p_of_few_subjects_is_counted_over_all_splits(correlated):
     shapes = correlated(subjects=10, particles=8)
     design = group_design(["a", "b"] * 5, ["a", "b"])
-    found = pointwise_test(shapes, design, permutations=1000)
-    assert found.permutations == 251
+    assert pointwise_test(shapes, design, permutations=1000).permutations == 251
     (every,) = draw_permutations(design, 1000, chunk=1000, seed=0)
+    statistic = PointwiseStatistic(shapes - shapes.mean(axis=0), design, scaled=False)
+    observed = statistic.studentized(observed_design(design))[0]
+    p_fwe = permutation_p_value(observed, statistic.studentized(every).max(axis=1))
+    studentized = statistic.statistic()
     splits = every.tested[:, :, 0] > 0
     least = [min(_welch(shapes[:, index], split)[1] for index in range(8)) for split in splits]
     second = np.tile([False, True], 5)
     for particle in range(8):
         f, p = _welch(shapes[:, particle], second)
-        assert found.studentized[particle] == pytest.approx(f)
+        assert studentized[particle] == pytest.approx(f)
         beyond = np.count_nonzero(np.array(least) <= p)
-        assert found.p_fwe[particle] == pytest.approx((beyond + 1) / 252, abs=0.02)
+        assert p_fwe[particle] == pytest.approx((beyond + 1) / 252, abs=0.02)
 
 
 def _welch(positions, second):
@@ -98,7 +102,7 @@ def test_the_studentized_ratio_with_covariates_is_that_of_a_refit(correlated, co
     design = group_design(groups, list("abc"), covariate_columns(covariates()))
     residuals = design.residuals(shapes.reshape(24, -1)).reshape(shapes.shape)
     some = next(iter(draw_permutations(design, 4, chunk=4, seed=2)))
-    found = PointwiseStatistic(residuals, design).studentized(some)
+    found = PointwiseStatistic(residuals, design, scaled=False).studentized(some)
     for particle in range(5):
         values, vectors = np.linalg.eigh(residuals[:, particle].T @ residuals[:, particle])
         own = residuals[:, particle] @ (vectors / np.sqrt(values))

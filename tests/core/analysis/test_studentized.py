@@ -4,9 +4,17 @@ from scipy import stats
 from statsmodels.stats.oneway import anova_oneway
 
 from homolog.analysis.design import group_design, paired_design, regression_design
-from homolog.analysis.mode_test import ModeStatistic
+from homolog.analysis.mode_test import ModeStatistic, mode_test
 from homolog.analysis.permutation import draw_permutations, permutation_p_value
-from homolog.analysis.statistics import WelchStatistic, equalize_along, equalize_groups, observed_design
+from homolog.analysis.pointwise_test import PointwiseStatistic
+from homolog.analysis.statistics import (
+    WelchStatistic,
+    design_columns,
+    equalize_groups,
+    equalize_subjects,
+    observed_design,
+    studentized_ratio,
+)
 
 
 @pytest.mark.parametrize("counts", [(7, 12), (6, 9, 14), (4, 5, 6, 7)])
@@ -64,10 +72,41 @@ def test_subjects_equalized_along_a_variable_have_one_dispersion():
     generator = np.random.default_rng(5)
     values = generator.uniform(-1.0, 1.0, size=300)
     rows = generator.normal(size=(300, 6)) * np.exp(values)[:, None]
-    along = equalize_along(rows - rows.mean(axis=0), regression_design(values))
+    design = regression_design(values)
+    along = equalize_subjects(rows - rows.mean(axis=0), design)
     spread = np.linalg.norm(along.values, axis=1)
     assert spread[values > 0.5].mean() / spread[values < -0.5].mean() == pytest.approx(1.0, abs=0.1)
-    assert along.growth * np.linalg.norm(values - values.mean()) ** -1 == pytest.approx(1.0, abs=0.15)
+    (dispersions,) = along.dispersions(design_columns(observed_design(design)))
+    assert np.polyfit(values, np.log(dispersions), 1)[0] == pytest.approx(1.0, abs=0.15)
+
+
+def test_groups_adjusted_for_a_covariate_have_one_dispersion_and_get_theirs_back():
+    generator = np.random.default_rng(5)
+    age = generator.normal(size=(90, 1)) + 0.5 * (np.arange(90) < 30)[:, None]
+    design = group_design(["a"] * 30 + ["b"] * 60, ["a", "b"], age)
+    rows = (generator.normal(size=(90, 50)) * np.repeat([3.0, 1.0], [30, 60])[:, None]) + age
+    residuals = design.residuals(rows)
+    found = equalize_subjects(residuals, design)
+    assert found.values[:30].std() / found.values[30:].std() == pytest.approx(1.0, rel=0.05)
+    (dispersions,) = found.dispersions(design_columns(observed_design(design)))
+    assert np.ptp(dispersions[:30]) == pytest.approx(0.0, abs=1e-9)
+    assert dispersions[0] / dispersions[-1] == pytest.approx(3.0, rel=0.06)
+    np.testing.assert_allclose(found.restored(found.values, observed_design(design))[0], residuals, atol=1e-9)
+
+
+def test_pointwise_statistics_with_restored_dispersions_are_those_of_refitted_particles():
+    generator = np.random.default_rng(7)
+    design = group_design(["a"] * 6 + ["b"] * 9, ["a", "b"], generator.normal(size=(15, 1)))
+    particles = generator.normal(size=(15, 4, 3)) * np.repeat([2.0, 1.0], [6, 9])[:, None, None]
+    residuals = design.residuals(particles.reshape(15, -1))
+    (some,) = draw_permutations(design, 5, chunk=5, seed=1)
+    found = PointwiseStatistic(residuals.reshape(particles.shape), design).studentized(some)
+    equal = equalize_subjects(residuals, design)
+    for place in range(4):
+        rows = equal.values.reshape(15, 4, 3)[:, place]
+        white = rows @ np.linalg.inv(np.linalg.cholesky(rows.T @ rows)).T
+        expected = studentized_ratio(equal.restored(white, some), some, design)
+        np.testing.assert_allclose(found[:, place], expected, rtol=1e-9)
 
 
 def test_a_dispersion_that_grows_along_the_variable_leaves_the_level_as_it_is():
@@ -78,8 +117,18 @@ def test_a_dispersion_that_grows_along_the_variable_leaves_the_level_as_it_is():
         values = generator.normal(size=42)
         rows = generator.normal(size=(42, 30)) * np.exp(0.4 * values)[:, None]
         design = regression_design(values)
-        statistic = ModeStatistic(rows - rows.mean(axis=0), design, 5, None)
+        statistic = ModeStatistic(rows - rows.mean(axis=0), design, 5)
         (some,) = draw_permutations(design, 99, chunk=99, seed=repeat)
         observed = statistic.studentized(observed_design(design))
         noticed += permutation_p_value(observed, statistic.studentized(some))[0] <= 0.05
     assert 0.025 <= noticed / 300 <= 0.08
+
+
+def test_small_groups_of_unequal_dispersion_are_scaled_though_all_permutations_are_taken():
+    """Without scaling three of four such cohorts, whose means are equal, would be called different."""
+    generator = np.random.default_rng(8)
+    spread = np.repeat([2.0, 1.0], [5, 6])[:, None, None]
+    design = group_design(["a"] * 5 + ["b"] * 6, ["a", "b"])
+    found = [mode_test(spread * generator.normal(size=(11, 30, 3)), design, modes=5) for _ in range(15)]
+    assert all(test.exact for test in found)
+    assert sum(test.p_permutation <= 0.05 for test in found) <= 3

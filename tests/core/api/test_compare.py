@@ -9,6 +9,7 @@ from homolog.analysis.design import covariate_columns
 from homolog.analysis.studies import compare_two_groups, regress
 
 QUICK = {"permutations": 199}
+FORM = {**QUICK, "alignment": "rigid"}
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +29,7 @@ AGES = np.linspace(30.0, 80.0, 18)[np.random.default_rng(0).permutation(18)]
 
 def test_two_groups_are_compared_as_the_analysis_does(shapes):
     missing = np.where(np.arange(18) == 7, np.nan, AGES)  # of a subject who takes no part
-    found = hl.compare_groups(shapes, GROUPS, ("a", "c"), covariates={"age": missing}, **QUICK)
+    found = hl.compare_groups(shapes, GROUPS, ("a", "c"), covariates={"age": missing}, **FORM)
     part = [index for index, group in enumerate(GROUPS) if group in ("a", "c")]
     expected = compare_two_groups(
         shapes[part], [GROUPS[index] for index in part], ("a", "c"),
@@ -44,15 +45,15 @@ def test_two_groups_are_compared_as_the_analysis_does(shapes):
 def test_numbers_of_a_covariate_that_ends_in_c_are_codes_of_categories(shapes):
     codes = np.arange(18) % 3
     words = hl.compare_groups(
-        shapes, GROUPS, ("a", "c"), covariates={"site": [f"s{code}" for code in codes]}, **QUICK
+        shapes, GROUPS, ("a", "c"), covariates={"site": [f"s{code}" for code in codes]}, **FORM
     )
-    found = hl.compare_groups(shapes, GROUPS, ("a", "c"), covariates={"site:c": codes}, **QUICK)
+    found = hl.compare_groups(shapes, GROUPS, ("a", "c"), covariates={"site:c": codes}, **FORM)
     assert found.p_adjusted == words.p_adjusted
     assert found.test.dof == words.test.dof
 
 
 def test_several_groups_are_tested_together_and_each_two_of_them(shapes):
-    found = hl.compare_groups(shapes, GROUPS, **QUICK)
+    found = hl.compare_groups(shapes, GROUPS, **FORM)
     assert [pair.title for pair in found.pairwise] == ["b - a", "c - a", "c - b"]
     assert found.counts == {"a": 5, "b": 6, "c": 6}
     assert found.p_adjusted < 0.05
@@ -61,8 +62,8 @@ def test_several_groups_are_tested_together_and_each_two_of_them(shapes):
     assert found.pairwise[2].subjects.tolist() == list(range(6, 18))
 
 
-def test_form_and_shape_are_asked_in_one_call_and_corrected_for_both(shapes):
-    form, shape = hl.compare_groups(shapes, GROUPS, ("a", "c"), alignment=("rigid", "similarity"), **QUICK)
+def test_form_and_shape_are_answered_by_default_and_corrected_for_both(shapes):
+    form, shape = hl.compare_groups(shapes, GROUPS, ("a", "c"), **QUICK)
     for found, alignment in ((form, "rigid"), (shape, "similarity")):
         alone = hl.compare_groups(shapes, GROUPS, ("a", "c"), alignment=alignment, **QUICK)
         assert found.p_adjusted == min(2.0 * alone.p_adjusted, 1.0)
@@ -72,9 +73,9 @@ def test_form_and_shape_are_asked_in_one_call_and_corrected_for_both(shapes):
 
 def test_chosen_pairs_are_corrected_for_their_number_only(shapes):
     chosen = [("a", "b"), ("a", "c")]
-    found = hl.compare_groups(shapes, GROUPS, comparisons=chosen, **QUICK)
+    found = hl.compare_groups(shapes, GROUPS, comparisons=chosen, **FORM)
     assert [pair.title for pair in found.pairwise] == ["b - a", "c - a"]
-    alone = [hl.compare_groups(shapes, GROUPS, pair, **QUICK).p_adjusted for pair in chosen]
+    alone = [hl.compare_groups(shapes, GROUPS, pair, **FORM).p_adjusted for pair in chosen]
     small, large = sorted(alone)
     adjusted = sorted(pair.p_adjusted for pair in found.pairwise)
     assert adjusted == pytest.approx([min(2.0 * small, 1.0), max(min(2.0 * small, 1.0), large)])
@@ -85,7 +86,7 @@ def test_pairs_name_the_pair_of_each_subject_as_on_the_command_line(shapes):
     from homolog.analysis.studies import compare_pairs
 
     names = [*(6 * [None]), *"uvwxyz", *"zyxwvu"]
-    found = hl.compare_groups(shapes, GROUPS, ("b", "c"), pairs=names, **QUICK)
+    found = hl.compare_groups(shapes, GROUPS, ("b", "c"), pairs=names, **FORM)
     options = Options(permutations=QUICK["permutations"], null_repeats=0)
     same = compare_pairs(shapes, np.arange(6, 12), np.arange(17, 11, -1), "c - b", options=options)
     assert (found.title, found.counts) == ("c - b", {"pairs": 6})
@@ -125,13 +126,13 @@ def test_regressions_are_those_of_the_analysis_and_two_answers_are_corrected():
     shapes = random.normal(size=(14, 30, 3)) + 10.0 * random.normal(size=(30, 3))
     ages, sex = np.linspace(40.0, 70.0, 14), list("mf" * 7)
     given = {"covariates": {"sex": sex}, "permutations": 199}
-    form, shape = hl.regress(shapes, ages, "age", alignment=("rigid", "similarity"), **given)
+    form, shape = hl.regress(shapes, ages, "age", **given)
     columns = covariate_columns({"sex": sex})
     alone = regress(shapes, ages, "age", covariates=columns, options=Options(permutations=199))
     assert form.p_adjusted == min(2.0 * alone.test.p_permutation, 1.0)
     np.testing.assert_array_equal(form.pointwise.effect, alone.pointwise.effect)
     assert shape.title == "age"
-    assert hl.regress(shapes, ages, "age", **given).p_adjusted == alone.p_adjusted
+    assert hl.regress(shapes, ages, "age", alignment="rigid", **given).p_adjusted == alone.p_adjusted
     with pytest.raises(hl.InputError, match="'age': no value for b"):
         hl.regress(shapes, [40.0, np.nan, *ages[2:]], "age", names=list("abcdefghijklmn"))
     with pytest.raises(hl.InputError, match="contains words"):

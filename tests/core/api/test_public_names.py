@@ -98,8 +98,9 @@ def test_comparisons_have_the_defaults_of_the_analysis():
         parameter.name: parameter.default
         for parameter in inspect.signature(hl.compare_groups).parameters.values()
     }
-    for name in ("alignment", "modes", "permutations", "null_repeats", "seed"):
+    for name in ("modes", "permutations", "null_repeats", "seed"):
         assert taken[name] == getattr(Options(), name)
+    assert taken["alignment"] == ("rigid", "similarity")  # both, as without --alignment
     for name in ("modes", "permutations", "seed"):
         assert taken[name] == StudyRequest.model_fields[name].default
 
