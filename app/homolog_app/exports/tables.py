@@ -248,8 +248,11 @@ def group_lines(result: Result, measures: Measures, first: int, second: int) -> 
     for name, values in _measured(result, measures, first, second).items():
         of_groups = compare_measure(values, groups)
         rows = zip(of_groups.groups, of_groups.means, of_groups.deviations, of_groups.counts, strict=True)
-        each = (f"{group} {mean:.4g} ± {spread:.2g} (n = {count})" for group, mean, spread, count in rows)
-        test = "no test" if of_groups.p is None else f"p = {of_groups.p:.2g}"
+        each = (
+            f"{group} {mean:.4g}{f' ± {spread:.2g}' if count > 1 else ''} (n = {count})"
+            for group, mean, spread, count in rows
+        )
+        test = "no test" if of_groups.p is None else f"Welch p = {of_groups.p:.2g}"
         lines.append(f"{name}: {', '.join(each)}; {test}")
     return lines
 

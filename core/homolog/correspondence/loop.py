@@ -354,8 +354,12 @@ class OptimizationLoop:
         if self.log.checkpoint_is_due():
             self._checkpoint(index, done)
         plan = self.stages[index]
+        expected = plan.expected_iterations
+        if plan.until_converged and done >= 2 * RECORD_INTERVAL:
+            left = self.log.records_to_convergence(self.tolerance)
+            expected = RECORD_INTERVAL * (done // RECORD_INTERVAL + left)
         self._progress = (
-            self._done(index, done / plan.expected_iterations),
+            self._done(index, done / expected),
             f"{plan.stage.value}: {plan.count} particles{self._repairs()}",
         )
         try:

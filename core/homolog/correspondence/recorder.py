@@ -1,5 +1,6 @@
 """Records of a running optimization: energies, frames for display, checkpoints."""
 
+import math
 import time
 from collections.abc import Callable
 
@@ -16,6 +17,9 @@ CHECKPOINT_INTERVAL_S = 20.0  # with the iterations in progress no more than 30 
 FRAME_INTERVAL_S = 0.05
 
 CheckpointCallback = Callable[[Checkpoint], None]
+
+_DECREASE = 0.7
+"""Of the change of the objective from one record to the next, for estimates: typical of real cohorts."""
 
 
 class RunRecorder:
@@ -63,6 +67,11 @@ class RunRecorder:
         """Return the absolute change of the objective between the last two records."""
         before, now = (float(np.sum(row[1:])) for row in self.rows[-2:])
         return abs(before - now)
+
+    def records_to_convergence(self, tolerance: float) -> int:
+        """Estimate how many further records it takes until the objective changes by less than a tolerance."""
+        excess = self.objective_change() / tolerance
+        return max(1, math.ceil(math.log(max(excess, 1.0)) / -math.log(_DECREASE)))
 
     def has_plateaued(self, records: int, tolerance: float) -> bool:
         """Return whether the objective decreases by no more than it fluctuates, over the last 2 `records`.

@@ -7,6 +7,7 @@ import pytest
 
 from homolog.correspondence import Reason, Shape, optimize
 from homolog.correspondence.initialization.splitting import split
+from homolog.correspondence.recorder import RunRecorder
 from homolog.correspondence.schedule import DoneFraction, particle_counts, plan_stages, time_shares
 from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.geodesics import solve_tables
@@ -250,6 +251,16 @@ def test_estimates_count_tables_that_are_computed_between_stages():
     (between,) = [index for index in range(len(stages)) if done(index) > done.before(index)]
     assert [plan.count for plan in stages[between - 1 : between + 1]] == [256, 512]
     assert done(len(stages) - 1, 1.0) == pytest.approx(1.0)
+
+
+def test_the_nearer_the_objective_is_to_rest_the_sooner_convergence_is_expected():
+    recorder = RunRecorder(np.eye(4)[None], None, 1.0, None, None)
+    left = []
+    for objective in (0.0, 1e-2, 1.1e-2, 1.105e-2):
+        recorder.record(np.array([objective, 0.0, 0.0]))
+        if len(recorder.rows) > 1:
+            left.append(recorder.records_to_convergence(1e-4))
+    assert left[0] > left[1] > left[2] == 1
 
 
 def test_a_first_model_is_there_before_the_optimization_and_tables_of_many_particles_later(make_shape):

@@ -29,6 +29,7 @@ _NEXT = {
     "explore.groups": "What differs? Groups and numbers",
     "explore.check": "Can it be trusted? Check",
     "explore.measure": "How large? Measure",
+    "explore.patient": "How unusual is one patient? Patient",
 }
 
 
