@@ -41,10 +41,15 @@ class Cancelled(HomologError):
 def user_message(error: BaseException) -> str | None:
     """Return the message for the user, or None if the error is a defect of the program.
 
-    An error of the system that names a file, such as missing permissions, is one that the user can fix.
+    An error of the system that names a file, such as missing permissions, is one that the user can fix, and
+    so is a package that is not installed.
     """
     if isinstance(error, InputError | NumericalError):
         return str(error)
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}; see who may read or write it, or choose another place"
+    if isinstance(error, ModuleNotFoundError) and error.name:
+        package = error.name.partition(".")[0]
+        if not package.startswith("homolog"):
+            return f"the Python package {package} is not installed; install it with: pip install {package}"
     return None

@@ -59,13 +59,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     command = next((word for word in given if not word.startswith("-")), None)
     if given and given[0] not in _COMMANDS and Path(given[0]).exists():
         return open_window(given)
-    parser, modules = command_parser([command] if command in _COMMANDS else [])
-    arguments = parser.parse_args(given)
     try:
+        parser, modules = command_parser([command] if command in _COMMANDS else [])
+        arguments = parser.parse_args(given)
         if arguments.command is None:
             return open_window([])
         return int(getattr(modules[arguments.command], f"run_{arguments.command}")(arguments))
-    except (InputError, NumericalError, OSError) as error:
+    except (InputError, NumericalError, OSError, ModuleNotFoundError) as error:
         message = user_message(error)
         if message is None:
             raise

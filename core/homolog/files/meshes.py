@@ -79,6 +79,8 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     try:
         surface = read_gltf(content, path.parent) if reader is read_gltf else reader(content)
         every = surface.triangles()
+    except ModuleNotFoundError:  # nothing is wrong with the file
+        raise
     except Exception as error:  # what parsers raise on damaged files is no short list
         raise InputError(
             f"{path}: can't be read as a mesh (truncated, damaged or of another type: {_told(error)}); "

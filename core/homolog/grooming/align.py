@@ -1,13 +1,14 @@
 """Bringing groomed shapes into one frame."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from homolog.arrays import FloatArray
+from homolog.arrays import BoolArray, FloatArray
 from homolog.device import cores
 from homolog.errors import InputError
 from homolog.grooming.icp import (
@@ -25,8 +26,12 @@ from homolog.threads import on_one_thread
 
 __all__ = ["RegisterPair", "Registration", "align", "medoid", "of_other_units", "register"]
 
-RegisterPair = Callable[[OrientedPoints, OrientedPoints], Fit]
-"""Signature of `registered`."""
+
+class RegisterPair(Protocol):
+    """Signature of `registered`."""
+
+    def __call__(self, moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False) -> Fit: ...
+
 
 _OTHER_UNIT = 100.0
 _OTHER_SIZE = 5.0  # times the median: a file in cm among files in mm is ten times smaller
@@ -111,9 +116,10 @@ def register(
         raise InputError(next(iter(strange.values())))
     goals = np.full(len(sizes), np.exp(np.log(sizes).mean())) if settings.scaling else sizes
     units = [shape.scaled(1.0 / shape.size) for shape in oriented_shapes]
-    reference = units[medoid(units)]
+    middle = medoid(units)
+    reference = units[middle]
     result, distances = np.empty((len(units), 4, 4)), np.zeros(len(units))
-    fits = _fits(units, reference, settings.alignment, register_pair, tick)
+    fits = _fits(units, middle, settings.alignment, register_pair, tick)
     for index, (unit, size, goal) in enumerate(zip(units, sizes.tolist(), goals.tolist(), strict=True)):
         pose = np.eye(4)
         if settings.alignment is Alignment.AXES:
@@ -133,28 +139,36 @@ def register(
 
 def _fits(
     units: Sequence[OrientedPoints],
-    reference: OrientedPoints,
+    middle: int,
     alignment: Alignment,
     register_pair: RegisterPair,
     tick: Tick,
 ) -> list[Fit]:
-    """Return the registrations of all shapes to the reference, none where only places or axes are aligned."""
+) -> list[Fit]:
+    """Return the registrations of all shapes to the middle one, none where only places or axes are aligned."""
     tick(0.0, "aligning")
     if alignment is not Alignment.ICP:
         return []
+    reference = units[middle]
 
     def fit(unit: OrientedPoints, inner: Tick) -> Fit:
         inner(0.0, "aligning")
         return register_pair(unit, reference)
 
     fits = run_in_threads([partial(fit, unit) for unit in units], tick, "aligning", cores())
-    return _reconsidered(units, reference, fits, register_pair, tick)
+    if len(units) < _FEWEST:
+        return fits
+    doubtful = _turns(np.array([fit.pose for fit in fits])) > _DOUBTFUL
+    if 2 * np.count_nonzero(doubtful) < len(units):
+        return _reconsidered(units, reference, fits, doubtful, register_pair, tick)
+    return _by_neighbours(units, middle, register_pair, tick)
 
 
 def _reconsidered(
     units: Sequence[OrientedPoints],
     reference: OrientedPoints,
     fits: Sequence[Fit],
+    doubtful: BoolArray,
     register_pair: RegisterPair,
     tick: Tick,
 ) -> list[Fit]:
@@ -165,13 +179,8 @@ def _reconsidered(
     the common orientation if that fits one of them.
     """
     result = list(fits)
-    if len(units) < _FEWEST:
-        return result
     poses = np.array([fit.pose for fit in fits])
-    doubtful = _turns(poses) > _DOUBTFUL
     alike = np.flatnonzero(~doubtful)
-    if 2 * len(alike) <= len(units):
-        return result
     radii = _radii(units)
     for index in np.flatnonzero(doubtful).tolist():
         nearest = np.argsort(np.abs(radii[alike] - radii[index]).sum(axis=1), kind="stable")[:_NEIGHBOURS]
@@ -183,6 +192,33 @@ def _reconsidered(
             if fit.distance < best and _turns(poses)[index] <= _DOUBTFUL:
                 best, result[index] = fit.distance, fit_at(units[index], reference, pose)
     return result
+
+
+def _by_neighbours(
+    units: Sequence[OrientedPoints], middle: int, register_pair: RegisterPair, tick: Tick
+) -> list[Fit]:
+    """Register shapes whose files lie in any orientation to the middle one, by way of shapes between.
+
+    Shapes that resemble each other leave the least doubt about how they lie: each in turn is registered to
+    the nearest of those that have been, and the best fit counts. The orientation of the file does not.
+    """
+    radii = _radii(units)
+    apart = np.abs(radii[:, None] - radii).sum(axis=2)
+    poses = {middle: np.eye(4)}
+    while len(poses) < len(units):
+        placed = np.array(list(poses))
+        left = np.setdiff1d(np.arange(len(units)), placed)
+        index = int(left[apart[np.ix_(left, placed)].min(axis=1).argmin()])
+        nearest = placed[np.argsort(apart[index, placed], kind="stable")[:_NEIGHBOURS]].tolist()
+
+        def fit(neighbour: int, inner: Tick, moving: OrientedPoints = units[index]) -> Fit:
+            inner(0.0, "aligning")
+            return register_pair(moving, units[neighbour], free=True)
+
+        fits = run_in_threads([partial(fit, item) for item in nearest], tick, "aligning", cores())
+        best = int(np.argmin([item.distance for item in fits]))
+        poses[index] = poses[nearest[best]] @ fits[best].pose
+    return [fit_at(unit, units[middle], poses[index]) for index, unit in enumerate(units)]
 
 
 def _turns(alignments: FloatArray) -> FloatArray:
@@ -207,6 +243,7 @@ def _notes(alignments: FloatArray, distances: FloatArray, sizes: FloatArray) -> 
         return (None,) * len(distances)
     typical = float(np.median(distances))
     usual = _turns(alignments)
+    many = 2 * np.count_nonzero(usual > _DOUBTFUL) >= len(usual)
     notes: list[str | None] = []
     ratios = sizes / np.median(sizes)
     for distance, angle, ratio in zip(distances.tolist(), usual.tolist(), ratios.tolist(), strict=True):
@@ -219,6 +256,8 @@ def _notes(alignments: FloatArray, distances: FloatArray, sizes: FloatArray) -> 
                 f"does not look like the others: {100.0 * distance:.0f} % of its size away from the most "
                 f"typical subject, usually {100.0 * typical:.0f} %; check that it shows the same structure"
             )
+        elif many:
+            note = "the cohort's files lie in many orientations; each was turned to match the others: check it"
         elif np.median(usual) < _TURNED < angle:
             note = f"was rotated by {angle:.0f}° to match most others; check it and its side"
         notes.append(note)

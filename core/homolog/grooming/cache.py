@@ -29,7 +29,7 @@ __all__ = [
 
 _VERSION = "9"
 """To be raised whenever grooming gives other results: older archives are then made again."""
-_REGISTRATION_VERSION = "1"
+_REGISTRATION_VERSION = "2"
 """To be raised whenever `registered` gives other results."""
 
 
@@ -197,14 +197,14 @@ class RegistrationCache:
         self._before = {} if path is None else _registrations(path)
         self._used: dict[str, Fit] = {}
 
-    def registered(self, moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
+    def registered(self, moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False) -> Fit:
         """Return what `icp.registered` returns, computed if it is not here; may be called from any thread."""
-        digest = hashlib.blake2b(_REGISTRATION_VERSION.encode(), digest_size=16)
+        digest = hashlib.blake2b(f"{_REGISTRATION_VERSION} {free}".encode(), digest_size=16)
         for array in (moving.points, moving.normals, fixed.points, fixed.normals):
             digest.update(f"{array.shape}".encode())
             digest.update(np.ascontiguousarray(array).tobytes())
         key = digest.hexdigest()
-        fit = self._used.get(key) or self._before.get(key) or registered(moving, fixed)
+        fit = self._used.get(key) or self._before.get(key) or registered(moving, fixed, free=free)
         self._used[key] = fit
         return fit
 

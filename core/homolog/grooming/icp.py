@@ -61,7 +61,8 @@ class Fit:
     pose : (4, 4) float64 array
         Similarity of the moving cloud onto the fixed one.
     distance : float
-        Median distance of the matches in position and normal, over the size.
+        Mean distance of the matches in position and normal, over the size: it tells how a shape lies by the
+        few places where it is not symmetric, which a median leaves out.
     """
 
     pose: FloatArray
@@ -83,13 +84,19 @@ def axes_rotation(moving: OrientedPoints, fixed: OrientedPoints) -> FloatArray:
     return min(turns, key=lambda turn: float(np.mean(tree.query(moving.points[::5] @ turn.T)[0])))
 
 
-def registered(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
+def registered(moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False) -> Fit:
     """Return the similarity that brings one cloud onto another, both centred and of about one size.
 
     Matches are closest points in position and normal, in both directions; what is farther than usual counts
     little, so that a part that one surface lacks, or has elsewhere, does not turn the rest. Starts are the
-    given orientation, the 24 ways of matching principal axes, and turns about the longest by 45°. The given
-    orientation is kept unless another fits clearly better, so that near-symmetric shapes keep theirs.
+    given orientation, the 24 ways of matching principal axes, and turns about the longest by 45°.
+
+    Parameters
+    ----------
+    moving, fixed : OrientedPoints
+    free : bool
+        Whether the given orientation says nothing. Otherwise it is kept unless another fits clearly better,
+        so that near-symmetric shapes keep theirs.
     """
     own, other = _Half(moving), _Half(fixed)
     looks = _iterated(own, other, np.array(_starts(moving, fixed)), _GLANCE, _GLANCE_ROUNDS)
@@ -97,7 +104,7 @@ def registered(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
     starts = np.array([np.eye(4), *(look.pose for look in looks[:_TRIALS])])
     given, *trials = _iterated(own, other, starts, _FEW, _TRIAL_ROUNDS)
     best = min(trials, key=lambda fit: fit.distance)
-    if best.distance > _CLEARLY_BETTER * given.distance:
+    if best.distance > (1.0 if free else _CLEARLY_BETTER) * given.distance:
         best = given
     return _iterated(own, other, best.pose[None], _MANY, _ROUNDS)[0]
 
@@ -160,8 +167,8 @@ def _iterated(own: _Half, other: _Half, poses: FloatArray, count: int, rounds: i
         )
         back, from_ = own.nearest((b - shift) @ turn / scale, nb @ turn)
         gaps = np.concatenate([there, back * scale[..., 0]], axis=1)
-        before, distances[moving] = distances[moving], np.median(gaps, axis=1)
-        usual = _TOLERANT * np.maximum(distances[moving], 1e-9)[:, None]
+        before, distances[moving] = distances[moving], gaps.mean(axis=1)
+        usual = _TOLERANT * np.maximum(np.median(gaps, axis=1), 1e-9)[:, None]
         weights = 1.0 / np.square(1.0 + np.square(gaps / usual))
         pairs = np.empty((2, len(moving), len(a) + len(b), 3))
         pairs[0, :, : len(a)], pairs[0, :, len(a) :] = a, own.points[from_]

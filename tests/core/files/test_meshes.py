@@ -1,7 +1,9 @@
+import sys
+
 import numpy as np
 import pytest
 
-from homolog.errors import InputError
+from homolog.errors import InputError, user_message
 from homolog.files.meshes import read_mesh, write_mesh
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -349,3 +351,13 @@ def test_a_legacy_file_that_ends_in_its_header_is_refused(tmp_path):
     path.write_text("# vtk DataFile Version 5.1\n\nBINARY\nDATASET POLYDATA\nFIELD FieldData 1\nSPACE 1 1 ")
     with pytest.raises(InputError, match=r"can.t be read as a mesh"):
         read_mesh(path)
+
+
+def test_a_package_that_is_not_installed_is_named_and_the_file_not_blamed(mesh, tmp_path, monkeypatch):
+    write_mesh(tmp_path / "a.ply", mesh)
+    monkeypatch.setitem(sys.modules, "trimesh.exchange.ply", None)
+    with pytest.raises(ModuleNotFoundError) as caught:
+        read_mesh(tmp_path / "a.ply")
+    message = user_message(caught.value)
+    assert "trimesh is not installed" in message
+    assert "pip install trimesh" in message
