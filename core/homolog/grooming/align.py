@@ -28,9 +28,10 @@ __all__ = ["RegisterPair", "Registration", "align", "medoid", "of_other_units", 
 
 
 class RegisterPair(Protocol):
-    """Signature of `registered`."""
+    """What registers a shape to another: `registered`, or that with a memory."""
 
-    def __call__(self, moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False) -> Fit: ...
+    def __call__(self, moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False) -> Fit:
+        """Return what `registered` does."""
 
 
 _OTHER_UNIT = 100.0
@@ -144,8 +145,7 @@ def _fits(
     register_pair: RegisterPair,
     tick: Tick,
 ) -> list[Fit]:
-) -> list[Fit]:
-    """Return the registrations of all shapes to the middle one, none where only places or axes are aligned."""
+    """Return how all shapes register to the middle one; nothing where only places or axes are aligned."""
     tick(0.0, "aligning")
     if alignment is not Alignment.ICP:
         return []
@@ -257,7 +257,9 @@ def _notes(alignments: FloatArray, distances: FloatArray, sizes: FloatArray) -> 
                 f"typical subject, usually {100.0 * typical:.0f} %; check that it shows the same structure"
             )
         elif many:
-            note = "the cohort's files lie in many orientations; each was turned to match the others: check it"
+            note = (
+                "the cohort's files lie in many orientations; each was turned to match the others: check it"
+            )
         elif np.median(usual) < _TURNED < angle:
             note = f"was rotated by {angle:.0f}° to match most others; check it and its side"
         notes.append(note)

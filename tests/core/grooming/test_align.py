@@ -187,3 +187,17 @@ def test_a_shape_that_differs_much_from_the_typical_one_keeps_the_orientation_of
     linear = register(cohort, GroomSettings()).alignments[:, :3, :3]
     turns = Rotation.from_matrix(linear)
     assert np.degrees((turns * turns[2].inv()).magnitude()).max() < 45.0
+
+
+def test_shapes_whose_files_lie_in_any_orientation_are_matched_by_the_little_that_is_not_symmetric(paw, egg):
+    random = np.random.default_rng(0)
+    bump = np.exp(-np.square(np.linalg.norm(egg.vertices - [15.0, 7.0, 4.0], axis=1) / 6.0) / 2.0)
+    shape = egg.vertices + 2.5 * bump[:, None] * egg.vertex_normals
+    cohort, turns = [], Rotation.random(6, rng=random)
+    for turn in turns:
+        own = turn.apply(shape * np.exp(random.normal(scale=0.05, size=3)))
+        cohort.append(replace(paw, coarse_mesh=TriangleMesh(own, egg.faces)))
+    registration = register(cohort, GroomSettings())
+    back = Rotation.from_matrix(registration.alignments[:, :3, :3]) * turns
+    assert np.degrees((back * back[0].inv()).magnitude()).max() < 25.0
+    assert all("many orientations" in note for note in registration.notes)

@@ -39,9 +39,9 @@ def calls(monkeypatch):
     """Return the list of pairs that are registered."""
     pairs = []
 
-    def spy(moving, fixed):
+    def spy(moving, fixed, **options):
         pairs.append((moving, fixed))
-        return registered(moving, fixed)
+        return registered(moving, fixed, **options)
 
     monkeypatch.setattr("homolog.grooming.cache.registered", spy)
     return pairs
