@@ -1,10 +1,12 @@
 """The linear discriminant between two groups: a direction of shape space, and how well it separates them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import rankdata
 
-from homolog.analysis.effects import Effect, accuracy_bounds, auc_bounds, shares_below
+from homolog.analysis.effects import Effect, accuracy_bounds, auc_bounds
 from homolog.analysis.permutation import permutation_p_value
 from homolog.analysis.shape_model import leading_scores, principal_components
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
@@ -272,22 +274,23 @@ def _bootstrapped(
     """Return the weights (B, k) of cohorts drawn with replacement within each group."""
     drawn = np.empty((count, scores.shape[1]))
     chunk = max(1, _CHUNK_VALUES // scores.size)
+    groups = np.flatnonzero(~second), np.flatnonzero(second)
     for start in range(0, count, chunk):
         tick(start / count, "bootstrap of the discriminant")
         some = min(chunk, count - start)
-        again = _fit(scores, second, np.stack([_resampled(second, generator) for _ in range(some)]))
+        again = _fit(scores, second, np.stack([_resampled(groups, generator) for _ in range(some)]))
         drawn[start : start + some] = again.direction * again.separation[:, None]
     return drawn
 
 
-def _resampled(second: BoolArray, generator: np.random.Generator) -> FloatArray:
+def _resampled(groups: Sequence[IntArray], generator: np.random.Generator) -> FloatArray:
     """Draw subjects with replacement within each group, two different ones at least; how often each (M,)."""
-    often = np.zeros(len(second))
-    for members in (np.flatnonzero(~second), np.flatnonzero(second)):
-        drawn = generator.choice(members, len(members))
+    often = np.zeros(sum(map(len, groups)))
+    for members in groups:
+        drawn = generator.integers(len(members), size=len(members))
         while (drawn == drawn[0]).all():
-            drawn = generator.choice(members, len(members))
-        often += np.bincount(drawn, minlength=len(second))
+            drawn = generator.integers(len(members), size=len(members))
+        often[members] = np.bincount(drawn, minlength=len(members))
     return often
 
 
@@ -382,12 +385,15 @@ def _held_out(
 
 
 def _rates(held_out: FloatArray, second: BoolArray) -> FloatArray:
-    """Return balanced accuracy and area under the curve (R, 2) of cross-validated scores (R, M)."""
-    own_side = (held_out > 0.0) == second
-    pairs = list(zip(held_out, own_side, second, strict=True))
-    accuracy = [(own[labels].mean() + own[~labels].mean()) / 2.0 for _, own, labels in pairs]
-    area = [shares_below(scores[labels], scores[~labels]).mean() for scores, _, labels in pairs]
-    return np.column_stack([accuracy, area])
+    """Return balanced accuracy and area under the curve (R, 2) of cross-validated scores (R, M).
+
+    All rows have as many subjects in each group. The area follows from the ranks (Mann and Whitney 1947).
+    """
+    high, low = (held_out[labels].reshape(len(held_out), -1) for labels in (second, ~second))
+    accuracy = ((high > 0.0).mean(axis=1) + (low <= 0.0).mean(axis=1)) / 2.0
+    count = high.shape[1]
+    ranks = rankdata(np.concatenate([high, low], axis=1), axis=1)[:, :count].sum(axis=1)
+    return np.column_stack([accuracy, (ranks - count * (count + 1) / 2.0) / (count * low.shape[1])])
 
 
 def _stratified(second: BoolArray, folds: int, generator: np.random.Generator) -> IntArray:

@@ -11,7 +11,7 @@ import pytest
 
 pytestmark = pytest.mark.window
 
-_EACH = 4
+_EACH = 3
 
 
 @pytest.fixture(scope="session")
@@ -28,7 +28,7 @@ def ventricles(data, run, tmp_path_factory):
         for row in [one for one in rows if one["group"] == group][:_EACH]
     ]
     cohort = Cohort(tuple(subjects), folder)
-    return run(tmp_path_factory.mktemp("ventricles") / "lv", cohort, mesh_edge=5.0)
+    return run(tmp_path_factory.mktemp("ventricles") / "lv", cohort, mesh_edge=5.0, spacing=2.0)
 
 
 @pytest.fixture
