@@ -1,5 +1,6 @@
 """What all tests share: the real cohorts, and the rules for tests that need Qt or open windows."""
 
+import gc
 import os
 import secrets
 import shutil
@@ -89,7 +90,8 @@ def pytest_configure(config):
     """Hide GPUs, as most tests compare to the last digit, which the CPU alone repeats: not with -m cuda."""
     if config.option.markexpr != "cuda":
         os.environ["CUDA_VISIBLE_DEVICES"] = ""
-    # Before pytest-xdist starts its processes, which inherit it.
+    # Before pytest-xdist starts its processes, which inherit it; each of them has its core.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("HOMOLOG_ANATOMY_SEED", str(secrets.randbelow(10**6)))
     if shutil.which("Xvfb") and (hasattr(config, "workerinput") or not _has_display()):
         config.add_cleanup(_open_display())
@@ -116,6 +118,12 @@ def _open_display():
         server.wait()
 
     return close
+
+
+def pytest_collection_finish():
+    """Exempt modules and tests from garbage collection: each run collects, as the tests of windows do."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(optionalhook=True)

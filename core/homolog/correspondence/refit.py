@@ -24,6 +24,7 @@ from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.threads import on_one_thread
 
 __all__ = ["carry_particles", "initialize_fit", "repair"]
 
@@ -135,6 +136,7 @@ def initialize_fit(
     return InitialParticles(images.points(start), np.repeat(~known[:, None], local.shape[1], axis=1))
 
 
+@on_one_thread
 def carry_particles(
     source: tuple[TriangleMesh, TriangleMesh],
     particles: FloatArray,

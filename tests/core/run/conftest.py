@@ -28,6 +28,7 @@ def project(ellipsoids, tmp_path):
 def groomed(finished, project):
     """Return the project, with nothing in it but the groomed ellipsoids."""
     shutil.copytree(finished.groomed, project.groomed)
+    shutil.copy(finished.registrations, project.registrations)
     return project
 
 

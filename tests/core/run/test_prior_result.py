@@ -1,10 +1,13 @@
 """Runs that start from a finished result: more particles, and new subjects fitted to it."""
 
+import shutil
+
 import numpy as np
 import pytest
 
 from homolog.cohort import Cohort, read_cohort
 from homolog.errors import InputError
+from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result, read_surfaces
 from homolog.run import FinishReason, Phase, Run, adds_particles
 
@@ -20,11 +23,21 @@ def cohort(project):
     return read_cohort(project.folder.parent / "scans")
 
 
+@pytest.fixture(scope="module")
+def finished_of_three(finished_run, ellipsoids, short_settings, tmp_path_factory):
+    """Return a project with a result of all ellipsoids but the last; not to be written to."""
+    project = ProjectFolder(tmp_path_factory.mktemp("three") / "project")
+    shutil.copytree(finished_run.groomed, project.groomed)
+    cohort = read_cohort(ellipsoids)
+    Run(project, Cohort(cohort.subjects[:3], cohort.folder), short_settings).execute()
+    return project
+
+
 @pytest.fixture
-def of_three(groomed, cohort, settings):
-    """Return the project with a result of all ellipsoids but the last."""
-    Run(groomed, Cohort(cohort.subjects[:3], cohort.folder), settings).execute()
-    return groomed
+def of_three(finished_of_three, project):
+    """Return a copy of that project."""
+    shutil.copytree(finished_of_three.folder, project.folder)
+    return project
 
 
 def on_surfaces(project):

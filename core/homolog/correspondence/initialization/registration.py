@@ -25,7 +25,7 @@ from homolog.geometry import farthest_point_sampling, inverse_matrices, transfor
 from homolog.progress import Tick, no_tick, part_of, run_in_background, run_in_threads
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import edges
-from homolog.threads import in_threads
+from homolog.threads import in_threads, on_one_thread
 
 __all__ = [
     "InitialRegistration",
@@ -96,6 +96,7 @@ class Registration:
     incidence: csr_array  # (n, F) which of the faces meet at a control point
 
     @classmethod
+    @on_one_thread
     def of(cls, source: TriangleMesh) -> Self:
         """Choose the control points and factorize their maps."""
         control = farthest_point_sampling(source.vertices, min(N_CONTROL_POINTS, len(source.vertices)))
@@ -188,6 +189,7 @@ class InitialRegistration:
             lambda _: Registration.of(source), part_of(tick, 1.0, 1.0), "first particles"
         )
 
+    @on_one_thread
     def particles(self, poses: FloatArray, tick: Tick = no_tick) -> FloatArray:
         """Return the particles (M, count, 3) on the meshes, or nearly.
 
