@@ -172,16 +172,9 @@ def discriminant(
     rounds = np.concatenate([_held_out(reduced, *own, each[None], modes) for each in fold_of])
     accuracy, auc = (float(item) for item in _rates(rounds, np.tile(second, (repeats, 1))).mean(axis=0))
     # A permutation test holds for any statistic: its rounds can do with the leading modes.
-    rates = _permuted_rates(
-        reduced[:, : modes + _FURTHER_OF_P],
-        second,
-        extra,
-        modes,
-        folds,
-        permutations,
-        generator,
-        part_of(tick, 0.6, 1.0),
-    )
+    tick_of_p = part_of(tick, 0.6, 1.0)
+    some = reduced[:, : modes + _FURTHER_OF_P]
+    rates = _permuted_rates(some, second, extra, modes, folds, permutations, generator, tick_of_p)
     p = [
         float(permutation_p_value(item, column)) if permutations else None
         for item, column in zip(rates[0], rates[1:].T, strict=True)
