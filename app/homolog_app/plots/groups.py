@@ -10,9 +10,9 @@ from matplotlib.lines import Line2D
 
 from homolog.arrays import BoolArray, FloatArray
 from homolog_app.plots.model import draw_scores
-from homolog_app.plots.style import FONT_PT, LINE_PT, TICK_PT, dress, group_style, letters, shortened
+from homolog_app.plots.style import FONT_PT, LINE_PT, TICK_PT, dress, group_style, letters
 from homolog_app.rendering.scheme import Colours
-from homolog_app.rendering.text import legible
+from homolog_app.rendering.text import legible, shortened
 
 if TYPE_CHECKING:
     from homolog.patient import PatientComparison, Percentile, Reference
@@ -142,6 +142,7 @@ def draw_boxes(
         ),
         [""] * len(parts),
     )
+    room = letters(axes, 0.52 * axes.bbox.width / len(parts))
     names = [shortened(legible(name), room) for name in names]
     axes.set_xticks(range(len(parts)), map("\n".join, zip(names, below, strict=True)))
     axes.set_xlim(-0.6, len(parts) - 0.4)

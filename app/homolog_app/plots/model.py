@@ -22,10 +22,9 @@ from homolog_app.plots.style import (
     legend_above,
     letters,
     points_in,
-    shortened,
 )
 from homolog_app.rendering.scheme import Colours
-from homolog_app.rendering.text import complete_text
+from homolog_app.rendering.text import complete_text, shortened
 
 __all__ = [
     "draw_energies", "draw_energy_curves", "draw_energy_frames", "draw_place", "draw_quality", "draw_scores",

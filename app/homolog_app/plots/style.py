@@ -7,10 +7,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from homolog_app.rendering.scheme import Colours
+from homolog_app.rendering.text import shortened
 
 __all__ = [
     "DPI", "FONT_PT", "LETTER", "LINE_PT", "TICK_PT", "dress", "group_order", "group_style", "legend_above",
-    "letters", "new_figure", "points_in", "shortened",
+    "letters", "new_figure", "points_in",
 ]  # fmt: skip
 
 DPI = 96
@@ -39,14 +40,6 @@ def group_style(index: int, colours: Colours) -> tuple[str, str]:
     """Return the colour and the marker of a group by its place in `group_order`; no two look alike."""
     count = len(_MARKERS)
     return colours.groups[(index + index // count) % count], _MARKERS[index % count]
-
-
-def shortened(text: str, most: int) -> str:
-    """Return a text of at most so many letters; where it is longer, its middle is left out."""
-    if len(text) <= most:
-        return text
-    kept = max(most - 1, 2)
-    return f"{text[: kept - kept // 2]}…{text[len(text) - kept // 2 :]}"
 
 
 def dress(axes: Axes, colours: Colours, title: str = "", x_label: str = "", y_label: str = "") -> None:

@@ -28,6 +28,7 @@ __all__ = [
     "millilitres",
     "parse_number",
     "short",
+    "shortened",
     "signed",
     "tick_labels",
     "typeset",
@@ -165,6 +166,14 @@ def signed(value: float, digits: int = 2) -> str:
     """Return a number with its sign, a true minus and fixed digits: ``"+1.50"``, ``"0.00"``."""
     text = f"{value:+.{digits}f}"
     return text[1:] if float(text) == 0.0 else text.replace("-", "−")
+
+
+def shortened(text: str, most: int) -> str:
+    """Return a text of at most so many letters; where it is longer, its middle is left out."""
+    if len(text) <= most:
+        return text
+    kept = max(most - 1, 2)
+    return f"{text[: kept - kept // 2]}…{text[len(text) - kept // 2 :]}"
 
 
 def short(value: float) -> str:

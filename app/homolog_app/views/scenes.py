@@ -9,7 +9,7 @@ import numpy as np
 from homolog.arrays import Array, FloatArray
 from homolog_app.rendering.colours import ColourScale, displacement_scale, viridis
 from homolog_app.rendering.scene import Arrows
-from homolog_app.rendering.text import short, signed
+from homolog_app.rendering.text import short, shortened, signed
 from homolog_app.report.findings import LEVEL
 from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.contents import DisplayOptions, arrow_factor, model_content, untitled
@@ -133,6 +133,7 @@ GREY_WORDS = {
 }
 """What grey means on each map."""
 _GREY, _LEFT_OF_COLOUR = 150.0, 0.2
+_NAME = 24  # letters of a group's
 
 
 def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswer]") -> ViewContents:
@@ -162,7 +163,8 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
     factor = arrow_factor(first.shape, limit) if view.arrows else 0.0
     of = "" if first.values is None else f"{first.study.request.column} "
     kind = "Difference" if view.from_middle else "Outward difference"
-    parts = [f"{kind} from {of}{first.first} to {first.second}"]
+    ends = [shortened(name, _NAME) for name in (first.first, first.second)]
+    parts = [f"{kind} from {of}{ends[0]} to {ends[1]}"]
     parts += [f"arrows drawn {factor:g} × as long"] if factor > 1.0 else []
     parts += [f"adjusted for {', '.join(first.study.request.covariates)}"] * bool(
         first.study.request.covariates
@@ -220,9 +222,8 @@ def _mapped(
         return model_content(shape, title or "mean", note, answer.start, DisplayOptions(), alignment=placed)
     place = answer.at(view.way)
     slope = answer.values is not None
-    name = (
-        f"Effect of {answer.study.request.column}" if slope else f"{answer.second} − {answer.first}: {what}"
-    )
+    ends = [shortened(name, _NAME) for name in (answer.second, answer.first)]
+    name = f"Effect of {answer.study.request.column}" if slope else f"{ends[0]} − {ends[1]}: {what}"
     return model_content(
         shape, title or name, f"{name} · {place}" if title else place,
         _at(answer, chosen, view.way), look, values=chosen.outward, ways=chosen.ways,

@@ -27,7 +27,7 @@ from homolog_app.views.cell import VIEWS
 from homolog_app.window.actions import Actions
 from homolog_app.window.scene import Scene
 from homolog_app.window.slice_view import SliceView
-from homolog_app.window.theme import Theme, pixmap
+from homolog_app.window.theme import Theme, pixmap, scaled
 from homolog_app.window.widgets import GRID, PercentEdit, button, choice, label
 
 __all__ = ["ClipBar", "RangeDialog", "Stage", "ViewBar", "ViewFooter", "view_menu"]
@@ -74,13 +74,13 @@ class ViewBar(QFrame):
         self.opacity = QSlider(Qt.Orientation.Horizontal)
         self.opacity.setRange(10, 100)
         self.opacity.setValue(100)
-        self.opacity.setFixedWidth(56)
+        self.opacity.setFixedWidth(38)
         self.opacity.setToolTip("Opacity of the surfaces")
         self.opacity.setAccessibleName("Opacity of surfaces")
         self.opacity.valueChanged.connect(lambda value: self.opacity_changed.emit(value / 100.0))
         row.addWidget(self.opacity)
-        row.addSpacing(GRID // 2)
         self.percent = PercentEdit("Opacity of surfaces in percent", self.opacity)
+        self.percent.setFixedWidth(scaled(46))
         row.addWidget(self.percent)
         row.addWidget(label("%", "Unit"))
         row.addStretch()

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Iterable, Mapping
 
-from PySide6.QtCore import QEvent, QObject, Qt, Signal, Slot
-from PySide6.QtGui import QAction, QKeyEvent, QShowEvent
+from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal, Slot
+from PySide6.QtGui import QAction, QKeyEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractSpinBox,
     QComboBox,
@@ -160,6 +160,26 @@ def rule() -> QFrame:
     return result
 
 
+class _Body(QWidget):
+    """What scrolls in a panel: at least as high as its texts need at the present width."""
+
+    def __init__(self, body: QVBoxLayout) -> None:
+        super().__init__()
+        self._body = body
+        self.setLayout(body)
+
+    def minimumSizeHint(self) -> QSize:
+        """Return the least size; that of a layout by itself takes texts to be wider than they may be."""
+        least = super().minimumSizeHint()
+        return QSize(least.width(), max(least.height(), self._body.minimumHeightForWidth(self.width())))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Ask for another height where the width changes."""
+        super().resizeEvent(event)
+        if event.size().width() != event.oldSize().width():
+            self.updateGeometry()
+
+
 class Panel(QWidget):
     """One step's page in the inspector: title, one sentence, a body that scrolls, and the step's button."""
 
@@ -177,8 +197,7 @@ class Panel(QWidget):
         head.setSpacing(GRID // 2)
         head.addWidget(label(title, "PanelTitle"))
         head.addWidget(label(hint, "Hint", wrap=True))
-        inner = QWidget()
-        inner.setLayout(self.body)
+        inner = _Body(self.body)
         scroll = QScrollArea()
         scroll.setWidgetResizable(True)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QSlider, QVBoxLayout, QWidget
 
-from homolog_app.rendering.text import typeset
+from homolog_app.rendering.text import shortened, typeset
 from homolog_app.studies.answers import (
     Answers,
     answer_question,
@@ -48,6 +48,7 @@ __all__ = ["GroupsPage"]
 _MAPS = {"Mean difference": "difference", "Discriminant": "discriminant"}
 _LAYOUTS = {"The map": 1, "Group means and maps": 4}
 _WHOLE = 100
+_END = 14  # letters of a group's name beside the slider
 _SEEDS = 5
 
 
@@ -360,8 +361,10 @@ class GroupsPage(ExplorePage):
         if self.all is not None:
             line = ["homolog", "analyze", str(self.workspace.project.folder), *self.all.question.arguments]
             self.keep.setToolTip(f"Write its tables into the project, like: {shlex.join(line)}")
-        self.first.setText(answers[0].first if answers else "")
-        self.second.setText(answers[0].second if answers else "")
+        names = (answers[0].first, answers[0].second) if answers else ("", "")
+        for end, name in zip((self.first, self.second), names, strict=True):
+            end.setText(shortened(name, _END))
+            end.setToolTip(name)
         self.chart.show_answer(answers[0] if answers else None)
         self._update_texts()
         self._update_map()

@@ -47,7 +47,7 @@ __all__ = ["MeasurePage"]
 _REACH = 3.0
 _SAMPLES = 13
 _STEPS = 100
-_NUMBER_PX = 52
+_NUMBER_PX, _GROUP_PX = 46, 80
 _HEADS = ("Subject", "Group", "Dist.\n(mm)", "Vol.\n(ml)", "Area\n(cm²)", "Wall\n(mm)", "From\nmean")
 _PARTICLES = ("First particle", "Second particle")
 _MODEL, _NOTHING = "Shape along the mode", "Nothing"
@@ -107,7 +107,7 @@ class MeasurePage(ExplorePage):
         self.view.sortByColumn(0, Qt.SortOrder.AscendingOrder)
         self.view.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.view.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
-        for column in range(2, len(_HEADS)):
+        for column in range(1, len(_HEADS)):
             self.view.horizontalHeader().setSectionResizeMode(column, QHeaderView.ResizeMode.Fixed)
             self.view.horizontalHeader().resizeSection(column, scaled(_NUMBER_PX))
         particles = zip(_PARTICLES, self.particles, strict=True)
@@ -301,6 +301,8 @@ class MeasurePage(ExplorePage):
         groups = [group or "" for group in result.groups]
         rows = zip(result.names, groups, *(column.tolist() for column in columns), strict=True)
         self.table.show_rows(list(rows))
+        widest = max(self.view.sizeHintForColumn(1), self.view.horizontalHeader().sectionSizeHint(1))
+        self.view.setColumnWidth(1, min(widest, scaled(_GROUP_PX)))
         self.charts.show_measures(columns, groups, result.names)
 
     def choose_plots(self) -> None:

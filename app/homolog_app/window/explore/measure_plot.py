@@ -66,9 +66,8 @@ class MeasurePlot(Plot):
         """Draw the curve."""
         from homolog_app.plots import draw_measure
 
-        draw_measure(
-            figure.subplots(), self.positions, self.values, self.title, self._label, self.theme.colours
-        )
+        title = f"{self.title}\n "  # the value is in the second line: there may be little width
+        draw_measure(figure.subplots(), self.positions, self.values, title, self._label, self.theme.colours)
 
     def draw_moving(self, figure: "Figure") -> "Sequence[Artist]":
         """Draw the place, and the measure there."""
