@@ -115,8 +115,14 @@ def run_run(arguments: argparse.Namespace) -> int:
         skip_bad=arguments.skip_invalid,
     )
     with show_progress(arguments.progress) as progress, interrupt_cancels(job.cancel):
+        shown = ""
 
         def observe(status: "RunStatus") -> None:
+            nonlocal shown
+            if status.cluster not in ("", shown):
+                shown = status.cluster
+                progress.close()
+                sys.stderr.write(f"homolog: note: {shown}\n")
             progress.show(status.fraction, status.message, status.eta_s, status.phase)
             if arguments.figures and status.phase is Phase.MODELING:
                 _start_drawing()

@@ -142,7 +142,7 @@ class ModeStatistic:
             coordinates = self._modes_of(groups.values).T[:, :, None]
             self._welch = WelchStatistic(coordinates, np.array([float(n_modes)]), groups, design)
         elif groups is None and scaled and n_modes:
-            self._equalized = equalize_subjects(residuals, design)
+            self._equalized = equalize_subjects(residuals, design, variables=True)
             if self._equalized is not None:
                 self._equal_scores = self._modes_of(self._equalized.values)
 

@@ -115,7 +115,7 @@ class EqualizedSubjects:
     exponents : (q + d,) array
         Of nuisance and tested basis in the logarithm of the dispersion.
     mean_spread : float
-        As of `EqualizedGroups`.
+        As of `EqualizedGroups`; 0 along a variable.
     """
 
     values: FloatArray
@@ -134,7 +134,7 @@ class EqualizedSubjects:
 
     def random_mean(self, values: FloatArray, permuted: PermutedDesigns) -> FloatArray:
         """Return random means (c, k) to add to values (M, k), for those that the fit took from them."""
-        if permuted.signs is None:
+        if permuted.signs is None or not self.mean_spread:
             return np.zeros((len(permuted.tested), values.shape[1]))
         return _random_mean(self.mean_spread, permuted.signs, values)
 
@@ -148,8 +148,10 @@ class EqualizedSubjects:
         return whole
 
 
-def equalize_subjects(values: FloatArray, design: Design) -> EqualizedSubjects | None:
-    """Scale subjects to one dispersion; None for pairs.
+def equalize_subjects(
+    values: FloatArray, design: Design, *, variables: bool = False
+) -> EqualizedSubjects | None:
+    """Scale subjects to one dispersion; None for pairs, and for a variable unless that is asked for.
 
     Groups have the dispersion of their residuals. Along a variable its logarithm is a linear function.
 
@@ -159,8 +161,13 @@ def equalize_subjects(values: FloatArray, design: Design) -> EqualizedSubjects |
         Data with the nuisance columns regressed out.
     design : Design
         With the observed labels or values.
+    variables : bool
+        Whether to scale along a variable, which whole shapes need; of a single number the statistic by itself
+        holds its level.
     """
-    if design.exchange is Exchange.SIGNS:
+    kinds, of_kind = np.unique(design.given, axis=0, return_inverse=True)
+    of_groups = len(kinds) == design.given.shape[1] + 1
+    if design.exchange is Exchange.SIGNS or not (of_groups or variables):
         return None
     columns = design_columns(observed_design(design))[0]
     rest = values - columns @ (columns.T @ values)
@@ -168,9 +175,8 @@ def equalize_subjects(values: FloatArray, design: Design) -> EqualizedSubjects |
     squares = np.square(rest).sum(axis=1) / left
     if not squares.max() > 0.0:
         return None
-    kinds, of_kind = np.unique(design.given, axis=0, return_inverse=True)
     floor = _MIN_RESIDUAL_FRACTION * squares.max()
-    if len(kinds) == design.given.shape[1] + 1:  # groups
+    if of_groups:
         members = np.eye(len(kinds))[:, of_kind.reshape(-1)]
         variances = members.T @ (members @ squares / members.sum(axis=1))
         logarithms = 0.5 * np.log(np.maximum(variances, floor))
@@ -183,7 +189,8 @@ def equalize_subjects(values: FloatArray, design: Design) -> EqualizedSubjects |
     fitted = np.linalg.qr(design.nuisance / scale)[0]
     equal = values / scale
     equal -= fitted @ (fitted.T @ equal)
-    spread = float(np.linalg.norm(fitted.sum(axis=0))) / len(values)
+    # Along a variable the error of the fitted dispersions has already widened the null distribution.
+    spread = float(np.linalg.norm(fitted.sum(axis=0))) / len(values) if of_groups else 0.0
     return EqualizedSubjects(equal, columns.T @ logarithms, spread)
 
 

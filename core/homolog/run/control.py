@@ -75,6 +75,10 @@ class Control:
         self._shares = {phase: (1.0 - _FITS_SHARE) * share for phase, share in _SHARES.items()}
         self._shares[Phase.FITTING] = _FITS_SHARE
 
+    def work_on(self, cluster: str) -> None:
+        """Tell which cluster works on the subjects."""
+        self._notify(replace(self._status, cluster=cluster))
+
     def move_to(self, phase: Phase) -> None:
         """Go on to the next of the phases that are ticked as one."""
         self._close_phase()

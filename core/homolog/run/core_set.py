@@ -21,6 +21,7 @@ from homolog.cluster import SubjectWorkers
 from homolog.cohort import Cohort
 from homolog.correspondence import Shape
 from homolog.correspondence.ensemble import Ensemble, ShapeState, generalization_error, make_ensemble
+from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.poses import align_to_mean, entropy_step, generalized_procrustes
 from homolog.correspondence.shape_fit import first_particles, fit_shape, nearest_template, shape_state
 from homolog.correspondence.surface_sets import Similarity, length_unit, normalize_size, opening_scale
@@ -284,11 +285,12 @@ def joint_ensemble(
         Of the run that placed them.
     tick : Tick
     """
-    scaled = normalize_size(shapes) if settings.procrustes.takes_size_out else shapes
+    images = with_mirror_images(shapes)
+    scaled = normalize_size(images.shapes) if settings.procrustes.takes_size_out else images.shapes
     unit = length_unit(scaled)
     placements = np.stack([shape.alignment for shape in scaled])
     placements[:, :3] /= unit
-    points = transform_points(placements, local)
+    points = transform_points(placements, images.points(local))
     poses = np.tile(np.eye(4), (len(shapes), 1, 1))
     if settings.procrustes is not Procrustes.OFF:
         scaling, free = settings.procrustes.takes_size_out, np.full(len(shapes), True)
@@ -303,7 +305,9 @@ def joint_ensemble(
     ways = [Similarity(shape.alignment[:3, :3] / unit, shape.alignment[:3, 3] / unit) for shape in every]
     openings = opening_scale(every, ways, weight, part_of(tick, 0.0, 0.2))
     states: list[ShapeState] = []
-    for index, (shape, placement) in enumerate(zip(shapes, poses @ placements, strict=True)):
+    for index, (shape, placement) in enumerate(
+        zip(shapes, images.alignments(poses @ placements), strict=True)
+    ):
         tick(0.2 + 0.8 * index / len(shapes), f"normals of {shape.name}")
         states.append(
             shape_state(

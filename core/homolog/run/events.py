@@ -45,6 +45,8 @@ class RunStatus:
     paused : bool
     reason : FinishReason or None
         None while the run is in progress; then how it ended.
+    cluster : str
+        Addresses of the cluster that works on subjects and of its dashboard, while there is one.
     """
 
     phase: Phase = Phase.READING
@@ -53,6 +55,7 @@ class RunStatus:
     eta_s: float | None = None
     paused: bool = False
     reason: FinishReason | None = None
+    cluster: str = ""
 
 
 Observer = Callable[[RunStatus], None]

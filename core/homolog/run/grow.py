@@ -96,7 +96,7 @@ def grow(
     with SubjectWorkers(
         settings.workers or cores(),
         settings.cluster,
-        lambda line: control.enter(Phase.FITTING, f"fitting on {line}"),
+        control.work_on,
         in_process=in_process,
     ) as workers:
         local, aligned = fit_others(

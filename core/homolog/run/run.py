@@ -298,7 +298,7 @@ class Run:
             with subject_executor(
                 self._settings.workers or cores(),
                 self._settings.cluster,
-                lambda line: self._control.enter(Phase.GROOMING, f"grooming on {line}"),
+                self._control.work_on,
             ) as executor:
                 try:
                     groomed = groom_cohort(

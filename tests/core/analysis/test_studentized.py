@@ -73,7 +73,7 @@ def test_subjects_equalized_along_a_variable_have_one_dispersion():
     values = generator.uniform(-1.0, 1.0, size=300)
     rows = generator.normal(size=(300, 6)) * np.exp(values)[:, None]
     design = regression_design(values)
-    along = equalize_subjects(rows - rows.mean(axis=0), design)
+    along = equalize_subjects(rows - rows.mean(axis=0), design, variables=True)
     spread = np.linalg.norm(along.values, axis=1)
     assert spread[values > 0.5].mean() / spread[values < -0.5].mean() == pytest.approx(1.0, abs=0.1)
     (dispersions,) = along.dispersions(design_columns(observed_design(design)))

@@ -37,6 +37,13 @@ def test_the_fraction_never_falls_and_ends_at_one(control):
     assert list(dict.fromkeys(item.phase for item in control.heard)) == list(Phase)
 
 
+def test_the_cluster_is_told_until_the_end_of_the_work(control):
+    control.enter(Phase.GROOMING, "grooming")
+    control.work_on("tcp://here:1, dashboard http://here:2")
+    control.tick(0.5, "grooming a")
+    assert control.heard[-1].cluster == "tcp://here:1, dashboard http://here:2"
+
+
 def test_phases_ticked_as_one_share_their_part(control):
     control.enter(Phase.GEODESICS, "begin", until=Phase.OPTIMIZING)
     first = control.status.fraction

@@ -182,6 +182,17 @@ def test_a_new_left_subject_is_fitted_to_the_right_ones(grown, result):
     assert np.linalg.norm(fitted.world[5] - mean, axis=1).mean() < 3.0
 
 
+def test_a_core_set_may_be_of_both_sides(scans, both, result, tmp_path):
+    project = groomed(both, tmp_path / "p")
+    core = SETTINGS.model_copy(update={"optimize": SETTINGS.optimize.model_copy(update={"core_set": 4})})
+    Run(project, read_cohort(scans / "both"), core).execute()
+    found = read_result(project)
+    assert np.array_equal(np.linalg.det(found.alignments[:, :3, :3]) < 0.0, LEFT)
+    assert (found.local[LEFT, :, 0] < -20.0).all()
+    spread = [np.var(item.world, axis=0).sum() for item in (found, result)]
+    assert spread[0] == pytest.approx(spread[1], rel=0.3)
+
+
 def test_particles_are_added_to_mirrored_subjects(grown, scans):
     project, _ = grown
     more = SETTINGS.model_copy(update={"optimize": SETTINGS.optimize.model_copy(update={"particles": 48})})
