@@ -32,7 +32,7 @@ VIEWS = (
 def main(study: Path, folder: Path) -> None:
     """Draw the true effect next to the difference that Homolog finds between the groups."""
     project = hl.Project(folder)
-    found = hl.compare_groups(project.aligned, project.groups, ("healthy", "infarct"), alignment="rigid")
+    result = hl.compare_groups(project.aligned, project.groups, ("healthy", "infarct"), alignment="rigid")
     reference, affected = (
         hl.read_mesh(study / "truth" / f"{name}.ply") for name in ("reference", "affected")
     )
@@ -43,7 +43,7 @@ def main(study: Path, folder: Path) -> None:
     )
 
     healthy = project.aligned[[group == "healthy" for group in project.groups]].mean(axis=0)
-    mean, moved = (project.surface(healthy + share * found.pointwise.effect[0]) for share in (0.0, 1.0))
+    mean, moved = (project.surface(healthy + share * result.pointwise.effect[0]) for share in (0.0, 1.0))
     exact = exact_mean(study, project)
     upright, _ = Rotation.align_vectors(true[0].vertices, exact - exact.mean(axis=0))
     estimated = (
@@ -65,7 +65,7 @@ def exact_mean(study: Path, project: hl.Project) -> FloatArray:
     """Return the mean of the exact surfaces' corresponding vertices in the project's common frame [mm]."""
     exact = [hl.read_mesh(study / "truth" / f"{name}.ply").vertices for name in project.names]
     placed = [
-        points @ one[:3, :3].T + one[:3, 3] for points, one in zip(exact, project.alignments, strict=True)
+        points @ item[:3, :3].T + item[:3, 3] for points, item in zip(exact, project.alignments, strict=True)
     ]
     return np.asarray(np.mean(placed, axis=0))
 

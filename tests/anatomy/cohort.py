@@ -116,10 +116,10 @@ def _places(mesh: TriangleMesh, points: _Points) -> tuple[np.ndarray, np.ndarray
         np.full(len(points), np.inf),
     )
     for faces in candidates.T:
-        found = _barycentric(corners[faces], points)
-        off = np.linalg.norm((corners[faces] * found[:, :, None]).sum(axis=1) - points, axis=1)
+        result = _barycentric(corners[faces], points)
+        off = np.linalg.norm((corners[faces] * result[:, :, None]).sum(axis=1) - points, axis=1)
         closer = off < distance
-        best[closer], weights[closer], distance[closer] = faces[closer], found[closer], off[closer]
+        best[closer], weights[closer], distance[closer] = faces[closer], result[closer], off[closer]
     return best, weights
 
 
@@ -131,10 +131,10 @@ def _barycentric(triangles: np.ndarray, points: _Points) -> np.ndarray:
         (item * other).sum(axis=1) for item, other in ((u, u), (u, v), (v, v), (w, u), (w, v))
     )
     scale = np.maximum(uu * vv - uv * uv, 1e-30)
-    found = np.stack([np.zeros(len(a)), (vv * wu - uv * wv) / scale, (uu * wv - uv * wu) / scale], axis=1)
-    found[:, 0] = 1.0 - found[:, 1] - found[:, 2]
-    found = np.clip(found, 0.0, None)
-    return found / found.sum(axis=1, keepdims=True)
+    result = np.stack([np.zeros(len(a)), (vv * wu - uv * wv) / scale, (uu * wv - uv * wu) / scale], axis=1)
+    result[:, 0] = 1.0 - result[:, 1] - result[:, 2]
+    result = np.clip(result, 0.0, None)
+    return result / result.sum(axis=1, keepdims=True)
 
 
 def _mesh_of(values: np.ndarray, box: _Points) -> TriangleMesh:

@@ -108,13 +108,13 @@ def attempt(
         spacing=None if nodes is None else min(size / nodes, 100.0),
     )
     began = time.process_time()
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     try:
         with _no_longer_than(SLOWEST_S):
             groomed = groom_subject(Subject("random", path), settings)
         faults = _faults(groomed)
         outcome, reason = ("bad", "; ".join(faults)) if faults else ("groomed", "")
-        found = {
+        result = {
             "vertices": len(groomed.mesh.vertices),
             "coarse_vertices": len(groomed.coarse_mesh.vertices),
             "genus": groomed.report.genus,
@@ -129,7 +129,7 @@ def attempt(
         place = traceback.extract_tb(error.__traceback__)[-1]
         reason = f"{type(error).__name__} in {Path(place.filename).name}:{place.name}: {error}"
         outcome = "bad"
-    return Trial(kind, family, seed, outcome, reason, time.process_time() - began, **found)
+    return Trial(kind, family, seed, outcome, reason, time.process_time() - began, **result)
 
 
 def _faults(groomed: GroomedSubject) -> list[str]:

@@ -36,10 +36,10 @@ def test_without_a_display_the_window_is_refused_with_a_hint(monkeypatch, capsys
     assert "homolog --help" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("words", [["nothing"], ["info"], ["run", "--particles"]])
-def test_a_wrong_use_ends_with_two_and_a_hint(words, capsys):
+@pytest.mark.parametrize("options", [["nothing"], ["info"], ["run", "--particles"]])
+def test_a_wrong_use_ends_with_two_and_a_hint(options, capsys):
     with pytest.raises(SystemExit, match="2"):
-        main(words)
+        main(options)
     assert "usage: homolog" in capsys.readouterr().err
 
 

@@ -59,8 +59,8 @@ def scans(tmp_path_factory):
 def finished(scans, tmp_path_factory):
     """Return the exit code and the folder of a batch of all structures; not to be written to."""
     out = tmp_path_factory.mktemp("batch") / "out"
-    words = ["batch", str(scans), "--labels", "all", "--out", str(out), *QUICK, *QUIET]
-    return main(words), out
+    arguments = ["batch", str(scans), "--labels", "all", "--out", str(out), *QUICK, *QUIET]
+    return main(arguments), out
 
 
 def test_labels_lists_names_numbers_subjects_volumes_and_the_border(scans, capsys):
@@ -71,13 +71,13 @@ def test_labels_lists_names_numbers_subjects_volumes_and_the_border(scans, capsy
     assert rows["Rare"] == ["3", "2/4", "0.064", "0.064", "0.064", "-"]
     assert (rows["Round_Body"][:2], rows["Round_Body"][-1]) == (["2", "4/4"], "1")
     assert main(["labels", str(scans), "--progress", "none", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["structures"]
-    assert [item["at_border"] for item in found] == [[], ["d"], [], ["a", "b", "c", "d"]]
+    result = json.loads(capsys.readouterr().out)["structures"]
+    assert [item["at_border"] for item in result] == [[], ["d"], [], ["a", "b", "c", "d"]]
 
 
 def test_run_takes_a_structure_by_name(scans, tmp_path):
-    words = ["run", str(scans), "--label", "oval-left", "--out", str(tmp_path / "p"), *QUICK, *QUIET]
-    assert main(words) == 0
+    arguments = ["run", str(scans), "--label", "oval-left", "--out", str(tmp_path / "p"), *QUICK, *QUIET]
+    assert main(arguments) == 0
     record = ProjectFolder(tmp_path / "p").read()
     assert (record.settings.groom.label, record.settings.groom.segment) == (None, "oval-left")
     assert len(record.result.subjects) == 4
@@ -111,8 +111,8 @@ def test_a_new_subject_with_a_mask_for_each_structure_is_fitted_by_its_folder(tm
         for structure, values in (("liver", wider), ("spleen", mask)):
             SimpleITK.WriteImage(SimpleITK.GetImageFromArray(values), place / f"{structure}.nii.gz")
     project, new = tmp_path / "p", tmp_path / "later" / "new"
-    words = ["run", str(tmp_path / "scans"), "--label", "LIVER", "--out", str(project)]
-    assert main([*words, *QUICK, *QUIET]) == 0
+    arguments = ["run", str(tmp_path / "scans"), "--label", "LIVER", "--out", str(project)]
+    assert main([*arguments, *QUICK, *QUIET]) == 0
     assert main(["run", str(project), "--fit", str(new), *QUIET]) == 0
     assert [subject.name for subject in ProjectFolder(project).read().result.subjects] == [
         "a",
@@ -138,7 +138,7 @@ def test_structures_in_one_folder_are_run_by_name_and_listed_without(tmp_path, c
     assert "liver (3), spleen (3)" in message
     assert f"homolog run {tmp_path} --label liver" in message
     assert main(["run", str(tmp_path), "--label", "liver", "--out", str(out), *QUIET, *QUICK]) == 0
-    assert [one.name for one in ProjectFolder(out).read().result.subjects] == ["p1", "p2", "p3"]
+    assert [subject.name for subject in ProjectFolder(out).read().result.subjects] == ["p1", "p2", "p3"]
 
 
 def test_a_batch_makes_a_project_for_each_structure_and_goes_on_past_those_that_fail(finished):
@@ -157,14 +157,14 @@ def test_a_batch_makes_a_project_for_each_structure_and_goes_on_past_those_that_
 def test_the_index_lists_structures_and_what_is_to_be_said_of_subjects(finished):
     _, out = finished
     page = (out / "index.html").read_text(encoding="utf-8")
-    for words in (
+    for text in (
         'href="Left-Oval/"',
         "<td>absent</td>",
         "may be cut off",
         "2 pieces, the largest kept",
         "Tiny",
     ):
-        assert words in page
+        assert text in page
     assert "converged</td>" in page
     table = (out / "volumes.csv").read_text().splitlines()
     assert table[0] == "name,Left-Oval [ml],Round_Body [ml],Rare [ml],Tiny [ml]"
@@ -173,22 +173,22 @@ def test_the_index_lists_structures_and_what_is_to_be_said_of_subjects(finished)
 
 def test_a_batch_that_is_run_again_keeps_what_is_finished(finished, scans, tmp_path, capsys):
     out = shutil.copytree(finished[1], tmp_path / "out")
-    words = ["batch", str(scans), "--out", str(out), *QUICK, *QUIET]
+    arguments = ["batch", str(scans), "--out", str(out), *QUICK, *QUIET]
     before = (out / "Left-Oval" / "project.json").stat().st_mtime_ns
-    assert main([*words, "--labels", "left oval,round body"]) == 0
+    assert main([*arguments, "--labels", "left oval,round body"]) == 0
     assert "Left-Oval: finished before" in capsys.readouterr().out
     assert (out / "Left-Oval" / "project.json").stat().st_mtime_ns == before
-    assert main([*words, "--labels", "left oval", "--seed", "3"]) == 0
+    assert main([*arguments, "--labels", "left oval", "--seed", "3"]) == 0
     assert ProjectFolder(out / "Left-Oval").read().result.settings.optimize.seed == 3
     assert set(json.loads((out / "batch.json").read_text())["structures"]) >= {"Left-Oval", "Round_Body"}
 
 
 def test_a_batch_that_is_cancelled_goes_on_where_it_was(scans, tmp_path):
     out = tmp_path / "out"
-    words = ["batch", str(scans), "--labels", "left oval,round body", "--out", str(out), "--no-figures"]
-    words += [*QUICK, "--device", "cpu", "--workers", "1"]
+    arguments = ["batch", str(scans), "--labels", "left oval,round body", "--out", str(out), "--no-figures"]
+    arguments += [*QUICK, "--device", "cpu", "--workers", "1"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "homolog_app", *words, "--progress", "json"],
+        [sys.executable, "-m", "homolog_app", *arguments, "--progress", "json"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -201,7 +201,7 @@ def test_a_batch_that_is_cancelled_goes_on_where_it_was(scans, tmp_path):
     _, said = process.communicate(timeout=60)
     assert (process.returncode, "same command" in said, "Traceback" in said) == (130, True, False)
     first = (out / "Left-Oval" / "project.json").stat().st_mtime_ns
-    assert main([*words, "--progress", "none"]) == 0
+    assert main([*arguments, "--progress", "none"]) == 0
     assert (out / "Left-Oval" / "project.json").stat().st_mtime_ns == first
     assert ProjectFolder(out / "Round_Body").read().result is not None
 

@@ -14,8 +14,8 @@ def test_beans_are_written_and_their_moments_told(tmp_path, capsys):
     assert "3 wide beans, seed 5" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("words", [["--shapes", "1"], ["--seed", "-2"]])
-def test_impossible_cohorts_are_refused_before_anything_is_written(tmp_path, capsys, words):
-    assert main(["beans", str(tmp_path / "cohort"), *words]) == 2
-    assert f"homolog: {words[0]} {words[1]}: must be" in capsys.readouterr().err
+@pytest.mark.parametrize("options", [["--shapes", "1"], ["--seed", "-2"]])
+def test_impossible_cohorts_are_refused_before_anything_is_written(tmp_path, capsys, options):
+    assert main(["beans", str(tmp_path / "cohort"), *options]) == 2
+    assert f"homolog: {options[0]} {options[1]}: must be" in capsys.readouterr().err
     assert not (tmp_path / "cohort").exists()

@@ -71,16 +71,16 @@ def test_repairing_puts_the_exchange_right_and_keeps_the_plan_of_the_next_run(sw
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         (["--out", "list.txt"], ".csv or .json"),
         (["--repair", "-1"], "--repair"),
         (["--min-severity", "nan"], "--min-severity"),
     ],
 )
-def test_wrong_options_are_refused_before_any_work(swapped, capsys, options, words):
+def test_wrong_options_are_refused_before_any_work(swapped, capsys, options, message):
     assert main(["check", str(swapped.folder), *options]) == INPUT_ERROR
-    assert words in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_a_project_without_result_is_refused(tmp_path, capsys):

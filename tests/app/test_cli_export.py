@@ -72,8 +72,8 @@ _LENGTHS = [0.9, 1.1, 0.93, 1.15, 0.88, 1.08, 0.95, 1.12, 0.91, 1.05, 0.97, 1.16
 def export(project, tmp_path, capsys):
     """Return a function that exports to a name in an empty folder; it returns exit code, path and words."""
 
-    def exported(what, name, *words):
-        code = main(["export", what, str(project.folder), "--out", str(tmp_path / "out" / name), *words])
+    def exported(what, name, *options):
+        code = main(["export", what, str(project.folder), "--out", str(tmp_path / "out" / name), *options])
         return code, tmp_path / "out" / name, capsys.readouterr().err
 
     return exported
@@ -85,10 +85,10 @@ def rows(path):
 
 
 @pytest.mark.parametrize(
-    "words", [["--mode", "1"], ["--group", "group", "short", "long"], ["--turntable"], ["--mode", "1", "2"]]
+    "options", [["--mode", "1"], ["--group", "group", "short", "long"], ["--turntable"], ["--mode", "1", "2"]]
 )
-def test_a_film_moves_and_lies_whole_within_its_borders(export, decode, words):
-    code, path, _ = export("film", "film.mp4", *words, "--fps", "10", "--seconds", "1", *SMALL)
+def test_a_film_moves_and_lies_whole_within_its_borders(export, decode, options):
+    code, path, _ = export("film", "film.mp4", *options, "--fps", "10", "--seconds", "1", *SMALL)
     assert code == 0
     facts, frames = decode(path)
     assert frames.shape == (10, 320, 480, 3)
@@ -109,7 +109,7 @@ def test_a_still_at_the_end_of_a_mode_is_that_frame_of_the_film(export):
 
 
 @pytest.mark.parametrize(
-    ("what", "name", "words", "message"),
+    ("what", "name", "options", "message"),
     [
         ("film", "film.mp4", [], "--mode K"),
         ("film", "film.avi", ["--mode", "1"], ".mp4 or .gif"),
@@ -127,8 +127,8 @@ def test_a_still_at_the_end_of_a_mode_is_that_frame_of_the_film(export):
         ("meshes", "meshes", ["--format", "dae"], "--format dae"),
     ],
 )  # fmt: skip
-def test_what_can_not_be_exported_is_refused_and_leaves_nothing(export, what, name, words, message):
-    code, path, said = export(what, name, *words, "--progress", "none")
+def test_what_can_not_be_exported_is_refused_and_leaves_nothing(export, what, name, options, message):
+    code, path, said = export(what, name, *options, "--progress", "none")
     assert code == 2
     assert message in said
     assert not path.parent.exists() or not list(path.parent.iterdir())
@@ -138,16 +138,16 @@ def test_what_can_not_be_exported_is_refused_and_leaves_nothing(export, what, na
 def test_a_project_without_a_result_is_refused(tmp_path, capsys, what, project):
     empty = type(project)(tmp_path / "empty")
     empty.write(ProjectRecord())
-    words = ["--mode", "1"] if what == "film" else []
+    arguments = ["--mode", "1"] if what == "film" else []
     out = f"--out={tmp_path / 'out.mp4' if what == 'film' else tmp_path / 'out'}"
-    assert main(["export", what, str(empty.folder), *words, out, "--progress", "none"]) == 2
+    assert main(["export", what, str(empty.folder), *arguments, out, "--progress", "none"]) == 2
     assert "has no result yet" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("suffix", ["vtp", "ply", "stl", "glb"])
 def test_meshes_are_the_projects_own_surfaces_with_displacement(export, project, suffix):
-    words = ["--modes", "1", "--subjects", "--group", "group", "short", "long", "--format", suffix]
-    code, folder, said = export("meshes", "meshes", *words, *QUICK)
+    arguments = ["--modes", "1", "--subjects", "--group", "group", "short", "long", "--format", suffix]
+    code, folder, said = export("meshes", "meshes", *arguments, *QUICK)
     assert code == 0, said
     listed = {row["file"]: row for row in rows(folder / "meshes.csv")}
     assert set(listed) == {item.name for item in folder.iterdir()} - {"meshes.csv"}
@@ -158,11 +158,11 @@ def test_meshes_are_the_projects_own_surfaces_with_displacement(export, project,
     for name, vertices in wanted.items():
         path = folder / f"{name}.{suffix}"
         if suffix == "glb":
-            (found,) = trimesh.load(path, process=False).geometry.values()
+            (actual,) = trimesh.load(path, process=False).geometry.values()
         else:
-            found = read_mesh(path)
-        assert len(found.vertices) == len(vertices)
-        ends = [found.vertices.min(axis=0), found.vertices.max(axis=0)]
+            actual = read_mesh(path)
+        assert len(actual.vertices) == len(vertices)
+        ends = [actual.vertices.min(axis=0), actual.vertices.max(axis=0)]
         np.testing.assert_allclose(ends, [vertices.min(axis=0), vertices.max(axis=0)], atol=1e-4)
     held = {"mode_01_plus_2sd": "displacement_mm", "group_long_mean": "p_fwe"}
     for name, value in held.items():
@@ -237,8 +237,10 @@ def test_tables_hold_scores_modes_measures_and_a_study(export, project):
 
 @pytest.mark.parametrize("kind", ["scree", "scores", "quality", "energies", "modes", "difference"])
 def test_plots_are_vector_graphics_and_always_the_same(export, kind):
-    words = ["--group", "group", "short", "long", *QUICK] if kind == "difference" else ["--progress", "none"]
-    paths = [export("plot", name, "--kind", kind, *words)[1] for name in ("a.svg", "b.svg")]
+    arguments = (
+        ["--group", "group", "short", "long", *QUICK] if kind == "difference" else ["--progress", "none"]
+    )
+    paths = [export("plot", name, "--kind", kind, *arguments)[1] for name in ("a.svg", "b.svg")]
     assert ElementTree.parse(paths[0]).getroot().tag.endswith("svg")
     assert paths[0].read_bytes() == paths[1].read_bytes()
 
@@ -278,9 +280,19 @@ def test_a_folder_that_holds_anything_is_not_written_to(export, tmp_path):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="processes can't be asked to end there")
 def test_an_export_that_is_told_to_end_leaves_nothing(project, tmp_path):
-    words = ["export", "film", str(project.folder), "--mode", "1", "--seconds", "600", "--progress", "json"]
+    arguments = [
+        "export",
+        "film",
+        str(project.folder),
+        "--mode",
+        "1",
+        "--seconds",
+        "600",
+        "--progress",
+        "json",
+    ]
     out = tmp_path / "film.mp4"
-    command = [sys.executable, "-m", "homolog_app", *words, *SMALL[:4], "--out", str(out)]
+    command = [sys.executable, "-m", "homolog_app", *arguments, *SMALL[:4], "--out", str(out)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         for line in process.stdout:
             if json.loads(line)["message"].startswith("frame 3"):
@@ -295,7 +307,7 @@ def test_an_export_that_is_told_to_end_leaves_nothing(project, tmp_path):
 
 
 def test_the_help_of_every_kind_names_its_options(capsys):
-    for what, words in (
+    for what, options in (
         ("film", "--turntable"),
         ("still", "--transparent"),
         ("meshes", "--format"),
@@ -304,5 +316,5 @@ def test_the_help_of_every_kind_names_its_options(capsys):
         with pytest.raises(SystemExit):
             main(["export", what, "--help"])
         said = capsys.readouterr().out
-        assert words in said
+        assert options in said
         assert "--out" in said

@@ -21,19 +21,19 @@ def test_the_matrix_is_written_and_its_size_told(octahedron, tmp_path, capsys):
     )
     matrix = scipy.sparse.load_npz(out)
     assert sorted(matrix.data) == pytest.approx([0.0] * 6 + [2**0.5] * 24, rel=1e-4)
-    told = capsys.readouterr().err
-    assert "6 vertices, mean edge 1.41 mm" in told
-    assert "30 distances in" in told
+    output = capsys.readouterr().err
+    assert "6 vertices, mean edge 1.41 mm" in output
+    assert "30 distances in" in output
 
 
 def test_verifying_prints_the_errors(octahedron, capsys):
-    words = ["--d-max", "inf", "--verify", "6", "--progress", "none"]
-    assert main(["geodesics", str(octahedron), *words]) == 0
+    arguments = ["--d-max", "inf", "--verify", "6", "--progress", "none"]
+    assert main(["geodesics", str(octahedron), *arguments]) == 0
     assert "30 pairs of 6 sources" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
-    ("words", "complaint"),
+    ("options", "complaint"),
     [
         (["--d-max", "0"], "octahedron.ply: d_max is 0.0"),
         (["--d-max", "nan"], "octahedron.ply: d_max is nan"),
@@ -43,8 +43,8 @@ def test_verifying_prints_the_errors(octahedron, capsys):
         (["--d-max", "1", "--memory-limit", "0"], "above the limit of 0 GB"),
     ],
 )
-def test_what_cannot_be_done_is_refused(octahedron, capsys, words, complaint):
-    assert main(["geodesics", str(octahedron), *words]) == 2
+def test_what_cannot_be_done_is_refused(octahedron, capsys, options, complaint):
+    assert main(["geodesics", str(octahedron), *options]) == 2
     assert complaint in capsys.readouterr().err
 
 
@@ -53,6 +53,6 @@ def test_full_memory_is_told_with_a_remedy(octahedron, capsys, monkeypatch):
         raise RuntimeError("Failed to allocate 123 bytes on device 'cpu'")
 
     monkeypatch.setattr("homolog.geodesics.solve_plan", full)
-    words = ["--d-max", "1.5", "--device", "cpu", "--progress", "none"]
-    assert main(["geodesics", str(octahedron), *words]) != 0
+    arguments = ["--d-max", "1.5", "--device", "cpu", "--progress", "none"]
+    assert main(["geodesics", str(octahedron), *arguments]) != 0
     assert "has too little memory" in capsys.readouterr().err

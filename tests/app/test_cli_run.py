@@ -35,9 +35,9 @@ def begin(project):
     started = []
 
     def make():
-        words = ["run", str(project.folder), *LONG, "--progress", "json"]
+        arguments = ["run", str(project.folder), *LONG, "--progress", "json"]
         process = subprocess.Popen(
-            [sys.executable, "-m", "homolog_app", *words],
+            [sys.executable, "-m", "homolog_app", *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -56,8 +56,17 @@ def begin(project):
 
 
 def test_a_project_runs_again_with_other_settings_and_gets_pictures(project, capsys):
-    words = ["run", str(project.folder), "--particles", "24", "--method", "euclidean", "--progress", "json"]
-    assert main(words) == 0
+    arguments = [
+        "run",
+        str(project.folder),
+        "--particles",
+        "24",
+        "--method",
+        "euclidean",
+        "--progress",
+        "json",
+    ]
+    assert main(arguments) == 0
     *records, last = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert {"phase", "fraction", "message", "eta_s"} == set(records[0])
     assert [item["fraction"] for item in records if item["phase"]][-1] == 1.0
@@ -106,7 +115,7 @@ def test_a_killed_run_goes_on_and_ends_as_if_it_had_not_been_killed(begin, proje
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("options", "message"),
     [
         (["{scans}"], "--out PROJECT"),
         (["{scans}", "--out", "{scans}"], "contains other files"),
@@ -117,9 +126,9 @@ def test_a_killed_run_goes_on_and_ends_as_if_it_had_not_been_killed(begin, proje
         (["{scans}", "--out", "{scans}/a.nrrd/project", "--device", "cpu"], "can't be written"),
     ],
 )
-def test_wrong_uses_end_with_two_and_a_line_and_write_nothing(ellipsoids, tmp_path, capsys, words, message):
+def test_wrong_uses_end_with_two_and_a_line_and_write_nothing(ellipsoids, tmp_path, capsys, options, message):
     places = {"scans": ellipsoids, "new": tmp_path / "new"}
-    assert main(["run", *(word.format(**places) for word in words)]) == 2
+    assert main(["run", *(word.format(**places) for word in options)]) == 2
     said = capsys.readouterr().err
     assert message in said
     assert "Traceback" not in said
@@ -172,8 +181,17 @@ def test_each_bad_file_gets_a_line_with_its_name_and_nothing_is_written(mixed, t
 
 def test_bad_files_can_be_left_out_and_what_grooming_changed_is_told(mixed, project, capsys):
     grooming = ["--alignment", "center", "--mesh-edge", "2", "--device", "cpu"]
-    words = ["--particles", "16", "--split-iterations", "5", "--anneal-iterations", "5", *grooming, *QUIET]
-    assert main(["run", str(mixed), "--out", str(project.folder), *words, "--skip-invalid"]) == 0
+    arguments = [
+        "--particles",
+        "16",
+        "--split-iterations",
+        "5",
+        "--anneal-iterations",
+        "5",
+        *grooming,
+        *QUIET,
+    ]
+    assert main(["run", str(mixed), "--out", str(project.folder), *arguments, "--skip-invalid"]) == 0
     lines = capsys.readouterr().err.splitlines()
     left_out = [line for line in lines if "skipped" in line]
     assert [f"{name}." in line for name, line in zip(BAD, left_out, strict=True)] == [True] * 7
@@ -232,7 +250,7 @@ def test_a_fit_that_was_refused_can_be_asked_for_again(project, scans, tmp_path,
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("message", "said"),
     [
         (["--fit", "nothing.nrrd"], "is not a segmentation or mesh"),
         (["--fit", "scans/a.nrrd"], "already has 48 particles"),
@@ -240,10 +258,10 @@ def test_a_fit_that_was_refused_can_be_asked_for_again(project, scans, tmp_path,
         (["--fit", "scans/a.nrrd", "--resume"], "--out or --resume"),
     ],
 )
-def test_files_that_cannot_be_fitted_are_named(project, words, said, capsys, monkeypatch):
+def test_files_that_cannot_be_fitted_are_named(project, message, said, capsys, monkeypatch):
     monkeypatch.chdir(project.folder.parent)
     shutil.copytree("scans", "other")
-    if "--resume" in words:
+    if "--resume" in message:
         project.write(project.read().model_copy(update={"unfinished": True}))
-    assert main(["run", str(project.folder), *words, *QUIET]) == 2
+    assert main(["run", str(project.folder), *message, *QUIET]) == 2
     assert said in capsys.readouterr().err

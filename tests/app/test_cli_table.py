@@ -79,10 +79,10 @@ def test_a_table_changes_groups_and_covariates_but_no_particle(project, table, c
     assert result.groups == ("case", "control", "case", None)
     assert result.columns[0] == {"age": "61"}
     assert bytes_of(project) == before
-    told = capsys.readouterr().out
-    assert "3 of 4" in told
-    assert "without a row: d" in told
-    assert "name no subject: x" in told
+    output = capsys.readouterr().out
+    assert "3 of 4" in output
+    assert "without a row: d" in output
+    assert "name no subject: x" in output
 
 
 def test_everything_that_reads_groups_sees_the_new_ones(project, table, capsys):
@@ -132,10 +132,10 @@ def test_a_folder_without_columns_keeps_those_that_are_there(project, table, opt
     assert read_result(project).groups == ("case", "control", "case", None)
 
 
-def ran_again(project, words):
+def ran_again(project, text):
     before = project.folder / "energies.csv"
     stamp = before.stat().st_mtime_ns
-    assert main(["run", *words]) == 0
+    assert main(["run", *text]) == 0
     return before.stat().st_mtime_ns != stamp
 
 

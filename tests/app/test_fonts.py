@@ -33,8 +33,8 @@ def test_the_first_font_that_has_all_signs_is_taken(monkeypatch, nothing_install
     signs = {"usual": "ab", "half": "ab王", "whole": "ab王明"}
     monkeypatch.setattr(fonts, "_usual_file", lambda: "usual")
     monkeypatch.setattr(fonts, "_system_files", lambda: ("half", "whole"))
-    monkeypatch.setattr(fonts, "_lacking", lambda path, words: frozenset(words) - frozenset(signs[path]))
-    assert [fonts.font_file(words) for words in ("ab", "a王", "a王明")] == ["usual", "half", "whole"]
+    monkeypatch.setattr(fonts, "_lacking", lambda path, text: frozenset(text) - frozenset(signs[path]))
+    assert [fonts.font_file(text) for text in ("ab", "a王", "a王明")] == ["usual", "half", "whole"]
 
 
 def test_a_sign_that_no_font_has_is_a_box(nothing_installed):
@@ -57,8 +57,8 @@ def test_names_that_no_font_has_or_that_look_like_formulas_are_written_without_a
 def test_matplotlib_writes_with_the_font_that_has_the_sign(monkeypatch, tmp_path):
     text = Figure().text(0.0, 0.0, "a\u16a0")  # a rune, which stands for what the usual font lacks
     usual, other = fonts.font_file(), fonts.font_file().with_name("DejaVuSerif.ttf")
-    monkeypatch.setattr(fonts, "font_file", lambda words="": other if "\u16a0" in words else usual)
-    monkeypatch.setattr(fonts, "_lacking", lambda path, words: frozenset())
+    monkeypatch.setattr(fonts, "font_file", lambda texts="": other if "\u16a0" in texts else usual)
+    monkeypatch.setattr(fonts, "_lacking", lambda path, message: frozenset())
     fonts.complete_text(text)
     assert text.get_fontfamily() == ["DejaVu Sans", "DejaVu Serif"]
 

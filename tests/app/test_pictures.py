@@ -107,15 +107,15 @@ def test_every_text_lies_on_the_page_and_none_on_another(model):
     )
     _pixels(figure)
     page = figure.bbox
-    words = [
+    arguments = [
         text for text in figure.findobj(lambda item: hasattr(item, "get_text")) if text.get_text().strip()
     ]
-    boxes = [text.get_window_extent() for text in words if text.get_visible()]
+    boxes = [text.get_window_extent() for text in arguments if text.get_visible()]
     assert len(boxes) > 20
     for index, box in enumerate(boxes):
-        assert page.x0 <= box.x0 < box.x1 <= page.x1, words[index].get_text()
-        assert page.y0 <= box.y0 < box.y1 <= page.y1, words[index].get_text()
-        assert not any(box.overlaps(other) for other in boxes[:index]), words[index].get_text()
+        assert page.x0 <= box.x0 < box.x1 <= page.x1, arguments[index].get_text()
+        assert page.y0 <= box.y0 < box.y1 <= page.y1, arguments[index].get_text()
+        assert not any(box.overlaps(other) for other in boxes[:index]), arguments[index].get_text()
 
 
 def test_a_growing_mode_is_blue_at_its_upper_end_and_yellow_at_its_lower(model):
@@ -129,9 +129,9 @@ def test_a_growing_mode_is_blue_at_its_upper_end_and_yellow_at_its_lower(model):
 def test_modes_tell_their_share_and_the_scale_is_symmetric(model):
     figure = draw_modes({"": model}, modes=[0, 1], width=200)
     _pixels(figure)
-    words = {text.get_text() for text in figure.findobj(lambda item: hasattr(item, "get_text"))}
-    assert {"−2 SD", "+2 SD", "mean (mode 1: 80.0 %)", "mean (mode 2: 20.0 %)", "mode 1", "mode 2"} <= words
-    assert {"+2", "+1", "0", "−1", "−2", "out of the tissue\n(mm)", "into the tissue\n(mm)"} <= words
+    texts = {text.get_text() for text in figure.findobj(lambda item: hasattr(item, "get_text"))}
+    assert {"−2 SD", "+2 SD", "mean (mode 1: 80.0 %)", "mean (mode 2: 20.0 %)", "mode 1", "mode 2"} <= texts
+    assert {"+2", "+1", "0", "−1", "−2", "out of the tissue\n(mm)", "into the tissue\n(mm)"} <= texts
 
 
 def test_the_subjects_come_in_pages_with_their_names(ball):
@@ -140,8 +140,8 @@ def test_the_subjects_come_in_pages_with_their_names(ball):
         draw_subjects([f"subject {k}" for k in range(5)], [ball] * 5, particles, columns=2, rows=1, width=90)
     )
     assert len(pages) == 3
-    words = {text.get_text() for text in pages[2].findobj(lambda item: hasattr(item, "get_text"))}
-    assert {"subject 4", "Subjects (3 of 3)"} <= words
+    texts = {text.get_text() for text in pages[2].findobj(lambda item: hasattr(item, "get_text"))}
+    assert {"subject 4", "Subjects (3 of 3)"} <= texts
 
 
 def test_the_dark_theme_has_a_dark_page_and_light_words(ball):

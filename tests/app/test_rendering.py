@@ -143,9 +143,9 @@ def test_both_renderers_draw_the_same_picture(ball):
     particles = bent.vertices[::31]
     scene = Scene((shaded(bent, GREY),), Balls(particles, 0.6, colours_by_place(particles)))
     frame = frame_around([bent.vertices], three_quarter_view(bent.vertices), border=0.6)
-    one, other = (each.draw(scene, frame, 240).astype(int) for each in (Software(), _opengl()))
-    assert one.shape == other.shape
-    assert np.abs(one - other).mean() < 4.0
+    first, other = (each.draw(scene, frame, 240).astype(int) for each in (Software(), _opengl()))
+    assert first.shape == other.shape
+    assert np.abs(first - other).mean() < 4.0
 
 
 def test_a_graphics_driver_that_ends_its_process_is_replaced_by_software(ball, monkeypatch):

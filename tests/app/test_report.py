@@ -97,8 +97,8 @@ def _rows(path):
         return list(csv.DictReader(stream))
 
 
-def _analyze(project, *words):
-    return main(["analyze", str(project.folder), *words, *QUICK])
+def _analyze(project, *options):
+    return main(["analyze", str(project.folder), *options, *QUICK])
 
 
 def test_three_groups_are_analyzed_with_and_without_size_and_written_as_tables(project, capsys):
@@ -161,7 +161,7 @@ def test_a_subject_that_lies_far_from_all_others_is_named(project, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("options", "message"),
     [
         (["--group", "nothing"], "no column 'nothing'; the cohort has: group, shape-size, age"),
         (["--between", "A", "Z"], "no subject is in 'Z'; groups are: A, B, C"),
@@ -185,8 +185,8 @@ def test_a_subject_that_lies_far_from_all_others_is_named(project, capsys):
         (["--size", "with", "--alignment", "rigid"], "give one of them"),
     ],
 )
-def test_a_question_that_cannot_be_answered_is_refused_and_not_kept(project, words, message, capsys):
-    assert _analyze(project, *words) == 2
+def test_a_question_that_cannot_be_answered_is_refused_and_not_kept(project, options, message, capsys):
+    assert _analyze(project, *options) == 2
     error = capsys.readouterr().err
     assert message in error
     assert "Traceback" not in error
@@ -350,8 +350,8 @@ def test_a_question_of_an_earlier_version_is_answered_and_the_change_is_told(pro
     assert (request.alignment, request.earlier) == ("rigid", True)
     assert study_folder(project, request) == folder
     assert main(["report", str(project.folder), "--progress", "none"]) == 0
-    words = (project.folder / "report" / "report.html").read_text(encoding="utf-8")
-    assert "shapes as they lie" in words
+    text = (project.folder / "report" / "report.html").read_text(encoding="utf-8")
+    assert "shapes as they lie" in text
 
 
 def test_tables_are_marked_as_soon_as_particles_are_placed_anew(project):
@@ -381,7 +381,7 @@ def test_the_size_of_shapes_that_the_run_brought_to_one_is_still_compared(projec
 class _Page(HTMLParser):
     def __init__(self):
         super().__init__()
-        self.tags, self.links, self.sources, self.words = [], [], [], []
+        self.tags, self.links, self.sources, self.texts = [], [], [], []
 
     def handle_starttag(self, tag, attributes):
         self.tags.append(tag)
@@ -389,7 +389,7 @@ class _Page(HTMLParser):
         self.sources += [value for name, value in attributes if name == "src"]
 
     def handle_data(self, data):
-        self.words.append(data)
+        self.texts.append(data)
 
 
 @pytest.fixture(scope="module")
@@ -406,7 +406,7 @@ def test_the_report_needs_no_network_and_shows_names_as_they_are(report):
     page = _Page()
     page.feed(text)
     assert "script" not in page.tags
-    assert HOSTILE in "".join(page.words)
+    assert HOSTILE in "".join(page.texts)
     assert all(source.startswith("data:image/png;base64,") for source in page.sources)
     assert not re.search(r"https?://", text)
     for link in page.links:
@@ -414,7 +414,7 @@ def test_the_report_needs_no_network_and_shows_names_as_they_are(report):
 
 
 def test_the_report_says_what_was_found_how_and_that_it_is_for_research(report):
-    words = re.sub(r"<[^>]+>", " ", report.read_text(encoding="utf-8"))
+    text = re.sub(r"<[^>]+>", " ", report.read_text(encoding="utf-8"))
     for part in (
         "For research use",
         "C − A (6 A, 6 C): they differ in form",
@@ -430,10 +430,10 @@ def test_the_report_says_what_was_found_how_and_that_it_is_for_research(report):
         "Excluded before the run: 1. scan.nrrd: is empty",
         "sex: f",
     ):
-        assert part in words, part
-    assert "questions were asked" not in words  # form and shape are answers to one
-    assert words.count("Equality of dispersion was tested") == 1  # what studies share is told once
-    assert "nan" not in words.lower().split()
+        assert part in text, part
+    assert "questions were asked" not in text  # form and shape are answers to one
+    assert text.count("Equality of dispersion was tested") == 1  # what studies share is told once
+    assert "nan" not in text.lower().split()
 
 
 def test_every_figure_lies_beside_the_report_as_vector_graphics(report):

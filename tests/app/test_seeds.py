@@ -54,10 +54,10 @@ def test_the_spread_is_between_the_smallest_and_the_largest(tmp_path):
     write_spread(tmp_path, answers)
     assert read_spread(tmp_path, "abc") == answers
     assert read_spread(tmp_path, "another result") == []
-    (words,) = spread_text(answers)
-    assert "p = 0.011 to 0.080 (1 of 2 significant)" in words
-    assert "3.1 to 4.7 % of the surface" in words
-    assert "balanced accuracy 80 %" in words  # of both seeds
+    (text,) = spread_text(answers)
+    assert "p = 0.011 to 0.080 (1 of 2 significant)" in text
+    assert "3.1 to 4.7 % of the surface" in text
+    assert "balanced accuracy 80 %" in text  # of both seeds
 
 
 def test_answers_that_version_0_2_wrote_are_read(tmp_path):

@@ -58,27 +58,27 @@ def watched(run):
 
 def stopped(run, phase, delay):
     """Cancel a run so many seconds after a phase has begun; return the seconds until it stopped, or None."""
-    begun, asked, told = threading.Event(), [], []
+    begun, questions, messages = threading.Event(), [], []
 
     def observer(status):
         if status.phase is phase and not begun.is_set():
             begun.set()
         if status.reason is not None:
-            told.append((time.perf_counter(), status))
+            messages.append((time.perf_counter(), status))
 
     def ask():
         if begun.wait(600):
             time.sleep(delay)
-            asked.append(time.perf_counter())
+            questions.append(time.perf_counter())
             run.cancel()
 
     worker = threading.Thread(target=ask, daemon=True)
     worker.start()
     run.execute(observer)
-    ((when, status),) = told
+    ((when, status),) = messages
     if status.reason is not FinishReason.CANCELLED or status.phase is not phase:
         return None
-    return when - asked[0]
+    return when - questions[0]
 
 
 def main():

@@ -72,7 +72,7 @@ def try_cohort(folder, options, device):
             ).placing
             begun = time.perf_counter()
             try:
-                found = optimize(shapes, placing, device=device)
+                result = optimize(shapes, placing, device=device)
             except HomologError as error:
                 print(f"    {count:5d} seed {seed}: {type(error).__name__}: {error}")
                 continue
@@ -81,15 +81,15 @@ def try_cohort(folder, options, device):
             if options.check:
                 meshes = [subject.mesh for subject in groomed]
                 names = [subject.name for subject in groomed]
-                suspects = inspect(found.local, meshes, found.alignments, names=names).suspects
+                suspects = inspect(result.local, meshes, result.alignments, names=names).suspects
                 kinds = ", ".join(
                     f"{n} {kind}" for kind, n in Counter(s.kind.value for s in suspects).items()
                 )
             if options.truth:
-                kinds += truth_of([subject.path for subject in cohort.subjects], found.local)
+                kinds += truth_of([subject.path for subject in cohort.subjects], result.local)
             print(
-                f"    {count:5d} seed {seed}: {found.reason.value} after {found.iterations}, "
-                f"{(found.repaired > 0).sum()} repaired, objective {found.energies[-1, 1:].sum():.3f}, "
+                f"    {count:5d} seed {seed}: {result.reason.value} after {result.iterations}, "
+                f"{(result.repaired > 0).sum()} repaired, objective {result.energies[-1, 1:].sum():.3f}, "
                 f"{seconds:.1f} s {kinds}"
             )
 

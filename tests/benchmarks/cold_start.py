@@ -51,10 +51,10 @@ def one_round(folder: Path, programs: int) -> int:
     ]  # fmt: skip
     bad = 0
     for item in started:
-        words = item.communicate()[1]
+        message = item.communicate()[1]
         if item.returncode != 0:
             bad += 1
-            print(f"exit code {item.returncode}: {words[-2000:]}", flush=True)
+            print(f"exit code {item.returncode}: {message[-2000:]}", flush=True)
     return bad
 
 

@@ -59,9 +59,9 @@ def line(name: str, row: np.ndarray) -> str:
 
 def measured(shape: Shape, others: list[Shape], settings: OptimizeSettings) -> np.ndarray:
     """Return the table's figures of a shape that is fitted to others."""
-    found = optimize(others, settings)
-    placed = [replace(item, alignment=a) for item, a in zip(others, found.alignments, strict=True)]
-    _, ensemble = joint_ensemble(placed, found.local, settings)
+    result = optimize(others, settings)
+    placed = [replace(item, alignment=a) for item, a in zip(others, result.alignments, strict=True)]
+    _, ensemble = joint_ensemble(placed, result.local, settings)
     begun = time.process_time()
     aligned = replace(shape, alignment=first_placement(shape, ensemble, settings))
     nearest = nearest_template(ensemble, aligned)

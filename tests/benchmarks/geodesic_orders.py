@@ -87,30 +87,30 @@ def run(name, shapes, distances, particles, seed, device):
     solve = TimedSolver(ELEMENTS.get(distances, "point"))
     begin = time.perf_counter()
     settings = RunSettings(groom=grooming, optimize=chosen).placing
-    found = optimize(shapes, settings, device=device, solve=solve)
+    result = optimize(shapes, settings, device=device, solve=solve)
     seconds = time.perf_counter() - begin
     figures = {
-        "iterations": found.iterations,
-        "repaired": int((found.repaired > 0).sum()),
+        "iterations": result.iterations,
+        "repaired": int((result.repaired > 0).sum()),
         "table s": solve.seconds,
         "whole s": seconds,
-        "opposed %": opposed(found.normals),
+        "opposed %": opposed(result.normals),
     }
     kinds = [
         suspect.kind.value
         for suspect in inspect(
-            found.local, [s.mesh for s in shapes], found.alignments, names=[s.name for s in shapes]
+            result.local, [s.mesh for s in shapes], result.alignments, names=[s.name for s in shapes]
         ).suspects
     ]
     figures["exchanged"] = kinds.count("exchanged particles")
-    return figures | errors(name, shapes, found)
+    return figures | errors(name, shapes, result)
 
 
-def errors(name, shapes, found):
+def errors(name, shapes, result):
     """Return how far a run is from what is known of its cohort."""
     if name in BEANS:
         geometry, seed = BEANS[name]
-        metrics = evaluate(found.local, draw_beans(10, seed, geometry))
+        metrics = evaluate(result.local, draw_beans(10, seed, geometry))
         return {
             "linear %": 100.0 * metrics.ground_truth_r2,
             "R2 width": metrics.r2_width,
@@ -121,12 +121,12 @@ def errors(name, shapes, found):
         names = [shape.name for shape in shapes]
         of_mandibles = mandible_landmarks.expert_landmarks
         landmarks = expert_landmarks(shapes) if name == "vertebrae" else of_mandibles(names)
-        missed = landmark_errors(found.local, landmarks, [snapping(shape.mesh) for shape in shapes])
+        missed = landmark_errors(result.local, landmarks, [snapping(shape.mesh) for shape in shapes])
         return {"landmark mm": float(np.nanmean(missed))}
     if name == "ventricles":
-        return {"on both walls": wall_swaps(shapes, found)[1]}
+        return {"on both walls": wall_swaps(shapes, result)[1]}
     if name in DENSE:
-        missed = dense_errors(name, shapes, found.local)
+        missed = dense_errors(name, shapes, result.local)
         return {"dense mm": missed.mean(), "dense 95 % mm": np.percentile(missed, 95)}
     return {}
 

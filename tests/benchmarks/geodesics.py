@@ -73,12 +73,14 @@ def threads(mesh: TriangleMesh) -> None:
     """Print the wall time on one and two threads, best of five."""
     walls = {1: [], 2: []}
     for _ in range(5):
-        for count, found in walls.items():
+        for count, result in walls.items():
             begin = time.perf_counter()
             solve_tables([mesh], 0.2 * diagonal(mesh), threads=count)
-            found.append(time.perf_counter() - begin)
-    one, two = min(walls[1]), min(walls[2])
-    print(f"{len(mesh.vertices)} vertices, 20 %: one thread {one:.3f} s, two {two:.3f} s: {one / two:.2f} x")
+            result.append(time.perf_counter() - begin)
+    first, two = min(walls[1]), min(walls[2])
+    print(
+        f"{len(mesh.vertices)} vertices, 20 %: one thread {first:.3f} s, two {two:.3f} s: {first / two:.2f} x"
+    )
 
 
 def growth(picture: Path, sizes: tuple[int, ...] = (1000, 2000, 4000, 8000, 16_000)) -> None:
@@ -89,12 +91,12 @@ def growth(picture: Path, sizes: tuple[int, ...] = (1000, 2000, 4000, 8000, 16_0
         "d_max / diagonal": [(s, geodesics_meshes.bean(5000), s) for s in (0.05, 0.1, 0.2, 0.4)],
     }
     for ax, (label, cases) in zip(axes, series.items(), strict=True):
-        found = []
+        result = []
         for x, mesh, share in cases:
             begin = time.process_time()
             table = solve_tables([mesh], share * diagonal(mesh), threads=1)[0]
-            found.append((x, time.process_time() - begin, table.to_csr().nnz * 2 / 1e6))
-        x, seconds, megabytes = np.array(found).T
+            result.append((x, time.process_time() - begin, table.to_csr().nnz * 2 / 1e6))
+        x, seconds, megabytes = np.array(result).T
         for values, name in ((seconds, "CPU seconds, one thread"), (megabytes, "codes in reach [MB]")):
             slope = np.polyfit(np.log(x), np.log(values), 1)[0]
             ax.loglog(x, values, "o-", label=f"{name}: slope {slope:.2f}")

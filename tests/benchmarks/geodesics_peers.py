@@ -112,9 +112,9 @@ def meshlib_surface(mesh: TriangleMesh, d_max: float, sources: np.ndarray) -> Ro
         start = mrmeshpy.VertBitSet(len(mesh.vertices))
         start.set(mrmeshpy.VertId(int(source)))
         begin = time.process_time()
-        found = mrmeshpy.computeSurfaceDistances(solid, start, float(d_max))
+        result = mrmeshpy.computeSurfaceDistances(solid, start, float(d_max))
         seconds += time.process_time() - begin
-        rows.append(np.array(found.vec, np.float64))
+        rows.append(np.array(result.vec, np.float64))
     return np.stack(rows), seconds / len(sources) * len(mesh.vertices)
 
 

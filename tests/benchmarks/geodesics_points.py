@@ -34,13 +34,13 @@ def look_up(
     face: wp.array2d(dtype=wp.int32),
     point: wp.array2d(dtype=wp.vec3),
     form: int,
-    found: wp.array(dtype=float),
+    result: wp.array(dtype=float),
 ):
     """Look up the distances of pairs of points."""
     k = wp.tid()
     x = surface_point(vertices, faces, face[k, 0], point[k, 0])
     y = surface_point(vertices, faces, face[k, 1], point[k, 1])
-    found[k] = geodesic(tables[0], x, y, form)[3]
+    result[k] = geodesic(tables[0], x, y, form)[3]
 
 
 def distances(
@@ -49,7 +49,7 @@ def distances(
     """Return the distances (n,) of pairs of points; faces (n, 2), points (n, 2, 3)."""
     data = table.on_device("cpu")
     with wp.ScopedDevice("cpu"):
-        found = wp.zeros(len(face), dtype=float)
+        result = wp.zeros(len(face), dtype=float)
         inputs = [
             wp.array([data], dtype=TableData),
             wp.array(mesh.vertices.astype(np.float32), dtype=wp.vec3),
@@ -58,8 +58,8 @@ def distances(
             wp.array(point.astype(np.float32), dtype=wp.vec3, ndim=2),
             form,
         ]
-        wp.launch(look_up, len(face), inputs=inputs, outputs=[found])
-        return found.numpy()
+        wp.launch(look_up, len(face), inputs=inputs, outputs=[result])
+        return result.numpy()
 
 
 def with_points(mesh: TriangleMesh, faces: np.ndarray, points: np.ndarray) -> TriangleMesh:
@@ -99,9 +99,9 @@ def compare(
     x, y = np.nonzero((truth > 0) & (truth <= d_max))
     pairs, exact = np.column_stack([sources[x], y]), truth[x, y]
     for form, number in FORMS.items():
-        found = distances(mesh, table, faces[pairs], points[pairs], number)
-        error = 100.0 * np.abs(found / exact - 1.0)
-        assert (found >= 0).all(), "a pair within d_max is missing"
+        result = distances(mesh, table, faces[pairs], points[pairs], number)
+        error = 100.0 * np.abs(result / exact - 1.0)
+        assert (result >= 0).all(), "a pair within d_max is missing"
         which = np.digitize(exact / edge, BINS) - 1
         cells = [
             f"{error[which == k].mean():8.3f} / {np.percentile(error[which == k], 99):7.3f}" for k in range(5)

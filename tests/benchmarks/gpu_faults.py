@@ -52,10 +52,10 @@ def attempt(shapes: Path, fault: str, amount: int, device: str) -> None:
     held = fill_memory(device, amount << 20) if fault == "full" else []
     try:
         with device_faults(device):
-            found = optimize(
+            result = optimize(
                 optimizer.load(shapes), OptimizeSettings(particles=256), device=device, tick=tick
             )
-        said = f"finished, all finite: {np.isfinite(found.local).all()}"
+        said = f"finished, all finite: {np.isfinite(result.local).all()}"
     except InputError as error:
         said = f"message: {error}"
     except Exception as error:  # noqa: BLE001 - what should not happen is what is looked for
@@ -76,10 +76,14 @@ def main() -> None:
         return
     for fault, amounts in (("full", FREE_MB), ("lost", TICKS)):
         for amount in amounts:
-            words = [sys.executable, __file__, str(arguments.folder), "--device", arguments.device]
-            done = subprocess.run([*words, "--one", fault, str(amount)], capture_output=True, text=True)
-            told = [line for line in done.stdout.splitlines() if line.startswith("outcome")]
-            print(told[0] if told else f"{fault} {amount}: ended by {done.returncode}: {done.stderr[-300:]}")
+            options = [sys.executable, __file__, str(arguments.folder), "--device", arguments.device]
+            done = subprocess.run([*options, "--one", fault, str(amount)], capture_output=True, text=True)
+            messages = [line for line in done.stdout.splitlines() if line.startswith("outcome")]
+            print(
+                messages[0]
+                if messages
+                else f"{fault} {amount}: ended by {done.returncode}: {done.stderr[-300:]}"
+            )
 
 
 if __name__ == "__main__":

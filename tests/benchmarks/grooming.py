@@ -47,9 +47,9 @@ def stages(path, settings):
     if isinstance(source, TriangleMesh):
         level = level_of_triangles(source, settings).level
     else:
-        found = cleaned(source, settings.pieces)
-        yield "clean", found
-        level = level_of_voxels(found.segmentation, settings.spacing, settings.smoothing)
+        result = cleaned(source, settings.pieces)
+        yield "clean", result
+        level = level_of_voxels(result.segmentation, settings.spacing, settings.smoothing)
     yield "level", level
     field, _, _ = distance_field(level, settings.smoothing, settings.tunnels)
     yield "distance", field
@@ -71,17 +71,17 @@ def main():
     axes = np.arange(12.0) - 5.4
     redistanced(np.linalg.norm(np.stack(np.meshgrid(axes, axes, axes)), axis=0) - 3.0)
     for path in options.files:
-        found, before, total = {}, time.process_time(), 0.0
-        words = []
+        actual, before, total = {}, time.process_time(), 0.0
+        arguments = []
         for name, result in stages(path, settings):
             seconds = time.process_time() - before
-            found[name], total = result, total + seconds
-            words.append(f"{name} {seconds:.2f}")
+            actual[name], total = result, total + seconds
+            arguments.append(f"{name} {seconds:.2f}")
             before = time.process_time()
-        field, mesh = found["distance"], found["mesh"]
+        field, mesh = actual["distance"], actual["mesh"]
         size = " x ".join(map(str, field.values.shape))
         most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000.0
-        print(f"{path.name}: {', '.join(words)}; in all {total:.2f} CPU s, {most:.0f} MB so far")
+        print(f"{path.name}: {', '.join(arguments)}; in all {total:.2f} CPU s, {most:.0f} MB so far")
         volume = mesh.volume / 1000.0
         print(f"    grid {size}, {field.spacing:.3g} mm; {len(mesh.vertices)} vertices, {volume:.2f} ml")
 

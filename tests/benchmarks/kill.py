@@ -71,24 +71,24 @@ def main() -> None:
         tries = []
         for number in range(options.tries):
             phase = phases[number % len(phases)]
-            one = one_try(folder, phase, spans, LATE_S[phase] if options.long else 0.0)
-            print(f"try {number + 1}: {one}", flush=True)
-            if one.phase != "ended":  # before it could be killed
-                tries.append(one)
+            first = one_try(folder, phase, spans, LATE_S[phase] if options.long else 0.0)
+            print(f"try {number + 1}: {first}", flush=True)
+            if first.phase != "ended":  # before it could be killed
+                tries.append(first)
     print("| killed while | tries | project unreadable | lost at most s | resumed, unlike the whole run |")
     print("|---|---|---|---|---|")
     for phase in (*Counter(item.phase for item in tries), "all"):
         rows = [item for item in tries if phase in (item.phase, "all")]
         bad, unlike = sum(not row.readable for row in rows), sum(not row.equal for row in rows)
-        print(f"| {phase} | {len(rows)} | {bad} | {max(one.lost_s for one in rows):.1f} | {unlike} |")
+        print(f"| {phase} | {len(rows)} | {bad} | {max(first.lost_s for first in rows):.1f} | {unlike} |")
     sys.exit(not all(item.readable and item.equal and item.lost_s <= 30.0 for item in tries))
 
 
 def start(source: Path, *how: object) -> subprocess.Popen[str]:
     """Start a run of a cohort or project."""
-    words = [source, *how, "--progress", "json", "--no-figures"]
+    arguments = [source, *how, "--progress", "json", "--no-figures"]
     return subprocess.Popen(
-        [sys.executable, "-m", "homolog_app", "run", *map(str, words)],
+        [sys.executable, "-m", "homolog_app", "run", *map(str, arguments)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
 

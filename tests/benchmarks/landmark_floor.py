@@ -40,8 +40,8 @@ def mirrored(shape):
 
 def errors_of(shapes, landmarks, settings, device):
     """Optimize and carry the landmarks between all shapes."""
-    found = optimize(shapes, settings, device=device)
-    return found, landmark_errors(found.local, landmarks, [snapping(shape.mesh) for shape in shapes])
+    result = optimize(shapes, settings, device=device)
+    return result, landmark_errors(result.local, landmarks, [snapping(shape.mesh) for shape in shapes])
 
 
 def mirror(shapes, landmarks, settings, device):
@@ -60,8 +60,8 @@ def mirror(shapes, landmarks, settings, device):
 def started(shapes, landmarks, settings, device):
     """Print the error where first particles were put on the landmarks, and how far those have gone."""
     shapes = [dataclasses.replace(shape, landmarks=own) for shape, own in zip(shapes, landmarks, strict=True)]
-    found, errors = errors_of(shapes, landmarks, settings, device)
-    gone = np.linalg.norm(found.local[:, : landmarks.shape[1]] - landmarks, axis=-1)
+    result, errors = errors_of(shapes, landmarks, settings, device)
+    gone = np.linalg.norm(result.local[:, : landmarks.shape[1]] - landmarks, axis=-1)
     print(
         f"started on the landmarks {np.nanmean(errors):.2f} mm; the particles that began there are "
         f"{gone.mean():.1f} mm away"

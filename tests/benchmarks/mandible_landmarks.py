@@ -76,12 +76,12 @@ def main():
             f"similarity ICP, nearest points: {np.nanmean(icp_errors(shapes, landmarks)):.4f} mm", flush=True
         )
     start = time.perf_counter()
-    found = optimize(shapes, settings.placing, device=choose_device(arguments.device))
-    errors = landmark_errors(found.local, landmarks, [snapping(shape.mesh) for shape in shapes])
+    result = optimize(shapes, settings.placing, device=choose_device(arguments.device))
+    errors = landmark_errors(result.local, landmarks, [snapping(shape.mesh) for shape in shapes])
     print(
         f"{arguments.particles} particles, seed {arguments.seed}: {np.nanmean(errors):.4f} mm, by landmark "
-        f"{np.round(np.nanmean(errors, axis=(0, 1)), 3).tolist()}; {found.iterations} iterations, "
-        f"{found.reason.value}, {time.perf_counter() - start:.0f} s"
+        f"{np.round(np.nanmean(errors, axis=(0, 1)), 3).tolist()}; {result.iterations} iterations, "
+        f"{result.reason.value}, {time.perf_counter() - start:.0f} s"
     )
     return 0
 

@@ -107,8 +107,8 @@ DEFAULTS = {}  # settings that the command line gives for all runs
 def timed(shapes, device, **options):
     """Optimize; return the correspondence and the seconds."""
     start = time.perf_counter()
-    found = optimize(shapes, OptimizeSettings(**DEFAULTS, **options), device=device)
-    return found, time.perf_counter() - start
+    result = optimize(shapes, OptimizeSettings(**DEFAULTS, **options), device=device)
+    return result, time.perf_counter() - start
 
 
 BEAN_HEAD = (
@@ -143,8 +143,8 @@ def quality(folder, device, seeds):
             beans, shapes = draw_beans(10, cohort, WIDE), load(folder / f"wide{cohort}.npz")
             runs = []
             for seed in range(seeds):
-                found, seconds = timed(shapes, device, method=method, particles=1024, seed=seed)
-                runs.append((evaluate(found.local, beans), seconds))
+                result, seconds = timed(shapes, device, method=method, particles=1024, seed=seed)
+                runs.append((evaluate(result.local, beans), seconds))
             everything += runs
             if method is Method.GEODESIC_NORMALS:
                 bean_row(f"{cohort}, {method.value}", runs)
@@ -163,8 +163,8 @@ def many_seeds(folder, device):
         shapes = load(folder / f"{name}{cohort}.npz")
         runs = []
         for seed in range(seeds):
-            found, seconds = timed(shapes, device, particles=particles, seed=seed)
-            runs.append((evaluate(found.local, beans), seconds))
+            result, seconds = timed(shapes, device, particles=particles, seed=seed)
+            runs.append((evaluate(result.local, beans), seconds))
         bean_row(f"{name} {cohort}, {particles} particles, {seeds} seeds", runs)
 
 
@@ -175,18 +175,18 @@ def real(folder, device, seeds):
         for particles, seed in ((n, seed) for n in (512, 1024) for seed in range(seeds)):
             options = {"method": method, "particles": particles, "seed": seed}
             title = f"{method.value}, {particles}, seed {seed}"
-            found, seconds = timed(vertebrae, device, **options)
-            errors = landmark_errors(vertebrae, found.local)
+            result, seconds = timed(vertebrae, device, **options)
+            errors = landmark_errors(vertebrae, result.local)
             middle, each = np.nanmedian(errors), np.round(np.nanmean(errors, axis=(0, 1)), 1)
             print(
                 f"vertebrae, {title}: landmarks mean {np.nanmean(errors):.2f} mm, median {middle:.2f}", end=""
             )
-            print(f", by landmark {each}, opposed normals {opposed(found.normals):.3f} %, {seconds:.1f} s")
+            print(f", by landmark {each}, opposed normals {opposed(result.normals):.3f} %, {seconds:.1f} s")
             print(where_errors(vertebrae, errors), flush=True)
-            found, seconds = timed(ventricles, device, **options)
-            share, count = wall_swaps(ventricles, found)
+            result, seconds = timed(ventricles, device, **options)
+            share, count = wall_swaps(ventricles, result)
             print(f"ventricles, {title}: swapped walls {share:.4f} % of pairs, {count} particles", end="")
-            print(f", opposed normals {opposed(found.normals):.3f} %, {seconds:.1f} s", flush=True)
+            print(f", opposed normals {opposed(result.normals):.3f} %, {seconds:.1f} s", flush=True)
 
 
 def expert_landmarks(shapes):
@@ -235,10 +235,10 @@ def speed(folder, device, sizes, iterations, plot):
     print("|" + "---|" * 7, flush=True)
     rows = []
     for size in sizes:
-        words = [sys.executable, __file__, "size", str(folder), "--device", device, "--sizes", size]
-        words += ["--iterations", str(iterations)]
+        arguments = [sys.executable, __file__, "size", str(folder), "--device", device, "--sizes", size]
+        arguments += ["--iterations", str(iterations)]
         row = json.loads(
-            subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout.splitlines()[-1]
+            subprocess.run(arguments, check=True, stdout=subprocess.PIPE, text=True).stdout.splitlines()[-1]
         )
         rows.append(row)
         print(
@@ -346,10 +346,10 @@ def whole(folder, device, sizes):
         path = folder / ("wide5.npz" if count == 10 else f"wide5x{count}.npz")
         shapes = load(path if path.exists() else make_beans(folder, WIDE, 5, count))
         timed(shapes, device, particles=particles)
-        found, seconds = timed(shapes, device, particles=particles)
+        result, seconds = timed(shapes, device, particles=particles)
         print(
             f"whole optimization {size}, geodesics and start included: {seconds:.2f} s, "
-            f"{found.iterations} iterations, {found.reason.value}",
+            f"{result.iterations} iterations, {result.reason.value}",
             flush=True,
         )
 

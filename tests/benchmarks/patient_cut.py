@@ -45,8 +45,8 @@ def main() -> None:
             for side in (-1, 1):
                 image, beyond = cut(source, whole, axis, side, arguments.share)
                 part = groom(subject.name, image, settings)
-                words = f"{'-' if side < 0 else '+'}{letter}"
-                print(line(reference, words, part, whole, beyond), flush=True)
+                text = f"{'-' if side < 0 else '+'}{letter}"
+                print(line(reference, text, part, whole, beyond), flush=True)
 
 
 def cut(
@@ -74,14 +74,14 @@ def line(
 ) -> str:
     areas = vertex_areas(whole.mesh)
     share = 100.0 * areas[beyond].sum() / areas.sum()
-    found, usual = (compare_groomed(reference, item, force=True) for item in (part, whole))
-    said = [words for words in found.remarks if "surface is missing" in words]
+    result, usual = (compare_groomed(reference, item, force=True) for item in (part, whole))
+    said = [remark for remark in result.remarks if "surface is missing" in remark]
     number = said[0].split(" %")[0].split()[-1] if said else "-"
-    expected = transform_points(inverse_matrices(found.placement), found.expected.vertices)
+    expected = transform_points(inverse_matrices(result.placement), result.expected.vertices)
     off = np.asarray(KDTree(expected).query(whole.mesh.vertices[beyond])[0]).mean() if beyond.any() else 0.0
-    size = found.measures.size / usual.measures.size
+    size = result.measures.size / usual.measures.size
     return (
-        f"| {part.name} | {side} | {share:.1f} | {number} | {off:.2f} | {size:.3f} | {len(found.regions)} |"
+        f"| {part.name} | {side} | {share:.1f} | {number} | {off:.2f} | {size:.3f} | {len(result.regions)} |"
     )
 
 

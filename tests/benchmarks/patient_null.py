@@ -210,21 +210,21 @@ def outcome(folder: Path, task: Task) -> dict[str, Any]:
         nearest = cKDTree(mesh.vertices).query(points)[1]
         points = points + move[nearest]
         mesh = TriangleMesh(mesh.vertices + move, mesh.faces)
-    found = compare_groomed(reference, groomed(mesh), force=True)
+    result = compare_groomed(reference, groomed(mesh), force=True)
     line |= {
-        "largest": float(np.abs(found.z).max()),
-        "regions": len(found.regions),
-        "gap": found.measures.gap,
-        "mahalanobis": found.measures.mahalanobis,
+        "largest": float(np.abs(result.z).max()),
+        "regions": len(result.regions),
+        "gap": result.measures.gap,
+        "mahalanobis": result.measures.mahalanobis,
     }
     if task.kind != "mirrored":
         score, middle = plain(group, mesh, points), mesh.vertices[centre]
         own = np.linalg.norm(points - middle, axis=1) < max(0.5 * task.width, 4.0)
-        there = (found.placement @ np.append(middle, 1.0))[:3]
-        surface = found.expected.vertices + found.residual[:, None] * found.expected.vertex_normals
+        there = (result.placement @ np.append(middle, 1.0))[:3]
+        surface = result.expected.vertices + result.residual[:, None] * result.expected.vertex_normals
         near = np.linalg.norm(surface - there, axis=1) < max(0.5 * task.width, 4.0)
         line |= {
-            "near": float(np.abs(found.z[near]).max(initial=0.0)),
+            "near": float(np.abs(result.z[near]).max(initial=0.0)),
             "plain": float(np.abs(score).max()),
             "plain_near": float(np.abs(score[own]).max(initial=0.0)),
         }

@@ -62,7 +62,7 @@ def main() -> None:
     parser.add_argument("--again", nargs=2, metavar=("FAMILY", "SEED"), help="one of them, again")
     options = parser.parse_args()
     if options.again:
-        print(one((options.again[0], int(options.again[1])), options.most))
+        print(first((options.again[0], int(options.again[1])), options.most))
         return
     if not options.summary:
         out = options.out or Path(tempfile.mkstemp(prefix="anatomy-", suffix=".jsonl")[1])
@@ -81,7 +81,7 @@ def main() -> None:
     sys.exit(any(trial.outcome in ("bad", "slow") for trial in trials))
 
 
-def one(case: Case, most: float | None) -> Trial:
+def first(case: Case, most: float | None) -> Trial:
     with tempfile.TemporaryDirectory(prefix="homolog-anatomy-") as folder:
         return attempt(*case, Path(folder), most)
 
@@ -117,7 +117,7 @@ def begun(case: Case, out: Path, most: float | None) -> int:
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
         signal.alarm(LONGEST_S)
-        add(out, one(case, most))
+        add(out, first(case, most))
         os._exit(0)
     except BaseException:  # noqa: BLE001 - the parent process must not go on twice
         traceback.print_exc()

@@ -111,8 +111,8 @@ def costliest_imports(arguments, count):
     """Return milliseconds and names of a command's costliest imports."""
     program = [sys.executable, "-X", "importtime", "-m", "homolog_app", *arguments]
     printed = subprocess.run(program, check=True, capture_output=True, text=True).stderr
-    found = re.findall(r"import time:\s+(\d+) \|\s+\d+ \|\s+(\S+)", printed)
-    return sorted(((int(microseconds) / 1000.0, name) for microseconds, name in found), reverse=True)[:count]
+    result = re.findall(r"import time:\s+(\d+) \|\s+\d+ \|\s+(\S+)", printed)
+    return sorted(((int(microseconds) / 1000.0, name) for microseconds, name in result), reverse=True)[:count]
 
 
 def write_cohort(folder):

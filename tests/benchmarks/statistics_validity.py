@@ -187,8 +187,8 @@ def classified(data: np.ndarray, design: Design, members: dict, seed: int) -> li
     """Return p of accuracy and AUC of the discriminant between two groups."""
     covariates = design.covariates if design.covariates.shape[1] else None
     chosen = {"bootstraps": 0, "permutations": CLASSIFICATIONS, "seed": seed, "repeats": 1}
-    found = discriminant(data, members["b"], MODES, covariates=covariates, **chosen)
-    return [found.accuracy.p, found.auc.p]
+    result = discriminant(data, members["b"], MODES, covariates=covariates, **chosen)
+    return [result.accuracy.p, result.auc.p]
 
 
 def p_values(data: np.ndarray, design: Design, members: dict, seed: int) -> list[float | None]:
@@ -202,12 +202,12 @@ def p_values(data: np.ndarray, design: Design, members: dict, seed: int) -> list
         largest.append(local.studentized(some).max(axis=1))
     original = observed_design(design)
     alike = () if design.covariates.shape[1] else tuple(members.values())
-    found = size_effect(size_of(data), design, alike, permutations=PERMUTATIONS, seed=seed + 1)
+    result = size_effect(size_of(data), design, alike, permutations=PERMUTATIONS, seed=seed + 1)
     return [
         float(np.exp(whole.log_p(original)[0])),
         float(permutation_p_value(whole.studentized(original), np.concatenate(ratios))[0]),
         float(permutation_p_value(local.studentized(original).max(), np.concatenate(largest))),
-        1.0 if found is None else found.p,
+        1.0 if result is None else result.p,
     ]
 
 
@@ -236,8 +236,8 @@ def block(part: str, study: str, effect: float, seed: int, first: int) -> dict:
     }
 
 
-def key_of(found: dict) -> tuple:
-    return tuple(found[name] for name in ("part", "study", "effect", "seed", "first"))
+def key_of(result: dict) -> tuple:
+    return tuple(result[name] for name in ("part", "study", "effect", "seed", "first"))
 
 
 def stored(file: Path) -> dict[tuple, dict]:

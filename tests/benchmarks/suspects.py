@@ -47,12 +47,12 @@ def main() -> None:
         result, record = read_result(project), project.read().result
         meshes = [read_mesh(surface_file(project, subject.file)) for subject in record.subjects]
         began, cpu = time.perf_counter(), time.process_time()
-        found = inspect(result.local, meshes, result.alignments, names=result.names)
+        actual = inspect(result.local, meshes, result.alignments, names=result.names)
         spent = f"{time.perf_counter() - began:.1f} s, {time.process_time() - cpu:.1f} CPU s"
-        print(f"{folder}: {len(meshes)} x {result.local.shape[1]}, {spent}, {len(found.suspects)} suspects")
+        print(f"{folder}: {len(meshes)} x {result.local.shape[1]}, {spent}, {len(actual.suspects)} suspects")
         for name, plant in PLANTS.items():
             random = np.random.default_rng(arguments.seed)
-            rows = np.array([_trial(found, plant, random) for _ in range(arguments.repeats)])
+            rows = np.array([_trial(actual, plant, random) for _ in range(arguments.repeats)])
             recall, first, right, new = rows.sum(axis=0)
             print(
                 f"  {name:<11} found {recall:.0f} of {len(rows)}, first {first:.0f}, "
@@ -65,10 +65,10 @@ def _trial(before: Inspection, plant: Plant, random: np.random.Generator) -> tup
     places = before.located
     m = int(random.integers(len(places.meshes)))
     points, moved = plant(before, m, random)
-    one = locate_particles(
+    single = locate_particles(
         points[None], places.meshes[m : m + 1], places.alignments[m : m + 1], names=["planted"]
     )
-    after = assess(places.with_subject(m, one))
+    after = assess(places.with_subject(m, single))
     known = {(s.kind, s.subject, tuple(s.particles)) for s in before.suspects}
     new = [s for s in after.suspects if (s.kind, s.subject, tuple(s.particles)) not in known]
     exact = [s for s in new if s.subject == m and np.isin(s.particles, moved).any()]
@@ -78,48 +78,56 @@ def _trial(before: Inspection, plant: Plant, random: np.random.Generator) -> tup
     return bool(exact), first, len(right), len(new)
 
 
-def _swap(found: Inspection, m: int, random: np.random.Generator) -> tuple[FloatArray, IntArray]:
-    pair = random.choice(found.located.local.shape[1], 2, replace=False)
-    return _exchanged(found, m, pair)
+def _swap(result: Inspection, m: int, random: np.random.Generator) -> tuple[FloatArray, IntArray]:
+    pair = random.choice(result.located.local.shape[1], 2, replace=False)
+    return _exchanged(result, m, pair)
 
 
-def _neighbours(found: Inspection, m: int, random: np.random.Generator) -> tuple[FloatArray, IntArray]:
-    i = int(random.integers(found.located.local.shape[1]))
-    return _exchanged(found, m, np.array([i, random.choice(found.consensus.neighbours[i, :5])]))
+def _neighbours(result: Inspection, m: int, random: np.random.Generator) -> tuple[FloatArray, IntArray]:
+    i = int(random.integers(result.located.local.shape[1]))
+    return _exchanged(result, m, np.array([i, random.choice(result.consensus.neighbours[i, :5])]))
 
 
-def _exchanged(found: Inspection, m: int, pair: IntArray) -> tuple[FloatArray, IntArray]:
-    points = found.located.local[m].copy()
+def _exchanged(result: Inspection, m: int, pair: IntArray) -> tuple[FloatArray, IntArray]:
+    points = result.located.local[m].copy()
     points[pair] = points[pair[::-1]]
     return points, pair
 
 
-def _shift(found: Inspection, m: int, random: np.random.Generator) -> tuple[FloatArray, IntArray]:
-    points, mesh, spacing = found.located.local[m].copy(), found.located.meshes[m], found.located.spacing[m]
+def _shift(result: Inspection, m: int, random: np.random.Generator) -> tuple[FloatArray, IntArray]:
+    points, mesh, spacing = (
+        result.located.local[m].copy(),
+        result.located.meshes[m],
+        result.located.spacing[m],
+    )
     i = int(random.integers(len(points)))
-    away = _distances(found, m, i)
+    away = _distances(result, m, i)
     points[i] = mesh.vertices[random.choice(np.flatnonzero(np.abs(away - 3.0 * spacing) < 0.5 * spacing))]
     return points, np.array([i])
 
 
-def _wall(found: Inspection, m: int, random: np.random.Generator) -> tuple[FloatArray, IntArray]:
-    points, mesh = found.located.local[m].copy(), found.located.meshes[m]
-    own = np.linalg.inv(found.located.alignments[m, :3, :3]) @ found.located.normals[m].T
+def _wall(result: Inspection, m: int, random: np.random.Generator) -> tuple[FloatArray, IntArray]:
+    points, mesh = result.located.local[m].copy(), result.located.meshes[m]
+    own = np.linalg.inv(result.located.alignments[m, :3, :3]) @ result.located.normals[m].T
     normals = (own / np.linalg.norm(own, axis=0)).T
     far = 1.0 * np.ptp(mesh.vertices)  # of a normal that is not opposite, so that the nearest is one that is
     tree = cKDTree(np.hstack([mesh.vertices, far * mesh.vertex_normals]))
     opposite = mesh.vertices[tree.query(np.hstack([points, -far * normals]))[1]]
     thickness = np.linalg.norm(opposite - points, axis=1)
     seed = random.choice(np.argsort(thickness)[: max(8, len(points) // 10)])
-    patch = np.concatenate([[seed], found.consensus.neighbours[seed, :7]])
+    patch = np.concatenate([[seed], result.consensus.neighbours[seed, :7]])
     points[patch] = opposite[patch]
     return points, patch
 
 
-def _hole(found: Inspection, m: int, random: np.random.Generator) -> tuple[FloatArray, IntArray]:
-    points, mesh, spacing = found.located.local[m].copy(), found.located.meshes[m], found.located.spacing[m]
-    away = _distances(found, m, int(random.integers(len(points))))
-    corners = mesh.faces[found.located.faces[m]]
+def _hole(result: Inspection, m: int, random: np.random.Generator) -> tuple[FloatArray, IntArray]:
+    points, mesh, spacing = (
+        result.located.local[m].copy(),
+        result.located.meshes[m],
+        result.located.spacing[m],
+    )
+    away = _distances(result, m, int(random.integers(len(points))))
+    corners = mesh.faces[result.located.faces[m]]
     inside = np.flatnonzero(away[corners].min(axis=1) < 2.0 * spacing)
     rim = np.flatnonzero(np.abs(away - 2.2 * spacing) < 0.3 * spacing)
     nearest = cKDTree(mesh.vertices[rim]).query(points[inside])[1]
@@ -128,9 +136,9 @@ def _hole(found: Inspection, m: int, random: np.random.Generator) -> tuple[Float
     return points, near
 
 
-def _distances(found: Inspection, m: int, particle: int) -> FloatArray:
-    mesh = found.located.meshes[m]
-    return distances_from(mesh, [int(mesh.faces[found.located.faces[m, particle], 0])]).astype(np.float64)
+def _distances(result: Inspection, m: int, particle: int) -> FloatArray:
+    mesh = result.located.meshes[m]
+    return distances_from(mesh, [int(mesh.faces[result.located.faces[m, particle], 0])]).astype(np.float64)
 
 
 PLANTS: dict[str, Plant] = {

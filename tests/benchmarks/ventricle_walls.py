@@ -34,10 +34,10 @@ def facing(shape, particles, normals):
     return np.where(beyond | inside[there], 0, np.where(cavity[there], 1, -1))
 
 
-def wall_swaps(shapes, found):
+def wall_swaps(shapes, result):
     """Share [%] of pairs with one end on the inner and one on the outer wall, and how many particles."""
     side = []
-    for shape, particles, normals in zip(shapes, found.local, found.normals, strict=True):
+    for shape, particles, normals in zip(shapes, result.local, result.normals, strict=True):
         linear = shape.alignment[:3, :3]
         turn = linear / np.cbrt(np.linalg.det(linear))
         side.append(facing(shape, particles, normals @ turn))

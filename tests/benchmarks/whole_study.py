@@ -153,18 +153,18 @@ def reset(project):
     path.write_text(json.dumps(content))
 
 
-def report(size, found):
-    seconds = found["seconds"]
+def report(size, result):
+    seconds = result["seconds"]
     whole = [sum(item[k] for item in seconds.values()) for k in (0, 1)]
     print(
-        f"\n{size}: {found['iterations']} iterations, objective {found['objective']:.5f}, "
-        f"{found['memory_gb']:.2f} GB\n| step | processor s | % | wall s | GB |\n|---|---|---|---|---|"
+        f"\n{size}: {result['iterations']} iterations, objective {result['objective']:.5f}, "
+        f"{result['memory_gb']:.2f} GB\n| step | processor s | % | wall s | GB |\n|---|---|---|---|---|"
     )
     for step, (processor, wall, memory) in seconds.items():
         print(f"| {step} | {processor:.2f} | {100 * processor / whole[0]:.1f} | {wall:.2f} | {memory:.2f} |")
-    print(f"| whole | {whole[0]:.2f} | 100 | {whole[1]:.2f} | {found['memory_gb']:.2f} |\n")
+    print(f"| whole | {whole[0]:.2f} | 100 | {whole[1]:.2f} | {result['memory_gb']:.2f} |\n")
     print("| run done | time left over-estimated by (%) |\n|---|---|")
-    for done, (least, most) in found["estimates"].items():
+    for done, (least, most) in result["estimates"].items():
         print(f"| {done} | {least:+.0f} to {most:+.0f} |", flush=True)
 
 
@@ -192,8 +192,8 @@ def main():
         reset(project)
         command = [sys.executable, __file__, project, "--one", str(particles), "--device", options.device]
         command += [] if options.pictures else ["--no-pictures"]
-        found = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
-        report(size, json.loads(found.stdout.splitlines()[-1]))
+        result = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
+        report(size, json.loads(result.stdout.splitlines()[-1]))
         if not options.keep:
             shutil.rmtree(project)
 

@@ -58,7 +58,7 @@ def lives(options: argparse.Namespace, folder: Path) -> None:
         left = remains(app)
         first = first or left
         if life % 10 == 0:
-            print(f"| {life} | {' | '.join(str(one) for one in left)} |", flush=True)
+            print(f"| {life} | {' | '.join(str(item) for item in left)} |", flush=True)
     grown = [now - then for now, then in zip(left, first, strict=True)]
     print(f"after {options.count} lives more than after one: {grown[:-1]}, memory {grown[-1]:+d} MB")
 

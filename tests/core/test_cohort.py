@@ -40,8 +40,8 @@ def test_a_table_gives_groups_and_further_columns_in_its_order(folder):
 
 
 def test_a_table_may_hold_absolute_paths(folder):
-    (one,) = read_cohort(table(folder, f"name,path\nx,{folder / 'a.nrrd'}\n")).subjects
-    assert one.path == folder / "a.nrrd"
+    (first,) = read_cohort(table(folder, f"name,path\nx,{folder / 'a.nrrd'}\n")).subjects
+    assert first.path == folder / "a.nrrd"
 
 
 def test_subjects_can_be_left_out(folder):

@@ -34,22 +34,22 @@ def similarity_of(random, *, scale=1.0, mirrored=False):
 def test_the_similarity_that_moved_points_is_found(random, scale, mirrored):
     points = random.normal(size=(9, 3))
     matrix = similarity_of(random, scale=scale, mirrored=mirrored)
-    found = fit_similarity(points, transform_points(matrix, points), scaling=scale != 1.0, mirrored=mirrored)
-    np.testing.assert_allclose(found, matrix, atol=1e-12)
+    result = fit_similarity(points, transform_points(matrix, points), scaling=scale != 1.0, mirrored=mirrored)
+    np.testing.assert_allclose(result, matrix, atol=1e-12)
 
 
 def test_no_other_rotation_comes_nearer(random):
     points, targets = random.normal(size=(2, 20, 3))
-    found = fit_similarity(points, targets, scaling=False)
-    assert np.linalg.det(found[:3, :3]) == pytest.approx(1.0)
+    result = fit_similarity(points, targets, scaling=False)
+    assert np.linalg.det(result[:3, :3]) == pytest.approx(1.0)
 
     def error(matrix):
         return np.square(transform_points(matrix, points) - targets).sum()
 
     for _ in range(50):
-        other = found.copy()
-        other[:3, :3] = Rotation.from_rotvec(random.normal(scale=0.05, size=3)).as_matrix() @ found[:3, :3]
-        assert error(other) > error(found)
+        other = result.copy()
+        other[:3, :3] = Rotation.from_rotvec(random.normal(scale=0.05, size=3)).as_matrix() @ result[:3, :3]
+        assert error(other) > error(result)
 
 
 def test_points_without_extent_keep_their_size():
@@ -61,8 +61,8 @@ def test_many_rotations_at_once_are_those_of_each(random):
     covariances = random.normal(size=(6, 3, 3))
     left, right, overlap = fit_rotation(covariances)
     for k, covariance in enumerate(covariances):
-        one = fit_rotation(covariance)
-        np.testing.assert_allclose(left[k] @ right[k], one[0] @ one[1], atol=1e-12)
+        first = fit_rotation(covariance)
+        np.testing.assert_allclose(left[k] @ right[k], first[0] @ first[1], atol=1e-12)
         assert overlap[k] == pytest.approx(np.sum(covariance * (left[k] @ right[k])))
 
 

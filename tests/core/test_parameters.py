@@ -12,19 +12,19 @@ ALL = [
 LENGTHS = {"spacing", "mesh_edge"}
 
 
-@pytest.mark.parametrize("one", ALL, ids=lambda item: item.name)
-def test_every_setting_says_what_it_does(one):
-    assert len(one.help) > 20
-    assert one.help.endswith(".")
+@pytest.mark.parametrize("first", ALL, ids=lambda item: item.name)
+def test_every_setting_says_what_it_does(first):
+    assert len(first.help) > 20
+    assert first.help.endswith(".")
 
 
 @pytest.mark.parametrize(
-    "one", [item for item in ALL if item.kind in (int, float)], ids=lambda item: item.name
+    "first", [item for item in ALL if item.kind in (int, float)], ids=lambda item: item.name
 )
-def test_every_number_has_bounds_and_lengths_have_a_unit(one):
-    assert one.low is not None
-    assert one.high is not None
-    assert (one.unit == "mm") == (one.name in LENGTHS)
+def test_every_number_has_bounds_and_lengths_have_a_unit(first):
+    assert first.low is not None
+    assert first.high is not None
+    assert (first.unit == "mm") == (first.name in LENGTHS)
 
 
 def test_names_are_unique_across_the_models_so_that_each_can_be_an_option():
@@ -37,9 +37,9 @@ def test_a_field_is_described_in_full():
             float | None, Field(gt=0.5, le=2.0, description="How long.", json_schema_extra={"unit": "mm"})
         ] = None
 
-    (one,) = parameters(Model)
-    assert one == Parameter("some_length", float, True, None, 0.5, 2.0, True, "mm", "How long.")
-    assert (one.label, one.bounds, one.choices) == ("some length", "above 0.5 to 2.0", ())
+    (first,) = parameters(Model)
+    assert first == Parameter("some_length", float, True, None, 0.5, 2.0, True, "mm", "How long.")
+    assert (first.label, first.bounds, first.choices) == ("some length", "above 0.5 to 2.0", ())
 
 
 def test_closed_sets_list_their_choices():

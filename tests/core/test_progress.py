@@ -65,8 +65,8 @@ def test_works_on_several_threads_return_in_order_and_tick_in_the_callers_thread
         return number
 
     works = [lambda tick, number=number: work(number) for number in range(4)]
-    found = run_in_threads(works, lambda *what: heard.append((*what, threading.get_ident())), "begin", 2)
-    assert found == [0, 1, 2, 3]
+    result = run_in_threads(works, lambda *what: heard.append((*what, threading.get_ident())), "begin", 2)
+    assert result == [0, 1, 2, 3]
     assert heard[-1] == (1.0, "begin", threading.get_ident())
 
 

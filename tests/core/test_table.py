@@ -28,20 +28,20 @@ def read(tmp_path):
 
 
 def test_new_columns_and_groups_are_added_and_replaced(read):
-    found = read("name,group,age,sex\np01_ED,HCM,62,F\np02_ED,NOR,48,M\n")
-    assert [subject.group for subject in found.subjects] == ["HCM", "NOR", "NOR"]
-    assert found.subjects[0].columns == {"age": "62", "sex": "F"}
-    assert found.added == {"group": 1, "age": 1, "sex": 2}
-    assert [(item.column, item.before, item.after) for item in found.replaced] == [
+    cohort = read("name,group,age,sex\np01_ED,HCM,62,F\np02_ED,NOR,48,M\n")
+    assert [subject.group for subject in cohort.subjects] == ["HCM", "NOR", "NOR"]
+    assert cohort.subjects[0].columns == {"age": "62", "sex": "F"}
+    assert cohort.added == {"group": 1, "age": 1, "sex": 2}
+    assert [(item.column, item.before, item.after) for item in cohort.replaced] == [
         ("group", "DCM", "HCM"),
         ("age", "61", "62"),
     ]
 
 
 def test_a_row_of_types_declares_categories_and_checks_numbers(read):
-    found = read("name,age,site\ntype,number,category\np01_ED,62,1\np02_ED,NA,2\n")
-    assert found.subjects[0].columns == {"age": "62", "site:c": "1"}
-    assert found.unknown == ()
+    cohort = read("name,age,site\ntype,number,category\np01_ED,62,1\np02_ED,NA,2\n")
+    assert cohort.subjects[0].columns == {"age": "62", "site:c": "1"}
+    assert cohort.unknown == ()
     for text in ("name,age\ntype,number\np01_ED,62 y\n", "name,age,site\ntype,number,place\np01_ED,62,1\n"):
         with pytest.raises(InputError, match=r"line 3.*'62 y'.*age|line 2.*'place'.*site"):
             read(text)
@@ -49,27 +49,27 @@ def test_a_row_of_types_declares_categories_and_checks_numbers(read):
 
 def test_a_column_that_is_there_is_declared_without_becoming_two(read, tmp_path):
     (tmp_path / "again.csv").write_text("name,age\np02_ED,56\n", encoding="utf-8")
-    found = read("name,age\ntype,category\np02_ED,55\n")
-    assert [subject.columns for subject in found.subjects] == [{"age:c": "61"}, {"age:c": "55"}, {}]
-    assert found.added == {"age:c": 2}
-    again = with_table(found.subjects, tmp_path / "again.csv")
+    cohort = read("name,age\ntype,category\np02_ED,55\n")
+    assert [subject.columns for subject in cohort.subjects] == [{"age:c": "61"}, {"age:c": "55"}, {}]
+    assert cohort.added == {"age:c": 2}
+    again = with_table(cohort.subjects, tmp_path / "again.csv")
     assert again.subjects[1].columns == {"age:c": "56"}
 
 
 def test_a_subject_may_be_called_type(tmp_path):
     (tmp_path / "table.csv").write_text("name,sex\ntype,F\n", encoding="utf-8")
-    found = with_table([Subject("type", Path("type.nrrd"))], tmp_path / "table.csv")
-    assert found.subjects[0].columns == {"sex": "F"}
+    cohort = with_table([Subject("type", Path("type.nrrd"))], tmp_path / "table.csv")
+    assert cohort.subjects[0].columns == {"sex": "F"}
 
 
 def test_rows_and_subjects_without_the_other_are_told(read):
-    found = read("name,sex\np01_ED,F\nstranger,M\n")
-    assert (found.matched, found.without_row, found.unknown) == (
+    cohort = read("name,sex\np01_ED,F\nstranger,M\n")
+    assert (cohort.matched, cohort.without_row, cohort.unknown) == (
         ("p01_ED",),
         ("p02_ED", "p10_ED"),
         ("stranger",),
     )
-    assert any("stranger" in line for line in found.lines)
+    assert any("stranger" in line for line in cohort.lines)
 
 
 @pytest.mark.parametrize(
@@ -87,27 +87,27 @@ def test_a_beginning_that_two_subjects_share_names_neither(tmp_path):
 
 
 def test_the_column_that_fits_most_subjects_names_them(read):
-    found = read("name,id,sex\nJane,p01,F\nJohn,p02,M\n")
-    assert (found.key, len(found.matched)) == ("id", 2)
-    assert found.subjects[0].columns["name"] == "Jane"
+    cohort = read("name,id,sex\nJane,p01,F\nJohn,p02,M\n")
+    assert (cohort.key, len(cohort.matched)) == ("id", 2)
+    assert cohort.subjects[0].columns["name"] == "Jane"
 
 
 def test_paths_are_left_alone_and_may_name_the_subjects(read):
-    found = read("path,sex\nelsewhere/heart10.nii.gz,F\n")
-    assert found.subjects[2].path == SUBJECTS[2].path
-    assert found.subjects[2].columns == {"sex": "F"}
+    cohort = read("path,sex\nelsewhere/heart10.nii.gz,F\n")
+    assert cohort.subjects[2].path == SUBJECTS[2].path
+    assert cohort.subjects[2].columns == {"sex": "F"}
 
 
 def test_an_empty_cell_leaves_what_is_there(read):
-    found = read("name,group,age\np01_ED,,\n")
-    assert (found.subjects[0].group, found.subjects[0].columns["age"]) == ("DCM", "61")
-    assert found.is_empty
+    cohort = read("name,group,age\np01_ED,,\n")
+    assert (cohort.subjects[0].group, cohort.subjects[0].columns["age"]) == ("DCM", "61")
+    assert cohort.is_empty
 
 
 def test_columns_that_differ_in_case_only_are_one(read):
-    found = read("Subject,Group,Age\np01_ED,HCM,62\n")
-    assert found.subjects[0].group == "HCM"
-    assert found.subjects[0].columns == {"age": "62"}
+    cohort = read("Subject,Group,Age\np01_ED,HCM,62\n")
+    assert cohort.subjects[0].group == "HCM"
+    assert cohort.subjects[0].columns == {"age": "62"}
 
 
 @pytest.mark.parametrize("separator", [";", "\t", ","])
@@ -121,9 +121,9 @@ def test_a_workbook_is_read_with_its_numbers(tmp_path):
     for row in (["ID", "age", "dose"], ["p01", 62, 0.5], [None, None, None], ["p02", 48.0, 1]):
         book.active.append(row)
     book.save(tmp_path / "table.xlsx")
-    found = with_table(SUBJECTS, tmp_path / "table.xlsx")
-    assert [subject.columns.get("age") for subject in found.subjects] == ["62", "48", None]
-    assert found.subjects[0].columns["dose"] == "0.5"
+    cohort = with_table(SUBJECTS, tmp_path / "table.xlsx")
+    assert [subject.columns.get("age") for subject in cohort.subjects] == ["62", "48", None]
+    assert cohort.subjects[0].columns["dose"] == "0.5"
 
 
 def test_a_file_that_is_no_workbook_is_refused_by_name(tmp_path):
@@ -133,13 +133,13 @@ def test_a_file_that_is_no_workbook_is_refused_by_name(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("name,sex\nx,F\n", "names none"),
         ("name,sex\np01,F\np01_ED,M\n", "several rows of p01_ED"),
         ("name,sex\n", "no rows"),
     ],
 )
-def test_tables_that_can_not_be_used_say_why(read, text, words):
-    with pytest.raises(InputError, match=words):
+def test_tables_that_can_not_be_used_say_why(read, text, message):
+    with pytest.raises(InputError, match=message):
         read(text)

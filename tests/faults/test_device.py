@@ -38,7 +38,7 @@ def test_a_run_that_loses_its_gpu_is_resumed_on_the_cpu(project, run_of, results
 
 
 @pytest.mark.parametrize(
-    ("place", "fault", "words"),
+    ("place", "fault", "text"),
     [
         ("homolog.run.steps.load_kernels", LOST, "failed"),
         ("homolog.run.table_cache.load_table", LOST, "failed"),
@@ -48,7 +48,7 @@ def test_a_run_that_loses_its_gpu_is_resumed_on_the_cpu(project, run_of, results
     ],
 )
 def test_a_gpu_that_is_lost_or_full_at_any_other_moment_leaves_the_last_result(
-    project, run_of, results, monkeypatch, place, fault, words
+    project, run_of, results, monkeypatch, place, fault, text
 ):
     def fail(*_, **__):
         raise RuntimeError(fault)
@@ -57,7 +57,7 @@ def test_a_gpu_that_is_lost_or_full_at_any_other_moment_leaves_the_last_result(
     with monkeypatch.context() as machine:
         machine.setattr(place, fail)
         machine.setattr("homolog.run.steps.device_faults", lambda alias: device_faults("cuda:0"))
-        with pytest.raises(InputError, match=rf"cuda:0: {words} .*saved is kept.*device cpu"):
+        with pytest.raises(InputError, match=rf"cuda:0: {text} .*saved is kept.*device cpu"):
             run_of(project).execute()
     assert project.read().unfinished
     assert results(project.folder) == whole
@@ -88,8 +88,8 @@ def test_memory_that_is_full_while_grooming_is_told(project, run_of, results, mo
 
 
 def test_a_full_gpu_is_told_with_what_helps():
-    words = r"cuda:0: has too little memory \(Failed to allocate .*free memory, or use fewer .*device cpu"
-    with pytest.raises(InputError, match=words), device_faults("cuda:0"):
+    text = r"cuda:0: has too little memory \(Failed to allocate .*free memory, or use fewer .*device cpu"
+    with pytest.raises(InputError, match=text), device_faults("cuda:0"):
         raise RuntimeError(FULL)
 
 

@@ -42,12 +42,12 @@ def test_an_export_that_cannot_grow_is_named_and_leaves_nothing(
     place.mkdir()
     with files_up_to(20):
         code = main(["export", what, str(project.folder), "--out", str(place / name), *options])
-    words = capsys.readouterr().err
+    output = capsys.readouterr().err
     assert code == INPUT_ERROR
-    assert f"homolog: {place / name}" in words
-    assert ": can't be written: " in words
-    assert "choose a folder" in words
-    assert ".part-" not in words
+    assert f"homolog: {place / name}" in output
+    assert ": can't be written: " in output
+    assert "choose a folder" in output
+    assert ".part-" not in output
     assert contents(place) == {}
     assert contents(project.folder) == before
 
@@ -57,6 +57,6 @@ def test_a_report_that_cannot_grow_is_named_and_the_one_before_stays(project, co
     before = contents(project.folder / "report")
     with files_up_to(600):
         assert main(["report", str(project.folder)]) == INPUT_ERROR
-    words = capsys.readouterr().err
-    assert "File too large; choose a folder" in words
+    output = capsys.readouterr().err
+    assert "File too large; choose a folder" in output
     assert contents(project.folder / "report") == before

@@ -13,9 +13,9 @@ from homolog_app.cli import INPUT_ERROR, OK, main
 def test_a_read_only_project_is_named_by_whatever_writes(project, read_only, contents, arguments, capsys):
     before, folder = contents(project.folder), read_only(project.folder)
     assert main([arguments[0], str(folder), *arguments[1:]]) == INPUT_ERROR
-    words = capsys.readouterr().err
-    assert f"{folder}: can't be written: " in words
-    assert "choose a folder" in words
+    output = capsys.readouterr().err
+    assert f"{folder}: can't be written: " in output
+    assert "choose a folder" in output
     assert contents(project.folder) == before
 
 

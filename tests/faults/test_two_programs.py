@@ -18,9 +18,9 @@ def test_a_second_command_line_is_told_and_changes_nothing(project, holder, cont
     name, *options = arguments
     with holder(project):
         assert main([name, str(project.folder), *options]) == INPUT_ERROR
-    words = capsys.readouterr().err
-    assert f"{project.folder}: is in use by another Homolog (process " in words
-    assert words.endswith("; close that one or wait\n")
+    output = capsys.readouterr().err
+    assert f"{project.folder}: is in use by another Homolog (process " in output
+    assert output.endswith("; close that one or wait\n")
     assert contents(project.folder) == before
 
 

@@ -128,7 +128,7 @@ def _allowed(place: Path) -> bool:
 
 sys.addaudithook(_hear)
 
-_WORDS = [
+_TOKENS = [
     b"-1", b"0", b"1e999", b"NaN", b"-Infinity", b"18446744073709551616", b"9" * 400, b"null", b"true",
     b"../../../tmp/evil", b"/etc/passwd", b"C:\\evil", b"$(touch evil)", b"=cmd|' /C calc'!A0", b"%s%n",
     b"<script>alert(1)</script>", b'"', b"'", b"{}", b"[]", b",", b"\n", b"\r", b" ", b"\\", b"\x00", b"\xff",
@@ -147,9 +147,9 @@ def mutated(good: bytes, chance: random.Random) -> bytes:
             case 0:
                 data[at : at + 1] = bytes([chance.randrange(256)])
             case 1:
-                data[at:at] = chance.choice(_WORDS)
+                data[at:at] = chance.choice(_TOKENS)
             case 2:
-                data[at : at + size] = chance.choice(_WORDS)
+                data[at : at + size] = chance.choice(_TOKENS)
             case 3:
                 del data[at : at + size]
             case 4:

@@ -146,8 +146,8 @@ def good_preferences(folder: Path) -> None:
 def read_preferences(folder: Path) -> object:
     from homolog_app.window.workspace import Preferences
 
-    one = Preferences(folder / "preferences.ini")
-    return one.scheme, one.ask_on_close, one.recent, one.geometry
+    first = Preferences(folder / "preferences.ini")
+    return first.scheme, first.ask_on_close, first.recent, first.geometry
 
 
 def good_study(folder: Path) -> None:
@@ -320,8 +320,8 @@ def good_table(folder: Path) -> None:
     from homolog.geodesics import solve_tables
 
     solve_tables([octahedron()], 1.0, memory_limit=70, cache=folder)
-    (found,) = folder.glob("*.npz")
-    found.rename(folder / "table.npz")
+    (result,) = folder.glob("*.npz")
+    result.rename(folder / "table.npz")
 
 
 def read_table(folder: Path) -> object:

@@ -67,7 +67,7 @@ def run_reference(arguments: argparse.Namespace) -> int:
     """Make the reference; returns the exit code."""
     from homolog.patient.build import make_reference
     from homolog.patient.reference import check_name
-    from homolog_app.report.patient_words import reference_text
+    from homolog_app.report.patient_texts import reference_text
 
     check_name(arguments.out)
     with show_progress(arguments.progress) as progress:

@@ -190,8 +190,8 @@ def _is_there(
     arguments: argparse.Namespace, project: ProjectFolder, cohort: Cohort, settings: RunSettings
 ) -> bool:
     """Whether the project has the very result already that is asked for with a folder or table."""
-    asked_anew = arguments.restart or arguments.resume or arguments.fit or project.folder == arguments.cohort
-    if asked_anew or not project.exists:
+    is_explicit = arguments.restart or arguments.resume or arguments.fit or project.folder == arguments.cohort
+    if is_explicit or not project.exists:
         return False
     from homolog.run import is_result_of
 

@@ -208,7 +208,7 @@ def draw_displacement_bar(place: Axes, limit: float, theme: Theme, font_pt: floa
         "xycoords": "axes fraction", "textcoords": "offset points", "ha": "center",
         "color": theme.text, "fontsize": font_pt,
     }  # fmt: skip
-    high, low = (f"{end}\n({scale.unit})" for end in (scale.high_words, scale.low_words))
+    high, low = (f"{end}\n({scale.unit})" for end in (scale.high_label, scale.low_label))
     place.annotate(high, (0.5, 1.0), (0.0, 0.7 * font_pt), va="bottom", **style)
     place.annotate(low, (0.5, 0.0), (0.0, -0.7 * font_pt), va="top", **style)
 

@@ -138,11 +138,11 @@ class ColourScale:
         Ends of the scale; values beyond them get the colours of the ends.
     table : (256, 3) uint8 array
         Colours from low to high.
-    low_words, high_words : str
+    low_label, high_label : str
         What the ends mean, such as ``"into the tissue"`` and ``"out of the tissue"``.
     note : str
         A further remark, such as how long arrows are drawn.
-    grey_words : str
+    grey_label : str
         What grey means, for a patch of it beside the scale; nothing if there is no grey.
     """
 
@@ -151,10 +151,10 @@ class ColourScale:
     low: float
     high: float
     table: Array
-    low_words: str = ""
-    high_words: str = ""
+    low_label: str = ""
+    high_label: str = ""
     note: str = ""
-    grey_words: str = ""
+    grey_label: str = ""
 
     def within(self, range_: tuple[float, float] | None) -> "ColourScale":
         """Return the scale with its ends set by hand, or as it is."""

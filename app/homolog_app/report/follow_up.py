@@ -22,7 +22,7 @@ from homolog_app.report import NOTICE
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.page import Page
 from homolog_app.report.patient_pages import change_pictures
-from homolog_app.report.patient_words import reference_rows
+from homolog_app.report.patient_texts import reference_rows
 from homolog_app.report.sheets import Sheet, write_sheets
 
 __all__ = [

@@ -33,7 +33,7 @@ from homolog_app.report.figures import ReportFigure
 from homolog_app.report.follow_up import check_times, write_follow_up
 from homolog_app.report.page import Page
 from homolog_app.report.patient_pages import map_pictures, percentiles_figure, write_pdf
-from homolog_app.report.patient_words import (
+from homolog_app.report.patient_texts import (
     GROUP_CAUTION,
     GROUP_COLUMNS,
     MARKS,

@@ -17,7 +17,7 @@ from homolog_app.rendering.colours import LIGHT, common_limit, displacement_scal
 from homolog_app.rendering.draw import draw
 from homolog_app.rendering.rays import hollows
 from homolog_app.rendering.scene import Scene, Surface, surface
-from homolog_app.report.patient_words import (
+from homolog_app.report.patient_texts import (
     GROUP_CAUTION,
     MARKS,
     METHOD,

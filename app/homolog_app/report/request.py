@@ -30,7 +30,7 @@ __all__ = [
 
 _RECORD = "study.json"
 _LONGEST = 90
-SIZE_WORDS = {
+SIZE_TEXTS = {
     Alignment.AS_IT_LIES: "as the shapes lie",
     Alignment.RIGID: "form (size and shape)",
     Alignment.SIMILARITY: "shape (size removed)",
@@ -110,7 +110,7 @@ class StudyRequest(BaseModel):
             "pairs": f"{self.column}: {' and '.join(self.between)}, paired by {self.pairs}",
         }[self.kind]
         allowed = f", adjusted for {', '.join(self.covariates)}" if self.covariates else ""
-        return f"{what}{allowed}; {SIZE_WORDS[self.alignment]}"
+        return f"{what}{allowed}; {SIZE_TEXTS[self.alignment]}"
 
     @property
     def arguments(self) -> list[str]:

@@ -199,7 +199,7 @@ class _Flow:
                 assert isinstance(columns, Sequence)
                 if summary:
                     self._headings.append((summary, False))
-                self.table(columns, [[_words(cell) for cell in row] for row in rows])
+                self.table(columns, [[_cell_text(cell) for cell in row] for row in rows])
             case {"kind": "figures", "figures": list(figures)}:
                 self.figures(figures)
 
@@ -272,7 +272,7 @@ class _Flow:
         self.sheet.y += below
 
 
-def _words(cell: str | Link) -> str:
+def _cell_text(cell: str | Link) -> str:
     return cell if isinstance(cell, str) else cell.text
 
 

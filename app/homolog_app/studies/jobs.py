@@ -180,7 +180,7 @@ class RunJob:
         self.recorder = Recorder()
         self.names = [subject.name for subject in cohort.subjects]
         self._status: RunStatus = self._run.status
-        self._news: tuple[RunStatus, PreliminaryModel | None] = (self._status, None)
+        self._latest: tuple[RunStatus, PreliminaryModel | None] = (self._status, None)
         optimize = settings.optimize
         self._fits = PreliminaryFits(self._run, title, optimize.method, optimize.particles)
 
@@ -197,9 +197,9 @@ class RunJob:
     @property
     def status(self) -> "RunStatus":
         """Where the run is; another object also when there is another preliminary model."""
-        news = (self._run.status, self._fits.newest)
-        if any(now is not before for now, before in zip(news, self._news, strict=True)):
-            self._news, self._status = news, replace(news[0])
+        latest = (self._run.status, self._fits.newest)
+        if any(now is not before for now, before in zip(latest, self._latest, strict=True)):
+            self._latest, self._status = latest, replace(latest[0])
         return self._status
 
     @property

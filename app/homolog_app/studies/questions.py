@@ -19,7 +19,7 @@ from homolog_app.report.findings import (
     region_text,
     size_variance_text,
 )
-from homolog_app.report.request import SIZE_WORDS, StudyRequest
+from homolog_app.report.request import SIZE_TEXTS, StudyRequest
 from homolog_app.report.study import SHAPE_SIZE
 from homolog_app.studies.study import Study
 
@@ -170,7 +170,7 @@ def effect_line(answer: "GroupAnswer") -> str:
 
 def question_text(request: StudyRequest) -> str:
     """Return alignment, covariates and who is left out, as they stand below the headline."""
-    how = SIZE_WORDS[request.alignment]
+    how = SIZE_TEXTS[request.alignment]
     parts = [f"{how[0].upper()}{how[1:]}"]
     parts += [f"paired by {request.pairs}"] if request.pairs else []
     parts += [f"adjusted for {', '.join(request.covariates)}"] if request.covariates else []

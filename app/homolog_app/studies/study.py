@@ -31,9 +31,9 @@ __all__ = [
     "Member",
     "Study",
     "extension_of",
-    "found_subjects",
     "is_there",
     "outdated_text",
+    "read_subjects",
     "with_present_table",
     "with_table",
 ]
@@ -138,7 +138,7 @@ def _relocated(subject: Subject, folder: Path) -> Subject:
     return replace(subject, path=folder / subject.path.name, image=image)
 
 
-def found_subjects(paths: Iterable[Path]) -> Cohort:
+def read_subjects(paths: Iterable[Path]) -> Cohort:
     """Return the subjects of folders, tables and single files, as they were dropped or chosen, with notes.
 
     Raises

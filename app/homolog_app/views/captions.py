@@ -250,8 +250,8 @@ def scale_picture(
     size = round(_LETTERS * ratio)
     line = f"{scale.title} ({scale.unit})" if scale.unit else scale.title
     line += f" · {scale.note}" if scale.note else ""
-    own = font_file(line + scale.grey_words)  # groups may be named in any script
-    grey = f" · {scale.grey_words}" if scale.grey_words else ""
+    own = font_file(line + scale.grey_label)  # groups may be named in any script
+    grey = f" · {scale.grey_label}" if scale.grey_label else ""
     patch = round(_PATCH * ratio) if grey else 0
     text, tail = written(line, own), written(grey, own)
     letters = _font(own, size)
@@ -267,7 +267,7 @@ def scale_picture(
         box = (start, 12 * ratio - side / 2, start + side, 12 * ratio + side / 2)
         draw.rectangle(box, GREY, colours.dim, max(1, round(ratio)))
         draw.text(
-            (start + patch, 12 * ratio), written(scale.grey_words, own), colours.text, letters, anchor="lm"
+            (start + patch, 12 * ratio), written(scale.grey_label, own), colours.text, letters, anchor="lm"
         )
     length = round(min(MOST * ratio, width - 2 * SIDE * ratio))
     left, top = round((width - length) / 2), round(_TOP * ratio)
@@ -277,18 +277,18 @@ def scale_picture(
     page.paste(table.resize((length, bottom - top), Image.Resampling.BILINEAR), (left, top))
     draw.rectangle((left, top, left + length, bottom), outline=colours.dim, width=thin)
     middle = (top + bottom) / 2
-    draw.text((left - 8 * ratio, middle), scale.low_words, colours.text, font, anchor="rm")
-    draw.text((left + length + 8 * ratio, middle), scale.high_words, colours.text, font, anchor="lm")
+    draw.text((left - 8 * ratio, middle), scale.low_label, colours.text, font, anchor="rm")
+    draw.text((left + length + 8 * ratio, middle), scale.high_label, colours.text, font, anchor="lm")
     values = np.linspace(scale.low, scale.high, _TICKS).tolist()
-    for value, text in zip(values, _words(values), strict=True):
+    for value, text in zip(values, _tick_labels(values), strict=True):
         x = left + length * (value - scale.low) / (scale.high - scale.low)
         draw.line((x, bottom, x, bottom + 4 * ratio), colours.text, thin)
         draw.text((x, bottom + 13 * ratio), text, colours.text, font, anchor="mm")
     return np.array(page)
 
 
-def _words(values: list[float]) -> list[str]:
-    """Return the ticks' words with three digits at the ends, and as many places in all."""
+def _tick_labels(values: list[float]) -> list[str]:
+    """Return the labels of ticks, with three digits at the ends, and as many places in all."""
     most = max(abs(value) for value in values)
     places = max(0, 2 - int(np.floor(np.log10(most)))) if most else 0
     return tick_labels([round(value, places) for value in values])

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field
 
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import InputError
@@ -150,13 +150,13 @@ class _Scale(BaseModel):
     unit: str
     low: float
     high: float
-    low_words: str
-    high_words: str
+    low_label: str = Field(validation_alias=AliasChoices("low_label", "low_words"))  # as files of 0.2 call it
+    high_label: str = Field(validation_alias=AliasChoices("high_label", "high_words"))
     note: str
-    grey_words: str = ""
+    grey_label: str = Field("", validation_alias=AliasChoices("grey_label", "grey_words"))
 
 
-class _Words(BaseModel):
+class _Texts(BaseModel):
     """All that is no array: names and notes of the contents, columns, scale, canvas."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -174,7 +174,7 @@ def write_shown(path: Path, shown: ViewContents, canvas: Canvas) -> None:
     Parameters
     ----------
     path : Path
-    shown : Shown
+    shown : ViewContents
         With its particles and their colours.
     canvas : Canvas
 
@@ -188,7 +188,7 @@ def write_shown(path: Path, shown: ViewContents, canvas: Canvas) -> None:
         first = canvas.page * canvas.layout
         contents, canvas = contents[first : first + canvas.layout], canvas.model_copy(update={"page": 0})
     scale = shown.scale
-    texts = _Words(
+    texts = _Texts(
         names=[content.name for content in contents],
         notes=[content.note for content in contents],
         columns=shown.columns,
@@ -213,7 +213,7 @@ def read_shown(path: Path) -> tuple[ViewContents, Canvas]:
     """
     arrays = read_arrays(path)
     try:
-        texts = _Words.model_validate_json(str(arrays["words"]))
+        texts = _Texts.model_validate_json(str(arrays["words"]))
         count, columns = len(texts.names), texts.columns or 1
         if -(-count // columns) * columns > MOST:
             raise ValueError(columns)

@@ -123,7 +123,7 @@ def change_scene(follow_up: "FollowUp", only_beyond: bool) -> ViewContents:
     note = f"faint within the limit of {cause}" if known else "without a limit"
     scale = displacement_scale(limit, f"Change since {first.name}", note)
     if only_beyond and known:
-        scale = replace(scale, grey_words=f"within the limit of {cause}")
+        scale = replace(scale, grey_label=f"within the limit of {cause}")
     contents = []
     for change in follow_up.changes:
         beyond = beyond_limit(change, follow_up)

@@ -45,7 +45,7 @@ def verdict_text(comparison: "PatientComparison | None", reference: "Reference |
     """Say what was found; empty without a patient."""
     if comparison is None or reference is None:
         return ""
-    from homolog_app.report.patient_words import detectable_text, verdict
+    from homolog_app.report.patient_texts import detectable_text, verdict
 
     return f"{verdict(comparison, reference)}\n{detectable_text(reference)}"
 
@@ -54,7 +54,7 @@ def nearest_text(comparison: "PatientComparison | None", reference: "Reference |
     """Name the nearest controls; empty without a patient or if they are not kept."""
     if comparison is None or reference is None:
         return ""
-    from homolog_app.report.patient_words import nearest_controls_text
+    from homolog_app.report.patient_texts import nearest_controls_text
 
     return nearest_controls_text(comparison, reference)
 
@@ -63,7 +63,7 @@ def about_text(reference: "Reference | None") -> str:
     """Describe the reference, or say how to get one."""
     if reference is None:
         return "No reference yet. Make one from this result or open a file."
-    from homolog_app.report.patient_words import reference_text
+    from homolog_app.report.patient_texts import reference_text
 
     return "\n".join(reference_text(reference.anonymous()))  # the box above says what is saved besides
 
@@ -110,7 +110,7 @@ def patient_scene(
     faded, grey = comparison.missing, ["cut off"] if comparison.missing.any() else []
     if only_beyond and kind != MEAN:
         faded, grey = faded | ~beyond, [*grey, "within the limit of 5 % of healthy subjects"]
-    scale = replace(scale, grey_words=" or ".join(grey))
+    scale = replace(scale, grey_label=" or ".join(grey))
     steps = _steps(comparison, reference) if look.by_modes else _straight(comparison)
     note, vertices = _point_on_path(comparison.mean.vertices, steps, look.way)
     if look.way == 0.0:

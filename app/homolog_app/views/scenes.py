@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from homolog_app.studies.answers import GroupAnswer, GroupMap
     from homolog_app.studies.model_shape import ModelShape
 
-__all__ = ["GREY_WORDS", "deviations_of", "group_scene", "measured_scene", "mode_scene"]
+__all__ = ["GREY_LABELS", "deviations_of", "group_scene", "measured_scene", "mode_scene"]
 
 
 _STEPS: Mapping[int, tuple[float, ...]] = {
@@ -51,7 +51,7 @@ def mode_scene(view: ModesView, models: _Models, subject: Content | None = None)
     contents = [subject] if subject is not None else []
     particles = {}
     for model in models:
-        text = _words(deviations, model, subject if model is models[0] else None)
+        text = _caption(deviations, model, subject if model is models[0] else None)
         text += " · surface from particles"
         content = model_content(
             model,
@@ -113,7 +113,7 @@ def _placement(model: "ModelShape", models: _Models) -> FloatArray:
     return _STAY if model is models[0] else placement(model, models[0])
 
 
-def _words(deviations: FloatArray, model: "ModelShape", subject: Content | None) -> str:
+def _caption(deviations: FloatArray, model: "ModelShape", subject: Content | None) -> str:
     away = [(mode, float(value)) for mode, value in enumerate(deviations) if value]
     if subject is not None:
         gaps = model.model.instance(deviations) - model.result.world[model.result.names.index(subject.name)]
@@ -126,7 +126,7 @@ def _words(deviations: FloatArray, model: "ModelShape", subject: Content | None)
     return f"mode {named} SD" if len(away) == 1 else f"modes {named}{' …' * (len(away) > 4)} SD"
 
 
-GREY_WORDS = {
+GREY_LABELS = {
     "difference": f"p > {LEVEL:g}, corrected over the surface",
     "discriminant": "95 % bootstrap interval holds 0, or no difference found",
     "both": f"difference: corrected p > {LEVEL:g}; discriminant: 95 % interval holds 0",
@@ -174,7 +174,7 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
     scale = scale.within(view.colour_range)
     if view.only_significant:
         scale = replace(
-            scale, grey_words=GREY_WORDS["both" if view.count > 1 and first.values is None else view.map]
+            scale, grey_label=GREY_LABELS["both" if view.count > 1 and first.values is None else view.map]
         )
     if view.outdated:
         scale = replace(scale, table=_pale(scale.table))
@@ -311,10 +311,10 @@ def _coloured(view: MeasureView, content: Content, shape: "ModelShape") -> tuple
         alignment = content.alignment
         values = signed_distances_to(shape.mean, mesh.vertices @ alignment[:3, :3].T + alignment[:3, 3])
         scale = displacement_scale(shape.limit, "Distance from the mean surface")
-        scale = replace(scale, low_words="inside it", high_words="outside")
+        scale = replace(scale, low_label="inside it", high_label="outside")
     scale, unknown = scale.within(view.colour_range), np.isnan(values)
     if unknown.any():
-        scale = replace(scale, grey_words="no opposite side")
+        scale = replace(scale, grey_label="no opposite side")
     colours = scale.colours(np.where(unknown, scale.low, values), unknown)
     return replace(content, colours=colours, coarse=None), scale
 

@@ -240,13 +240,16 @@ class LabelPicker(QFrame):
             self.hide()
             return
         from homolog.grooming.names import same_name
-        from homolog.grooming.structures import Found, joined  # slow to import, and there once files are read
+        from homolog.grooming.structures import (
+            SubjectStructure,
+            joined,
+        )  # slow to import, and there once files are read
 
         groom = self._session.study.settings.groom
         count = len(self._session.study.members)
         labels_of = {
             name: [
-                Found(label.name, label.value, label.volume_ml or 0.0, label.at_border)
+                SubjectStructure(label.name, label.value, label.volume_ml or 0.0, label.at_border)
                 for label in survey.labels
             ]
             for name, survey in surveys.items()

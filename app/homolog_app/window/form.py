@@ -27,7 +27,7 @@ _HINT = "Point at a setting for its help."
 _LINES = 3
 _EDITOR = 112
 _NO_BOUND = 2**31 - 1  # as many as an editor of whole numbers takes
-_WORDS = {
+_LABELS = {
     "geodesic-normals": "Geodesics and normals",
     "geodesic": "Geodesics only",
     "normals": "Normals only",
@@ -231,7 +231,7 @@ class _Row(QWidget):
         if parameter.choices:
             choice = QComboBox()
             for value in parameter.choices:
-                choice.addItem(_WORDS.get(value, value.capitalize()), value)
+                choice.addItem(_LABELS.get(value, value.capitalize()), value)
             choice.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
             choice.setMinimumWidth(_EDITOR)
             choice.activated.connect(lambda _: self._report(choice.currentData()))

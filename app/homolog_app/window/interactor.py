@@ -222,12 +222,12 @@ class ColourBar(QWidget):
         self._scale = scale
         self.setVisible(scale is not None)
         if scale is not None:
-            text = (f"{scale.title} in {scale.unit}, from {short(scale.low)} {scale.low_words} "
-                     f"to {short(scale.high)} {scale.high_words}")  # fmt: skip
+            text = (f"{scale.title} in {scale.unit}, from {short(scale.low)} {scale.low_label} "
+                     f"to {short(scale.high)} {scale.high_label}")  # fmt: skip
             self.setAccessibleDescription(text)
-            text += f"; grey: {scale.grey_words}" if scale.grey_words else ""
+            text += f"; grey: {scale.grey_label}" if scale.grey_label else ""
             hollow = " On the inner wall of a hollow organ, out of the tissue makes the cavity smaller."
-            self.setToolTip(text + ". Click to set the range." + hollow * ("tissue" in scale.high_words))
+            self.setToolTip(text + ". Click to set the range." + hollow * ("tissue" in scale.high_label))
         self.update()
 
     def paint(self, colours: Colours) -> None:

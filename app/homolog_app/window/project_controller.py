@@ -21,7 +21,7 @@ from homolog_app.studies.files import (
     study_of,
 )
 from homolog_app.studies.loaded_result import write_from_memory
-from homolog_app.studies.study import FILES, Study, found_subjects, is_there, with_table
+from homolog_app.studies.study import FILES, Study, is_there, read_subjects, with_table
 from homolog_app.window.actions import Actions
 from homolog_app.window.dialogs import ask, waited
 from homolog_app.window.explore.panel import ExplorePanel
@@ -85,7 +85,7 @@ class ProjectController(Controller):
                 self.open(paths[0])
             return
         session = self._workspace.session
-        added = found_subjects(paths)
+        added = read_subjects(paths)
         study = session.study.adding(added.subjects)
         session.edit("Add subjects", study)
         if added.notes:

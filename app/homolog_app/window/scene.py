@@ -51,7 +51,7 @@ class Scene(QWidget):
         self.picker = Picker(self.plot, self.grid.cells, self.grid.particles_of)
         self.displayed = ViewContents(())
         self._colours = LIGHT
-        self._told = (-1, 0, 0)
+        self._reported = (-1, 0, 0)
         self._left_at = 0  # the page of subjects to come back to from shapes of the model
         self.share, self._turn, self._partial = MOST, 0, False
         self._size: object = None
@@ -139,8 +139,8 @@ class Scene(QWidget):
         self.grid.page = page
         self._refresh(page)
         grid = self.grid
-        if (grid.page, grid.pages, grid.columns) != self._told:
-            self._told = (grid.page, grid.pages, grid.columns)
+        if (grid.page, grid.pages, grid.columns) != self._reported:
+            self._reported = (grid.page, grid.pages, grid.columns)
             self.page_changed.emit()
 
     def turn_page(self, step: int) -> None:

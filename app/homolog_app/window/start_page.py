@@ -172,7 +172,7 @@ BEANS = Sample("coffee-beans", _write_beans, _BEAN_STOPS, groom={"alignment": Al
 
 _CARDS = ("file.new", "file.open", "file.sample_hearts")
 _RECENT = 6
-_WORDS_PX = 240
+_TEXT_PX = 240
 
 
 class StartPage(QFrame):
@@ -297,7 +297,7 @@ class StartPage(QFrame):
         layout.setContentsMargins(GRID, 0, GRID, 0)
         texts = (folder.name, str(folder.parent) if present else "not found — locate…")
         fitting = [
-            self.fontMetrics().elidedText(text, Qt.TextElideMode.ElideMiddle, _WORDS_PX) for text in texts
+            self.fontMetrics().elidedText(text, Qt.TextElideMode.ElideMiddle, _TEXT_PX) for text in texts
         ]
         name, where = label(fitting[0]), label(fitting[1], "Hint")
         row.setToolTip(str(folder))

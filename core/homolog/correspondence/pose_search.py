@@ -133,7 +133,7 @@ def search_pose(
     return pose, surface.nearest(pose, targets, ensemble.normals)[0]
 
 
-_Found = tuple[float, FloatArray, FloatArray]
+_Candidate = tuple[float, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +143,7 @@ class _Search:
     surface: SurfacePoints
     scaling: bool
 
-    def lowest(self, pose: FloatArray) -> _Found:
+    def lowest(self, pose: FloatArray) -> _Candidate:
         """Return objective, pose and targets of the lowest minimum about a pose."""
         targets = self._expected(pose, self.ensemble.mean)
         centre = targets.mean(axis=0)
@@ -174,7 +174,7 @@ class _Search:
         values = zip(self.terms, rows, self._rests(rows), strict=True)
         return float(sum(t.weight * np.log1p(row @ rest / self.ensemble.scale) for t, row, rest in values))
 
-    def _descend(self, pose: FloatArray, targets: FloatArray) -> _Found:
+    def _descend(self, pose: FloatArray, targets: FloatArray) -> _Candidate:
         """Return the minimum that Gauss-Newton steps reach from a pose."""
         value = self._value(pose, targets)
         for _ in range(_STEPS):

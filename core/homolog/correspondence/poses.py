@@ -142,8 +142,8 @@ def generalized_procrustes(points: FloatArray, poses: FloatArray, *, scaling: bo
             break
     centre = initial.mean(axis=(0, 1))
     target = target @ _rotation(target, initial.mean(axis=0) - centre).T + centre
-    poses_found = np.stack([fit_similarity(shape, target, scaling=True) for shape in points])
-    return rescale(poses_found, scales, np.tile(centre, (len(points), 1)))
+    fitted = np.stack([fit_similarity(shape, target, scaling=True) for shape in points])
+    return rescale(fitted, scales, np.tile(centre, (len(points), 1)))
 
 
 def align_to_mean(points: FloatArray, poses: FloatArray, free: BoolArray, *, scaling: bool) -> FloatArray:

@@ -83,7 +83,8 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
         raise
     except Exception as error:  # what parsers raise on damaged files is no short list
         raise InputError(
-            f"{path}: can't be read as a mesh (truncated, damaged or of another type: {_told(error)}); "
+            f"{path}: can't be read as a mesh (truncated, damaged or of another type: "
+            f"{_parser_message(error)}); "
             "copy or export it again"
         ) from error
     faces = every[np.isfinite(surface.points[every]).all(axis=(1, 2))]
@@ -190,7 +191,7 @@ def _as_polydata(mesh: TriangleMesh, point_data: Mapping[str, Array]) -> Any:  #
     return polydata
 
 
-def _told(error: Exception) -> str:
+def _parser_message(error: Exception) -> str:
     """Return what a parser says, without the bytes that it may have taken for numbers."""
     text = str(error) or type(error).__name__
     return "".join(sign if sign.isascii() and sign.isprintable() else "?" for sign in text[:80])

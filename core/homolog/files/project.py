@@ -42,7 +42,7 @@ _NEXT = ".next"
 _LOCK, _HOLDER = ".lock", ".holder"
 OUT_OF_DATE = "OUT_OF_DATE.txt"
 """Stands in a folder of statistics whose tables are of an earlier result."""
-_OUT_OF_DATE_WORDS = (
+_OUT_OF_DATE_TEXT = (
     "The tables in this folder belong to an earlier result: particles have been placed again since.\n"
     "Run the same analysis, or write the report, to compute them again.\n"
 )
@@ -287,7 +287,7 @@ class ProjectFolder:
     def _mark_analyses(self) -> None:
         """Say in each folder of statistics that its tables are of particles that are no more."""
         for folder in sorted((self.folder / "analysis").glob("*/")):
-            write_text(folder / OUT_OF_DATE, _OUT_OF_DATE_WORDS)
+            write_text(folder / OUT_OF_DATE, _OUT_OF_DATE_TEXT)
 
 
 def _relative(path: Path, folder: Path) -> str:

@@ -14,9 +14,9 @@ from homolog.grooming.names import matching, near, same_name
 from homolog.progress import Tick, no_tick
 
 __all__ = [
-    "Found",
     "Structure",
     "Structures",
+    "SubjectStructure",
     "chosen_structures",
     "joined",
     "list_structures",
@@ -31,7 +31,7 @@ _LISTED = 12
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class SubjectStructure:
     """A structure in a subject's files.
 
     Attributes
@@ -62,13 +62,13 @@ class Structure:
         As most subjects' files call it; empty if nothing names it.
     values : tuple of int
         Its labels, one where all files agree; none if it has files of its own.
-    by_subject : mapping of str to Found
+    by_subject : mapping of str to SubjectStructure
         By the names of the subjects that have it.
     """
 
     name: str
     values: tuple[int, ...]
-    by_subject: Mapping[str, Found] = field(default_factory=dict)
+    by_subject: Mapping[str, SubjectStructure] = field(default_factory=dict)
 
     @property
     def title(self) -> str:
@@ -166,11 +166,14 @@ def structures_of_files(cohort: Cohort) -> list[Structure]:
     by_subject = {subject.name: masks for subject in cohort.subjects if (masks := masks_of(subject))}
     if all(len(masks) == 1 for masks in by_subject.values()):
         return []
-    unread = {subject: [Found(name, None, 0.0) for name in masks] for subject, masks in by_subject.items()}
+    unread = {
+        subject: [SubjectStructure(name, None, 0.0) for name in masks]
+        for subject, masks in by_subject.items()
+    }
     return sorted(joined(unread), key=lambda structure: -len(structure.by_subject))
 
 
-def structures_of(subject: Subject) -> list[Found]:
+def structures_of(subject: Subject) -> list[SubjectStructure]:
     """Return what a subject's files hold; each file is read once. A surface alone is no structure to choose.
 
     Raises
@@ -185,18 +188,18 @@ def structures_of(subject: Subject) -> list[Found]:
             structure for name, path in masks.items() if (structure := _structure_in(name, path)) is not None
         ]
     return [
-        Found(extent.segment.name, extent.segment.value, extent.volume / 1000.0, extent.at_border)
+        SubjectStructure(extent.segment.name, extent.segment.value, extent.volume / 1000.0, extent.at_border)
         for extent in read_volume(subject.path).with_names().extents()
     ]
 
 
-def _structure_in(name: str, path: Path) -> Found | None:
+def _structure_in(name: str, path: Path) -> SubjectStructure | None:
     """Return the structure of a file of its own; None if it is empty."""
     if Subject(name, path).is_mesh:
-        return Found(name, None, abs(read_mesh(path).volume) / 1000.0)
+        return SubjectStructure(name, None, abs(read_mesh(path).volume) / 1000.0)
     parts = read_volume(path).extents()
     volume = sum(part.volume for part in parts) / 1000.0
-    return Found(name, None, volume, any(part.at_border for part in parts)) if parts else None
+    return SubjectStructure(name, None, volume, any(part.at_border for part in parts)) if parts else None
 
 
 def list_structures(cohort: Cohort, tick: Tick = no_tick) -> Structures:
@@ -205,7 +208,7 @@ def list_structures(cohort: Cohort, tick: Tick = no_tick) -> Structures:
     Those of one name are one structure, whatever their numbers; those without a name go by their number.
     """
     problems: dict[str, str] = {}
-    by_subject: dict[str, list[Found]] = {}
+    by_subject: dict[str, list[SubjectStructure]] = {}
     for index, subject in enumerate(cohort.subjects):
         tick(index / len(cohort.subjects), f"reading {subject.name}")
         try:
@@ -215,13 +218,15 @@ def list_structures(cohort: Cohort, tick: Tick = no_tick) -> Structures:
     return Structures(joined(_named_alike(by_subject)), problems)
 
 
-def _named_alike(by_subject: Mapping[str, Sequence[Found]]) -> dict[str, Sequence[Found]]:
+def _named_alike(
+    by_subject: Mapping[str, Sequence[SubjectStructure]],
+) -> dict[str, Sequence[SubjectStructure]]:
     """Return what was found, named by FreeSurfer's list also in files of too few labels to speak for it."""
     names = FREESURFER.names
     follow = any(
         item.name and item.name == names.get(item.value or 0) for ones in by_subject.values() for item in ones
     )
-    result: dict[str, Sequence[Found]] = {}
+    result: dict[str, Sequence[SubjectStructure]] = {}
     for subject, ones in by_subject.items():
         values = {item.value for item in ones}
         nameless = bool(values) and values <= FREESURFER.common and not any(item.name for item in ones)
@@ -232,9 +237,9 @@ def _named_alike(by_subject: Mapping[str, Sequence[Found]]) -> dict[str, Sequenc
     return result
 
 
-def joined(by_subject: Mapping[str, Sequence[Found]]) -> tuple[Structure, ...]:
+def joined(by_subject: Mapping[str, Sequence[SubjectStructure]]) -> tuple[Structure, ...]:
     """Return the structures of a cohort from those of its subjects, by the subjects' names."""
-    kinds: dict[tuple[str, ...] | int, dict[str, Found]] = {}
+    kinds: dict[tuple[str, ...] | int, dict[str, SubjectStructure]] = {}
     names: dict[str, tuple[str, ...]] = {}
     for subject, ones in by_subject.items():
         for item in ones:
@@ -251,7 +256,7 @@ def _key_of(name: str, kinds: Mapping[tuple[str, ...] | int, object]) -> tuple[s
     return next(same, (name,))
 
 
-def _structure(by_subject: Mapping[str, Found]) -> Structure:
+def _structure(by_subject: Mapping[str, SubjectStructure]) -> Structure:
     names = [item.name for item in by_subject.values()]
     values = sorted({item.value for item in by_subject.values() if item.value is not None})
     return Structure(max(names, key=names.count), tuple(values), by_subject)

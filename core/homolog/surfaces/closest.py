@@ -28,7 +28,7 @@ def distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu")
     (N,) float64 array
         Distances [mm].
     """
-    return _asked(kernels.distances_of_points, mesh, points, device)
+    return _run_kernel(kernels.distances_of_points, mesh, points, device)
 
 
 def signed_distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu") -> FloatArray:
@@ -48,7 +48,7 @@ def signed_distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str =
     (N,) float64 array
         Distances to the nearest place of the surface [mm], negative inside.
     """
-    return _asked(kernels.signed_distances_of_points, mesh, points, device)
+    return _run_kernel(kernels.signed_distances_of_points, mesh, points, device)
 
 
 def thickness(mesh: TriangleMesh, *, device: str = "cpu") -> FloatArray:
@@ -83,7 +83,7 @@ def on_device(mesh: TriangleMesh) -> tuple[wp.Mesh, FloatArray]:
     return surface, centre
 
 
-def _asked(kernel: wp.Kernel, mesh: TriangleMesh, points: FloatArray, device: str) -> FloatArray:
+def _run_kernel(kernel: wp.Kernel, mesh: TriangleMesh, points: FloatArray, device: str) -> FloatArray:
     """Return what a kernel of mesh, points and distances computes, (N,) [mm]."""
     with wp.ScopedDevice(choose_device(device)):
         surface, centre = on_device(mesh)

@@ -55,18 +55,18 @@ class HalfEdges:
 
     def costs(self) -> tuple[IntArray, FloatArray]:
         """Return one side of each edge that is left, (E,), and what merging its ends costs, (E,)."""
-        return self._asked(kernels.cost_of_edges, _shared(self._quadrics))
+        return self._run_kernel(kernels.cost_of_edges, _shared(self._quadrics))
 
     def lengths(self) -> tuple[IntArray, FloatArray]:
         """Return one side of each edge that is left, (E,), and its length in parts of the longest, (E,)."""
-        return self._asked(kernels.length_of_edges, _shared(self.longest))
+        return self._run_kernel(kernels.length_of_edges, _shared(self.longest))
 
     def turns(self) -> tuple[IntArray, FloatArray]:
         """Return one side of each edge that is left, (E,), and by how much its opposite angles exceed 180°.
 
         It is 0 [radians] where the two faces do not lie almost in one plane.
         """
-        return self._asked(kernels.excess_of_edges, _shared(self._twins))
+        return self._run_kernel(kernels.excess_of_edges, _shared(self._twins))
 
     def split(self, sides: IntArray) -> int:
         """Halve edges, in this order and at most one in each face, and return how many."""
@@ -119,7 +119,7 @@ class HalfEdges:
         self.vertices, self.longest = self.vertices[used], self.longest[used]
         self._quadrics = self._quadrics[used]
 
-    def _asked(self, kernel: wp.Kernel, *given: wp.array) -> tuple[IntArray, FloatArray]:
+    def _run_kernel(self, kernel: wp.Kernel, *given: wp.array) -> tuple[IntArray, FloatArray]:
         """Return one side of each edge that is left, and what a kernel says of it."""
         said = np.empty(len(self._origins))
         inputs = [_shared(self._origins), _shared(self.vertices, wp.vec3d), *given, _shared(said)]

@@ -69,7 +69,7 @@ def mesh_level(
             return np.where(_sides(surface, values), -values, values)
         near = np.argwhere(values < REACH)
         inside = np.zeros(shape, dtype=bool)
-        inside[tuple(near.T)] = _asked(surface, near)
+        inside[tuple(near.T)] = _are_inside(surface, near)
     values[inside] *= -1.0
     values[without_cavities(inside) & (values == REACH)] = -REACH
     return values
@@ -104,7 +104,7 @@ def _sides(surface: wp.Mesh, distances: Float32Array) -> BoolArray:
     first[owners[::-1]] = np.arange(len(owners))[::-1]
     sides = np.zeros(count + 1, np.int8)
     sides[1:] = np.where(
-        _asked(surface, np.stack(np.unravel_index(first[1:], distances.shape), axis=1)), -1, 1
+        _are_inside(surface, np.stack(np.unravel_index(first[1:], distances.shape), axis=1)), -1, 1
     )
     result, flat = sides[owners], distances.ravel()
     left = np.flatnonzero(owners == 0)
@@ -121,7 +121,7 @@ def _sides(surface: wp.Mesh, distances: Float32Array) -> BoolArray:
         result[left] = adopted
         left = left[adopted == 0]
     places = np.stack(np.unravel_index(left, distances.shape), axis=1)
-    result[left] = np.where(_asked(surface, places), -1, 1)
+    result[left] = np.where(_are_inside(surface, places), -1, 1)
     return np.asarray((result < 0).reshape(distances.shape))
 
 
@@ -150,14 +150,14 @@ def mesh_sides(mesh: TriangleMesh, start: FloatArray, spacing: float, near: Floa
     nodes = np.stack(np.meshgrid(*ends, indexing="ij"), axis=-1)
     with wp.ScopedDevice(choose_device("cpu")):
         surface = _surface(mesh, start, spacing)
-        sides = _asked(surface, nodes.reshape(-1, 3)).reshape(nodes.shape[:3])
+        sides = _are_inside(surface, nodes.reshape(-1, 3)).reshape(nodes.shape[:3])
         low, high = (
             find(sides, 2, origin=-1).repeat(_COARSE, 0).repeat(_COARSE, 1).repeat(_COARSE, 2)[within]
             for find in (ndimage.minimum_filter, ndimage.maximum_filter)
         )
         inside[far] = low[far]
         mixed = np.argwhere(far & (low != high))
-        inside[tuple(mixed.T)] = _asked(surface, mixed)
+        inside[tuple(mixed.T)] = _are_inside(surface, mixed)
     return without_cavities(inside)
 
 
@@ -169,7 +169,7 @@ def winding_around(mesh: TriangleMesh) -> Callable[[FloatArray], BoolArray]:
 
     def winds_around(points: FloatArray) -> BoolArray:
         with wp.ScopedDevice(choose_device("cpu")):
-            return _asked(surface, (points - low) / scale)
+            return _are_inside(surface, (points - low) / scale)
 
     return winds_around
 
@@ -225,7 +225,7 @@ def _surface(mesh: TriangleMesh, start: FloatArray, spacing: float) -> wp.Mesh:
     )
 
 
-def _asked(surface: wp.Mesh, nodes: Array) -> BoolArray:
+def _are_inside(surface: wp.Mesh, nodes: Array) -> BoolArray:
     """Return on which side of a mesh nodes (N, 3) are."""
     points = wp.array(nodes.astype(np.float32), dtype=wp.vec3)
     inside = wp.zeros(len(nodes), dtype=wp.bool)

@@ -17,7 +17,7 @@ def keep_exploring(
     from homolog.beans.generate import draw_beans
 
     order, session, explore = window.commands, window.workspace.session, window.inspector.explore
-    names = [one.name for one in session.study.members]
+    names = [member.name for member in session.study.members]
     beans = dict(zip(names, draw_beans(len(names)), strict=True))
     for group, side in (("anterior", -1.0), ("posterior", 1.0)):
         session.select(name for name, bean in beans.items() if side * bean.position > 0.0)
@@ -41,13 +41,13 @@ def keep_exploring(
     keep("groups")
     groups.significant.setChecked(True)
     study = session.study
-    told = {
-        one.name: replace(
-            one, subject=replace(one.subject, columns={"slot_mm": f"{beans[one.name].position:.2f}"})
+    messages = {
+        member.name: replace(
+            member, subject=replace(member.subject, columns={"slot_mm": f"{beans[member.name].position:.2f}"})
         )
-        for one in study.members
+        for member in study.members
     }
-    session.edit("Table", study.with_members(told))
+    session.edit("Table", study.with_members(messages))
     groups.form.column.setCurrentText("slot_mm (as a number)")
     groups.form.column.activated.emit(groups.form.column.currentIndex())
     groups.answers = []

@@ -192,12 +192,12 @@ def bean_project(tmp_path_factory):
 
     folder, beans = tmp_path_factory.mktemp("beans"), draw_beans(10)
     cohort = write_beans(folder, beans, 5)
-    for one in cohort.subjects:  # each test that opens the project reads them
-        SimpleITK.WriteImage(SimpleITK.Shrink(SimpleITK.ReadImage(one.path), [2, 2, 2]), one.path)
+    for subject in cohort.subjects:  # each test that opens the project reads them
+        SimpleITK.WriteImage(SimpleITK.Shrink(SimpleITK.ReadImage(subject.path), [2, 2, 2]), subject.path)
     middle = sorted(bean.width for bean in beans)[5]
     subjects = [
-        replace(one, group="wide" if bean.width >= middle else "slim")
-        for one, bean in zip(cohort.subjects, beans, strict=True)
+        replace(subject, group="wide" if bean.width >= middle else "slim")
+        for subject, bean in zip(cohort.subjects, beans, strict=True)
     ]
     project = tmp_path_factory.mktemp("slots") / "project"
     return run_quickly(project, Cohort(tuple(subjects), folder), alignment="none", spacing=1.5)
@@ -306,11 +306,11 @@ def assert_nothing_left(qapp):
     gc.collect()
     for _ in range(3):
         qapp.processEvents()
-    widgets = [one for one in qapp.topLevelWidgets() if one.isVisible()]
+    widgets = [widget for widget in qapp.topLevelWidgets() if widget.isVisible()]
     assert not widgets, f"still open: {widgets}"
-    threads = [one.name for one in threading.enumerate() if one.name == "homolog-compute"]
+    threads = [thread.name for thread in threading.enumerate() if thread.name == "homolog-compute"]
     assert not threads, "the computing thread is still there"
-    timers = [one for one in gc.get_objects() if isinstance(one, QTimer) and _runs(one)]
+    timers = [item for item in gc.get_objects() if isinstance(item, QTimer) and _runs(item)]
     assert not timers, f"timers still run: {timers}"
 
 

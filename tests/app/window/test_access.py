@@ -42,7 +42,7 @@ def picture_of(root):
     return image, np.frombuffer(image.constBits(), np.uint32).reshape(image.height(), image.width())
 
 
-def texts_of(one):
+def texts_of(widget):
     """Return the parts of a widget that are text, as rectangles in it with words to name them by."""
     from PySide6.QtCore import Qt
     from PySide6.QtWidgets import (
@@ -60,45 +60,54 @@ def texts_of(one):
         QToolButton,
     )
 
-    inner = one.rect().adjusted(3, 3, -3, -3)
-    if isinstance(one, QHeaderView):
+    inner = widget.rect().adjusted(3, 3, -3, -3)
+    if isinstance(widget, QHeaderView):
         return []
-    if isinstance(one, QTabBar):
-        return [(one.tabRect(at), one.tabText(at)) for at in range(one.count()) if one.isTabEnabled(at)]
-    if isinstance(one, QAbstractItemView):
-        model = one.model()
+    if isinstance(widget, QTabBar):
+        return [
+            (widget.tabRect(at), widget.tabText(at))
+            for at in range(widget.count())
+            if widget.isTabEnabled(at)
+        ]
+    if isinstance(widget, QAbstractItemView):
+        model = widget.model()
         cells = [
             model.index(row, at)
             for row in range(min(model.rowCount(), 40))
             for at in range(model.columnCount())
         ]
         seen = [
-            (cell, one.visualRect(cell))
+            (cell, widget.visualRect(cell))
             for cell in cells
-            if one.viewport().rect().contains(one.visualRect(cell))
+            if widget.viewport().rect().contains(widget.visualRect(cell))
         ]
-        place = one.viewport().pos()
+        place = widget.viewport().pos()
         return [
             (box.translated(place), str(cell.data()))
             for cell, box in seen
             if isinstance(cell.data(), str) and cell.data()
         ]
-    if isinstance(one, QCheckBox):
+    if isinstance(widget, QCheckBox):
         option = QStyleOptionButton()
-        one.initStyleOption(option)
-        return [(one.style().subElementRect(QStyle.SubElement.SE_CheckBoxContents, option, one), one.text())]
-    if isinstance(one, QComboBox):
-        return [(inner.adjusted(0, 0, -28, 0), one.currentText())]
-    if isinstance(one, QLineEdit):
-        return [(inner, one.text() or one.placeholderText())]
-    if isinstance(one, QToolButton) and one.toolButtonStyle() is Qt.ToolButtonStyle.ToolButtonIconOnly:
+        widget.initStyleOption(option)
+        return [
+            (
+                widget.style().subElementRect(QStyle.SubElement.SE_CheckBoxContents, option, widget),
+                widget.text(),
+            )
+        ]
+    if isinstance(widget, QComboBox):
+        return [(inner.adjusted(0, 0, -28, 0), widget.currentText())]
+    if isinstance(widget, QLineEdit):
+        return [(inner, widget.text() or widget.placeholderText())]
+    if isinstance(widget, QToolButton) and widget.toolButtonStyle() is Qt.ToolButtonStyle.ToolButtonIconOnly:
         return []
-    if isinstance(one, QLabel):
-        return [(one.contentsRect(), one.text())]
-    if isinstance(one, QAbstractButton):
-        return [(inner, one.text())]
-    if isinstance(one, QPlainTextEdit):
-        return [(inner, one.toPlainText())]
+    if isinstance(widget, QLabel):
+        return [(widget.contentsRect(), widget.text())]
+    if isinstance(widget, QAbstractButton):
+        return [(inner, widget.text())]
+    if isinstance(widget, QPlainTextEdit):
+        return [(inner, widget.toPlainText())]
     return []
 
 
@@ -112,13 +121,13 @@ def controls_in(root):
     )  # fmt: skip
     parts = (Q.QScrollBar, Q.QHeaderView)
     return [
-        one
-        for one in root.findChildren(Q.QWidget)
-        if isinstance(one, kinds)
-        and not isinstance(one, parts)
-        and one.isVisible()
-        and not (isinstance(one, Q.QTabBar) and not one.count())
-        and not isinstance(one.parent(), Q.QAbstractSpinBox | Q.QComboBox | Q.QAbstractItemView)
+        widget
+        for widget in root.findChildren(Q.QWidget)
+        if isinstance(widget, kinds)
+        and not isinstance(widget, parts)
+        and widget.isVisible()
+        and not (isinstance(widget, Q.QTabBar) and not widget.count())
+        and not isinstance(widget.parent(), Q.QAbstractSpinBox | Q.QComboBox | Q.QAbstractItemView)
     ]
 
 
@@ -143,30 +152,30 @@ class Walk:
         """Look at what is visible in a widget, in the scheme that is shown."""
         from PySide6.QtWidgets import QWidget
 
-        shown = [one for one in [root, *root.findChildren(QWidget)] if one.isVisible()]
-        self.seen |= {kind for one in shown for kind in type(one).__mro__}
-        for one in controls_in(root):
-            self.faults |= {f"{where}: {type(one).__name__} {fault}" for fault in faults_of(one)}
+        shown = [widget for widget in [root, *root.findChildren(QWidget)] if widget.isVisible()]
+        self.seen |= {kind for item in shown for kind in type(item).__mro__}
+        for widget in controls_in(root):
+            self.faults |= {f"{where}: {type(widget).__name__} {fault}" for fault in faults_of(widget)}
         _image, picture = picture_of(root)
-        for one in shown:
-            if one.isEnabled():
-                self.measure(where, root, picture, one)
+        for item in shown:
+            if item.isEnabled():
+                self.measure(where, root, picture, item)
 
-    def measure(self, where, root, picture, one):
+    def measure(self, where, root, picture, widget):
         """Measure the contrast of the texts that a widget shows."""
         from PySide6.QtCore import QPoint
 
-        scheme, corner = "dark" if self.theme.is_dark else "light", one.mapTo(root, QPoint(0, 0))
-        for box, words in texts_of(one):
-            box = (box & one.visibleRegion().boundingRect()).translated(corner)
+        scheme, corner = "dark" if self.theme.is_dark else "light", widget.mapTo(root, QPoint(0, 0))
+        for box, text in texts_of(widget):
+            box = (box & widget.visibleRegion().boundingRect()).translated(corner)
             rows, columns = (
                 slice(ENLARGED * max(first, 0), ENLARGED * (last + 1))
                 for first, last in ((box.top(), box.bottom()), (box.left(), box.right()))
             )
             part = picture[rows, columns]
-            if words.strip() and part.size and (found := contrast_in(part)) < TEXT:
-                what = f"{type(one).__name__} {words[:40]!r}"
-                self.faults.add(f"{where}, {scheme}: {what} has a contrast of {found:.2f}")
+            if text.strip() and part.size and (result := contrast_in(part)) < TEXT:
+                what = f"{type(widget).__name__} {text[:40]!r}"
+                self.faults.add(f"{where}, {scheme}: {what} has a contrast of {result:.2f}")
 
 
 def faults_of(control):
@@ -195,14 +204,14 @@ def program_widgets():
     """Return every class of widgets that the window's modules define."""
     from PySide6.QtWidgets import QWidget
 
-    for one in pkgutil.walk_packages(homolog_app.window.__path__, "homolog_app.window."):
-        importlib.import_module(one.name)
-    found, kinds = set(), [QWidget]
+    for module in pkgutil.walk_packages(homolog_app.window.__path__, "homolog_app.window."):
+        importlib.import_module(module.name)
+    result, kinds = set(), [QWidget]
     while kinds:
         below = kinds.pop().__subclasses__()
         kinds += below
-        found |= {kind for kind in below if kind.__module__.startswith("homolog_app.window")}
-    return found
+        result |= {kind for kind in below if kind.__module__.startswith("homolog_app.window")}
+    return result
 
 
 @pytest.fixture
@@ -221,10 +230,10 @@ def walk(window, monkeypatch):
         dialog.reject()
         return QDialog.DialogCode.Rejected
 
-    def choose(parent, title, words, items, *_):
+    def choose(parent, title, text, items, *_):
         dialog = QInputDialog(parent)
         dialog.setWindowTitle(title)
-        dialog.setLabelText(words)
+        dialog.setLabelText(text)
         dialog.setComboBoxItems(items)
         answer(dialog)
         return "", False
@@ -244,9 +253,9 @@ def look(walk, window, qapp):
     from PySide6.QtWidgets import QPushButton
 
     def look_at(where, root, once=False):
-        for one in root.findChildren(QPushButton):
-            if one.isCheckable() and "▸" in one.text():
-                one.click()
+        for button in root.findChildren(QPushButton):
+            if button.isCheckable() and "▸" in button.text():
+                button.click()
         root.window().resize(root.window().width(), TALL)
         for _ in range(3):
             qapp.processEvents()
@@ -283,13 +292,13 @@ def order(look_through, window, qapp):
     from PySide6.QtWidgets import QDialog
 
     def give(orders):
-        for one in orders:
-            if callable(one):
-                one()
-            elif window.commands[one].isEnabled():
-                window.commands[one].trigger()
+        for item in orders:
+            if callable(item):
+                item()
+            elif window.commands[item].isEnabled():
+                window.commands[item].trigger()
             qapp.processEvents()
-        return [one for one in window.findChildren(QDialog) if one.isVisible()]
+        return [dialog for dialog in window.findChildren(QDialog) if dialog.isVisible()]
 
     def ordered(*orders):
         dialogs = give(orders)
@@ -329,7 +338,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     window.projects.open_paths([tmp_path / "beans"])
     wait(lambda: session.result is not None and window.workspace.session.step == "explore")
     rest()
-    walk.seen |= {kind for one in [scene, *scene.findChildren(QWidget)] for kind in type(one).__mro__}
+    walk.seen |= {kind for widget in [scene, *scene.findChildren(QWidget)] for kind in type(widget).__mro__}
 
     def steps():
         for step in ("cohort", "groom", "correspond", "explore"):
@@ -388,7 +397,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
         look(question, page)
 
     order(
-        *(one.id for one in COMMANDS if one.title.endswith("…") or one.menu == "Help"),
+        *(command.id for command in COMMANDS if command.title.endswith("…") or command.menu == "Help"),
         lambda: window.help.show_error("run", InputError("a.nrrd: is empty; choose another file")),
         "view.corner",
         lambda: ask(window, "Leave?", "Something is not saved.", ("Save", "Cancel")),

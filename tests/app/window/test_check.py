@@ -94,7 +94,9 @@ def test_a_planted_swap_heads_the_list_and_is_mended_undone_and_kept(
     checking.commands["check.mend"].trigger()
     wait(lambda: session.result is not before)
     settled(checking, wait)
-    assert not any(one.subject == SUBJECT and set(PAIR) & set(one.particles) for one in page.rows.suspects)
+    assert not any(
+        suspect.subject == SUBJECT and set(PAIR) & set(suspect.particles) for suspect in page.rows.suspects
+    )
     true = read_result(ProjectFolder(converged)).local[SUBJECT]
     spacing = page.checked.inspection.located.spacing[SUBJECT]
     assert np.linalg.norm(session.result.result.local[SUBJECT] - true, axis=1)[PAIR].max() < 0.5 * spacing
@@ -124,7 +126,9 @@ def test_all_suspects_are_optimized_again_in_one_step_that_can_be_undone(checkin
     checking.commands["check.mend_all"].trigger()
     wait(lambda: session.result is not before)
     settled(checking, wait)
-    assert not any(one.subject == SUBJECT and set(PAIR) & set(one.particles) for one in page.rows.suspects)
+    assert not any(
+        suspect.subject == SUBJECT and set(PAIR) & set(suspect.particles) for suspect in page.rows.suspects
+    )
     if count > 1:
         assert f"{len(page.rows.suspects)} are left" in page.message.text()
     checking.commands["edit.undo"].trigger()
@@ -252,7 +256,7 @@ def test_distances_along_the_surface_stand_beside_straight_ones_on_one_scale(che
     show(checking, wait, "distances")
     wait(lambda: page.look.marks.distances is not None)
     distances = page.look.marks.distances
-    assert [one.name.split(": ")[1] for one in scene.shown] == ["along the surface", "straight"]
+    assert [content.name.split(": ")[1] for content in scene.shown] == ["along the surface", "straight"]
     assert (distances.along >= distances.straight - 1e-3).all()
     assert distances.along.max() <= scene.bar.scale.high < 1.35 * distances.along.max()
     # another place is picked on the surface
@@ -296,8 +300,10 @@ def test_a_pattern_has_the_same_share_of_each_tone_on_all_shapes(checking, wait)
     for pattern in ("checkerboard", "stripes"):
         show(checking, wait, pattern)
         wait(lambda: page.look.marks.texture is not None)
-        shares = [float(one.colours.astype(float).mean(axis=0)[0] - 38) / (236 - 38) for one in scene.shown]
-        assert all(0.3 < one < 0.7 for one in shares)
+        shares = [
+            float(content.colours.astype(float).mean(axis=0)[0] - 38) / (236 - 38) for content in scene.shown
+        ]
+        assert all(0.3 < item < 0.7 for item in shares)
         assert max(shares) - min(shares) < 0.08
 
 
@@ -318,12 +324,12 @@ def test_every_control_can_be_reached_by_key_and_has_a_name(checking):
 
     page = page_of(checking)
     kinds = (QAbstractButton, QAbstractItemView, QComboBox, QSpinBox)
-    controls = [one for kind in kinds for one in page.findChildren(kind) if one.isVisible()]
+    controls = [widget for kind in kinds for widget in page.findChildren(kind) if widget.isVisible()]
     assert len(controls) >= 5
-    for one in controls:
-        if one.focusPolicy() == Qt.FocusPolicy.NoFocus:
+    for widget in controls:
+        if widget.focusPolicy() == Qt.FocusPolicy.NoFocus:
             continue
-        assert one.accessibleName() or getattr(one, "text", lambda: "")(), one
+        assert widget.accessibleName() or getattr(widget, "text", lambda: "")(), widget
     assert page.table.focusPolicy() & Qt.FocusPolicy.TabFocus
 
 

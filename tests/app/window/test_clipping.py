@@ -94,8 +94,8 @@ def test_the_plane_of_the_window_is_that_of_a_picture_made_again(beans, wait):
     clip = scene.canvas.clip
     assert (clip.plane, clip.position, clip.flipped) == ("coronal", 0.4, False)
     assert scene.picture() != before
-    told = Snapshot(view=SubjectsView(), canvas=scene.canvas).as_json
-    assert Snapshot.model_validate_json(told).canvas.clip == clip
+    messages = Snapshot(view=SubjectsView(), canvas=scene.canvas).as_json
+    assert Snapshot.model_validate_json(messages).canvas.clip == clip
 
 
 def test_the_plane_stays_from_page_to_page_and_goes_with_the_command(explored):

@@ -11,27 +11,30 @@ from homolog_app.window.palette import matches, ranked
 
 
 def test_no_two_commands_share_an_id_or_a_shortcut():
-    for values in ([one.id for one in COMMANDS], [one.shortcut for one in COMMANDS if one.shortcut]):
+    for values in (
+        [command.id for command in COMMANDS],
+        [command.shortcut for command in COMMANDS if command.shortcut],
+    ):
         assert not [value for value, count in Counter(values).items() if count > 1]
 
 
-@pytest.mark.parametrize("one", COMMANDS, ids=lambda one: one.id)
-def test_every_command_has_a_menu_a_sentence_of_help_and_an_icon_that_exists(one):
-    assert one.menu.split("/")[0] in MENUS
-    assert one.help.endswith(".")
-    assert one.help[0].isupper()
-    assert not one.icon or (files("homolog_resources") / "icons" / f"{one.icon}.svg").is_file()
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.id)
+def test_every_command_has_a_menu_a_sentence_of_help_and_an_icon_that_exists(first):
+    assert first.menu.split("/")[0] in MENUS
+    assert first.help.endswith(".")
+    assert first.help[0].isupper()
+    assert not first.icon or (files("homolog_resources") / "icons" / f"{first.icon}.svg").is_file()
 
 
 def test_the_palette_finds_a_command_by_any_of_its_words():
-    screenshot = next(one for one in COMMANDS if one.id == "view.screenshot")
+    screenshot = next(command for command in COMMANDS if command.id == "view.screenshot")
     assert matches("pict VIEW", screenshot)
     assert not matches("picture of a cat", screenshot)
 
 
 def test_the_palette_lists_titles_that_begin_with_what_was_typed_first():
     assert ranked("fit")[0].id == "view.reset"
-    titles = [one.title for one in ranked("view")]
+    titles = [command.title for command in ranked("view")]
     assert titles.index("Fit to view") < titles.index("Cohort")
 
 
@@ -46,9 +49,9 @@ def test_keys_are_those_of_the_platform_where_it_has_a_convention(window):
 
 @pytest.mark.window
 def test_every_command_has_a_handler_and_a_tool_tip(window):
-    for one in COMMANDS:
-        action = window.commands[one.id]
-        assert action.receivers("2triggered(bool)") > 0, one.id
+    for command in COMMANDS:
+        action = window.commands[command.id]
+        assert action.receivers("2triggered(bool)") > 0, command.id
         assert action.toolTip()
 
 
@@ -59,16 +62,16 @@ def test_shortcuts_are_the_same_on_the_sheet_as_in_the_menu(window):
     from homolog_app.window.palette import ShortcutSheet
 
     sheet = ShortcutSheet(window)
-    words = {one.text() for one in sheet.findChildren(QLabel)}
+    text = {label.text() for label in sheet.findChildren(QLabel)}
     sheet.close()
-    for one in COMMANDS:
-        if one.shortcut:
-            assert window.commands[one.id].shortcut().toString() in words
+    for command in COMMANDS:
+        if command.shortcut:
+            assert window.commands[command.id].shortcut().toString() in text
 
 
 @pytest.mark.window
 def test_without_a_study_only_commands_that_need_none_are_possible(window):
-    possible = {one.id for one in COMMANDS if window.commands[one.id].isEnabled()}
+    possible = {command.id for command in COMMANDS if window.commands[command.id].isEnabled()}
     assert {"file.new", "file.open", "file.sample", "help.palette"} <= possible
     assert not {"run.start", "run.groom", "edit.group", "view.screenshot", "file.save"} & possible
 
@@ -131,8 +134,8 @@ def test_live_energies_are_drawn_in_frames_that_stay_until_they_leave_them(windo
 def test_whatever_may_be_impossible_has_a_reason():
     from homolog_app.window.commands import REASONS
 
-    assert {one.needs for one in COMMANDS} - {"always"} <= set(REASONS)
-    assert all(words and not words.endswith(".") for words in REASONS.values())
+    assert {command.needs for command in COMMANDS} - {"always"} <= set(REASONS)
+    assert all(text and not text.endswith(".") for text in REASONS.values())
 
 
 @pytest.mark.window

@@ -14,19 +14,21 @@ def test_every_control_can_be_reached_by_key_and_has_a_name(explore, finished, w
     window.commands[f"explore.{name}"].trigger()
     page = window.inspector.explore.page
     kinds = (QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox)
-    found = [
-        one
+    result = [
+        widget
         for root in (page, page.plots)
         if root is not None
         for kind in kinds
-        for one in root.findChildren(kind)
-        if one.isVisible() and not isinstance(one, QScrollBar) and not one.objectName().startswith("qt_")
+        for widget in root.findChildren(kind)
+        if widget.isVisible()
+        and not isinstance(widget, QScrollBar)
+        and not widget.objectName().startswith("qt_")
     ]
-    assert len(found) > 4
-    for one in found:
-        assert one.focusPolicy() & Qt.FocusPolicy.TabFocus, one
-        words = one.accessibleName() or (one.text() if isinstance(one, QAbstractButton) else "")
-        assert words, one
+    assert len(result) > 4
+    for item in result:
+        assert item.focusPolicy() & Qt.FocusPolicy.TabFocus, item
+        text = item.accessibleName() or (item.text() if isinstance(item, QAbstractButton) else "")
+        assert text, item
 
 
 def test_tabs_say_which_page_is_open_and_keys_turn_them(explore, finished, window):

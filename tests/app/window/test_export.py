@@ -26,8 +26,8 @@ def dialog_with_preview(qapp, finished):
         return opened[-1]
 
     yield open_
-    for one in opened:
-        one.close()
+    for dialog in opened:
+        dialog.close()
     parent.deleteLater()
 
 
@@ -66,9 +66,9 @@ def test_a_film_is_the_same_file_as_the_command_line_makes(dialog, wait, tmp_pat
     assert frames.shape == (5, 320, 480, 3)
     assert "h264" in facts
     assert seen[-1] == 1.0
-    words = shlex.split(film.line.text())
-    assert words[0] == "homolog"
-    assert main([word.replace("film.mp4", "again.mp4") for word in words[1:]]) == 0
+    arguments = shlex.split(film.line.text())
+    assert arguments[0] == "homolog"
+    assert main([word.replace("film.mp4", "again.mp4") for word in arguments[1:]]) == 0
     assert (tmp_path / "again.mp4").read_bytes() == (tmp_path / "film.mp4").read_bytes()
     assert film.show_.isVisible()
 
@@ -99,8 +99,8 @@ def test_the_report_is_written_into_the_project_which_is_held_again_after(explor
     assert export(report, wait) == "done", report.note.text()
     folder = explored.workspace.project.folder
     assert (folder / "report" / "report.html").is_file()
-    words = [sys.executable, "-m", "homolog_app", "report", str(folder)]
-    refused = subprocess.run(words, capture_output=True, text=True, check=False)
+    arguments = [sys.executable, "-m", "homolog_app", "report", str(folder)]
+    refused = subprocess.run(arguments, capture_output=True, text=True, check=False)
     assert "in use" in refused.stderr
     report.close()
 
@@ -152,10 +152,10 @@ def test_the_menu_opens_each_export_with_the_project_and_its_groups(explored):
     for name in KINDS:
         explored.commands[f"export.{name}"].trigger()
     opened = explored.findChildren(ExportDialog)
-    assert [one.kind.name for one in opened] == list(KINDS)
-    for one in opened:
-        assert str(explored.workspace.project.folder) in one.line.text()
-        one.close()
+    assert [dialog.kind.name for dialog in opened] == list(KINDS)
+    for dialog in opened:
+        assert str(explored.workspace.project.folder) in dialog.line.text()
+        dialog.close()
 
 
 def test_films_and_pictures_are_seen_and_cut_as_the_views_are(explored):
@@ -165,10 +165,10 @@ def test_films_and_pictures_are_seen_and_cut_as_the_views_are(explored):
     explored.commands["view.clip"].trigger()
     for name in ("film", "still"):
         explored.commands[f"export.{name}"].trigger()
-        (dialog,) = [one for one in explored.findChildren(ExportDialog) if one.isVisible()]
-        words = shlex.split(dialog.line.text())
-        assert words[words.index("--view") + 1] == "camera:1,0,0,0,0,1"
-        assert "--clip=axial" in words
+        (dialog,) = [widget for widget in explored.findChildren(ExportDialog) if widget.isVisible()]
+        arguments = shlex.split(dialog.line.text())
+        assert arguments[arguments.index("--view") + 1] == "camera:1,0,0,0,0,1"
+        assert "--clip=axial" in arguments
         dialog.close()
 
 
@@ -189,7 +189,7 @@ def test_groups_given_after_the_run_are_exported_once_they_are_saved(explored, t
 
     def opened():
         explored.commands["export.particles"].trigger()
-        (dialog,) = [one for one in explored.findChildren(ExportDialog) if one.isVisible()]
+        (dialog,) = [widget for widget in explored.findChildren(ExportDialog) if widget.isVisible()]
         what, _ = dialog.exported, dialog.close()
         return what
 
@@ -202,18 +202,18 @@ def test_groups_given_after_the_run_are_exported_once_they_are_saved(explored, t
     explored.projects.save()
     assert opened().caution == ""
     project, out = str(explored.workspace.project.folder), str(tmp_path / "still.png")
-    words = ["--group", "group", "thin", "thick", "--width", "480", "--height", "320"]
-    assert main(["export", "still", project, *words, "--out", out, "--progress", "none"]) == 0
+    arguments = ["--group", "group", "thin", "thick", "--width", "480", "--height", "320"]
+    assert main(["export", "still", project, *arguments, "--out", out, "--progress", "none"]) == 0
 
 
 def test_what_is_wrong_is_said_and_nothing_can_be_started(dialog, tmp_path):
     film = dialog("film")
     (tmp_path / "mine.txt").write_text("")
-    for text, words in (
+    for text, message in (
         ("", "Choose where"), ("film.avi", "must end in .mp4, .gif"), (str(tmp_path), "already exists"),
     ):  # fmt: skip
         film.place.setText(text)
-        assert words in film.note.text()
+        assert message in film.note.text()
         assert not film.go.isEnabled()
     film.place.setText(str(tmp_path / "film.gif"))
     assert film.go.isEnabled()
@@ -271,8 +271,8 @@ def test_every_control_has_a_name_and_can_be_reached_by_keys(dialog, name):
 
     opened = dialog(name)
     for kind in (QAbstractButton, QComboBox, QLineEdit, QAbstractSpinBox):
-        for one in opened.findChildren(kind):
-            if one.objectName().startswith("qt_"):
+        for widget in opened.findChildren(kind):
+            if widget.objectName().startswith("qt_"):
                 continue  # a part of a spin box
-            assert one.accessibleName() or one.text(), one
-            assert one.focusPolicy() & Qt.FocusPolicy.TabFocus, one
+            assert widget.accessibleName() or widget.text(), widget
+            assert widget.focusPolicy() & Qt.FocusPolicy.TabFocus, widget

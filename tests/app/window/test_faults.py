@@ -65,10 +65,10 @@ def full_disk():
 def test_a_project_that_another_program_has_open_is_opened_read_only_if_the_user_agrees(
     window, finished, tmp_path, monkeypatch, wait
 ):
-    folder, asked, answers = copied(finished, tmp_path), [], ["Cancel", "Open read-only", "Close"]
+    folder, questions, answers = copied(finished, tmp_path), [], ["Cancel", "Open read-only", "Close"]
     monkeypatch.setattr(
         "homolog_app.window.project_controller.ask",
-        lambda _window, *words: asked.append(words) or answers.pop(0),
+        lambda _window, *options: questions.append(options) or answers.pop(0),
     )
     session, commands = window.workspace.session, window.commands
     with other_program(folder, 300) as said:
@@ -78,7 +78,7 @@ def test_a_project_that_another_program_has_open_is_opened_read_only_if_the_user
         assert session.folder is None
         window.projects.open_paths([folder])
         wait(lambda: session.result is not None and not window.workspace.session.job.is_busy)
-        assert "process" in asked[1][1]
+        assert "process" in questions[1][1]
         assert session.folder == folder
         assert "read-only" in window.windowTitle()
         session.select(["a"])
@@ -133,14 +133,14 @@ def test_a_project_deleted_while_it_is_open_is_told_and_saved_from_memory_elsewh
     assert ["was moved or deleted" in str(error) for _, error in errors] == [True]
     assert explored.workspace.is_changed
     assert not folder.exists()
-    told = []
+    messages = []
     monkeypatch.setattr(
         "homolog_app.window.project_controller.ask",
-        lambda _, __, words, answers: told.append(words) or answers[0],
+        lambda _, __, text, answers: messages.append(text) or answers[0],
     )
     explored.projects.save_to(tmp_path / "elsewhere")
     assert len(errors) == 1
-    assert "could not be saved" in told[0]
+    assert "could not be saved" in messages[0]
     written = read_result(ProjectFolder(tmp_path / "elsewhere"))
     np.testing.assert_allclose(written.world, held.result.world, atol=1e-5)
     assert written.groups[written.names.index("a")] == "sick"
@@ -181,7 +181,8 @@ def test_the_problem_report_names_nobody_who_was_ever_in_the_session(window, ell
     window.projects.open_paths([folder / "cohort.csv"])
     session, memory = window.workspace.session, window.workspace.memory
     lines = [
-        f"INFO {one.name} {one.subject.path} {one.subject.group} 4711007" for one in session.study.members
+        f"INFO {member.name} {member.subject.path} {member.subject.group} 4711007"
+        for member in session.study.members
     ]
     lines.append(f"WARNING {tmp_path}/Otto Normal/table.csv: lacks the column name")
     lines.append(f'  File "{Path(problem_report.__code__.co_filename)}", line 3')
@@ -225,11 +226,11 @@ def test_a_copy_of_a_project_ends_at_the_first_error_and_leaves_nothing(tmp_path
 def test_progress_does_not_reach_pages_that_nobody_sees(window, monkeypatch):
     from homolog_app.window.explore.modes_page import ModesPage
 
-    asked = []
+    questions = []
     page = window.inspector.explore.page_of(ModesPage)
-    monkeypatch.setattr(page, "show_state", lambda: asked.append("modes"))
+    monkeypatch.setattr(page, "show_state", lambda: questions.append("modes"))
     window.workspace.session.job_progressed.emit()
-    assert not asked
+    assert not questions
     monkeypatch.setattr(page, "isVisible", lambda: True)
     window.workspace.session.job_progressed.emit()
-    assert asked == ["modes"]
+    assert questions == ["modes"]

@@ -24,7 +24,7 @@ def form(qapp):
 def editor(form, name):
     from PySide6.QtWidgets import QWidget
 
-    return next(one for one in form.findChildren(QWidget) if one.accessibleName() == name)
+    return next(widget for widget in form.findChildren(QWidget) if widget.accessibleName() == name)
 
 
 def type_into(form, name, text):
@@ -45,7 +45,7 @@ def test_what_is_out_of_bounds_or_no_number_changes_nothing_and_says_so(form, te
 
     type_into(form, "smoothing", text)
     assert not form.edits
-    assert any("0.0 to 5.0" in one.text() for one in form.findChildren(QLabel, "Problem"))
+    assert any("0.0 to 5.0" in label.text() for label in form.findChildren(QLabel, "Problem"))
 
 
 def test_the_setting_that_has_the_focus_shows_its_help_and_bounds(qapp):
@@ -55,11 +55,11 @@ def test_the_setting_that_has_the_focus_shows_its_help_and_bounds(qapp):
     from homolog_app.window.form import SettingsForm
 
     made = SettingsForm(OptimizeSettings)
-    for one in parameters(OptimizeSettings):
-        qapp.sendEvent(editor(made, one.label), QFocusEvent(QEvent.Type.FocusIn))
-        assert one.help in made.help.text()
-        if one.kind is int and one.name == "particles":
-            assert one.bounds in made.help.text()
+    for parameter in parameters(OptimizeSettings):
+        qapp.sendEvent(editor(made, parameter.label), QFocusEvent(QEvent.Type.FocusIn))
+        assert parameter.help in made.help.text()
+        if parameter.kind is int and parameter.name == "particles":
+            assert parameter.bounds in made.help.text()
     made.deleteLater()
 
 
@@ -83,9 +83,9 @@ def test_every_setting_has_an_editor_with_its_help(qapp, model):
     from homolog_app.window.form import SettingsForm
 
     made = SettingsForm(model)
-    described = {one.accessibleName(): one.toolTip() for one in made.findChildren(QWidget)}
-    for one in parameters(model):
-        assert one.help in described[one.label]
+    described = {widget.accessibleName(): widget.toolTip() for widget in made.findChildren(QWidget)}
+    for parameter in parameters(model):
+        assert parameter.help in described[parameter.label]
     made.deleteLater()
 
 
@@ -116,6 +116,6 @@ def test_numbers_have_a_point_or_a_comma_and_nothing_else():
 
 
 def test_times_are_no_more_exact_than_they_are_known():
-    assert [duration(one) for one in (2, 43, 200, 9000)] == [
+    assert [duration(item) for item in (2, 43, 200, 9000)] == [
         "about 5 s", "about 45 s", "about 3 min", "about 2.5 h",
     ]  # fmt: skip

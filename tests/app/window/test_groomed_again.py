@@ -25,9 +25,9 @@ def test_nothing_is_to_be_groomed_again(saved, make_window, wait, tmp_path):
     session = window.workspace.session
     wait(lambda: session.is_groomed, what="for what was groomed before")
     assert window.commands["run.start"].isEnabled()
-    for name, one in before.items():
-        np.testing.assert_array_equal(session.groomed[name].alignment, one.alignment)
-        np.testing.assert_array_equal(session.groomed[name].subject.mesh.vertices, one.subject.mesh.vertices)
+    for name, item in before.items():
+        np.testing.assert_array_equal(session.groomed[name].alignment, item.alignment)
+        np.testing.assert_array_equal(session.groomed[name].subject.mesh.vertices, item.subject.mesh.vertices)
     rougher = session.study.settings.groom.model_copy(update={"smoothing": 0.0})
     window.workspace.edit_settings("groom", "smoothing", rougher)
     assert not session.is_groomed
@@ -44,7 +44,7 @@ def test_a_file_that_has_changed_since_is_not_taken_for_groomed(saved, make_wind
         path = (folder / subject["path"]).resolve()
         shutil.copy(path, copies / path.name)
         subject["path"] = str(copies / path.name)
-    first, second = (one["path"] for one in record["subjects"][:2])
+    first, second = (item["path"] for item in record["subjects"][:2])
     shutil.copy(second, first)
     (folder / "project.json").write_text(json.dumps(record))
     window = make_window(tmp_path / "other home")

@@ -25,7 +25,7 @@ def ventricles(data, run, tmp_path_factory):
     subjects = [
         Subject(row["id"], (folder / row["iso"]).resolve(), group)
         for group in ("NOR", "HCM", "DCM")
-        for row in [one for one in rows if one["group"] == group][:_EACH]
+        for row in [item for item in rows if item["group"] == group][:_EACH]
     ]
     cohort = Cohort(tuple(subjects), folder)
     return run(tmp_path_factory.mktemp("ventricles") / "lv", cohort, mesh_edge=5.0, spacing=2.0)
@@ -69,8 +69,8 @@ def test_a_click_passes_the_functions_that_the_architecture_names(
     core, start, passed = study.compare_two_groups, Runner.start, {}
 
     def names(frames):
-        ours = [one for one in frames if "homolog_app" in one.filename and "<lambda>" not in one.name]
-        return [one.name for one in ours]
+        ours = [frame for frame in frames if "homolog_app" in frame.filename and "<lambda>" not in frame.name]
+        return [item.name for item in ours]
 
     def started(runner, job):
         passed["window"] = [*names(traceback.extract_stack()), "start"]
@@ -133,10 +133,10 @@ def test_what_is_not_significant_is_grey_with_a_line_around_it(compare, bean_pro
     scale = scene.bar.scale
     assert scale.low == -scale.high
     assert scale.unit == "mm"
-    assert scale.grey_words == "p > 0.05, corrected over the surface"
+    assert scale.grey_label == "p > 0.05, corrected over the surface"
     page.significant.setChecked(False)
     assert scene.shown[0].lines is None
-    assert not scene.bar.scale.grey_words
+    assert not scene.bar.scale.grey_label
 
 
 def test_the_discriminant_is_grey_where_its_interval_holds_zero_or_the_test_finds_nothing(
@@ -147,7 +147,7 @@ def test_the_discriminant_is_grey_where_its_interval_holds_zero_or_the_test_find
     page.map.setCurrentText("Discriminant")
     page.map.activated.emit(1)
     assert "interval" in page.significant.toolTip()
-    assert "interval" in window.views.stage.scene.bar.scale.grey_words
+    assert "interval" in window.views.stage.scene.bar.scale.grey_label
     if answer.pair.p_adjusted > 0.05:
         assert not answer.discriminant.significant.any()
         assert not page.to_significant.isEnabled()
@@ -189,13 +189,16 @@ def test_the_original_method_stands_above_the_proposed_one(compare, bean_project
     original = replace(answer.shape, name="first", method=Method.EUCLIDEAN)
     both = [answer, replace(answer, shape=original)]
     shown = group_scene(GroupsView(), [answer.shape, original], both)
-    assert [one.name for one in shown.contents] == ["first (Euclidean)", "project (geodesics and normals)"]
+    assert [content.name for content in shown.contents] == [
+        "first (Euclidean)",
+        "project (geodesics and normals)",
+    ]
 
 
 def test_groups_edited_after_the_run_are_the_ones_compared(compare, bean_project, window, explore):
     page = explore(bean_project, "groups")
     session = window.workspace.session
-    names = [one.name for one in session.study.members]
+    names = [member.name for member in session.study.members]
     session.select(names[:4])
     session.set_group("early")
     session.select(names[4:])
@@ -237,7 +240,7 @@ def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_
     explore, bean_project, window, wait
 ):
     page, session = explore(bean_project, "groups"), window.workspace.session
-    names = [one.name for one in session.study.members]
+    names = [member.name for member in session.study.members]
     for group, members in (("a", names[:4]), ("b", names[4:7]), ("c", names[7:])):
         session.select(members)
         session.set_group(group)
@@ -245,7 +248,7 @@ def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_
     window.commands["explore.test"].trigger()
     wait(lambda: bool(page.answers), seconds=300)
     form, shape = page.all.own
-    assert [one.request.answers for one in (form, shape)] == [2, 2]
+    assert [item.request.answers for item in (form, shape)] == [2, 2]
     titles = [row[0].partition(";")[0] for row in page.results.texts]
     pairs = ["b − a", "c − a", "c − b"]
     assert titles == ["Form (size and shape)", *pairs, "Shape (size removed)", *pairs]
@@ -294,8 +297,8 @@ def test_pairs_of_subjects_are_compared_as_the_command_line_does(explore, bean_p
     answer, result = page.answers[0], page.answers[0].shape.result
     labels = tuple(member.subject.group for member in session.study.members)
     columns = tuple(changed[name].subject.columns for name in result.names)
-    asked = StudyRequest(kind="pairs", between=("slim", "wide"), pairs="patient")
-    expected = run_study(replace(result, groups=labels, columns=columns), asked).overall
+    request = StudyRequest(kind="pairs", between=("slim", "wide"), pairs="patient")
+    expected = run_study(replace(result, groups=labels, columns=columns), request).overall
     assert answer.pair.p_adjusted == expected.p_adjusted
     np.testing.assert_array_equal(answer.pair.p_fwe, expected.p_fwe)
     assert page.verdict.text().startswith("wide − slim (5 pairs)")
@@ -305,7 +308,7 @@ def test_pairs_of_subjects_are_compared_as_the_command_line_does(explore, bean_p
     session.edit(
         "Table",
         session.study.with_members(
-            {name: replace(one, subject=replace(one.subject, columns={})) for name, one in changed.items()}
+            {name: replace(item, subject=replace(item.subject, columns={})) for name, item in changed.items()}
         ),
     )
     assert not page.form.pairing.isVisible()
@@ -353,4 +356,4 @@ def test_ventricles_with_thick_walls_expand_and_widened_ones_move_outward(compar
     inner = walls(wide)
     assert wide.difference.outward[inner].mean() < -0.5  # the cavity's wall goes away from its axis
     assert wide.difference.outward[~inner].mean() > 0.5
-    assert {one for one, _ in page.numbers.texts} >= {"Hotelling's T²", "Mahalanobis D", "Size"}
+    assert {item for item, _ in page.numbers.texts} >= {"Hotelling's T²", "Mahalanobis D", "Size"}

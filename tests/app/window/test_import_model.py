@@ -19,7 +19,7 @@ def test_a_shapeworks_project_is_imported_and_shown(window, exported, tmp_path, 
     window.projects.import_model(exported, tmp_path / "project")
     session = window.workspace.session
     wait(lambda: session.result is not None and len(session.surveys) == 4)
-    assert [one.name for one in session.study.included] == ["a", "b", "c", "d"]
+    assert [member.name for member in session.study.included] == ["a", "b", "c", "d"]
     assert len(session.result.particles["a"]) == 48
     assert session.result.summary.endswith("imported from the ShapeWorks project project.swproj")
     assert window.workspace.session.step == "explore"
@@ -33,6 +33,6 @@ def test_a_folder_of_particles_is_imported_and_shown(window, exported, tmp_path,
     window.projects.import_model(bare, tmp_path / "project")
     session = window.workspace.session
     wait(lambda: session.result is not None and len(session.surveys) == 4)
-    assert [one.name for one in session.study.included] == ["a", "b", "c", "d"]
+    assert [member.name for member in session.study.included] == ["a", "b", "c", "d"]
     assert set(session.result.surfaces) == {"a", "b", "c", "d"}
     assert "without a surface" in session.surveys["a"].problem

@@ -137,7 +137,7 @@ def test_a_closed_window_lets_go_of_everything_that_vtk_draws(qapp, ellipsoids, 
     def drawn():
         gc.collect()
         kinds = vtkProp | vtkRenderer | vtkRenderWindow
-        return sum(isinstance(one, kinds) for one in gc.get_objects())
+        return sum(isinstance(item, kinds) for item in gc.get_objects())
 
     before = drawn()
     window = make_window(qapp, tmp_path)
@@ -201,19 +201,19 @@ def test_after_a_kill_in_mid_run_the_next_start_offers_what_was_lost(
     child.wait()
     child.stdout.close()
 
-    asked = []
+    questions = []
     monkeypatch.setattr(
         "homolog_app.window.project_controller.ask",
-        lambda parent, title, words, answers: asked.append(f"{title} {words}") or answers[0],
+        lambda parent, title, message, answers: questions.append(f"{title} {message}") or answers[0],
     )
     window = make_window(home)
     window.projects.offer_recovery()
-    assert asked == [
+    assert questions == [
         "Recover a study that was never saved? "
         "The program ended without closing it: 4 subjects, a run was in progress."
     ]
     session = window.workspace.session
-    assert [one.name for one in session.study.members] == ["a", "b", "c", "d"]
+    assert [member.name for member in session.study.members] == ["a", "b", "c", "d"]
     assert session.study.settings.optimize.particles == 128
     assert window.workspace.session.step == "correspond"
     window.commands["run.resume"].trigger()

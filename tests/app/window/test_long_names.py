@@ -33,7 +33,7 @@ def words_in(scene):
         size = [0.0, 0.0]
         caption.GetSize(cell.renderer, size)
         sizes.append(size[0] / cell.renderer.GetSize()[0])
-    return [one.GetInput() for one in captions], sizes
+    return [item.GetInput() for item in captions], sizes
 
 
 def test_every_name_is_in_its_view_and_panels_stay_as_wide_as_they_are(window, named, tmp_path, wait, qapp):
@@ -63,8 +63,8 @@ def test_every_name_is_in_its_view_and_panels_stay_as_wide_as_they_are(window, n
 def test_a_covariate_with_an_ampersand_is_the_column_of_that_name(window, named, wait):
     window.projects.open_paths([named])
     wait(lambda: window.workspace.session.result is not None)
-    form = next(one.form for one in window.inspector.explore.pages if hasattr(one, "form"))
-    (action,) = [one for one in form.covariate_menu.actions() if one.data() == "a & b"]
+    form = next(page.form for page in window.inspector.explore.pages if hasattr(page, "form"))
+    (action,) = [item for item in form.covariate_menu.actions() if item.data() == "a & b"]
     action.setChecked(True)
     assert form.covariates == ("a & b",)
     assert form.allow.text() == "Adjust for a && b"

@@ -197,7 +197,7 @@ def test_one_measure_is_plotted_against_another(page, window):
     page.kind.activated.emit(page.kind.currentIndex())
     pairs = page.charts.pairs
     for axis, text in enumerate(("Wall", "Area")):
-        (entry,) = [one for one in axis_menu(pairs, axis).actions() if one.text() == text]
+        (entry,) = [action for action in axis_menu(pairs, axis).actions() if action.text() == text]
         entry.trigger()
     assert page.charts.currentWidget() is pairs
     np.testing.assert_allclose(pairs.points, [[row[5], row[4]] for row in cells(page)])

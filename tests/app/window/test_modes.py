@@ -50,7 +50,7 @@ def test_the_modes_follow_the_truth_of_the_beans(page):
     from homolog.beans.generate import draw_beans
 
     beans, scores = draw_beans(10), page.fitted.shape.model.scores
-    position, width = (np.array([getattr(one, name) for one in beans]) for name in ("position", "width"))
+    position, width = (np.array([getattr(bean, name) for bean in beans]) for name in ("position", "width"))
     assert abs(np.corrcoef(scores[:, 0], position)[0, 1]) > 0.99
     assert abs(np.corrcoef(scores[:, 1], width)[0, 1]) > 0.9
 
@@ -68,7 +68,7 @@ def test_a_mode_says_how_far_it_moves_the_particles(page):
     model = page.fitted.shape.model
     moved = model.instance(np.array([1.0])) - model.mean
     rms = np.sqrt(np.square(moved).sum(axis=1).mean())
-    texts = [one.text() for one in page.sliders.findChildren(QLabel)]
+    texts = [label.text() for label in page.sliders.findChildren(QLabel)]
     assert any(f"{rms:.3g} mm at 1 SD" in text for text in texts)
 
 
@@ -173,7 +173,7 @@ def test_leaving_the_page_stops_playing_and_shows_the_subjects_again(page, windo
     window.commands["run.play"].trigger()
     window.inspector.explore.tabs.setCurrentIndex(0)
     assert not page.player.is_playing
-    assert [one.name for one in scene.shown] == ["bean_01", "bean_02", "bean_03", "bean_04"]
+    assert [content.name for content in scene.shown] == ["bean_01", "bean_02", "bean_03", "bean_04"]
     assert not scene.bar.isVisible()
 
 

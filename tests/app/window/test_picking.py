@@ -32,7 +32,7 @@ def test_a_click_on_a_particle_names_it_and_its_subject(explored, scene):
     picks = []
     scene.picker.picked.connect(picks.append)
     scene.picker.pick_at(screen_place(scene, result.world[0][nearest]))
-    assert [(one.name, one.particle) for one in picks] == [(result.names[0], nearest)]
+    assert [(pick.name, pick.particle) for pick in picks] == [(result.names[0], nearest)]
     assert np.linalg.norm(picks[0].place - result.world[0][nearest]) < 1.0
 
 
@@ -61,7 +61,7 @@ def test_going_to_a_place_puts_it_into_the_middle_of_its_view(explored, scene):
     point = result.world[2][5]
     away = point - result.world[2].mean(axis=0)
     scene.go_to(result.names[2], point, away / np.linalg.norm(away))
-    assert [one.name for one in scene.shown] == [result.names[2]]
+    assert [content.name for content in scene.shown] == [result.names[2]]
     seen, middle = screen_place(scene, point), scene.plot.rect().center()
     assert abs(seen.x() - middle.x()) < 3
     assert abs(seen.y() - middle.y()) < 3

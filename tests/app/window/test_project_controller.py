@@ -64,7 +64,7 @@ def test_ticks_groups_and_covariates_are_edited_in_the_table(beans):
     session, model = beans.workspace.session, beans.inspector.cohort.model
     model.setData(model.index(1, 0), Qt.CheckState.Unchecked.value, Qt.ItemDataRole.CheckStateRole)
     model.setData(model.index(2, 1), "HCM")
-    assert [one.included for one in session.study.members] == [True, False, True, True]
+    assert [member.included for member in session.study.members] == [True, False, True, True]
     assert session.study.members[2].subject.group == "HCM"
     assert model.index(0, 2).data() == millilitres(session.surveys["a"].volume_ml)
 
@@ -93,13 +93,18 @@ def test_an_exported_table_is_read_as_the_same_cohort(beans, tmp_path):
     session.edit("age", session.study.with_members({"a": aged}))
     beans.projects.export_table(tmp_path / "out" / "table.csv")
     again = read_cohort(tmp_path / "out" / "table.csv").subjects
-    assert [(one.name, one.group) for one in again] == [("a", None), ("b", "NOR"), ("c", None), ("d", None)]
-    assert [one.path.resolve() for one in again] == [one.subject.path for one in session.study.members]
+    assert [(item.name, item.group) for item in again] == [
+        ("a", None),
+        ("b", "NOR"),
+        ("c", None),
+        ("d", None),
+    ]
+    assert [item.path.resolve() for item in again] == [item.subject.path for item in session.study.members]
     assert again[0].columns["age"] == "61"
     beans.projects.save_to(tmp_path / "study")
     same = tmp_path / "out" / "same.csv"
-    words = ["export", "cohort", str(tmp_path / "study"), "--out", str(same), "--progress", "none"]
-    assert main(words) == 0
+    arguments = ["export", "cohort", str(tmp_path / "study"), "--out", str(same), "--progress", "none"]
+    assert main(arguments) == 0
     assert same.read_bytes() == (tmp_path / "out" / "table.csv").read_bytes()
 
 
@@ -128,7 +133,7 @@ def test_a_project_that_was_moved_is_found_whole_and_its_files_are_located(
     window.projects.open_paths([tmp_path / "elsewhere" / "moved"])
     wait(lambda: window.workspace.session.result is not None)
     assert not errors
-    assert [one.included for one in window.workspace.session.study.members] == [True, True, True, False]
+    assert [member.included for member in window.workspace.session.study.members] == [True, True, True, False]
     assert window.workspace.session.selection == ("d",)
     assert window.views.stage.scene.layout_count == 1
     assert window.inspector.explore.page.title == "Measure"
@@ -136,7 +141,7 @@ def test_a_project_that_was_moved_is_found_whole_and_its_files_are_located(
     assert canvas.cameras[0].eye[2] > canvas.cameras[0].at[2] + canvas.cameras[0].height / 2.0
     assert (canvas.opacity, canvas.letters, canvas.scale_bar) == (0.5, False, True)
     assert not window.commands["view.letters"].isChecked()
-    assert all(one.subject.path.parent == ellipsoids for one in window.workspace.session.study.members)
+    assert all(member.subject.path.parent == ellipsoids for member in window.workspace.session.study.members)
     assert not errors
 
 
@@ -161,7 +166,7 @@ def test_a_folder_dropped_on_the_window_is_listed(window, ellipsoids):
     none = Qt.KeyboardModifier.NoModifier
     drop = QDropEvent(QPointF(9, 9), Qt.DropAction.CopyAction, data, Qt.MouseButton.LeftButton, none)
     window.dropEvent(drop)
-    assert [one.name for one in window.workspace.session.study.members] == ["a", "b", "c", "d"]
+    assert [member.name for member in window.workspace.session.study.members] == ["a", "b", "c", "d"]
 
 
 @pytest.mark.window
@@ -180,7 +185,7 @@ def test_the_label_picker_comes_up_where_files_hold_several_labels(window, tmp_p
     picker.choice.setCurrentIndex(picker.choice.findData(5))
     picker.choice.activated.emit(picker.choice.currentIndex())
     assert session.study.settings.groom.label == 5
-    wait(lambda: all(one.label == 5 for one in session.surveys.values()))
+    wait(lambda: all(survey.label == 5 for survey in session.surveys.values()))
     assert session.surveys["x"].volume_ml == pytest.approx(0.216)
 
 
@@ -219,9 +224,9 @@ def test_an_error_says_what_to_do_and_folds_its_details(window):
 
     window.help.show_error("groom", InputError("a: holds no voxel"))
     dialog = window.findChild(ErrorDialog)
-    words = [one.text() for one in dialog.findChildren(QLabel)]
-    assert "Grooming stopped" in words
-    assert "a: holds no voxel" in words
+    arguments = [label.text() for label in dialog.findChildren(QLabel)]
+    assert "Grooming stopped" in arguments
+    assert "a: holds no voxel" in arguments
     assert not dialog.details.isVisibleTo(dialog)
     dialog.close()
 
@@ -249,9 +254,10 @@ def test_none_keeps_its_references_while_the_window_is_painted(window, qapp):
 
 @pytest.mark.window
 def test_closing_asks_about_unsaved_edits_and_obeys(beans, close, monkeypatch, tmp_path):
-    answers, asked = iter(["Cancel", "Save"]), []
+    answers, questions = iter(["Cancel", "Save"]), []
     monkeypatch.setattr(
-        "homolog_app.window.project_controller.ask", lambda *given: asked.append(given[3][0]) or next(answers)
+        "homolog_app.window.project_controller.ask",
+        lambda *given: questions.append(given[3][0]) or next(answers),
     )
     monkeypatch.setattr(
         "homolog_app.window.project_controller.QFileDialog.getSaveFileName",
@@ -261,7 +267,7 @@ def test_closing_asks_about_unsaved_edits_and_obeys(beans, close, monkeypatch, t
     beans.close()
     assert beans.isVisible()
     close(beans)
-    assert asked == ["Save"] * 2
+    assert questions == ["Save"] * 2
     assert (tmp_path / "kept" / "project.json").is_file()
 
 
@@ -285,10 +291,10 @@ def test_the_question_whether_to_stop_is_closed_when_the_work_has_ended(window, 
 
 @pytest.mark.window
 def test_work_that_is_to_be_stopped_is_stopped_before_the_next_question(groomed, monkeypatch, wait):
-    asked = []
+    questions = []
 
     def answer(_parent, _title, _details, answers, *_):
-        asked.append(answers[0])
+        questions.append(answers[0])
         return "Stop" if "Stop" in answers else "Cancel"
 
     monkeypatch.setattr("homolog_app.window.project_controller.ask", answer)
@@ -296,7 +302,7 @@ def test_work_that_is_to_be_stopped_is_stopped_before_the_next_question(groomed,
     groomed.commands["run.start"].trigger()
     wait(lambda: groomed.workspace.session.job.run is not None)
     groomed.close()
-    assert asked == ["Stop", "Save"]
+    assert questions == ["Stop", "Save"]
     wait(lambda: not groomed.workspace.session.job.is_busy)
     assert groomed.workspace.session.result is None
     groomed.workspace.preferences.ask_on_close = False
@@ -367,7 +373,7 @@ def test_the_subject_that_an_error_names_can_be_shown_or_left_out(groomed, wait)
     def pressed(text):
         groomed.help.show_error("run", InputError("c: its surface is open; close it"))
         (dialog,) = groomed.findChildren(ErrorDialog)
-        next(one for one in dialog.findChildren(QPushButton) if one.text() == text).click()
+        next(button for button in dialog.findChildren(QPushButton) if button.text() == text).click()
         wait(lambda: not groomed.findChildren(ErrorDialog))
 
     groomed.workspace.session.show_step("correspond")
@@ -375,7 +381,7 @@ def test_the_subject_that_an_error_names_can_be_shown_or_left_out(groomed, wait)
     assert groomed.workspace.session.step == "cohort"
     assert groomed.workspace.session.selection == ("c",)
     pressed("Exclude it and continue")
-    assert [one.name for one in groomed.workspace.session.study.included] == ["a", "b", "d"]
+    assert [member.name for member in groomed.workspace.session.study.included] == ["a", "b", "d"]
     wait(lambda: groomed.workspace.session.result is not None)
     assert groomed.workspace.session.result.result.names == ("a", "b", "d")
 
@@ -403,8 +409,8 @@ def test_answers_of_an_earlier_result_are_listed_as_out_of_date(explored, tmp_pa
     page, project = explored.inspector.explore.pages[0], explored.workspace.project
     assert page.kept_title.isHidden()
     requests = [StudyRequest(between=("a", "b")), StudyRequest(between=("a", "c"))]
-    for one in requests:
-        write_request(one, study_folder(project, one), Answered())
+    for request in requests:
+        write_request(request, study_folder(project, request), Answered())
     (study_folder(project, requests[1]) / OUT_OF_DATE).touch()
     page.enter()
     assert page.kept.text() == requests[0].title
@@ -414,30 +420,31 @@ def test_answers_of_an_earlier_result_are_listed_as_out_of_date(explored, tmp_pa
 
 @pytest.mark.window
 def test_a_result_of_another_cohort_or_other_settings_says_so_on_every_page(explored):
-    session, words = explored.workspace.session, explored.inspector.explore.outdated
-    assert words.text() == ""
+    session, text = explored.workspace.session, explored.inspector.explore.outdated
+    assert text.text() == ""
     session.select(["b"])
     explored.commands["edit.include"].trigger()
-    assert "b is excluded in Cohort" in words.text()
+    assert "b is excluded in Cohort" in text.text()
     explored.commands["edit.undo"].trigger()
-    assert words.text() == ""
+    assert text.text() == ""
     groom = session.study.settings.groom.model_copy(update={"smoothing": 2.0})
     explored.workspace.edit_settings("groom", "smoothing", groom)
-    assert "settings have changed (smoothing)" in words.text()
-    assert words.isVisible()
+    assert "settings have changed (smoothing)" in text.text()
+    assert text.isVisible()
 
 
 @pytest.mark.window
 def test_closing_in_mid_run_asks_first(groomed, monkeypatch, wait):
-    asked = []
+    questions = []
     monkeypatch.setattr(
-        "homolog_app.window.project_controller.ask", lambda *given: asked.append(given[3][0]) or given[3][-1]
+        "homolog_app.window.project_controller.ask",
+        lambda *given: questions.append(given[3][0]) or given[3][-1],
     )
     groomed.workspace.preferences.ask_on_close = True
     groomed.commands["run.start"].trigger()
     wait(lambda: groomed.workspace.session.job.run is not None)
     groomed.close()
-    assert asked == ["Stop"]
+    assert questions == ["Stop"]
     assert groomed.isVisible()
     assert groomed.workspace.session.job.is_busy
     groomed.workspace.preferences.ask_on_close = False
@@ -446,20 +453,20 @@ def test_closing_in_mid_run_asks_first(groomed, monkeypatch, wait):
 @pytest.mark.window
 @pytest.mark.parametrize("answer", ["Import", "Cancel"])
 def test_a_table_is_imported_once_its_preview_is_accepted(beans, tmp_path, monkeypatch, answer):
-    asked = []
+    questions = []
 
-    def ask(parent, title, words, answers):
-        asked.append(words)
+    def ask(parent, title, text, answers):
+        questions.append(text)
         return answer
 
     monkeypatch.setattr("homolog_app.window.project_controller.ask", ask)
     table = tmp_path / "subjects.csv"
     table.write_text("id;group;age\na;case;61\nb;control;48\nx;case;1\n", encoding="utf-8")
     beans.projects.import_table(table)
-    groups = [one.subject.group for one in beans.workspace.session.study.members]
+    groups = [member.subject.group for member in beans.workspace.session.study.members]
     assert groups == (["case", "control", None, None] if answer == "Import" else [None] * 4)
-    assert "2 of 4" in asked[0]
-    assert "x" in asked[0].splitlines()[-1]
+    assert "2 of 4" in questions[0]
+    assert "x" in questions[0].splitlines()[-1]
 
 
 @pytest.mark.window

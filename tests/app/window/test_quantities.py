@@ -6,12 +6,12 @@ from homolog_app.rendering.text import millilitres, short, signed, tick_labels
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "message"),
     [([79.75, 79.76, 79.77], ["79.75", "79.76", "79.77"]), ([0.0, 2.5, 5.0], ["0.0", "2.5", "5.0"]),
      ([-20.0, 0.0, 20.0], ["−20", "0", "20"]), ([], [])],
 )  # fmt: skip
-def test_ticks_have_as_many_digits_as_tell_them_apart(values, words):
-    assert tick_labels(values) == words
+def test_ticks_have_as_many_digits_as_tell_them_apart(values, message):
+    assert tick_labels(values) == message
 
 
 def test_numbers_have_a_true_minus_and_no_exponent_that_people_would_not_write():
@@ -23,8 +23,8 @@ def test_numbers_have_a_true_minus_and_no_exponent_that_people_would_not_write()
 
 
 @pytest.mark.parametrize(
-    ("volume", "words"),
+    ("volume", "message"),
     [(96.0, "96.0 ml"), (1532.4, "1532 ml"), (2.948, "2.95 ml"), (0.0371, "0.0371 ml"), (0.0, "0 ml")],
 )
-def test_volumes_have_three_digits_or_all_before_the_point(volume, words):
-    assert millilitres(volume) == words
+def test_volumes_have_three_digits_or_all_before_the_point(volume, message):
+    assert millilitres(volume) == message

@@ -17,14 +17,14 @@ def page(explore, bean_project, window):
 
     page, study = explore(bean_project, "groups"), window.workspace.session.study
     changed = {
-        one.name: replace(
-            one,
+        member.name: replace(
+            member,
             subject=replace(
-                one.subject,
+                member.subject,
                 columns={"slot": f"{bean.position:.3f}", "scanner": "AB"[index % 2], "site": "x"},
             ),
         )
-        for index, (one, bean) in enumerate(zip(study.members, draw_beans(10), strict=True))
+        for index, (member, bean) in enumerate(zip(study.members, draw_beans(10), strict=True))
     }
     window.workspace.session.edit("Table", study.with_members(changed))
     return page
@@ -75,7 +75,7 @@ def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait)
     from homolog_app.report.request import StudyRequest
     from homolog_app.report.study import run_study
 
-    actions = {one.text(): one for one in page.form.covariate_menu.actions()}
+    actions = {action.text(): action for action in page.form.covariate_menu.actions()}
     assert not actions["site"].isEnabled()
     assert actions["site"].toolTip() == "The same for all subjects"
     actions["slot"].setChecked(True)
@@ -101,10 +101,10 @@ def test_an_answer_is_kept_as_the_command_line_keeps_it(page, window, wait, tmp_
     project = window.workspace.project.folder
     folder = project / "analysis" / answer.study.request.name
     dated = ("tests.csv", "tests_without_outliers.csv", "study.json")  # say when they were computed
-    mine = {one.name: one.read_bytes() for one in folder.iterdir() if one.name not in dated}
+    mine = {file.name: file.read_bytes() for file in folder.iterdir() if file.name not in dated}
     assert len(mine) > 2
-    for one in folder.iterdir():
-        one.unlink()
+    for file in folder.iterdir():
+        file.unlink()
     line = page.keep.toolTip().partition("like: ")[2]
     assert main([*shlex.split(line)[1:], "--progress", "none"]) == 0
-    assert {one.name: one.read_bytes() for one in folder.iterdir() if one.name not in dated} == mine
+    assert {file.name: file.read_bytes() for file in folder.iterdir() if file.name not in dated} == mine

@@ -76,9 +76,9 @@ def test_only_one_job_goes_on_at_a_time(runner):
 
 
 def test_progress_is_told_in_order_and_the_newest_wins(runner, wait):
-    told = []
-    runner.progressed.connect(lambda status: told.append(status.fraction))
+    messages = []
+    runner.progressed.connect(lambda status: messages.append(status.fraction))
     runner.start(Task(lambda tick: [tick(step / 1000, "") for step in range(1000)], ""))
     wait(lambda: runner.ends)
-    assert told == sorted(told)
-    assert len(told) < 1000
+    assert messages == sorted(messages)
+    assert len(messages) < 1000

@@ -99,7 +99,7 @@ class TestViews:
         scene, path = beans.views.stage.scene, tmp_path / f"a{KEPT}"
         plain, other = scene.shown[:2]
         write_shown(path, ViewContents([plain, replace(other, through=True)], 2), scene.canvas)
-        assert [one.through for one in read_shown(path)[0].contents] == [False, True]
+        assert [content.through for content in read_shown(path)[0].contents] == [False, True]
 
     def test_every_layout_shows_its_number_of_subjects_and_pages_through_the_rest(self, beans):
         scene = beans.views.stage.scene
@@ -108,23 +108,23 @@ class TestViews:
             assert (scene.layout_count, scene.pages) == (count, pages)
         beans.commands["view.grid1"].trigger()
         beans.commands["view.next"].trigger()
-        assert [one.name for one in scene.shown] == ["b"]
+        assert [content.name for content in scene.shown] == ["b"]
         beans.workspace.session.select(["d"])
-        assert [one.name for one in scene.shown] == ["d"]
+        assert [content.name for content in scene.shown] == ["d"]
         assert not beans.commands["view.next"].isEnabled()
 
     def test_a_picture_can_be_larger_than_the_screen_and_transparent(self, beans):
         scene = beans.views.stage.scene
-        one, two = scene.picture(1), scene.picture(2, transparent=True)
-        assert (two.width(), two.height()) == (2 * one.width(), 2 * one.height())
-        assert pixels(one)[..., 3].min() == 255
+        first, two = scene.picture(1), scene.picture(2, transparent=True)
+        assert (two.width(), two.height()) == (2 * first.width(), 2 * first.height())
+        assert pixels(first)[..., 3].min() == 255
         alpha = pixels(two)[..., 3]
         assert alpha.min() == 0
         assert alpha.max() == 255
 
     def test_the_surface_is_seen_and_can_be_hidden(self, beans, wait):
         scene = beans.views.stage.scene
-        wait(lambda: len(scene.shown) == 4 and all(one.raw is not None for one in scene.shown))
+        wait(lambda: len(scene.shown) == 4 and all(content.raw is not None for content in scene.shown))
         before = pixels(scene.picture())
         beans.commands["view.raw"].trigger()
         after = pixels(scene.picture())
@@ -137,13 +137,13 @@ class TestViews:
         seen = []
         for page in range(2):
             scene.show_page(page)
-            seen.append({tuple(one) for one in pixels(scene.picture())[::2, ::2, :3].reshape(-1, 3)})
+            seen.append({tuple(item) for item in pixels(scene.picture())[::2, ::2, :3].reshape(-1, 3)})
         assert len(seen[0] & seen[1]) > 20
 
     def test_a_few_views_at_a_time_are_drawn_if_drawing_is_slow(self, explored, wait):
         scene, frames = explored.views.stage.scene, explored.workspace.session.result.frames
         names = explored.workspace.session.result.result.names
-        first, last = (dict(zip(names, one.particles, strict=True)) for one in (frames[-2], frames[-1]))
+        first, last = (dict(zip(names, frame.particles, strict=True)) for frame in (frames[-2], frames[-1]))
         scene.show_particles(first)
         scene.picture()
         scene.plot.last_ms, scene.share = 1000.0, 1
@@ -289,7 +289,7 @@ def test_the_page_of_subjects_is_open_again_after_shapes_of_the_model(explore, f
     window.commands["explore.modes"].trigger()
     assert window.views.stage.scene.page == 0
     tabs.setCurrentIndex(0)
-    assert [one.name for one in window.views.stage.scene.shown] == ["b"]
+    assert [content.name for content in window.views.stage.scene.shown] == ["b"]
 
 
 @pytest.mark.window

@@ -30,16 +30,16 @@ def both(window, tmp_path, wait):
         session, work = window.workspace.session, window.workspace.work
         wait(lambda: not work.session.job.is_busy and len(session.surveys) == len(session.study.members))
         window.commands["view.screenshot"].trigger()
-        (dialog,) = [one for one in window.findChildren(ScreenshotDialog) if one.isVisible()]
+        (dialog,) = [widget for widget in window.findChildren(ScreenshotDialog) if widget.isVisible()]
         dialog.edit("", dialog.settings.model_copy(update={"scale": 1, **changes}))
         dialog.place.setText(str(tmp_path / "mine.png"))
         dialog.go.click()
         assert "pixels" in dialog.note.text()
-        words = shlex.split(dialog.line.text().replace("mine.png", "theirs.png"))
+        arguments = shlex.split(dialog.line.text().replace("mine.png", "theirs.png"))
         dialog.close()
-        assert words[:3] == ["homolog", "export", "screenshot"]
-        assert main([*words[1:], "--progress", "none"]) == 0
-        return pixels(tmp_path / "mine.png"), pixels(tmp_path / "theirs.png"), words
+        assert arguments[:3] == ["homolog", "export", "screenshot"]
+        assert main([*arguments[1:], "--progress", "none"]) == 0
+        return pixels(tmp_path / "mine.png"), pixels(tmp_path / "theirs.png"), arguments
 
     return saved
 
@@ -79,18 +79,18 @@ def test_views_that_are_turned_alone_and_a_page_of_them_are_drawn_again(explored
     camera = explored.views.stage.scene.grid.cells[0].renderer.GetActiveCamera()
     camera.Azimuth(33.0)
     camera.Zoom(1.7)
-    mine, theirs, words = both()
+    mine, theirs, text = both()
     assert_same(mine, theirs)
-    assert json.loads(words[words.index("--view") + 1])["canvas"]["page"] == 1
+    assert json.loads(text[text.index("--view") + 1])["canvas"]["page"] == 1
 
 
 def test_a_moment_of_the_run_is_drawn_again(explored, both, wait):
     time = explored.views.stage.footer.time
     wait(lambda: time.maximum() > 0)
     time.setValue(0)
-    mine, theirs, words = both()
+    mine, theirs, text = both()
     assert_same(mine, theirs)
-    assert '"moment":0' in words[words.index("--view") + 1]
+    assert '"moment":0' in text[text.index("--view") + 1]
 
 
 def test_modes_are_drawn_again_alone_in_rows_and_beside_a_subject(explore, finished, window, both):
@@ -151,10 +151,10 @@ def test_groomed_surfaces_before_a_run_are_drawn_again_and_transparently(groomed
 
 
 def test_a_picture_needs_no_display(explored, both, tmp_path):
-    mine, _, words = both()
+    mine, _, message = both()
     bare = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
     done = subprocess.run(
-        [sys.executable, "-m", "homolog_app", *words[1:]],
+        [sys.executable, "-m", "homolog_app", *message[1:]],
         env=bare,
         capture_output=True,
         text=True,
@@ -165,7 +165,7 @@ def test_a_picture_needs_no_display(explored, both, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("view", "words"),
+    ("view", "message"),
     [
         ("nothing.json", "can't be read"),
         ("{}", "view: Field required"),
@@ -175,12 +175,12 @@ def test_a_picture_needs_no_display(explored, both, tmp_path):
         ('{"view": {"page": "measure", "mode": 50}}', "no mode 51"),
     ],
 )
-def test_what_is_wrong_with_a_view_is_said(finished, tmp_path, capsys, view, words):
+def test_what_is_wrong_with_a_view_is_said(finished, tmp_path, capsys, view, message):
     from homolog_app.cli import main
 
     line = ["export", "screenshot", str(finished), "--view", view, "--out", str(tmp_path / "p.png")]
     assert main([*line, "--progress", "none"]) == 2
-    assert words in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert not (tmp_path / "p.png").exists()
 
 
@@ -203,7 +203,7 @@ def dialog_of(window):
     from homolog_app.window.export.dialog import ScreenshotDialog
 
     window.commands["view.screenshot"].trigger()
-    (dialog,) = [one for one in window.findChildren(ScreenshotDialog) if one.isVisible()]
+    (dialog,) = [widget for widget in window.findChildren(ScreenshotDialog) if widget.isVisible()]
     return dialog
 
 
@@ -216,13 +216,13 @@ def test_a_run_that_goes_on_is_drawn_again_from_the_file_beside_the_picture(runn
     wait(lambda: views.stage.scene.shown_now.particles is not before.particles)
     dialog.place.setText(str(tmp_path / "mine.png"))
     assert "mine.views.npz" in dialog.note.text()
-    words = shlex.split(dialog.line.text().replace("mine.png", "theirs.png"))
+    arguments = shlex.split(dialog.line.text().replace("mine.png", "theirs.png"))
     dialog.go.click()
     dialog.close()
     running.commands["run.cancel"].trigger()
     wait(lambda: not running.workspace.session.job.is_busy)
     running.projects.leave()
-    assert main([*words[1:], "--progress", "none"]) == 0
+    assert main([*arguments[1:], "--progress", "none"]) == 0
     assert_same(pixels(tmp_path / "mine.png"), pixels(tmp_path / "theirs.png"))
 
 
@@ -232,9 +232,9 @@ def test_what_was_not_saved_is_drawn_again_from_the_file_beside_the_picture(expl
     window.workspace.session.set_group("sick")
     page.sliders.show_value(0, -1.5)
     page.arrows.setChecked(True)
-    mine, theirs, words = both()
+    mine, theirs, text = both()
     assert_same(mine, theirs)
-    assert words[words.index("--view") + 1].endswith("mine.views.npz")
+    assert text[text.index("--view") + 1].endswith("mine.views.npz")
 
 
 def test_a_picture_shows_what_was_seen_when_it_was_asked_for(explored, tmp_path):

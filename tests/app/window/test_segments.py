@@ -27,7 +27,7 @@ def folder(tmp_path):
 
 def test_segments_are_listed_by_name_though_they_overlap(folder):
     survey = survey_subject(Subject("x", folder / "x.seg.nrrd"), None)
-    assert [(one.name, one.value, round(one.volume_ml, 6)) for one in survey.labels] == [
+    assert [(label.name, label.value, round(label.volume_ml, 6)) for label in survey.labels] == [
         ("heart", 1, 0.729),
         ("lung", 2, 0.648),
     ]
@@ -40,13 +40,13 @@ def test_a_segment_is_picked_by_its_name_whatever_its_value(window, folder, wait
     window.projects.open_paths([folder])
     session, picker = window.workspace.session, window.inspector.cohort.labels
     wait(lambda: len(session.surveys) == 2)
-    assert [one.name for one in session.study.members] == ["x", "y"]
-    assert all(one.included for one in session.study.members)
+    assert [member.name for member in session.study.members] == ["x", "y"]
+    assert all(member.included for member in session.study.members)
     assert picker.isVisibleTo(window)
     texts = [picker.choice.itemText(index) for index in range(picker.choice.count())]
     assert texts[1].startswith("heart · 0.729 ml · in 2 of 2")
     picker.choice.setCurrentIndex(picker.choice.findData("lung"))
     picker.choice.activated.emit(picker.choice.currentIndex())
     assert session.study.settings.groom.segment == "lung"
-    wait(lambda: all(not one.problem for one in session.surveys.values()))
-    assert {round(one.volume_ml, 6) for one in session.surveys.values()} == {0.648}
+    wait(lambda: all(not survey.problem for survey in session.surveys.values()))
+    assert {round(survey.volume_ml, 6) for survey in session.surveys.values()} == {0.648}

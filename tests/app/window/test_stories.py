@@ -108,7 +108,7 @@ def test_twenty_good_files_load_and_five_bad_ones_are_listed_with_their_reason(
         reason = session.surveys[name].problem
         shown = [panel.rows.index(rows[name], k) for k in range(panel.rows.columnCount())]
         assert reason
-        assert any(reason in str(one.data(Qt.ItemDataRole.ToolTipRole)) for one in shown)
+        assert any(reason in str(item.data(Qt.ItemDataRole.ToolTipRole)) for item in shown)
 
 
 @pytest.mark.parametrize(

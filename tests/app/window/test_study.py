@@ -4,7 +4,7 @@ import pytest
 
 from homolog.cohort import Subject
 from homolog.errors import InputError
-from homolog_app.studies.study import Study, found_subjects, with_table
+from homolog_app.studies.study import Study, read_subjects, with_table
 
 
 @pytest.fixture
@@ -15,19 +15,25 @@ def study(tmp_path):
 def test_a_file_is_listed_once_and_two_files_never_share_a_name(study, tmp_path):
     same = Subject("p01_ED", tmp_path / "p01_ED.nrrd")
     other = Subject("p01_ED", tmp_path / "elsewhere" / "p01_ED.nrrd")
-    names = [one.name for one in study.adding([same, other]).members]
+    names = [member.name for member in study.adding([same, other]).members]
     assert names == ["p01_ED", "p02_ED", "p10_ED", "p01_ED (2)"]
 
 
 def test_a_folder_and_single_files_can_be_dropped_together(ellipsoids, tmp_path):
     extra = tmp_path / "extra.NII.GZ"
     extra.touch()
-    assert [one.name for one in found_subjects([ellipsoids, extra]).subjects] == ["a", "b", "c", "d", "extra"]
+    assert [subject.name for subject in read_subjects([ellipsoids, extra]).subjects] == [
+        "a",
+        "b",
+        "c",
+        "d",
+        "extra",
+    ]
 
 
 def test_a_file_of_another_kind_is_refused_by_name(tmp_path):
     with pytest.raises(InputError, match=r"notes\.txt"):
-        found_subjects([tmp_path / "notes.txt"])
+        read_subjects([tmp_path / "notes.txt"])
 
 
 def test_a_table_gives_groups_and_covariates_to_the_subjects_that_it_names(study, tmp_path):
@@ -36,7 +42,7 @@ def test_a_table_gives_groups_and_covariates_to_the_subjects_that_it_names(study
     changed, changes = with_table(study, table)
     assert changes.matched == ("p01_ED", "p02_ED")
     assert changes.unknown == ("stranger", "p1")
-    assert [one.subject.group for one in changed.members] == ["DCM", "NOR", None]
+    assert [member.subject.group for member in changed.members] == ["DCM", "NOR", None]
     assert changed.members[0].subject.columns == {"age": "61"}
 
 

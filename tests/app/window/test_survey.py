@@ -26,7 +26,7 @@ def labelled(tmp_path):
 
 def test_each_label_is_listed_with_its_volume(labelled):
     survey = survey_subject(labelled, None)
-    assert [(one.value, round(one.volume_ml, 6)) for one in survey.labels] == [(1, 1.8), (4, 1.8)]
+    assert [(label.value, round(label.volume_ml, 6)) for label in survey.labels] == [(1, 1.8), (4, 1.8)]
     assert survey.volume_ml == pytest.approx(3.6)
 
 

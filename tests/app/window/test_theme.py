@@ -7,13 +7,13 @@ from homolog_app.rendering.scheme import DARK, LIGHT, rgb
 TEXT, GRAPHICS = 4.5, 3.0  # WCAG 2.2, level AA
 
 
-def contrast(one, other):
+def contrast(item, other):
     first, second = (
         sum(
             part * (x / 12.92 if x <= 0.03928 else ((x + 0.055) / 1.055) ** 2.4)
             for part, x in zip((0.2126, 0.7152, 0.0722), rgb(colour), strict=True)
         )
-        for colour in (one, other)
+        for colour in (item, other)
     )
     return (max(first, second) + 0.05) / (min(first, second) + 0.05)
 

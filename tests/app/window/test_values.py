@@ -87,11 +87,11 @@ def test_the_inner_wall_of_a_hollow_shape_faces_its_middle():
 def test_colours_can_be_positive_away_from_the_middle(explored, modes):
     scene, command = explored.views.stage.scene, explored.commands["view.from_middle"]
     modes.sliders.show_value(0, 2.0)
-    before, words = scene.shown[0].colours, scene.bar.scale.high_words
-    assert words == "out of the tissue"
+    before, text = scene.shown[0].colours, scene.bar.scale.high_label
+    assert text == "out of the tissue"
     command.trigger()
-    assert scene.bar.scale.high_words == "away from the centre"
+    assert scene.bar.scale.high_label == "away from the centre"
     assert modes.chosen.from_middle
     np.testing.assert_array_equal(scene.shown[0].colours, before)  # an ellipsoid has no inner wall
     command.trigger()
-    assert scene.bar.scale.high_words == words
+    assert scene.bar.scale.high_label == text

@@ -21,11 +21,11 @@ def _shapes(spread, seed=0):
 
 def test_three_groups_of_unequal_dispersion_raise_a_caution_in_the_api():
     shapes = _shapes(np.where(np.array(LABELS) == "a", 2.0, 1.0))
-    found = hl.compare_groups(shapes, LABELS, modes=3, permutations=99, alignment="rigid")
-    assert found.title == "a, b, c"
-    assert any("differ in dispersion" in caution for caution in found.cautions)
+    result = hl.compare_groups(shapes, LABELS, modes=3, permutations=99, alignment="rigid")
+    assert result.title == "a, b, c"
+    assert any("differ in dispersion" in caution for caution in result.cautions)
     raised = {
-        pair.title: any("differ in dispersion" in item for item in pair.cautions) for pair in found.pairwise
+        pair.title: any("differ in dispersion" in item for item in pair.cautions) for pair in result.pairwise
     }
     assert raised == {"b - a": True, "c - a": True, "c - b": False}
 
@@ -55,8 +55,8 @@ def _quantiles(count):
 
 
 def test_skewed_differences_of_pairs_raise_a_caution():
-    found = size_skewness(_quantiles(15), _shapes(np.ones(42))[:15], paired_design(15), {})
-    assert "symmetric" in size_caution(found, {"pairs": 15})
+    result = size_skewness(_quantiles(15), _shapes(np.ones(42))[:15], paired_design(15), {})
+    assert "symmetric" in size_caution(result, {"pairs": 15})
 
 
 def test_an_outlier_is_found_in_its_group_whatever_the_groups_differ_by():
@@ -65,17 +65,17 @@ def test_an_outlier_is_found_in_its_group_whatever_the_groups_differ_by():
     two = ["a" if label == "a" else "b" for label in LABELS]
     members = [np.array(two) == name for name in "ab"]
     assert outliers_in_groups(shapes, group_design(two, ["a", "b"]), members).tolist() == [3]
-    found = hl.compare_groups(shapes, [None, *two[1:]], modes=2, permutations=99, alignment="as-it-lies")
-    assert found.outliers.tolist() == [3]
-    assert any("subject 4 is an outlier" in caution for caution in found.cautions)
+    result = hl.compare_groups(shapes, [None, *two[1:]], modes=2, permutations=99, alignment="as-it-lies")
+    assert result.outliers.tolist() == [3]
+    assert any("subject 4 is an outlier" in caution for caution in result.cautions)
     others = [*shapes[:3], *shapes[4:]]
     rest = hl.compare_groups(
         others, [None, *two[1:3], *two[4:]], modes=2, permutations=99, alignment="as-it-lies"
     )
     assert rest.without_outliers is None
-    assert found.without_outliers.test.p_permutation == rest.test.p_permutation
-    assert found.without_outliers.distance.value == pytest.approx(rest.distance.value)
-    assert found.without_outliers.size.value == pytest.approx(rest.size.value)
-    assert found.without_outliers.discriminant.auc.value == pytest.approx(rest.discriminant.auc.value)
-    np.testing.assert_array_equal(found.without_outliers.p_fwe, rest.p_fwe)
-    assert 3 not in found.without_outliers.subjects
+    assert result.without_outliers.test.p_permutation == rest.test.p_permutation
+    assert result.without_outliers.distance.value == pytest.approx(rest.distance.value)
+    assert result.without_outliers.size.value == pytest.approx(rest.size.value)
+    assert result.without_outliers.discriminant.auc.value == pytest.approx(rest.discriminant.auc.value)
+    np.testing.assert_array_equal(result.without_outliers.p_fwe, rest.p_fwe)
+    assert 3 not in result.without_outliers.subjects

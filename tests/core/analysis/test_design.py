@@ -39,7 +39,7 @@ def test_decimals_with_commas_are_the_numbers_that_they_mean():
 
 
 @pytest.mark.parametrize(
-    ("table", "words"),
+    ("table", "message"),
     [
         ({"age": ["40", "", "60"]}, "'age': no value for Ben"),
         ({"age": [40.0, 50.0, np.nan]}, "'age': no value for Cleo"),
@@ -52,8 +52,8 @@ def test_decimals_with_commas_are_the_numbers_that_they_mean():
         ({"age": [40.0, np.inf, 60.0]}, "inf of Ben is not finite"),
     ],
 )
-def test_covariates_that_are_missing_or_constant_are_refused_by_name(table, words):
-    with pytest.raises(InputError, match=words):
+def test_covariates_that_are_missing_or_constant_are_refused_by_name(table, message):
+    with pytest.raises(InputError, match=message):
         covariate_columns(table, ["Ann", "Ben", "Cleo"])
 
 
@@ -72,7 +72,7 @@ def test_numbers_are_columns_of_categories_where_that_is_declared():
 
 
 @pytest.mark.parametrize(
-    ("groups", "order", "words"),
+    ("groups", "order", "message"),
     [
         (["a", "a", "a", "b"], ["a", "b"], "'b' has 1 of the two or more subjects"),
         (["a", "a", "b", "b"], ["a", "c"], "'b' is not among those compared"),
@@ -80,8 +80,8 @@ def test_numbers_are_columns_of_categories_where_that_is_declared():
         (["a", "a", "b", "b"], ["a", "a"], "two or more different groups"),
     ],
 )
-def test_groups_that_cannot_be_compared_are_refused(groups, order, words):
-    with pytest.raises(InputError, match=words):
+def test_groups_that_cannot_be_compared_are_refused(groups, order, message):
+    with pytest.raises(InputError, match=message):
         group_design(groups, order)
 
 
@@ -105,10 +105,10 @@ def test_too_many_covariates_for_the_subjects_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("values", "words"), [([1.0, 1.0, 1.0, 1.0], "the same for all"), ([1.0, np.nan, 2.0, 3.0], "missing")]
+    ("values", "message"), [([1.0, 1.0, 1.0, 1.0], "the same for all"), ([1.0, np.nan, 2.0, 3.0], "missing")]
 )
-def test_variables_that_cannot_be_regressed_on_are_refused(values, words):
-    with pytest.raises(InputError, match=words):
+def test_variables_that_cannot_be_regressed_on_are_refused(values, message):
+    with pytest.raises(InputError, match=message):
         regression_design(np.array(values))
 
 

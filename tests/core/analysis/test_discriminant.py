@@ -28,47 +28,47 @@ def test_shrinkage_is_that_of_ledoit_and_wolf_written_out():
 
 def test_groups_far_apart_are_told_apart_and_the_way_between_them_is_found(correlated):
     shapes, second = _two_groups(correlated, 12.0)
-    found = discriminant(shapes, second, 1, bootstraps=50, permutations=99)
-    assert found.accuracy.value == found.auc.value == 1.0
-    assert found.auc.p == found.accuracy.p == pytest.approx(0.01)
-    assert 0.8 < found.auc.low < found.auc.high == 1.0
+    result = discriminant(shapes, second, 1, bootstraps=50, permutations=99)
+    assert result.accuracy.value == result.auc.value == 1.0
+    assert result.auc.p == result.accuracy.p == pytest.approx(0.01)
+    assert 0.8 < result.auc.low < result.auc.high == 1.0
     apart = shapes[second].mean(axis=0) - shapes[~second].mean(axis=0)
-    way = found.displacement
+    way = result.displacement
     cosine = (way * apart).sum() / np.linalg.norm(way) / np.linalg.norm(apart)
     assert cosine > 0.98
-    assert (found.scores[second] > 0).all()
-    assert (found.scores[~second] < 0).all()
+    assert (result.scores[second] > 0).all()
+    assert (result.scores[~second] < 0).all()
 
 
 def test_labels_without_meaning_are_not_told_apart(correlated):
     shapes = correlated(subjects=60)
-    found = discriminant(shapes, np.arange(60) % 2 == 1, 4, bootstraps=10, permutations=39)
-    assert 0.25 < found.auc.value < 0.65
-    assert 0.25 < found.accuracy.value < 0.65
-    assert found.auc.low < 0.5 < found.auc.high
-    assert found.auc.p > 0.05
+    result = discriminant(shapes, np.arange(60) % 2 == 1, 4, bootstraps=10, permutations=39)
+    assert 0.25 < result.auc.value < 0.65
+    assert 0.25 < result.accuracy.value < 0.65
+    assert result.auc.low < 0.5 < result.auc.high
+    assert result.auc.p > 0.05
 
 
 def test_the_direction_is_fishers_in_the_modes(correlated):
     shapes, second = _two_groups(correlated, 2.0)
-    found = discriminant(shapes, second, 3, bootstraps=5, permutations=0)
+    result = discriminant(shapes, second, 3, bootstraps=5, permutations=0)
     rows = shapes.reshape(40, -1) - shapes.reshape(40, -1).mean(axis=0)
-    scores = rows @ found.modes.reshape(3, -1).T
+    scores = rows @ result.modes.reshape(3, -1).T
     within = scores - np.where(second[:, None], scores[second].mean(axis=0), scores[~second].mean(axis=0))
     covariance, _ = shrunk_covariance(within)
     fisher = np.linalg.solve(covariance, scores[second].mean(axis=0) - scores[~second].mean(axis=0))
     np.testing.assert_allclose(
-        found.weights / np.linalg.norm(found.weights), fisher / np.linalg.norm(fisher), atol=1e-8
+        result.weights / np.linalg.norm(result.weights), fisher / np.linalg.norm(fisher), atol=1e-8
     )
-    assert found.scores[second].mean() == pytest.approx(-found.scores[~second].mean())
+    assert result.scores[second].mean() == pytest.approx(-result.scores[~second].mean())
 
 
 def test_bootstrap_bounds_hold_the_map_between_them(correlated):
     shapes, second = _two_groups(correlated, 3.0)
-    found = discriminant(shapes, second, 3, bootstraps=300, permutations=0)
-    maps = found.modes[:, :, 2]
-    low, high = found.bounds(maps)
-    inside = (low <= found.weights @ maps) & (found.weights @ maps <= high)
+    result = discriminant(shapes, second, 3, bootstraps=300, permutations=0)
+    maps = result.modes[:, :, 2]
+    low, high = result.bounds(maps)
+    inside = (low <= result.weights @ maps) & (result.weights @ maps <= high)
     assert inside.mean() > 0.95
     assert (high - low).min() > 0.0
 

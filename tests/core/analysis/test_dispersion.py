@@ -16,13 +16,13 @@ def _groups(counts):
 def test_distances_to_the_centroid_are_those_of_the_definition(correlated):
     shapes = correlated(subjects=20)
     design, members = _groups((8, 12))
-    found = dispersion_test(shapes, design, 19, members, permutations=99)
+    result = dispersion_test(shapes, design, 19, members, permutations=99)
     for group, size in (("a", 8), ("b", 12)):
         own = shapes[members[group]]
         apart = np.sqrt(np.square(own - own.mean(axis=0)).sum(axis=2).mean(axis=1) * size / (size - 1))
-        np.testing.assert_allclose(found.distances[members[group]], apart, rtol=1e-4)
-    f = stats.f_oneway(found.distances[:8], found.distances[8:]).statistic
-    assert found.f == pytest.approx(f)
+        np.testing.assert_allclose(result.distances[members[group]], apart, rtol=1e-4)
+    f = stats.f_oneway(result.distances[:8], result.distances[8:]).statistic
+    assert result.f == pytest.approx(f)
 
 
 def test_a_group_that_scatters_twice_as_much_is_noticed_and_equal_ones_are_not(correlated):
@@ -30,10 +30,10 @@ def test_a_group_that_scatters_twice_as_much_is_noticed_and_equal_ones_are_not(c
     design, members = _groups((8, 34))
     assert dispersion_test(shapes, design, 4, members, permutations=499).p > 0.05
     shapes[:8] = 2.0 * shapes[:8]
-    found = dispersion_test(shapes, design, 4, members, permutations=499)
-    assert found.p < 0.01
-    assert found.by_group["a"] > 1.5 * found.by_group["b"]
-    assert found.ratio == found.by_group["a"] / found.by_group["b"]
+    result = dispersion_test(shapes, design, 4, members, permutations=499)
+    assert result.p < 0.01
+    assert result.by_group["a"] > 1.5 * result.by_group["b"]
+    assert result.ratio == result.by_group["a"] / result.by_group["b"]
 
 
 def test_outliers_in_groups_of_equal_dispersion_seldom_make_a_difference():

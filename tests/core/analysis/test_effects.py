@@ -15,11 +15,11 @@ def test_the_distance_is_unbiased_where_the_plain_one_is_too_large():
         apart = scores[14:].mean(axis=0) - scores[:14].mean(axis=0)
         pooled = (np.cov(scores[:14], rowvar=False) + np.cov(scores[14:], rowvar=False)) / 2
         square = apart @ np.linalg.solve(pooled, apart)
-        found = corrected_distance(7.0 * square, 5, 26, 7.0)
+        result = corrected_distance(7.0 * square, 5, 26, 7.0)
         squares.append((28 - 5 - 3) / 26 * square - 5 / 7)
         plain.append(np.sqrt(square))
-        assert found.value == pytest.approx(np.sqrt(max(squares[-1], 0.0)))
-        inside += found.low <= 1.2 <= found.high
+        assert result.value == pytest.approx(np.sqrt(max(squares[-1], 0.0)))
+        inside += result.low <= 1.2 <= result.high
     assert np.mean(squares) == pytest.approx(1.44, abs=0.15)
     assert np.mean(plain) > 1.5
     assert 0.92 < inside / 400 < 0.98

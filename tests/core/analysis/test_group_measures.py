@@ -11,12 +11,12 @@ from homolog.errors import InputError
 def test_means_deviations_and_p_of_two_groups_are_those_of_welchs_t_test():
     random = np.random.default_rng(0)
     first, second = random.normal(10.0, 1.0, 12), random.normal(11.0, 3.0, 7)
-    found = compare_measure(np.concatenate([first, second]), ["b"] * 12 + ["a"] * 7)
-    assert found.groups == ("a", "b")
-    assert found.counts == (7, 12)
-    np.testing.assert_allclose(found.means, [second.mean(), first.mean()])
-    np.testing.assert_allclose(found.deviations, [second.std(ddof=1), first.std(ddof=1)])
-    assert found.p == pytest.approx(stats.ttest_ind(first, second, equal_var=False).pvalue)
+    result = compare_measure(np.concatenate([first, second]), ["b"] * 12 + ["a"] * 7)
+    assert result.groups == ("a", "b")
+    assert result.counts == (7, 12)
+    np.testing.assert_allclose(result.means, [second.mean(), first.mean()])
+    np.testing.assert_allclose(result.deviations, [second.std(ddof=1), first.std(ddof=1)])
+    assert result.p == pytest.approx(stats.ttest_ind(first, second, equal_var=False).pvalue)
 
 
 def test_the_level_holds_for_three_groups_of_unequal_variance():
@@ -28,9 +28,9 @@ def test_the_level_holds_for_three_groups_of_unequal_variance():
 
 
 def test_subjects_without_a_value_or_a_group_are_excluded():
-    found = compare_measure(np.array([1.0, 2.0, np.nan, 4.0, 6.0, 9.0]), ["a", "a", "a", "b", "b", ""])
-    assert found.counts == (2, 2)
-    assert found.means == (1.5, 5.0)
+    result = compare_measure(np.array([1.0, 2.0, np.nan, 4.0, 6.0, 9.0]), ["a", "a", "a", "b", "b", ""])
+    assert result.counts == (2, 2)
+    assert result.means == (1.5, 5.0)
 
 
 @pytest.mark.parametrize(("values", "groups"), [([1.0, 2.0], ["a", "a"]), ([1.0, 2.0, 3.0], ["a", "a", "b"])])

@@ -24,12 +24,12 @@ def test_eigenvalues_thresholds_and_count_are_those_of_the_definition(subjects, 
     generator = np.random.default_rng(3)
     sources = generator.normal(size=(subjects, 3)) * [4.0, 3.0, 2.0]
     rows = sources @ generator.normal(size=(3, 30)) + generator.normal(size=(subjects, 30))
-    found = parallel_analysis(rows, repeats=400, seed=1)
+    result = parallel_analysis(rows, repeats=400, seed=1)
     real, threshold, n_retained = _by_definition(rows, 400, 95.0, generator)
     modes = min(subjects - 1, 30)
-    np.testing.assert_allclose(found.eigenvalues, real[:modes], atol=1e-8)
-    np.testing.assert_allclose(found.threshold[:10], threshold[:10], rtol=0.06)
-    assert found.n_retained == n_retained == expected
+    np.testing.assert_allclose(result.eigenvalues, real[:modes], atol=1e-8)
+    np.testing.assert_allclose(result.threshold[:10], threshold[:10], rtol=0.06)
+    assert result.n_retained == n_retained == expected
 
 
 @pytest.mark.parametrize("null", list(Null))

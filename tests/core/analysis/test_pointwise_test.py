@@ -20,16 +20,16 @@ def _wilks(endog, exog, tested):
 def test_each_particle_is_tested_as_statsmodels_tests_it(correlated, covariates, levels):
     shapes, columns = correlated(particles=6), covariate_columns(covariates())
     groups = np.random.default_rng(1).choice(list(levels), 24)
-    found = pointwise_test(shapes, group_design(groups.tolist(), list(levels), columns), permutations=9)
+    result = pointwise_test(shapes, group_design(groups.tolist(), list(levels), columns), permutations=9)
     dummies = np.column_stack([groups == level for level in levels[1:]]).astype(float)
     exog = np.column_stack([np.ones(24), columns, dummies])
     tested = list(range(3, exog.shape[1]))
     for particle in range(6):
         wilks = _wilks(shapes[:, particle], exog, tested)
-        assert found.explained[particle] == pytest.approx(1.0 - wilks["Value"], abs=1e-8)
-        assert found.p_f[particle] == pytest.approx(wilks["Pr > F"], abs=1e-8)
+        assert result.explained[particle] == pytest.approx(1.0 - wilks["Value"], abs=1e-8)
+        assert result.p_f[particle] == pytest.approx(wilks["Pr > F"], abs=1e-8)
         effect = np.linalg.lstsq(exog, shapes[:, particle], rcond=None)[0][tested]
-        np.testing.assert_allclose(found.effect[:, particle], effect, atol=1e-9)
+        np.testing.assert_allclose(result.effect[:, particle], effect, atol=1e-9)
 
 
 def test_freedman_lane_refits_covariates_at_each_particle(correlated, covariates):
@@ -43,12 +43,12 @@ def test_freedman_lane_refits_covariates_at_each_particle(correlated, covariates
     for _ in range(5):
         order = generator.permutation(24)
         data = ((rows - residuals) + residuals[np.argsort(order)]).reshape(shapes.shape)
-        found = statistic.explained(
+        result = statistic.explained(
             PermutedDesigns(design.tested[order][None], design.covariates[order][None])
         )
         for particle in range(4):
             expected = 1.0 - _wilks(data[:, particle], exog, [3])["Value"]
-            assert found[0, particle] == pytest.approx(expected, abs=1e-8)
+            assert result[0, particle] == pytest.approx(expected, abs=1e-8)
 
 
 def test_the_family_wise_p_of_few_subjects_is_counted_over_all_splits(correlated):
@@ -102,7 +102,7 @@ def test_the_studentized_ratio_with_covariates_is_that_of_a_refit(correlated, co
     design = group_design(groups, list("abc"), covariate_columns(covariates()))
     residuals = design.residuals(shapes.reshape(24, -1)).reshape(shapes.shape)
     some = next(iter(draw_permutations(design, 4, chunk=4, seed=2)))
-    found = PointwiseStatistic(residuals, design, scaled=False).studentized(some)
+    result = PointwiseStatistic(residuals, design, scaled=False).studentized(some)
     for particle in range(5):
         values, vectors = np.linalg.eigh(residuals[:, particle].T @ residuals[:, particle])
         own = residuals[:, particle] @ (vectors / np.sqrt(values))
@@ -113,44 +113,44 @@ def test_the_studentized_ratio_with_covariates_is_that_of_a_refit(correlated, co
             rest = own - basis @ (basis.T @ own)
             expected = (tested / (1 - leverage)) @ np.square(rest).sum(axis=1)
             explained = np.square(some.tested[draw].T @ own).sum()
-            assert found[draw, particle] == pytest.approx(explained / expected, rel=1e-9)
+            assert result[draw, particle] == pytest.approx(explained / expected, rel=1e-9)
 
 
 def test_q_values_are_those_of_statsmodels(correlated):
     shapes = correlated()
     shapes[::2, :5] += 4.0
-    found = pointwise_test(shapes, group_design(["a", "b"] * 12, ["a", "b"]), permutations=99)
-    np.testing.assert_allclose(found.q, multipletests(found.p, method="fdr_bh")[1], atol=1e-12)
+    result = pointwise_test(shapes, group_design(["a", "b"] * 12, ["a", "b"]), permutations=99)
+    np.testing.assert_allclose(result.q, multipletests(result.p, method="fdr_bh")[1], atol=1e-12)
 
 
 def test_a_local_bump_is_found_where_it_is_and_nowhere_else():
     generator = np.random.default_rng(9)
     shapes = generator.normal(size=(30, 200, 3))
     shapes[15:, 40:50, 2] += 3.0
-    found = pointwise_test(shapes, group_design(["a"] * 15 + ["b"] * 15, ["a", "b"]), permutations=1000)
-    assert np.flatnonzero(found.p_fwe <= 0.05).tolist() == list(range(40, 50))
-    np.testing.assert_allclose(found.effect[0, 40:50, 2], 3.0, atol=1.2)
+    result = pointwise_test(shapes, group_design(["a"] * 15 + ["b"] * 15, ["a", "b"]), permutations=1000)
+    assert np.flatnonzero(result.p_fwe <= 0.05).tolist() == list(range(40, 50))
+    np.testing.assert_allclose(result.effect[0, 40:50, 2], 3.0, atol=1.2)
 
 
 def test_pairs_are_tested_by_flipping_signs(correlated):
     differences = correlated(particles=8)
     differences[:, 3] += 9.0
-    found = pointwise_test(differences, paired_design(24), permutations=500)
+    result = pointwise_test(differences, paired_design(24), permutations=500)
     positions = differences[:, 3]
     t_squared = (
         24 * positions.mean(axis=0) @ np.linalg.solve(np.cov(positions, rowvar=False), positions.mean(axis=0))
     )
-    assert found.explained[3] == pytest.approx(t_squared / (t_squared + 23), rel=1e-8)
-    assert found.p_fwe[3] < 0.05
+    assert result.explained[3] == pytest.approx(t_squared / (t_squared + 23), rel=1e-8)
+    assert result.p_fwe[3] < 0.05
 
 
 def test_particles_that_do_not_move_have_p_of_one_and_no_nan():
     shapes = np.random.default_rng(1).normal(size=(12, 5, 3))
     shapes[:, 2] = [1.0, 2.0, 3.0]
     shapes[:, 3, 0] = 7.0
-    found = pointwise_test(shapes, group_design(["a", "b"] * 6, ["a", "b"]), permutations=99)
-    assert found.p[2] == found.p_fwe[2] == 1.0
-    for values in (found.explained, found.p, found.p_fwe, found.q, found.effect):
+    result = pointwise_test(shapes, group_design(["a", "b"] * 6, ["a", "b"]), permutations=99)
+    assert result.p[2] == result.p_fwe[2] == 1.0
+    for values in (result.explained, result.p, result.p_fwe, result.q, result.effect):
         assert np.isfinite(values).all()
 
 

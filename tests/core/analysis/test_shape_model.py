@@ -42,8 +42,8 @@ def test_one_standard_deviation_along_a_mode_is_that_far_from_the_mean(ellipsoid
 
 
 def test_a_cohort_that_differs_in_size_only_has_no_modes_left_after_scaling(ellipsoids):
-    one = ellipsoids(subjects=2)[0]
-    particles = one * np.linspace(0.8, 1.2, 9)[:, None, None]
+    first = ellipsoids(subjects=2)[0]
+    particles = first * np.linspace(0.8, 1.2, 9)[:, None, None]
     assert ShapeModel.fit(particles).explained_variance_ratio[0] == pytest.approx(1.0)
     scaled = ShapeModel.fit(particles, scaling=True)
     assert scaled.explained_variance.sum() < 1e-12
@@ -59,15 +59,15 @@ def test_the_same_shape_again_and_again_gives_a_model_without_modes(ellipsoids):
 
 
 @pytest.mark.parametrize(
-    ("particles", "words"),
+    ("particles", "message"),
     [
         (np.zeros((1, 8, 3)), "at least two subjects"),
         (np.zeros((4, 8, 2)), "shape"),
         (np.full((3, 8, 3), np.nan), "Ann, Ben, Cleo: particle positions that are not finite"),
     ],
 )
-def test_particles_that_no_model_can_be_fitted_to_are_refused_by_name(particles, words):
-    with pytest.raises(InputError, match=words):
+def test_particles_that_no_model_can_be_fitted_to_are_refused_by_name(particles, message):
+    with pytest.raises(InputError, match=message):
         ShapeModel.fit(particles, names=["Ann", "Ben", "Cleo", "Dan"])
 
 

@@ -86,12 +86,14 @@ def test_groups_adjusted_for_a_covariate_have_one_dispersion_and_get_theirs_back
     design = group_design(["a"] * 30 + ["b"] * 60, ["a", "b"], age)
     rows = (generator.normal(size=(90, 50)) * np.repeat([3.0, 1.0], [30, 60])[:, None]) + age
     residuals = design.residuals(rows)
-    found = equalize_subjects(residuals, design)
-    assert found.values[:30].std() / found.values[30:].std() == pytest.approx(1.0, rel=0.05)
-    (dispersions,) = found.dispersions(design_columns(observed_design(design)))
+    result = equalize_subjects(residuals, design)
+    assert result.values[:30].std() / result.values[30:].std() == pytest.approx(1.0, rel=0.05)
+    (dispersions,) = result.dispersions(design_columns(observed_design(design)))
     assert np.ptp(dispersions[:30]) == pytest.approx(0.0, abs=1e-9)
     assert dispersions[0] / dispersions[-1] == pytest.approx(3.0, rel=0.06)
-    np.testing.assert_allclose(found.restored(found.values, observed_design(design))[0], residuals, atol=1e-9)
+    np.testing.assert_allclose(
+        result.restored(result.values, observed_design(design))[0], residuals, atol=1e-9
+    )
 
 
 def test_pointwise_statistics_with_restored_dispersions_are_those_of_refitted_particles():
@@ -100,13 +102,13 @@ def test_pointwise_statistics_with_restored_dispersions_are_those_of_refitted_pa
     particles = generator.normal(size=(15, 4, 3)) * np.repeat([2.0, 1.0], [6, 9])[:, None, None]
     residuals = design.residuals(particles.reshape(15, -1))
     (some,) = draw_permutations(design, 5, chunk=5, seed=1)
-    found = PointwiseStatistic(residuals.reshape(particles.shape), design).studentized(some)
+    result = PointwiseStatistic(residuals.reshape(particles.shape), design).studentized(some)
     equal = equalize_subjects(residuals, design)
     for place in range(4):
         rows = equal.values.reshape(15, 4, 3)[:, place]
         white = rows @ np.linalg.inv(np.linalg.cholesky(rows.T @ rows)).T
         expected = studentized_ratio(equal.restored(white, some), some, design)
-        np.testing.assert_allclose(found[:, place], expected, rtol=1e-9)
+        np.testing.assert_allclose(result[:, place], expected, rtol=1e-9)
 
 
 def test_a_dispersion_that_grows_along_the_variable_leaves_the_level_as_it_is():
@@ -129,6 +131,6 @@ def test_small_groups_of_unequal_dispersion_are_scaled_though_all_permutations_a
     generator = np.random.default_rng(8)
     spread = np.repeat([2.0, 1.0], [5, 6])[:, None, None]
     design = group_design(["a"] * 5 + ["b"] * 6, ["a", "b"])
-    found = [mode_test(spread * generator.normal(size=(11, 30, 3)), design, modes=5) for _ in range(15)]
-    assert all(test.exact for test in found)
-    assert sum(test.p_permutation <= 0.05 for test in found) <= 3
+    result = [mode_test(spread * generator.normal(size=(11, 30, 3)), design, modes=5) for _ in range(15)]
+    assert all(test.exact for test in result)
+    assert sum(test.p_permutation <= 0.05 for test in result) <= 3

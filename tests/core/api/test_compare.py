@@ -29,55 +29,55 @@ AGES = np.linspace(30.0, 80.0, 18)[np.random.default_rng(0).permutation(18)]
 
 def test_two_groups_are_compared_as_the_analysis_does(shapes):
     missing = np.where(np.arange(18) == 7, np.nan, AGES)  # of a subject who takes no part
-    found = hl.compare_groups(shapes, GROUPS, ("a", "c"), covariates={"age": missing}, **FORM)
+    result = hl.compare_groups(shapes, GROUPS, ("a", "c"), covariates={"age": missing}, **FORM)
     part = [index for index, group in enumerate(GROUPS) if group in ("a", "c")]
     expected = compare_two_groups(
         shapes[part], [GROUPS[index] for index in part], ("a", "c"),
         covariates=covariate_columns({"age": AGES[part].tolist()}), options=Options(**QUICK),
     )  # fmt: skip
-    assert found.title == "c - a"
-    assert found.subjects.tolist() == part
-    assert found.p_adjusted == expected.p_adjusted
-    np.testing.assert_array_equal(found.p_fwe, expected.p_fwe)
-    assert found.pairwise == ()
+    assert result.title == "c - a"
+    assert result.subjects.tolist() == part
+    assert result.p_adjusted == expected.p_adjusted
+    np.testing.assert_array_equal(result.p_fwe, expected.p_fwe)
+    assert result.pairwise == ()
 
 
 def test_numbers_of_a_covariate_that_ends_in_c_are_codes_of_categories(shapes):
     codes = np.arange(18) % 3
-    words = hl.compare_groups(
+    named = hl.compare_groups(
         shapes, GROUPS, ("a", "c"), covariates={"site": [f"s{code}" for code in codes]}, **FORM
     )
-    found = hl.compare_groups(shapes, GROUPS, ("a", "c"), covariates={"site:c": codes}, **FORM)
-    assert found.p_adjusted == words.p_adjusted
-    assert found.test.dof == words.test.dof
+    result = hl.compare_groups(shapes, GROUPS, ("a", "c"), covariates={"site:c": codes}, **FORM)
+    assert result.p_adjusted == named.p_adjusted
+    assert result.test.dof == named.test.dof
 
 
 def test_several_groups_are_tested_together_and_each_two_of_them(shapes):
-    found = hl.compare_groups(shapes, GROUPS, **FORM)
-    assert [pair.title for pair in found.pairwise] == ["b - a", "c - a", "c - b"]
-    assert found.counts == {"a": 5, "b": 6, "c": 6}
-    assert found.p_adjusted < 0.05
-    apart = [int(np.argmin(pair.p_fwe)) for pair in found.pairwise[1:]]
+    result = hl.compare_groups(shapes, GROUPS, **FORM)
+    assert [pair.title for pair in result.pairwise] == ["b - a", "c - a", "c - b"]
+    assert result.counts == {"a": 5, "b": 6, "c": 6}
+    assert result.p_adjusted < 0.05
+    apart = [int(np.argmin(pair.p_fwe)) for pair in result.pairwise[1:]]
     assert apart == [4, 4]
-    assert found.pairwise[2].subjects.tolist() == list(range(6, 18))
+    assert result.pairwise[2].subjects.tolist() == list(range(6, 18))
 
 
 def test_form_and_shape_are_answered_by_default_and_corrected_for_both(shapes):
     form, shape = hl.compare_groups(shapes, GROUPS, ("a", "c"), **QUICK)
-    for found, alignment in ((form, "rigid"), (shape, "similarity")):
+    for result, alignment in ((form, "rigid"), (shape, "similarity")):
         alone = hl.compare_groups(shapes, GROUPS, ("a", "c"), alignment=alignment, **QUICK)
-        assert found.p_adjusted == min(2.0 * alone.p_adjusted, 1.0)
-        np.testing.assert_array_equal(found.p_fwe, np.minimum(2.0 * alone.p_fwe, 1.0))
-        np.testing.assert_array_equal(found.pointwise.effect, alone.pointwise.effect)
+        assert result.p_adjusted == min(2.0 * alone.p_adjusted, 1.0)
+        np.testing.assert_array_equal(result.p_fwe, np.minimum(2.0 * alone.p_fwe, 1.0))
+        np.testing.assert_array_equal(result.pointwise.effect, alone.pointwise.effect)
 
 
 def test_chosen_pairs_are_corrected_for_their_number_only(shapes):
     chosen = [("a", "b"), ("a", "c")]
-    found = hl.compare_groups(shapes, GROUPS, comparisons=chosen, **FORM)
-    assert [pair.title for pair in found.pairwise] == ["b - a", "c - a"]
+    result = hl.compare_groups(shapes, GROUPS, comparisons=chosen, **FORM)
+    assert [pair.title for pair in result.pairwise] == ["b - a", "c - a"]
     alone = [hl.compare_groups(shapes, GROUPS, pair, **FORM).p_adjusted for pair in chosen]
     small, large = sorted(alone)
-    adjusted = sorted(pair.p_adjusted for pair in found.pairwise)
+    adjusted = sorted(pair.p_adjusted for pair in result.pairwise)
     assert adjusted == pytest.approx([min(2.0 * small, 1.0), max(min(2.0 * small, 1.0), large)])
 
 
@@ -86,12 +86,12 @@ def test_pairs_name_the_pair_of_each_subject_as_on_the_command_line(shapes):
     from homolog.analysis.studies import compare_pairs
 
     names = [*(6 * [None]), *"uvwxyz", *"zyxwvu"]
-    found = hl.compare_groups(shapes, GROUPS, ("b", "c"), pairs=names, **FORM)
+    result = hl.compare_groups(shapes, GROUPS, ("b", "c"), pairs=names, **FORM)
     options = Options(permutations=QUICK["permutations"], null_repeats=0)
     same = compare_pairs(shapes, np.arange(6, 12), np.arange(17, 11, -1), "c - b", options=options)
-    assert (found.title, found.counts) == ("c - b", {"pairs": 6})
-    assert found.test.p_permutation == same.test.p_permutation
-    np.testing.assert_array_equal(found.pointwise.effect, same.pointwise.effect)
+    assert (result.title, result.counts) == ("c - b", {"pairs": 6})
+    assert result.test.p_permutation == same.test.p_permutation
+    np.testing.assert_array_equal(result.pointwise.effect, same.pointwise.effect)
 
 
 @pytest.mark.parametrize(

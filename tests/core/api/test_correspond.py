@@ -49,14 +49,14 @@ def ball():
 
 
 def test_a_core_set_in_memory_gives_the_particles_of_a_run_in_a_folder(labels, ellipsoids, tmp_path):
-    found = hl.correspond(labels, 48, device="cpu", core_set=3, **SHORT)
+    result = hl.correspond(labels, 48, device="cpu", core_set=3, **SHORT)
     settings = run_settings({**SHORT, "core_set": 3}, 48, "cpu", 1)
     Run(ProjectFolder(tmp_path / "project"), hl.read_cohort(ellipsoids), settings).execute()
     project = hl.Project(tmp_path / "project")
-    np.testing.assert_array_equal(found.particles, project.particles)
-    np.testing.assert_allclose(found.aligned, project.aligned, atol=1e-9)
-    again = found.save(tmp_path / "saved")
-    np.testing.assert_array_equal(again.particles, found.particles)
+    np.testing.assert_array_equal(result.particles, project.particles)
+    np.testing.assert_allclose(result.aligned, project.aligned, atol=1e-9)
+    again = result.save(tmp_path / "saved")
+    np.testing.assert_array_equal(again.particles, result.particles)
     assert [len(mesh.vertices) for mesh in again.meshes] == [len(mesh.vertices) for mesh in project.meshes]
 
 
@@ -102,27 +102,27 @@ def test_groups_and_covariates_are_those_of_the_cohorts_table(ellipsoids, tmp_pa
     rows = [f"{name},{ellipsoids / name}.nrrd,{group},{age}" for name, group, age in
             (("a", "x", 50), ("b", "y", 61), ("c", "x", ""))]  # fmt: skip
     (tmp_path / "cohort.csv").write_text("\n".join(["name,path,group,age", *rows]))
-    found = hl.correspond(hl.read_cohort(tmp_path / "cohort.csv"), 32, device="cpu", **SHORT)
-    assert (found.names, found.groups) == (("a", "b", "c"), ("x", "y", "x"))
-    assert found.covariates == {"age": ("50", "61", "")}
-    saved = found.save(tmp_path / "project")
-    assert (saved.groups, saved.covariates) == (found.groups, found.covariates)
+    result = hl.correspond(hl.read_cohort(tmp_path / "cohort.csv"), 32, device="cpu", **SHORT)
+    assert (result.names, result.groups) == (("a", "b", "c"), ("x", "y", "x"))
+    assert result.covariates == {"age": ("50", "61", "")}
+    saved = result.save(tmp_path / "project")
+    assert (saved.groups, saved.covariates) == (result.groups, result.covariates)
     assert ProjectFolder(saved.folder).cohort().subjects[1].path == (ellipsoids / "b.nrrd").resolve()
 
 
 def test_progress_grows_to_one_and_an_error_in_the_callback_stops(labels):
-    told = []
+    messages = []
 
     def stop_at_half(fraction, message):
-        told.append((fraction, message))
+        messages.append((fraction, message))
         if fraction > 0.5:
             raise hl.Cancelled("stopped")
 
     with pytest.raises(hl.Cancelled, match="stopped"):
         hl.correspond(labels, 48, callback=stop_at_half, **SHORT)
-    fractions = [fraction for fraction, _ in told]
+    fractions = [fraction for fraction, _ in messages]
     assert fractions == sorted(fractions)
-    assert all(message for _, message in told)
+    assert all(message for _, message in messages)
 
 
 @pytest.mark.parametrize("kind", ["TriangleMesh", "trimesh", "pyvista", "quads", "pair", "lists"])

@@ -25,10 +25,10 @@ def test_the_nearest_point_of_an_ellipsoid_is_on_it_and_straight_below():
 
 def test_no_point_of_a_dense_lattice_is_nearer_than_the_nearest_point():
     points = np.random.default_rng(2).uniform(-30, 30, (200, 3))
-    found = np.linalg.norm(points - closest_on_ellipsoid(points, AXES), axis=1)
+    result = np.linalg.norm(points - closest_on_ellipsoid(points, AXES), axis=1)
     brute = np.linalg.norm(points[:, None] - spread_points(AXES, 20000), axis=2).min(axis=1)
-    assert (found <= brute + 1e-9).all()
-    np.testing.assert_allclose(found, brute, atol=0.5)
+    assert (result <= brute + 1e-9).all()
+    np.testing.assert_allclose(result, brute, atol=0.5)
 
 
 def test_points_on_the_axes_of_an_ellipsoid_have_finite_nearest_points():

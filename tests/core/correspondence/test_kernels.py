@@ -97,8 +97,8 @@ def test_the_walk_ends_on_the_nearest_face(ball):
     corners = ball.mesh.vertices[ball.mesh.faces]
     samples = np.einsum("sk,fkd->fsd", np.random.default_rng(1).dirichlet(np.ones(3), 200), corners)
     nearest = np.linalg.norm(points[:, None, None] - samples[None], axis=-1).min(axis=(1, 2))
-    found = np.linalg.norm(points - feet.numpy()["position"], axis=1)
-    assert (found <= nearest + 1e-4).all()
+    result = np.linalg.norm(points - feet.numpy()["position"], axis=1)
+    assert (result <= nearest + 1e-4).all()
 
 
 def test_a_foot_follows_its_particle_around_the_rim_of_a_slab_though_the_particle_is_below_the_mesh():
@@ -151,8 +151,8 @@ def test_the_log_of_a_normal_is_as_long_as_its_angle_and_in_the_tangent_plane(an
     means = on_sphere(50)
     side = across(means, 1)
     pair = [np.cos(angle) * means + sign * np.sin(angle) * side for sign in (1.0, -1.0)]
-    found, logs = means_and_logs(means, *pair)
-    np.testing.assert_allclose(found, means, atol=1e-5)
+    result, logs = means_and_logs(means, *pair)
+    np.testing.assert_allclose(result, means, atol=1e-5)
     np.testing.assert_allclose(logs[0], angle * side, atol=4e-4)
 
 

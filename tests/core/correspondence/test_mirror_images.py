@@ -59,15 +59,15 @@ def test_local_particles_lie_in_the_frame_of_the_file(results):
 
 
 def test_alignments_are_reflections_that_lead_from_local_to_world(results):
-    found = results[1]
-    assert np.array_equal(np.linalg.det(found.alignments[:, :3, :3]) < 0.0, MIRRORED)
-    assert np.allclose(transform_points(found.alignments, found.local), found.world, atol=1e-12)
+    result = results[1]
+    assert np.array_equal(np.linalg.det(result.alignments[:, :3, :3]) < 0.0, MIRRORED)
+    assert np.allclose(transform_points(result.alignments, result.local), result.world, atol=1e-12)
 
 
 def test_frames_tell_the_same_alignments(both_sides):
     frames = []
-    found = optimize(both_sides, SETTINGS, observe=frames.append)
-    assert np.allclose(frames[-1].alignments, found.alignments)
+    result = optimize(both_sides, SETTINGS, observe=frames.append)
+    assert np.allclose(frames[-1].alignments, result.alignments)
 
 
 def test_a_landmark_of_a_mirrored_shape_is_met_there(placed):

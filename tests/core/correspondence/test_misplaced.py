@@ -76,24 +76,24 @@ def test_a_point_put_on_a_thin_wall_that_bends_stays_on_its_side(make_shape):
 
 def test_a_particle_on_the_wrong_wall_is_put_right_and_the_run_says_so(discs, spoiled):
     local, particle = spoiled
-    words = []
-    found = optimize(
-        discs, ON, initial=InitialParticles(local), tick=lambda _, message: words.append(message)
+    arguments = []
+    result = optimize(
+        discs, ON, initial=InitialParticles(local), tick=lambda _, message: arguments.append(message)
     )
-    np.testing.assert_array_equal(np.argwhere(found.repaired > 0), [[SHAPE, particle]])
-    assert np.einsum("nd,nd->n", found.normals[SHAPE], found.normals[0]).min() > 0.9
-    assert words[-1] == "optimizing: 64 particles, 1 repaired on 1 shape"
+    np.testing.assert_array_equal(np.argwhere(result.repaired > 0), [[SHAPE, particle]])
+    assert np.einsum("nd,nd->n", result.normals[SHAPE], result.normals[0]).min() > 0.9
+    assert arguments[-1] == "optimizing: 64 particles, 1 repaired on 1 shape"
 
 
 def test_a_particle_that_has_left_its_surface_is_put_back_and_the_run_goes_on(discs, spoiled):
     local, particle = spoiled
     local = local.copy()
     local[SHAPE, particle] = (80.0, 0.0, 0.0)
-    found = optimize(discs, ON, initial=InitialParticles(local))
-    assert found.repaired[SHAPE, particle] > 0
-    on_surface = cKDTree(discs[SHAPE].mesh.vertices).query(found.local[SHAPE])[0]
+    result = optimize(discs, ON, initial=InitialParticles(local))
+    assert result.repaired[SHAPE, particle] > 0
+    on_surface = cKDTree(discs[SHAPE].mesh.vertices).query(result.local[SHAPE])[0]
     assert on_surface.max() < discs[SHAPE].mesh.mean_edge
-    assert np.isfinite(found.energies).all()
+    assert np.isfinite(result.energies).all()
 
 
 def test_two_particles_in_each_others_place_are_exchanged_and_nobody_else(discs):
@@ -112,9 +112,9 @@ def test_two_particles_in_each_others_place_are_exchanged_and_nobody_else(discs)
 
 
 def test_the_objective_is_lower_after_a_repair(discs, spoiled):
-    found = optimize(discs, ON, initial=InitialParticles(spoiled[0]))
-    objective = found.energies[:, 1:].sum(axis=1)
-    before = objective[found.energies[:, 0] <= found.repaired.max()]
+    result = optimize(discs, ON, initial=InitialParticles(spoiled[0]))
+    objective = result.energies[:, 1:].sum(axis=1)
+    before = objective[result.energies[:, 0] <= result.repaired.max()]
     assert objective[-1] < before.min() - 0.05
 
 
@@ -122,8 +122,8 @@ def test_held_particles_are_not_put_right(discs, spoiled):
     local, particle = spoiled
     movable = np.ones(local.shape[:2], bool)
     movable[SHAPE, particle] = False
-    found = optimize(discs, ON, initial=InitialParticles(local, movable))
-    np.testing.assert_array_equal(found.local[SHAPE, particle], local[SHAPE, particle])
+    result = optimize(discs, ON, initial=InitialParticles(local, movable))
+    np.testing.assert_array_equal(result.local[SHAPE, particle], local[SHAPE, particle])
 
 
 def test_without_normals_in_the_objective_nothing_is_repaired(discs, spoiled):

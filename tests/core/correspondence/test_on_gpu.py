@@ -15,7 +15,7 @@ def test_a_gpu_reaches_the_objective_of_the_cpu(ellipsoid_shapes, method, gpu):
     load_kernels(gpu)
     settings = QUICK.model_copy(update={"method": method})
     here, there = (optimize(ellipsoid_shapes, settings, device=device) for device in ("cpu", gpu))
-    objectives = [found.energies[-1, 1:].sum() for found in (here, there)]
+    objectives = [result.energies[-1, 1:].sum() for result in (here, there)]
     assert abs(objectives[1] - objectives[0]) < 0.02
     for index, points in enumerate(there.local):
         level = np.linalg.norm(points / [12.0, 9.0, 6.0 + 0.5 * index], axis=1)
@@ -24,13 +24,13 @@ def test_a_gpu_reaches_the_objective_of_the_cpu(ellipsoid_shapes, method, gpu):
 
 def test_a_resumed_optimization_goes_on_where_it_stopped(ellipsoid_shapes, gpu):
     checkpoints = []
-    found = optimize(ellipsoid_shapes, QUICK, device=gpu, checkpoint=checkpoints.append)
+    result = optimize(ellipsoid_shapes, QUICK, device=gpu, checkpoint=checkpoints.append)
     rest = optimize(ellipsoid_shapes, QUICK, device=gpu, resume=checkpoints[-1])
-    assert np.abs(rest.world - found.world).max() < 0.5
-    assert abs(rest.energies[-1, 1:].sum() - found.energies[-1, 1:].sum()) < 0.01
+    assert np.abs(rest.world - result.world).max() < 0.5
+    assert abs(rest.energies[-1, 1:].sum() - result.energies[-1, 1:].sum()) < 0.01
 
 
 def test_a_gpu_that_stands_for_two_places_particles_as_one_does(ellipsoid_shapes, gpu):
-    one, two = (optimize(ellipsoid_shapes, QUICK, device=name) for name in (gpu, f"{gpu},{gpu}"))
-    assert np.abs(two.world - one.world).max() < 0.5
-    np.testing.assert_allclose(two.energies[:, 1:].sum(axis=1), one.energies[:, 1:].sum(axis=1), atol=2e-3)
+    first, two = (optimize(ellipsoid_shapes, QUICK, device=name) for name in (gpu, f"{gpu},{gpu}"))
+    assert np.abs(two.world - first.world).max() < 0.5
+    np.testing.assert_allclose(two.energies[:, 1:].sum(axis=1), first.energies[:, 1:].sum(axis=1), atol=2e-3)

@@ -28,14 +28,14 @@ def spread_of(world):
 
 
 @pytest.fixture(scope="module")
-def found(ellipsoid_shapes):
+def actual(ellipsoid_shapes):
     return optimize(ellipsoid_shapes, QUICK)
 
 
-def test_particles_lie_on_every_surface_and_spread_over_it(found, ellipsoid_shapes):
+def test_particles_lie_on_every_surface_and_spread_over_it(actual, ellipsoid_shapes):
     for index in range(len(ellipsoid_shapes)):
         axes = np.array([12.0, 9.0, 6.0 + 0.5 * index])
-        points = found.local[index]
+        points = actual.local[index]
         assert np.abs(level_of(points, axes)).max() < 0.01
         gaps = np.linalg.norm(points[:, None] - points[None], axis=-1)
         np.fill_diagonal(gaps, np.inf)
@@ -43,37 +43,37 @@ def test_particles_lie_on_every_surface_and_spread_over_it(found, ellipsoid_shap
         assert nearest.std() / nearest.mean() < 0.2
 
 
-def test_one_growing_axis_is_one_mode(found):
-    centred = (found.world - found.world.mean(axis=0)).reshape(len(found.world), -1)
+def test_one_growing_axis_is_one_mode(actual):
+    centred = (actual.world - actual.world.mean(axis=0)).reshape(len(actual.world), -1)
     variances = np.linalg.svd(centred, compute_uv=False) ** 2
     assert variances[0] / variances.sum() > 0.97
 
 
-def test_normals_are_those_of_the_surface(found):
+def test_normals_are_those_of_the_surface(actual):
     axes = np.array([12.0, 9.0, 6.0])
-    outward = found.local[0] / axes**2
+    outward = actual.local[0] / axes**2
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    assert (outward * found.normals[0]).sum(axis=1).min() > 0.999
+    assert (outward * actual.normals[0]).sum(axis=1).min() > 0.999
 
 
-def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(found, ellipsoid_shapes):
+def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(actual, ellipsoid_shapes):
     again = optimize(ellipsoid_shapes, QUICK)
     other = optimize(ellipsoid_shapes, QUICK.model_copy(update={"seed": 1}))
-    np.testing.assert_array_equal(again.world, found.world)
-    assert np.abs(other.world - found.world).max() > 0.1
+    np.testing.assert_array_equal(again.world, actual.world)
+    assert np.abs(other.world - actual.world).max() > 0.1
 
 
-def test_a_resumed_optimization_ends_bit_identical_wherever_it_was_broken_off(found, ellipsoid_shapes):
+def test_a_resumed_optimization_ends_bit_identical_wherever_it_was_broken_off(actual, ellipsoid_shapes):
     kept = []
     optimize(ellipsoid_shapes, QUICK, checkpoint=kept.append)
     assert len(kept) == len(plan_stages(QUICK))
     for checkpoint in (kept[2], kept[-2], kept[-1]):
         rest = optimize(ellipsoid_shapes, QUICK, resume=checkpoint)
-        np.testing.assert_array_equal(rest.world, found.world)
-        np.testing.assert_array_equal(rest.energies, found.energies)
+        np.testing.assert_array_equal(rest.world, actual.world)
+        np.testing.assert_array_equal(rest.energies, actual.energies)
 
 
-def test_cancelling_stops_at_once_and_hands_over_a_checkpoint_to_go_on_from(found, ellipsoid_shapes):
+def test_cancelling_stops_at_once_and_hands_over_a_checkpoint_to_go_on_from(actual, ellipsoid_shapes):
     kept, calls = [], []
 
     def tick(fraction, message):
@@ -85,7 +85,7 @@ def test_cancelling_stops_at_once_and_hands_over_a_checkpoint_to_go_on_from(foun
         optimize(ellipsoid_shapes, QUICK, tick=tick, checkpoint=kept.append)
     assert sorted(calls) == calls
     rest = optimize(ellipsoid_shapes, QUICK, resume=kept[-1])
-    np.testing.assert_array_equal(rest.world, found.world)
+    np.testing.assert_array_equal(rest.world, actual.world)
 
 
 def test_every_iteration_there_is_a_chance_to_cancel(ellipsoid_shapes):
@@ -114,10 +114,10 @@ def test_frames_show_the_stages_in_order(ellipsoid_shapes):
     assert all(np.isfinite(frame.energies).all() == (frame.iteration > 0) for frame in frames)
 
 
-def test_the_objective_is_recorded_and_the_run_says_why_it_ended(found):
-    assert found.reason in (Reason.CONVERGED, Reason.ITERATIONS)
-    assert found.energies[-1, 0] == found.iterations
-    assert np.isfinite(found.energies).all()
+def test_the_objective_is_recorded_and_the_run_says_why_it_ended(actual):
+    assert actual.reason in (Reason.CONVERGED, Reason.ITERATIONS)
+    assert actual.energies[-1, 0] == actual.iterations
+    assert np.isfinite(actual.energies).all()
 
 
 @pytest.mark.parametrize("method", list(Method))
@@ -163,26 +163,26 @@ def rescale(shape, factor):
     )
 
 
-def test_a_change_of_units_changes_nothing(found, ellipsoid_shapes):
+def test_a_change_of_units_changes_nothing(actual, ellipsoid_shapes):
     micrometres = optimize([rescale(shape, 1000.0) for shape in ellipsoid_shapes], QUICK)
-    assert spread_of(micrometres.world / 1000.0) == pytest.approx(spread_of(found.world), rel=0.05)
-    assert micrometres.energies[-1, 1:].sum() == pytest.approx(found.energies[-1, 1:].sum(), abs=0.01)
+    assert spread_of(micrometres.world / 1000.0) == pytest.approx(spread_of(actual.world), rel=0.05)
+    assert micrometres.energies[-1, 1:].sum() == pytest.approx(actual.energies[-1, 1:].sum(), abs=0.01)
 
 
-def test_the_order_of_subjects_does_not_matter(found, ellipsoid_shapes):
+def test_the_order_of_subjects_does_not_matter(actual, ellipsoid_shapes):
     turned = optimize(ellipsoid_shapes[::-1], QUICK)
-    assert spread_of(turned.world) == pytest.approx(spread_of(found.world), rel=0.05)
-    assert turned.energies[-1, 1:].sum() == pytest.approx(found.energies[-1, 1:].sum(), abs=0.01)
+    assert spread_of(turned.world) == pytest.approx(spread_of(actual.world), rel=0.05)
+    assert turned.energies[-1, 1:].sum() == pytest.approx(actual.energies[-1, 1:].sum(), abs=0.01)
 
 
-def test_a_cohort_repeated_twice_gives_the_same_model(found, ellipsoid_shapes):
+def test_a_cohort_repeated_twice_gives_the_same_model(actual, ellipsoid_shapes):
     twins = [dataclasses.replace(shape, name=shape.name + "'") for shape in ellipsoid_shapes]
     double = optimize([*ellipsoid_shapes, *twins], QUICK)
     np.testing.assert_allclose(double.world[:5], double.world[5:], atol=1e-3)
-    assert spread_of(double.world) * 9 / 8 == pytest.approx(spread_of(found.world), rel=0.1)
+    assert spread_of(double.world) * 9 / 8 == pytest.approx(spread_of(actual.world), rel=0.1)
 
 
-def test_an_alignment_brings_turned_shapes_to_the_same_model(found, ellipsoid_shapes, make_shape):
+def test_an_alignment_brings_turned_shapes_to_the_same_model(actual, ellipsoid_shapes, make_shape):
     swap = np.array([[0.0, -1, 0, 3], [1, 0, 0, -2], [0, 0, 1, 5], [0, 0, 0, 1]])
     turned = []
     for k, shape in enumerate(ellipsoid_shapes):
@@ -193,7 +193,7 @@ def test_an_alignment_brings_turned_shapes_to_the_same_model(found, ellipsoid_sh
             shape = dataclasses.replace(shape, alignment=moved)
         turned.append(shape)
     result = optimize(turned, QUICK)
-    assert spread_of(result.world) == pytest.approx(spread_of(found.world), rel=0.15)
+    assert spread_of(result.world) == pytest.approx(spread_of(actual.world), rel=0.15)
     back = result.local[1] @ swap[:3, :3].T
     np.testing.assert_allclose(back, result.world[1], atol=1e-3)
 
@@ -210,7 +210,7 @@ def test_fewer_than_two_shapes_are_refused(ellipsoid_shapes):
         optimize(ellipsoid_shapes[:1], QUICK)
 
 
-def test_cancelling_in_the_middle_of_an_iteration_loses_nothing(found, ellipsoid_shapes):
+def test_cancelling_in_the_middle_of_an_iteration_loses_nothing(actual, ellipsoid_shapes):
     kept, calls = [], []
 
     def tick(fraction, message):
@@ -221,13 +221,13 @@ def test_cancelling_in_the_middle_of_an_iteration_loses_nothing(found, ellipsoid
     with pytest.raises(Cancelled):
         optimize(ellipsoid_shapes, QUICK, tick=tick, checkpoint=kept.append)
     rest = optimize(ellipsoid_shapes, QUICK, resume=kept[-1])
-    np.testing.assert_array_equal(rest.world, found.world)
+    np.testing.assert_array_equal(rest.world, actual.world)
 
 
 def test_particles_are_even_on_surfaces_of_very_different_size(make_shape):
     shapes = [make_shape(f"r{r}", (r, r, r), spacing=r / 10.0) for r in (4.0, 12.0, 30.0)]
-    found = optimize(shapes, QUICK.model_copy(update={"particles": 60, "anneal_iterations": 150}))
-    for points in found.local:
+    actual = optimize(shapes, QUICK.model_copy(update={"particles": 60, "anneal_iterations": 150}))
+    for points in actual.local:
         gaps = np.linalg.norm(points[:, None] - points[None], axis=-1)
         np.fill_diagonal(gaps, np.inf)
         nearest = gaps.min(axis=1)

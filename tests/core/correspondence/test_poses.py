@@ -39,8 +39,8 @@ def test_a_similarity_is_found_again(scaling):
 
 def test_a_mirrored_shape_is_turned_not_mirrored():
     points = np.random.default_rng(0).normal(size=(30, 3))
-    found = fit_similarity(points, points * [-1.0, 1.0, 1.0], scaling=True)
-    assert np.linalg.det(found[:3, :3]) > 0.0
+    result = fit_similarity(points, points * [-1.0, 1.0, 1.0], scaling=True)
+    assert np.linalg.det(result[:3, :3]) > 0.0
 
 
 @pytest.mark.parametrize("scaling", [False, True])
@@ -81,13 +81,13 @@ def disturbed(ellipsoid_shapes):
 def test_disturbed_alignments_give_the_model_of_undisturbed_ones(ellipsoid_shapes, disturbed):
     rigid = SETTINGS.model_copy(update={"procrustes": Procrustes.RIGID})
     expected = optimize(ellipsoid_shapes, rigid)
-    found = optimize(disturbed, rigid)
+    result = optimize(disturbed, rigid)
     plain = optimize(disturbed, SETTINGS)
     assert spread_of(plain.world) > 5.0 * spread_of(expected.world)
-    assert spread_of(found.world) == pytest.approx(spread_of(expected.world), rel=0.03)
-    assert found.energies[-1, 1:].sum() == pytest.approx(expected.energies[-1, 1:].sum(), abs=0.01)
-    np.testing.assert_allclose(transform_points(found.alignments, found.local), found.world, atol=1e-9)
-    turns = found.alignments[:, :3, :3]
+    assert spread_of(result.world) == pytest.approx(spread_of(expected.world), rel=0.03)
+    assert result.energies[-1, 1:].sum() == pytest.approx(expected.energies[-1, 1:].sum(), abs=0.01)
+    np.testing.assert_allclose(transform_points(result.alignments, result.local), result.world, atol=1e-9)
+    turns = result.alignments[:, :3, :3]
     np.testing.assert_allclose(turns @ turns.transpose(0, 2, 1), np.tile(np.eye(3), (5, 1, 1)), atol=1e-9)
 
 
@@ -95,9 +95,9 @@ def test_size_is_taken_out_and_the_local_particles_stay_on_their_surfaces(ellips
     grown = [
         make_shape(f"g{k}", tuple(f * np.array([12.0, 9.0, 6.0]))) for k, f in enumerate((0.8, 1.0, 1.3))
     ]
-    found = optimize(grown, SETTINGS.model_copy(update={"procrustes": Procrustes.SIMILARITY}))
-    assert spread_of(found.world) < 0.05
-    for scale, points in zip((0.8, 1.0, 1.3), found.local, strict=True):
+    result = optimize(grown, SETTINGS.model_copy(update={"procrustes": Procrustes.SIMILARITY}))
+    assert spread_of(result.world) < 0.05
+    for scale, points in zip((0.8, 1.0, 1.3), result.local, strict=True):
         level = np.linalg.norm(points / (scale * np.array([12.0, 9.0, 6.0])), axis=1) - 1.0
         assert np.abs(level).max() < 0.01
 
@@ -123,6 +123,6 @@ def test_shapes_from_slender_to_flat_are_not_turned_onto_the_mean(make_shape):
     amounts = np.linspace(-1.0, 1.0, 6)
     axes = np.array([12.0, 9.0, 6.0]) * np.exp(amounts[:, None] * [-0.5, 0.5, 0.0])
     cohort = [make_shape(f"s{k}", tuple(row)) for k, row in enumerate(axes)]
-    found = optimize(cohort, SETTINGS.model_copy(update={"procrustes": Procrustes.RIGID}))
-    turns = Rotation.from_matrix(found.alignments[:, :3, :3])
+    result = optimize(cohort, SETTINGS.model_copy(update={"procrustes": Procrustes.RIGID}))
+    turns = Rotation.from_matrix(result.alignments[:, :3, :3])
     assert np.degrees(turns.magnitude()).max() < 15.0

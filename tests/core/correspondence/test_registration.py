@@ -97,11 +97,11 @@ def test_first_particles_follow_a_known_deformation(ellipsoid_shapes):
     bent = plain.vertices.copy()
     bent[:, 2] += 6.0 * np.sin(bent[:, 0] / 50.0)
     registration = InitialRegistration([plain, TriangleMesh(bent, source.faces)], 60)
-    found = registration.particles(np.tile(np.eye(4), (2, 1, 1)))
-    expected = found[0].copy()
+    result = registration.particles(np.tile(np.eye(4), (2, 1, 1)))
+    expected = result[0].copy()
     expected[:, 2] += 6.0 * np.sin(expected[:, 0] / 50.0)
     spacing = np.sqrt(plain.area / 60)
-    assert np.linalg.norm(found[1] - expected, axis=1).mean() < 0.25 * spacing
+    assert np.linalg.norm(result[1] - expected, axis=1).mean() < 0.25 * spacing
     turned = np.tile(np.eye(4), (2, 1, 1))
     turned[1, :3, :3] = Rotation.from_euler("z", 4.0, degrees=True).as_matrix()
     again = registration.particles(turned)

@@ -14,9 +14,9 @@ def initial_particles(meshes, count, landmarks=None):
 def test_the_first_particles_are_the_vertices_nearest_to_the_landmarks(ellipsoid_shapes):
     meshes = [shape.coarse_mesh for shape in ellipsoid_shapes]
     marked = np.stack([mesh.vertices[[5, 90, 200, 310]] for mesh in meshes])
-    found = initial_particles(meshes, 40, landmarks=marked + 1e-3)
-    assert np.array_equal(found[:, :4], marked)
-    assert len({tuple(point) for point in found[0]}) == 40
+    result = initial_particles(meshes, 40, landmarks=marked + 1e-3)
+    assert np.array_equal(result[:, :4], marked)
+    assert len({tuple(point) for point in result[0]}) == 40
 
 
 def test_landmarks_decide_where_the_shape_alone_cannot(ellipsoid_shapes):
@@ -31,8 +31,8 @@ def test_landmarks_decide_where_the_shape_alone_cannot(ellipsoid_shapes):
     marked = np.stack([plain.vertices[chosen], turned.vertices[chosen]])
 
     def error(landmarks):
-        found = initial_particles([plain, turned], 60, landmarks=landmarks)
-        return np.linalg.norm(found[1] - found[0] @ turn, axis=1).mean()
+        result = initial_particles([plain, turned], 60, landmarks=landmarks)
+        return np.linalg.norm(result[1] - result[0] @ turn, axis=1).mean()
 
     spacing = np.sqrt(plain.area / 60)
     assert error(None) > spacing
@@ -42,6 +42,6 @@ def test_landmarks_decide_where_the_shape_alone_cannot(ellipsoid_shapes):
 def test_landmarks_that_share_a_vertex_are_taken_once(ellipsoid_shapes):
     meshes = [shape.coarse_mesh for shape in ellipsoid_shapes]
     marked = np.stack([mesh.vertices[[5, 5, 90]] for mesh in meshes])
-    found = initial_particles(meshes, 20, landmarks=marked)
-    assert np.array_equal(found[:, :2], marked[:, 1:])
-    assert len({tuple(point) for point in found[0]}) == 20
+    result = initial_particles(meshes, 20, landmarks=marked)
+    assert np.array_equal(result[:, :2], marked[:, 1:])
+    assert len({tuple(point) for point in result[0]}) == 20

@@ -30,14 +30,14 @@ SETTINGS = OptimizeSettings(
 @pytest.fixture(scope="module")
 def placed(ellipsoid_shapes):
     """The joint optimization of five ellipsoids: shapes with placements, and their states."""
-    found = optimize(ellipsoid_shapes, SETTINGS)
+    result = optimize(ellipsoid_shapes, SETTINGS)
     shapes = normalize_size(
-        [replace(s, alignment=a) for s, a in zip(ellipsoid_shapes, found.alignments, strict=True)]
+        [replace(s, alignment=a) for s, a in zip(ellipsoid_shapes, result.alignments, strict=True)]
     )
     unit = length_unit(shapes)
     placements = np.stack([shape.alignment for shape in shapes])
     placements[:, :3] /= unit
-    points, poses = transform_points(placements, found.local), np.tile(np.eye(4), (5, 1, 1))
+    points, poses = transform_points(placements, result.local), np.tile(np.eye(4), (5, 1, 1))
     for _ in range(50):
         posed = transform_points(poses, points)
         poses = entropy_step(
@@ -46,7 +46,7 @@ def placed(ellipsoid_shapes):
     shapes = [replace(s, alignment=p) for s, p in zip(shapes, poses @ placements, strict=True)]
     states = [
         shape_state(shape, SETTINGS, local, unit=unit, opening_scale=0.0)
-        for shape, local in zip(shapes, found.local, strict=True)
+        for shape, local in zip(shapes, result.local, strict=True)
     ]
     return shapes, states, unit
 

@@ -32,28 +32,28 @@ def grown(make_shape):
 
 
 @pytest.fixture(scope="module")
-def found(grown):
+def result(grown):
     return optimize(grown, SETTINGS)
 
 
-def test_particles_of_a_shape_three_times_as_large_lie_at_the_same_places(found):
-    normalize_size = found.local / np.array(GROWTH)[:, None, None]
+def test_particles_of_a_shape_three_times_as_large_lie_at_the_same_places(result):
+    normalize_size = result.local / np.array(GROWTH)[:, None, None]
     apart = np.linalg.norm(normalize_size - normalize_size.mean(axis=0), axis=2)
     assert apart.mean() < 0.3
 
 
-def test_a_result_keeps_every_size_and_its_world_is_the_aligned_local_particles(found):
-    np.testing.assert_allclose(scales_of(found.alignments), 1.0, atol=1e-9)
-    np.testing.assert_allclose(transform_points(found.alignments, found.local), found.world, atol=1e-9)
-    sizes = np.linalg.norm(found.world - found.world.mean(axis=1, keepdims=True), axis=2).mean(axis=1)
+def test_a_result_keeps_every_size_and_its_world_is_the_aligned_local_particles(result):
+    np.testing.assert_allclose(scales_of(result.alignments), 1.0, atol=1e-9)
+    np.testing.assert_allclose(transform_points(result.alignments, result.local), result.world, atol=1e-9)
+    sizes = np.linalg.norm(result.world - result.world.mean(axis=1, keepdims=True), axis=2).mean(axis=1)
     np.testing.assert_allclose(sizes / sizes[1], GROWTH, rtol=0.02)
-    middles = found.world.mean(axis=1)
+    middles = result.world.mean(axis=1)
     assert np.ptp(middles, axis=0).max() < 1e-6
 
 
-def test_the_normals_of_a_result_are_turned_as_its_particles_are(found):
+def test_the_normals_of_a_result_are_turned_as_its_particles_are(result):
     for growth, alignment, local, normals in zip(
-        GROWTH, found.alignments, found.local, found.normals, strict=True
+        GROWTH, result.alignments, result.local, result.normals, strict=True
     ):
         upright = local / np.square(growth * np.array([12.0, 9.0, 6.0]))
         upright /= np.linalg.norm(upright, axis=1, keepdims=True)
@@ -70,21 +70,21 @@ def test_frames_show_every_shape_in_its_own_size(grown):
     np.testing.assert_allclose(sizes / sizes[1], GROWTH, rtol=0.05)
 
 
-def test_a_new_shape_of_another_size_is_fitted_to_shapes_that_stay(grown, found, make_shape):
-    model = [dataclasses.replace(s, alignment=a) for s, a in zip(grown, found.alignments, strict=True)]
+def test_a_new_shape_of_another_size_is_fitted_to_shapes_that_stay(grown, result, make_shape):
+    model = [dataclasses.replace(s, alignment=a) for s, a in zip(grown, result.alignments, strict=True)]
     shapes = [*model, make_shape("new", (30.0, 22.5, 15.0))]
-    start = initialize_fit(shapes, found.local, np.array([True, True, True, False]))
+    start = initialize_fit(shapes, result.local, np.array([True, True, True, False]))
     fitted = optimize(shapes, SETTINGS, initial=start)
-    np.testing.assert_array_equal(fitted.world[:3], transform_points(found.alignments, found.local))
-    np.testing.assert_array_equal(fitted.alignments[:3], found.alignments)
+    np.testing.assert_array_equal(fitted.world[:3], transform_points(result.alignments, result.local))
+    np.testing.assert_array_equal(fitted.alignments[:3], result.alignments)
     assert scales_of(fitted.alignments[3:])[0] == pytest.approx(1.0)
-    apart = np.linalg.norm(fitted.local[3] / 2.5 - found.local[1], axis=1)
+    apart = np.linalg.norm(fitted.local[3] / 2.5 - result.local[1], axis=1)
     assert apart.mean() < 0.5
 
 
-def test_a_result_grows_into_one_of_the_same_sizes(grown, found):
+def test_a_result_grows_into_one_of_the_same_sizes(grown, result):
     more = optimize(
-        grown, SETTINGS.model_copy(update={"particles": 90}), initial=InitialParticles(found.local)
+        grown, SETTINGS.model_copy(update={"particles": 90}), initial=InitialParticles(result.local)
     )
     np.testing.assert_allclose(scales_of(more.alignments), 1.0, atol=1e-9)
     assert more.local.shape == (3, 90, 3)
@@ -115,5 +115,5 @@ def test_poses_by_entropy_leave_a_body_where_it_is_though_a_part_of_it_wanders()
 )
 def test_auto_compares_forms_where_shapes_were_registered_and_takes_others_as_they_lie(groom, expected):
     assert RunSettings(groom=GroomSettings(**groom)).placing.procrustes is expected
-    asked = OptimizeSettings(procrustes=Procrustes.RIGID)
-    assert RunSettings(groom=GroomSettings(**groom), optimize=asked).placing is asked
+    settings = OptimizeSettings(procrustes=Procrustes.RIGID)
+    assert RunSettings(groom=GroomSettings(**groom), optimize=settings).placing is settings

@@ -150,13 +150,13 @@ def test_a_surface_that_the_particles_are_not_on_is_not_used(exported, content, 
 def test_a_bare_folder_of_particles_is_a_model(bare, project, finished_run, pattern):
     (note,) = import_model(bare(pattern), project)
     assert "without a surface" in note
-    found, before = read_result(project), read_result(finished_run)
-    assert found.names == before.names
-    assert found.world.shape == before.world.shape
-    sizes = [np.ptp(item.world, axis=1).max() for item in (found, before)]
+    result, before = read_result(project), read_result(finished_run)
+    assert result.names == before.names
+    assert result.world.shape == before.world.shape
+    sizes = [np.ptp(item.world, axis=1).max() for item in (result, before)]
     assert sizes[0] == pytest.approx(sizes[1], rel=0.05)
-    outward = found.mean_surface.vertices[::9] - found.world.mean(axis=(0, 1))
-    assert ((found.mean_surface.vertex_normals[::9] * outward).sum(axis=1) > 0.0).mean() > 0.95
+    outward = result.mean_surface.vertices[::9] - result.world.mean(axis=(0, 1))
+    assert ((result.mean_surface.vertex_normals[::9] * outward).sum(axis=1) > 0.0).mean() > 0.95
 
 
 def test_a_spreadsheet_project_is_read(exported, content, project, finished_run):
@@ -210,9 +210,9 @@ def test_landmarks_come_with_their_names(exported, change, project):
     from homolog.exchange import read_markups
 
     import_model(change(mark), project)
-    found = read_markups(project.cohort().subjects[2].landmarks)
-    assert found.names == ("tip", "base")
-    assert found.points.tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    result = read_markups(project.cohort().subjects[2].landmarks)
+    assert result.names == ("tip", "base")
+    assert result.points.tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
 
 
 @pytest.mark.parametrize(

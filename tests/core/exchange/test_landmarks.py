@@ -89,10 +89,10 @@ def test_a_project_keeps_where_landmarks_are(marked, scans):
 
 
 def test_particles_as_landmarks_have_hardly_any_error(marked):
-    found = project_landmark_errors(marked(0.0))
-    assert found.names == ("left", "right", "top")
-    assert found.subjects == ("a", "b", "c", "d")
-    assert found.mean < 0.5  # mm; particles of a short run are not quite on the surface
+    result = project_landmark_errors(marked(0.0))
+    assert result.names == ("left", "right", "top")
+    assert result.subjects == ("a", "b", "c", "d")
+    assert result.mean < 0.5  # mm; particles of a short run are not quite on the surface
 
 
 def test_the_error_of_misplaced_landmarks_is_reported(marked):
@@ -102,9 +102,9 @@ def test_the_error_of_misplaced_landmarks_is_reported(marked):
     write_markups(
         project.folder.parent / "scans" / "a.mrk.json", result.local[0, [3, 11, 31]], ("left", "right", "top")
     )
-    found = project_landmark_errors(project)
-    assert found.by_landmark.argmax() == 2
-    assert found.by_landmark[2] > 1.0
+    actual = project_landmark_errors(project)
+    assert actual.by_landmark.argmax() == 2
+    assert actual.by_landmark[2] > 1.0
 
 
 def test_landmarks_of_no_second_subject_make_no_error(marked):
@@ -145,10 +145,10 @@ def test_shapes_get_the_landmarks_that_all_subjects_have(marked, scans, shapes_o
     write_markups(
         scans / "a.mrk.json", read_result(ProjectFolder(scans.parent / "project")).local[0, [11, 3]], names
     )
-    found = with_landmarks(shapes_of, read_cohort(scans))
-    assert {item.landmarks.shape for item in found} == {(2, 3)}
+    result = with_landmarks(shapes_of, read_cohort(scans))
+    assert {item.landmarks.shape for item in result} == {(2, 3)}
     assert np.allclose(
-        found[1].landmarks[0], read_result(ProjectFolder(scans.parent / "project")).local[1, 11]
+        result[1].landmarks[0], read_result(ProjectFolder(scans.parent / "project")).local[1, 11]
     )
 
 

@@ -75,8 +75,8 @@ def rewrite(exported, content):
 def test_a_project_written_on_windows_is_imported_whole(rewrite, tmp_path, finished_run, before):
     project = ProjectFolder(tmp_path / "imported")
     notes = import_model(rewrite(lambda path: before + path.replace("/", "\\")), project)
-    told = ["16 of its paths lead out of its folder; those that lead nowhere were looked for in it"]
-    assert notes == (told if before else [])
+    messages = ["16 of its paths lead out of its folder; those that lead nowhere were looked for in it"]
+    assert notes == (messages if before else [])
     assert np.array_equal(read_result(project).world, read_result(finished_run).world)
     again = json.loads(write_shapeworks(project, tmp_path / "again").read_text())
     for row in again["data"]:
@@ -85,8 +85,8 @@ def test_a_project_written_on_windows_is_imported_whole(rewrite, tmp_path, finis
 
 def test_particles_on_another_machine_are_refused_by_name(rewrite, tmp_path):
     path = rewrite(lambda path: "C:\\gone\\" + path.rpartition("/")[2].replace("a_", "z_"))
-    words = r"subject a has a file on another machine, C:\\gone\\z_\w+\.particles; copy it into the project's"
-    with pytest.raises(InputError, match=words):
+    text = r"subject a has a file on another machine, C:\\gone\\z_\w+\.particles; copy it into the project's"
+    with pytest.raises(InputError, match=text):
         import_model(path, ProjectFolder(tmp_path / "imported"))
     assert not (tmp_path / "imported").exists()
 

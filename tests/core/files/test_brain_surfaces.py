@@ -50,16 +50,16 @@ def test_freesurfer_surfaces_lie_where_their_volume_lies(tmp_path, axes):
 
 @pytest.mark.parametrize("changes", [{"in_scanner": True}, {"valid": "0"}])
 def test_freesurfer_surfaces_in_scanner_coordinates_or_of_no_volume_stay(tmp_path, changes):
-    found = freesurfer(tmp_path / "sub_rh.white", TILTED, **changes)
-    assert found.vertices == pytest.approx(POINTS * TO_LPS, abs=1e-4)
+    result = freesurfer(tmp_path / "sub_rh.white", TILTED, **changes)
+    assert result.vertices == pytest.approx(POINTS * TO_LPS, abs=1e-4)
 
 
 @pytest.mark.parametrize("encoding", ["ASCII", "B64BIN", "B64GZ"])
 def test_gifti_matrices_lead_to_the_scanner(tmp_path, encoding):
     matrix = np.eye(4)
     matrix[:3, 3] = 5.0, -7.0, 11.0
-    found = gifti(tmp_path / "a.surf.gii", matrix=matrix, encoding=encoding)
-    assert found.vertices == pytest.approx((POINTS + matrix[:3, 3]) * TO_LPS, abs=1e-4)
+    result = gifti(tmp_path / "a.surf.gii", matrix=matrix, encoding=encoding)
+    assert result.vertices == pytest.approx((POINTS + matrix[:3, 3]) * TO_LPS, abs=1e-4)
     placed = gifti(tmp_path / "b.gii", matrix=matrix, space="NIFTI_XFORM_SCANNER_ANAT", order="F")
     assert placed.vertices == pytest.approx(POINTS * TO_LPS, abs=1e-4)
 
@@ -70,9 +70,9 @@ def test_off_files_with_comments_polygons_and_colours_are_read(tmp_path):
     quads = "4 0 1 3 2 1 0 0\n4 4 6 7 5\n4 0 4 5 1\n4 2 3 7 6\n4 0 2 6 4\n4 1 5 7 3\n"
     points = "\n".join(" ".join(map(str, point)) for point in cube.vertices)
     path.write_text(f"# made by hand\nCOFF\n\n8 6 12  # counts\n{points}\n{quads}")
-    found = read_mesh(path)
-    assert len(found.faces) == 12
-    assert abs(found.volume) == pytest.approx(1.0)
+    result = read_mesh(path)
+    assert len(result.faces) == 12
+    assert abs(result.volume) == pytest.approx(1.0)
     path.write_text(cube.export(file_type="off"))
     assert read_mesh(path).volume == pytest.approx(1.0)
 

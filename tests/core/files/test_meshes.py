@@ -70,9 +70,9 @@ def test_values_at_vertices_are_kept(mesh, tmp_path, suffix):
         reader.ReadAllFieldsOn()
     reader.SetFileName(str(path))
     reader.Update()
-    found = reader.GetOutput().GetPointData()
+    result = reader.GetOutput().GetPointData()
     name = "difference mm" if suffix == ".vtp" else "difference%20mm"
-    stored = found.GetArray("difference mm") or found.GetArray(name)
+    stored = result.GetArray("difference mm") or result.GetArray(name)
     assert vtk_to_numpy(stored).tolist() == values.tolist()
 
 

@@ -169,7 +169,7 @@ GRID = (
 
 
 @pytest.mark.parametrize(
-    ("part", "words"),
+    ("part", "message"),
     [
         ("CELLS 1 4 3 0 1 2\nCELL_TYPES 1 42\n", "cells of the types 42 are not read"),
         ("CELLS 1 4 3 0 1 2\nCELL_TYPES 1 10\n", "cells of too few corners"),
@@ -177,9 +177,9 @@ GRID = (
         ("CELLS 1 4 3 0 1 2\n", "cells without a type"),
     ],
 )
-def test_cells_that_make_no_sense_are_refused_with_the_reason(tmp_path, part, words):
+def test_cells_that_make_no_sense_are_refused_with_the_reason(tmp_path, part, message):
     (tmp_path / "a.vtk").write_text(GRID + part)
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         read_mesh(tmp_path / "a.vtk")
 
 
@@ -202,7 +202,7 @@ def test_legacy_files_written_by_hand_are_read(tmp_path, content):
 
 
 @pytest.mark.parametrize(
-    ("part", "words"),
+    ("part", "message"),
     [
         ("FIELD f 1\nSPACE 1 1 ", "unknown kind ''"),
         ("FIELD f 99999999999\n", "more values than it can contain"),
@@ -216,9 +216,9 @@ def test_legacy_files_written_by_hand_are_read(tmp_path, content):
         ("POINTS 3 float\n0 0 0 1 0 0 0 1 0\nPOLYGONS 1 4\n3 0 1 3\n", "refers to vertices"),
     ],
 )
-def test_legacy_files_that_make_no_sense_are_refused_with_the_reason(tmp_path, part, words):
+def test_legacy_files_that_make_no_sense_are_refused_with_the_reason(tmp_path, part, message):
     (tmp_path / "a.vtk").write_text(HEAD + part)
-    with pytest.raises(InputError, match=rf"a\.vtk: can't be read .*{words}"):
+    with pytest.raises(InputError, match=rf"a\.vtk: can't be read .*{message}"):
         read_mesh(tmp_path / "a.vtk")
 
 
@@ -237,7 +237,7 @@ XML = (
 
 
 @pytest.mark.parametrize(
-    ("points", "header", "words"),
+    ("points", "header", "message"),
     [
         (1000, (1, 2**40, 0), "not as long as its points"),
         (1000, (2**40, 24, 0), "claims more blocks than it can contain"),
@@ -246,11 +246,11 @@ XML = (
         (1000, (1, 24000, 0), "cut short"),
     ],
 )
-def test_an_xml_file_that_lies_is_refused_before_it_is_unpacked(tmp_path, points, header, words):
+def test_an_xml_file_that_lies_is_refused_before_it_is_unpacked(tmp_path, points, header, message):
     body = zlib.compress(bytes(20000))
     stored = np.array([*header, len(body)], "<u8").tobytes() + body
     (tmp_path / "a.vtp").write_bytes(XML.format(points).encode() + stored + b"</AppendedData></VTKFile>")
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         read_mesh(tmp_path / "a.vtp")
 
 

@@ -28,8 +28,8 @@ def points():
 
     def of(segmentation, unit=1.0):
         inside = np.argwhere(segmentation.mask) * segmentation.spacing
-        found = (inside @ segmentation.rotation.T + segmentation.origin) / unit
-        return found[np.lexsort(np.round(found, 1).T)]
+        result = (inside @ segmentation.rotation.T + segmentation.origin) / unit
+        return result[np.lexsort(np.round(result, 1).T)]
 
     return of
 
@@ -81,8 +81,8 @@ def expected():
 
     def of(blocks, value=None):
         inside = np.argwhere(blocks > 0 if value is None else blocks == value)
-        found = inside * SPACING @ TURN.T + ORIGIN
-        return found[np.lexsort(np.round(found, 1).T)]
+        result = inside * SPACING @ TURN.T + ORIGIN
+        return result[np.lexsort(np.round(result, 1).T)]
 
     return of
 

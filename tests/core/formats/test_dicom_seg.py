@@ -32,9 +32,9 @@ def test_frames_that_are_left_out_are_no_border(make_seg, blocks):
     inside = np.zeros_like(blocks)
     inside[2:5, 3:6, 4:8] = 1
     path = make_seg(np.stack([inside] * 2, axis=-1).astype(np.uint8).transpose(2, 1, 0, 3))
-    found = cleaned(read_segmentation(path, None, "heart"))
-    assert np.count_nonzero(found.segmentation.mask) == np.count_nonzero(inside)
-    assert not found.borders
+    result = cleaned(read_segmentation(path, None, "heart"))
+    assert np.count_nonzero(result.segmentation.mask) == np.count_nonzero(inside)
+    assert not result.borders
 
 
 def test_overlapping_segments_are_not_taken_together(seg):
@@ -118,8 +118,8 @@ def turn_per_frame(content):
     ],
 )
 def test_what_may_be_missing_is_not_missed(make_seg, blocks, points, edit, expected):
-    found = read_segmentation(make_seg(overlapping(blocks), edit=edit), None, "both")
-    assert np.allclose(points(found), expected(blocks), atol=1e-4)
+    result = read_segmentation(make_seg(overlapping(blocks), edit=edit), None, "both")
+    assert np.allclose(points(result), expected(blocks), atol=1e-4)
 
 
 def place(frame):

@@ -28,8 +28,8 @@ def test_a_series_may_lie_two_folders_below_its_patient(series):
     cohort = series.parent
     deep = cohort.parent / "export" / "patient" / "study" / "series"
     shutil.copytree(series, deep)
-    (one,) = read_cohort(cohort.parent / "export").subjects
-    assert (one.name, one.path) == ("patient", deep)
+    (first,) = read_cohort(cohort.parent / "export").subjects
+    assert (first.name, first.path) == ("patient", deep)
     shutil.copytree(series, deep.with_name("other"))
     with pytest.raises(InputError, match=r"patient: contains 2 DICOM series; .*cohort\.csv"):
         read_cohort(cohort.parent / "export")
@@ -106,8 +106,8 @@ def test_the_contents_of_a_disc_are_no_slice(series, blocks, points, expected):
 
 
 def test_a_slice_that_is_there_twice_is_told(series):
-    one = min(series.iterdir())
-    (series / "copy").write_bytes(one.read_bytes())
+    first = min(series.iterdir())
+    (series / "copy").write_bytes(first.read_bytes())
     with pytest.raises(InputError, match="several of its 12 slices"):
         read_segmentation(series, None)
 

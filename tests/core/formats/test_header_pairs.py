@@ -31,12 +31,12 @@ def analyze(tmp_path):
 def test_analyze_is_read_as_las_with_a_note(analyze, pack):
     for name in pack:
         packed(analyze.with_name(name))
-    (one,) = read_cohort(analyze.parent).subjects
-    volume = read_volume(one.path)
-    assert (one.name, np.asarray(volume.layers[0]).tolist()) == ("a", VALUES.tolist())
+    (first,) = read_cohort(analyze.parent).subjects
+    volume = read_volume(first.path)
+    assert (first.name, np.asarray(volume.layers[0]).tolist()) == ("a", VALUES.tolist())
     assert np.allclose(volume.index_to_world, np.diag([1.0, -2.0, 3.0, 1.0]))
     assert "LAS" in volume.segmentation(2).notes[0]
-    assert np.array_equal(read_scan(one.path).values, VALUES)
+    assert np.array_equal(read_scan(first.path).values, VALUES)
 
 
 def test_a_pair_of_nifti_lies_where_its_header_says(tmp_path):

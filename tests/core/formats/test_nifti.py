@@ -17,9 +17,9 @@ TURNED = np.array([[0, -1.0, 0, 3], [1, 0, 0, -5], [0, 0, 1, 7], [0, 0, 0, 1]]) 
 SHEARED = RAS + np.array([[0, 0, 1.0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]])
 
 
-def said(found):
+def said(result):
     """Return the notes but that several labels were taken together."""
-    return tuple(note for note in found.notes if "taken together" not in note)
+    return tuple(note for note in result.notes if "taken together" not in note)
 
 
 @pytest.fixture
@@ -40,8 +40,8 @@ def write(blocks, tmp_path):
 
 def expected(blocks, matrix=RAS):
     ras = np.argwhere(blocks) @ matrix[:3, :3].T + matrix[:3, 3]
-    found = ras * [-1.0, -1.0, 1.0]
-    return found[np.lexsort(np.round(found, 1).T)]
+    result = ras * [-1.0, -1.0, 1.0]
+    return result[np.lexsort(np.round(result, 1).T)]
 
 
 @pytest.mark.parametrize("kind", [nibabel.Nifti1Image, nibabel.Nifti2Image])
@@ -50,9 +50,9 @@ def expected(blocks, matrix=RAS):
 def test_either_version_and_matrix_puts_the_voxels_at_the_same_places(
     write, blocks, points, kind, name, qform, sform
 ):
-    found = read_segmentation(write(qform, sform, name, kind), None)
-    assert np.allclose(points(found), expected(blocks), atol=1e-4)
-    assert not said(found)
+    result = read_segmentation(write(qform, sform, name, kind), None)
+    assert np.allclose(points(result), expected(blocks), atol=1e-4)
+    assert not said(result)
 
 
 @pytest.mark.parametrize("codes", [(1, 2), (1, 4), (2, 4), (2, 1), (3, 1)])
@@ -60,18 +60,18 @@ def test_either_version_and_matrix_puts_the_voxels_at_the_same_places(
 def test_codes_that_name_two_frames_are_no_trouble_and_the_scanner_goes_first(
     write, blocks, points, codes, other
 ):
-    found = read_segmentation(write(RAS, other, codes=codes), None)
-    assert np.allclose(points(found), expected(blocks, other if codes[1] == 1 else RAS), atol=1e-3)
-    assert said(found) == ()
+    result = read_segmentation(write(RAS, other, codes=codes), None)
+    assert np.allclose(points(result), expected(blocks, other if codes[1] == 1 else RAS), atol=1e-3)
+    assert said(result) == ()
 
 
 @pytest.mark.parametrize("codes", [(1, 1), (2, 2), (4, 4)])
 def test_two_places_in_one_frame_are_told_with_how_far_and_which_was_used(write, blocks, points, codes):
-    found = read_segmentation(write(RAS, MOVED, codes=codes), None)
+    result = read_segmentation(write(RAS, MOVED, codes=codes), None)
     used, other = (MOVED, "sform") if codes[1] == 1 else (RAS, "qform")
-    assert np.allclose(points(found), expected(blocks, used), atol=1e-3)
+    assert np.allclose(points(result), expected(blocks, used), atol=1e-3)
     frame = {1: "scanner", 2: "aligned", 4: "MNI"}[codes[0]]
-    assert said(found) == (
+    assert said(result) == (
         f"its qform ({frame}) and sform ({frame}) put voxels up to 4.0 mm apart; the {other} was used, as 3D "
         "Slicer does",
     )
@@ -101,22 +101,22 @@ def test_what_is_taken_lies_where_slicer_puts_it(write, points, other, codes):
 @pytest.mark.parametrize("codes", [(1, 1), (2, 1)])
 @pytest.mark.parametrize("other", [LARGER, SHEARED])
 def test_a_sform_of_other_voxel_sizes_is_not_taken_and_told(write, blocks, points, codes, other):
-    found = read_segmentation(write(RAS, other, codes=codes), None)
-    assert np.allclose(points(found), expected(blocks), atol=1e-3)
-    assert "the qform was used" in found.notes[0]
+    result = read_segmentation(write(RAS, other, codes=codes), None)
+    assert np.allclose(points(result), expected(blocks), atol=1e-3)
+    assert "the qform was used" in result.notes[0]
 
 
 def test_mirror_images_in_one_frame_are_refused_and_in_two_frames_told(write, blocks, points):
     with pytest.raises(InputError, match=r"a\.nii\.gz: .* mirror images .* scanner"):
         read_segmentation(write(RAS, MIRRORED, codes=(1, 1)), None)
-    found = read_segmentation(write(RAS, MIRRORED), None)
-    assert np.allclose(points(found), expected(blocks), atol=1e-3)
-    assert "mirror image of the other" in found.notes[0]
+    result = read_segmentation(write(RAS, MIRRORED), None)
+    assert np.allclose(points(result), expected(blocks), atol=1e-3)
+    assert "mirror image of the other" in result.notes[0]
 
 
 def test_rounding_is_no_disagreement(write, blocks, points):
-    found = read_segmentation(write(RAS, RAS + 1e-4), None)
-    assert np.allclose(points(found), expected(blocks), atol=1e-2)
+    result = read_segmentation(write(RAS, RAS + 1e-4), None)
+    assert np.allclose(points(result), expected(blocks), atol=1e-2)
 
 
 def test_a_shear_is_refused(write):
@@ -130,15 +130,15 @@ def test_voxel_sizes_that_contradict_the_sform_are_refused(write):
 
 
 def test_a_file_that_does_not_say_how_the_patient_lay_is_read_with_a_note(write, blocks, points):
-    found = read_segmentation(write(None, None), None)
-    assert np.allclose(points(found), expected(blocks, np.diag([1.5, 2.0, 3.0, 1.0])), atol=1e-4)
-    assert "no qform or sform" in found.notes[0]
+    result = read_segmentation(write(None, None), None)
+    assert np.allclose(points(result), expected(blocks, np.diag([1.5, 2.0, 3.0, 1.0])), atol=1e-4)
+    assert "no qform or sform" in result.notes[0]
 
 
 @pytest.mark.parametrize(("units", "factor"), [("micron", 0.001), ("meter", 1000.0)])
 def test_other_units_become_millimetres(write, blocks, points, units, factor):
-    found = read_segmentation(write(RAS, RAS, units=units), None)
-    assert np.allclose(points(found, factor), expected(blocks), atol=1e-4)
+    result = read_segmentation(write(RAS, RAS, units=units), None)
+    assert np.allclose(points(result, factor), expected(blocks), atol=1e-4)
 
 
 def test_scaled_values_are_read_scaled(write, tmp_path, blocks, around):

@@ -11,14 +11,14 @@ from homolog.errors import InputError
 from homolog.grooming.images import read_segmentation
 
 
-def said(found):
+def said(result):
     """Return the notes but that several labels were taken together."""
-    return tuple(note for note in found.notes if "taken together" not in note)
+    return tuple(note for note in result.notes if "taken together" not in note)
 
 
 def expected(blocks, turn=(1, 1, 1)):
-    found = (np.argwhere(blocks) * [1.0, 2.0, 3.0] + [5.0, -6.0, 7.0]) * turn
-    return found[np.lexsort(np.round(found, 1).T)]
+    result = (np.argwhere(blocks) * [1.0, 2.0, 3.0] + [5.0, -6.0, 7.0]) * turn
+    return result[np.lexsort(np.round(result, 1).T)]
 
 
 @pytest.mark.parametrize("encoding", ["raw", "gzip"])
@@ -32,15 +32,15 @@ def expected(blocks, turn=(1, 1, 1)):
     ],
 )
 def test_a_nrrd_is_put_where_its_space_says(blocks, write_nrrd, points, encoding, space, turn):
-    found = read_segmentation(write_nrrd("a.nrrd", blocks, encoding=encoding, space=space), None)
-    assert np.allclose(points(found), expected(blocks, turn))
-    assert not said(found)
+    result = read_segmentation(write_nrrd("a.nrrd", blocks, encoding=encoding, space=space), None)
+    assert np.allclose(points(result), expected(blocks, turn))
+    assert not said(result)
 
 
 def test_a_nrrd_of_no_anatomical_space_is_read_with_a_note(blocks, write_nrrd, points):
-    found = read_segmentation(write_nrrd("a.nrrd", blocks, space="scanner-xyz"), None)
-    assert np.allclose(points(found), expected(blocks))
-    assert "gives no patient orientation" in found.notes[0]
+    result = read_segmentation(write_nrrd("a.nrrd", blocks, space="scanner-xyz"), None)
+    assert np.allclose(points(result), expected(blocks))
+    assert "gives no patient orientation" in result.notes[0]
 
 
 @pytest.mark.parametrize("encoding", ["raw", "gzip"])
@@ -200,9 +200,9 @@ def test_a_metaimage_header_that_contradicts_itself_is_refused(write_meta, lines
     [({"ElementSpacing": None}, True), ({"ElementSpacing": None, "ElementSize": "1 2 3"}, False)],
 )
 def test_voxels_of_unknown_size_are_read_with_a_note(write_meta, blocks, points, spacing, note):
-    found = read_segmentation(write_meta(**spacing), None)
-    assert said(found) == (("its header gives no voxel size; 1 mm was assumed",) if note else ())
-    assert found.spacing.tolist() == ([1.0, 1.0, 1.0] if note else [1.0, 2.0, 3.0])
+    result = read_segmentation(write_meta(**spacing), None)
+    assert said(result) == (("its header gives no voxel size; 1 mm was assumed",) if note else ())
+    assert result.spacing.tolist() == ([1.0, 1.0, 1.0] if note else [1.0, 2.0, 3.0])
 
 
 @pytest.mark.parametrize(

@@ -134,13 +134,13 @@ def test_stacks_with_gaps_of_several_kinds_or_sizes_or_in_colours_are_refused(tm
     Image.fromarray(np.arange(360, dtype=np.uint8).reshape(10, 12, 3)).save(
         tmp_path / "colour" / "mask_4.png"
     )
-    for name, words in {
+    for name, text in {
         "gap": "missing after number 4",
         "kinds": "order of its slices",
         "size": "not as large",
         "colour": "in colours",
     }.items():
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=text):
             read_segmentation(tmp_path / name, None)
 
 

@@ -6,12 +6,12 @@ from homolog.geodesics import solve_tables
 from homolog.geodesics.cache import load_table
 
 
-def same(one, other):
+def same(first, other):
     return all(
-        getattr(one, name) is getattr(other, name) is None
-        or np.array_equal(getattr(one, name).numpy(), getattr(other, name).numpy())
+        getattr(first, name) is getattr(other, name) is None
+        or np.array_equal(getattr(first, name).numpy(), getattr(other, name).numpy())
         for name in ("codes", "row", "start", "slot")
-    ) and (one.n_vertices, one.d_max, one.unit) == (other.n_vertices, other.d_max, other.unit)
+    ) and (first.n_vertices, first.d_max, first.unit) == (other.n_vertices, other.d_max, other.unit)
 
 
 def test_a_table_is_solved_once(sphere, slotted, tmp_path, storage):

@@ -16,26 +16,26 @@ def look_up(
     face: wp.array2d(dtype=wp.int32),
     point: wp.array2d(dtype=wp.vec3),
     form: int,
-    found: wp.array(dtype=wp.vec4),
+    distances: wp.array(dtype=wp.vec4),
 ):
     k = wp.tid()
     x = surface_point(vertices, faces, face[k, 0], point[k, 0])
     y = surface_point(vertices, faces, face[k, 1], point[k, 1])
-    found[k] = geodesic(tables[0], x, y, form)
+    distances[k] = geodesic(tables[0], x, y, form)
 
 
 @wp.kernel
 def look_up_vertices(
-    tables: wp.array(dtype=TableData), pairs: wp.array(dtype=wp.vec2i), found: wp.array(dtype=float)
+    tables: wp.array(dtype=TableData), pairs: wp.array(dtype=wp.vec2i), distances: wp.array(dtype=float)
 ):
     k = wp.tid()
-    found[k] = table_distance(tables[k % 2], pairs[k][0], pairs[k][1])
+    distances[k] = table_distance(tables[k % 2], pairs[k][0], pairs[k][1])
 
 
 def between(mesh, table, faces, points, form=SQUARED):
     """Derivative at x and distance of pairs of points, (n, 4); faces (n, 2), points (n, 2, 3)."""
     data = table.on_device("cpu")
-    found = wp.zeros(len(faces), dtype=wp.vec4, device="cpu")
+    distances = wp.zeros(len(faces), dtype=wp.vec4, device="cpu")
     inputs = [
         wp.array([data], dtype=TableData, device="cpu"),
         wp.array(mesh.vertices.astype(np.float32), dtype=wp.vec3, device="cpu"),
@@ -44,8 +44,8 @@ def between(mesh, table, faces, points, form=SQUARED):
         wp.array(points.astype(np.float32), dtype=wp.vec3, ndim=2, device="cpu"),
         form,
     ]
-    wp.launch(look_up, len(faces), inputs=inputs, outputs=[found], device="cpu")
-    return found.numpy()
+    wp.launch(look_up, len(faces), inputs=inputs, outputs=[distances], device="cpu")
+    return distances.numpy()
 
 
 def random_points(mesh, faces, random):
@@ -79,12 +79,12 @@ def pairs(sphere):
 
 def test_the_squared_form_is_the_arc_between_any_points(pairs, storage):
     mesh, _, faces, points, arc, _ = pairs
-    found = between(mesh, solve_table(mesh, 15.0), faces, points)[:, 3]
-    known = (found >= 0) & (arc > mesh.mean_edge / 4)
+    distances = between(mesh, solve_table(mesh, 15.0), faces, points)[:, 3]
+    known = (distances >= 0) & (arc > mesh.mean_edge / 4)
     assert np.count_nonzero(known) > 5000
-    assert np.abs(found[known] / arc[known] - 1).mean() < 0.0015
+    assert np.abs(distances[known] / arc[known] - 1).mean() < 0.0015
     close = arc <= mesh.mean_edge / 4
-    assert np.abs(found - arc)[close].max() < 0.02 * mesh.mean_edge
+    assert np.abs(distances - arc)[close].max() < 0.02 * mesh.mean_edge
 
 
 def test_the_derivative_points_away_from_the_other_point(pairs):
@@ -118,8 +118,8 @@ def test_a_point_has_no_distance_from_itself(pairs):
     mesh, table, faces, points, _, _ = pairs
     same = points.copy()
     same[:, 1] = same[:, 0]
-    found = between(mesh, table, faces[:, [0, 0]], same)
-    assert found[:, 3].max() < 0.01 * mesh.mean_edge
+    distances = between(mesh, table, faces[:, [0, 0]], same)
+    assert distances[:, 3].max() < 0.01 * mesh.mean_edge
 
 
 def test_the_papers_form_is_the_weighted_mean_of_nine(pairs):
@@ -128,19 +128,19 @@ def test_the_papers_form_is_the_weighted_mean_of_nine(pairs):
     corners = mesh.faces[faces]
     centres = mesh.vertices[corners].mean(axis=2)
     nine = matrix[corners[:, 0, :, None], corners[:, 1, None, :]]
-    found = between(mesh, table, faces, centres, PLAIN)[:, 3]
-    known = found >= 0
-    assert found[known] == pytest.approx(nine[known].mean(axis=(1, 2)), abs=1e-4)
+    distances = between(mesh, table, faces, centres, PLAIN)[:, 3]
+    known = distances >= 0
+    assert distances[known] == pytest.approx(nine[known].mean(axis=(1, 2)), abs=1e-4)
 
 
 def test_a_pair_with_a_missing_entry_is_out_of_range(pairs):
     mesh, _, faces, points, arc, _ = pairs
     table = solve_table(mesh, 4.0)
-    found = between(mesh, table, faces, points)
-    out = found[:, 3] < 0
+    distances = between(mesh, table, faces, points)
+    out = distances[:, 3] < 0
     assert out[arc > 4.0 + 2 * mesh.mean_edge].all()
     assert not out[arc < 4.0 - 4 * mesh.mean_edge].any()
-    assert (found[out, :3] == 0).all()
+    assert (distances[out, :3] == 0).all()
 
 
 def test_tables_of_several_shapes_lie_in_one_array_scaled(sphere, storage):
@@ -148,15 +148,15 @@ def test_tables_of_several_shapes_lie_in_one_array_scaled(sphere, storage):
     tables = [solve_table(mesh, 10.0) for mesh in meshes]
     data = [tables[0].on_device("cpu"), tables[1].on_device("cpu", scale=0.1)]
     pairs = np.random.default_rng(0).integers(300, size=(400, 2)).astype(np.int32)
-    found = wp.zeros(400, dtype=float, device="cpu")
+    distances = wp.zeros(400, dtype=float, device="cpu")
     inputs = [wp.array(data, dtype=TableData, device="cpu"), wp.array(pairs, dtype=wp.vec2i, device="cpu")]
-    wp.launch(look_up_vertices, 400, inputs=inputs, outputs=[found], device="cpu")
+    wp.launch(look_up_vertices, 400, inputs=inputs, outputs=[distances], device="cpu")
     for which, scale in ((0, 1.0), (1, 0.1)):
         matrix = tables[which].to_csr().toarray()
         wanted = scale * matrix[pairs[which::2, 0], pairs[which::2, 1]]
         there = (wanted > 0) | (pairs[which::2, 0] == pairs[which::2, 1])
-        assert found.numpy()[which::2][there] == pytest.approx(wanted[there], rel=1e-5)
-        assert (found.numpy()[which::2][~there] < 0).all()
+        assert distances.numpy()[which::2][there] == pytest.approx(wanted[there], rel=1e-5)
+        assert (distances.numpy()[which::2][~there] < 0).all()
 
 
 def test_within_one_triangle_the_distance_is_straight(pairs, storage):
@@ -165,9 +165,9 @@ def test_within_one_triangle_the_distance_is_straight(pairs, storage):
     faces = np.repeat(random.integers(len(mesh.faces), size=(200, 1)), 2, axis=1)
     points = random_points(mesh, faces, random)
     points[:20, 1] = points[:20, 0]
-    found = between(mesh, solve_table(mesh, 15.0), faces, points)
+    distances = between(mesh, solve_table(mesh, 15.0), faces, points)
     apart = points[:, 0] - points[:, 1]
-    np.testing.assert_allclose(found[:, 3], np.linalg.norm(apart, axis=1), atol=1e-5)
-    assert (found[:20] == 0).all()
+    np.testing.assert_allclose(distances[:, 3], np.linalg.norm(apart, axis=1), atol=1e-5)
+    assert (distances[:20] == 0).all()
     away = apart[20:] / np.linalg.norm(apart[20:], axis=1, keepdims=True)
-    assert np.median(np.einsum("ij,ij->i", found[20:, :3], away)) > 0.9999
+    assert np.median(np.einsum("ij,ij->i", distances[20:, :3], away)) > 0.9999

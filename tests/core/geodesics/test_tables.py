@@ -51,10 +51,10 @@ def test_both_storages_hold_the_same_distances(slotted, monkeypatch):
 
 
 def test_the_result_does_not_depend_on_the_number_of_threads(slotted, storage):
-    one, three = (solve_tables([slotted], 8.0, threads=threads)[0] for threads in (1, 3))
+    first, three = (solve_tables([slotted], 8.0, threads=threads)[0] for threads in (1, 3))
     for name in ("codes", "row", "start", "slot"):
-        if getattr(one, name) is not None:
-            assert np.array_equal(getattr(one, name).numpy(), getattr(three, name).numpy())
+        if getattr(first, name) is not None:
+            assert np.array_equal(getattr(first, name).numpy(), getattr(three, name).numpy())
 
 
 def test_distances_on_a_flat_side_are_straight(plate):
@@ -106,8 +106,8 @@ def test_the_planar_element_of_the_paper_overestimates(sphere):
 @pytest.mark.parametrize("factor", [1e-3, 1e4])
 def test_the_unit_of_length_does_not_matter(slotted, factor):
     scaled = TriangleMesh(slotted.vertices * factor, slotted.faces)
-    one, other = solve_table(slotted, 8.0), solve_table(scaled, 8.0 * factor)
-    codes = [table.codes.numpy().astype(int) for table in (one, other)]
+    first, other = solve_table(slotted, 8.0), solve_table(scaled, 8.0 * factor)
+    codes = [table.codes.numpy().astype(int) for table in (first, other)]
     apart = np.abs(codes[0] - codes[1])[(codes[0] < 65535) & (codes[1] < 65535)]
     assert ((codes[0] == 65535) != (codes[1] == 65535)).mean() < 1e-4  # at the very rim
     assert (apart > 2).mean() < 1e-3  # where two ways are equally long, rounding chooses

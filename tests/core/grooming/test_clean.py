@@ -15,10 +15,10 @@ def test_the_largest_piece_stays_at_its_place():
     mask = np.zeros((12, 12, 12), bool)
     mask[1:3, 1:3, 1:3] = True
     mask[5:10, 6:10, 7:10] = True
-    found = cleaned(segmentation(mask, (1.0, 2.0, 3.0)))
-    assert found.components_dropped == 1
-    assert found.segmentation.mask.shape == (5, 4, 3)
-    assert np.allclose(found.segmentation.origin, [10 + 5, 20 + 12, 30 + 21])
+    result = cleaned(segmentation(mask, (1.0, 2.0, 3.0)))
+    assert result.components_dropped == 1
+    assert result.segmentation.mask.shape == (5, 4, 3)
+    assert np.allclose(result.segmentation.origin, [10 + 5, 20 + 12, 30 + 21])
 
 
 def test_pieces_that_touch_at_a_corner_are_one():
@@ -31,18 +31,18 @@ def test_enclosed_cavities_are_filled_and_counted():
     mask = np.zeros((9, 9, 9), bool)
     mask[1:8, 1:8, 1:8] = True
     mask[3, 3, 3] = mask[5, 5, 5] = False
-    found = cleaned(segmentation(mask))
-    assert found.holes_filled == 2
-    assert found.segmentation.mask.all()
+    result = cleaned(segmentation(mask))
+    assert result.holes_filled == 2
+    assert result.segmentation.mask.all()
 
 
 def test_a_tunnel_is_not_a_cavity():
     mask = np.zeros((9, 9, 9), bool)
     mask[1:8, 1:8, 1:8] = True
     mask[4, 4] = False
-    found = cleaned(segmentation(mask))
-    assert found.holes_filled == 0
-    assert not found.segmentation.mask.all()
+    result = cleaned(segmentation(mask))
+    assert result.holes_filled == 0
+    assert not result.segmentation.mask.all()
 
 
 def test_touching_the_border_is_noticed_unless_a_dropped_piece_does():

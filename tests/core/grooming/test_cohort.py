@@ -63,10 +63,10 @@ def test_a_file_that_is_there_twice_is_noted_on_the_second_subject(cohort, tmp_p
 def test_what_was_groomed_is_not_groomed_again(cohort, tmp_path):
     first, second = Here(), Here()
     made = groom_cohort(cohort, SETTINGS, executor=first, cache=tmp_path / "groomed")
-    found = groom_cohort(cohort, SETTINGS, executor=second, cache=tmp_path / "groomed")
+    result = groom_cohort(cohort, SETTINGS, executor=second, cache=tmp_path / "groomed")
     assert first.names == ["a", "b", "c"]
     assert second.names == []
-    for item, other in zip(made, found, strict=True):
+    for item, other in zip(made, result, strict=True):
         assert np.array_equal(item.field.values, other.field.values)
         assert np.array_equal(item.field.index_to_world, other.field.index_to_world)
         assert np.array_equal(item.mesh.faces, other.mesh.faces)

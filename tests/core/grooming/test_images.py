@@ -32,9 +32,9 @@ def test_labels_that_are_taken_together_are_noted(labelled, save):
 
 
 def test_a_label_is_picked_alone_with_one_voxel_around_it(labelled, save, around):
-    found = read_segmentation(save(labelled), 2)
-    assert np.array_equal(found.mask, around(labelled == 2))
-    assert found.volume == 6.0
+    result = read_segmentation(save(labelled), 2)
+    assert np.array_equal(result.mask, around(labelled == 2))
+    assert result.volume == 6.0
 
 
 @pytest.mark.parametrize("suffix", [".nrrd", ".nii", ".nii.gz", ".mha", ".mhd", ".nhdr"])
@@ -47,10 +47,10 @@ def test_each_format_puts_the_voxels_at_the_same_places(labelled, save, suffix):
 
 def test_a_mirrored_grid_becomes_right_handed_at_the_same_places(labelled, save):
     mirrored = save(labelled, direction=np.diag([1.0, 1.0, -1.0]), origin=(1.0, 2.0, 3.0))
-    found = read_segmentation(mirrored, None)
+    result = read_segmentation(mirrored, None)
     expected = np.argwhere(labelled) * [1.0, 1.0, -1.0] + [1.0, 2.0, 3.0]
-    assert np.linalg.det(found.rotation) == pytest.approx(1.0)
-    assert {tuple(world_point) for world_point in world_points(found)} == {tuple(item) for item in expected}
+    assert np.linalg.det(result.rotation) == pytest.approx(1.0)
+    assert {tuple(world_point) for world_point in world_points(result)} == {tuple(item) for item in expected}
 
 
 def test_an_absent_label_is_named_with_those_that_are_there(labelled, save):
@@ -176,27 +176,27 @@ def test_one_point_in_time_is_a_volume(tmp_path, labelled, name):
     moment.SetDirection([0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0])
     SimpleITK.WriteImage(moment, tmp_path / f"three_{name}")
     SimpleITK.WriteImage(SimpleITK.JoinSeries([moment]), tmp_path / name)
-    found, expected = (read_segmentation(tmp_path / item, None) for item in (name, f"three_{name}"))
-    assert np.array_equal(found.mask, expected.mask)
-    assert np.allclose(found.rotation, expected.rotation)
-    assert np.allclose(found.spacing, expected.spacing)
-    assert np.allclose(found.origin, expected.origin)
+    result, expected = (read_segmentation(tmp_path / item, None) for item in (name, f"three_{name}"))
+    assert np.array_equal(result.mask, expected.mask)
+    assert np.allclose(result.rotation, expected.rotation)
+    assert np.allclose(result.spacing, expected.spacing)
+    assert np.allclose(result.origin, expected.origin)
 
 
 def test_probabilities_are_the_structure_from_a_half_on(save):
     mask = np.zeros((24, 24, 24))
     mask[7:17, 7:17, 7:17] = 1
-    found = read_segmentation(save(ndimage.gaussian_filter(mask, 1.0).astype(np.float32)), None)
-    assert found.mask.sum() == pytest.approx(1000, rel=0.15)
-    assert len(found.notes) == 1
+    result = read_segmentation(save(ndimage.gaussian_filter(mask, 1.0).astype(np.float32)), None)
+    assert result.mask.sum() == pytest.approx(1000, rel=0.15)
+    assert len(result.notes) == 1
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_signed_distances_are_the_structure_on_the_side_away_from_the_border(save, sign):
     away = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) - 8.0
-    found = read_segmentation(save((sign * away).astype(np.float32)), None)
-    assert found.mask.sum() == (away < 0.0).sum()
-    assert len(found.notes) == 1
+    result = read_segmentation(save((sign * away).astype(np.float32)), None)
+    assert result.mask.sum() == (away < 0.0).sum()
+    assert len(result.notes) == 1
 
 
 def test_fractions_above_and_below_0_that_are_no_distances_are_refused(save):

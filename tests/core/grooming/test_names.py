@@ -125,9 +125,9 @@ def test_tables_that_contradict_each_other_are_refused_with_both_names(tmp_path)
 
 def test_freesurfers_numbers_are_known_where_the_values_speak_for_them():
     brain = frozenset({2, 3, 4, 10, 11, 17, 18, 41, 42, 53, 251, 1035, 2035})
-    found = known_list(Path("study/anna.nii.gz"), brain)
-    assert found.source == "FreeSurfer"
-    assert [found.names[item] for item in (17, 16, 1035)] == [
+    result = known_list(Path("study/anna.nii.gz"), brain)
+    assert result.source == "FreeSurfer"
+    assert [result.names[item] for item in (17, 16, 1035)] == [
         "Left-Hippocampus",
         "Brain-Stem",
         "ctx-lh-insula",
@@ -137,10 +137,10 @@ def test_freesurfers_numbers_are_known_where_the_values_speak_for_them():
 
 def test_totalsegmentators_numbers_are_known_where_the_values_speak_for_them():
     body = frozenset(range(1, 118))
-    found = known_list(Path("study/anna.nii.gz"), body)
-    assert found.source == "TotalSegmentator"
+    result = known_list(Path("study/anna.nii.gz"), body)
+    assert result.source == "TotalSegmentator"
     numbers = (1, 5, 22, 51, 91, 92, 104, 117)
-    assert [found.names[number] for number in numbers] == [
+    assert [result.names[number] for number in numbers] == [
         "spleen", "liver", "prostate", "heart", "skull", "rib_left_1", "rib_right_1", "costal_cartilages",
     ]  # fmt: skip
     assert known_list(Path("totalsegmentator/anna.nii.gz"), frozenset({5, 51})).source == "TotalSegmentator"

@@ -61,8 +61,8 @@ def test_freesurfers_volumes_lie_where_nibabel_puts_them(tmp_path, brain, suffix
     turn = np.array([[-1.0, 0.0, 0.0, 9.0], [0.0, 0.0, 1.5, -8.0], [0.0, -2.0, 0.0, 7.0], [0, 0, 0, 1]])
     values = np.minimum(brain, 250).astype(kind)
     nibabel.save(nibabel.MGHImage(values, turn), tmp_path / f"aseg.{suffix}")
-    found = read_source(Subject("a", tmp_path / f"aseg.{suffix}"), GroomSettings(label=17))
-    inside = np.argwhere(found.mask) * found.spacing @ found.rotation.T + found.origin
+    result = read_source(Subject("a", tmp_path / f"aseg.{suffix}"), GroomSettings(label=17))
+    inside = np.argwhere(result.mask) * result.spacing @ result.rotation.T + result.origin
     expected = np.argwhere(values == 17) @ turn[:3, :3].T + turn[:3, 3]
     expected = expected * [-1.0, -1.0, 1.0]
     order = [item[np.lexsort(np.round(item, 3).T)] for item in (inside, expected)]
@@ -89,16 +89,16 @@ def test_a_freesurfer_volume_whose_name_says_wrongly_whether_it_is_packed_is_rea
     "name", ["Left-Hippocampus", "hippocampus-left", "HIPPOCAMPUS_LEFT", "l hippocampus"]
 )
 def test_a_structure_is_found_by_name_in_freesurfers_list_with_a_note(nifti, brain, name):
-    found = read_source(Subject("a", nifti("a.nii.gz", brain)), GroomSettings(segment=name))
-    assert (found.name, found.mask.sum()) == ("Left-Hippocampus", 64)
-    assert any("FreeSurfer" in note for note in found.notes)
+    result = read_source(Subject("a", nifti("a.nii.gz", brain)), GroomSettings(segment=name))
+    assert (result.name, result.mask.sum()) == ("Left-Hippocampus", 64)
+    assert any("FreeSurfer" in note for note in result.notes)
 
 
 def test_the_names_in_a_files_extension_go_before_every_table(nifti, brain, tmp_path):
     (tmp_path / "names.json").write_text(json.dumps({"17": "wrong", "53": "also wrong"}))
     path = nifti("a.nii.gz", brain, {17: "liver", 53: "spleen &amp; co"})
-    found = read_source(Subject("a", path), GroomSettings(segment="LIVER"))
-    assert (found.mask.sum(), found.notes) == (64, ())
+    result = read_source(Subject("a", path), GroomSettings(segment="LIVER"))
+    assert (result.mask.sum(), result.notes) == (64, ())
     assert [item.name for item in structures_of(Subject("a", path))] == ["liver", "spleen &amp; co", ""]
 
 
@@ -119,9 +119,9 @@ def test_a_name_where_nothing_gives_names_is_refused_with_the_remedy(nifti):
 
 
 def test_structures_are_listed_with_volumes_and_the_border(nifti, brain):
-    found = {item.name: item for item in structures_of(Subject("a", nifti("a.nii.gz", brain, spacing=2.0)))}
-    assert found["Left-Hippocampus"].volume == pytest.approx(64 * 8 / 1000)
-    assert {name: item.at_border for name, item in found.items()} == {
+    result = {item.name: item for item in structures_of(Subject("a", nifti("a.nii.gz", brain, spacing=2.0)))}
+    assert result["Left-Hippocampus"].volume == pytest.approx(64 * 8 / 1000)
+    assert {name: item.at_border for name, item in result.items()} == {
         "Left-Hippocampus": False, "Right-Hippocampus": False, "Left-Lateral-Ventricle": True,
     }  # fmt: skip
 
@@ -132,8 +132,8 @@ def test_labels_of_any_kind_of_number_are_counted_alike(tmp_path, kind):
     values[1:3, 2:4, 3:5] = 3
     values[5:7, 2:4, 3:6] = 200
     nibabel.save(nibabel.Nifti1Image(values, np.eye(4), dtype=values.dtype), tmp_path / "a.nii.gz")
-    found = structures_of(Subject("a", tmp_path / "a.nii.gz"))
-    assert [(item.value, round(item.volume * 1000)) for item in found] == [(3, 8), (200, 12)]
+    result = structures_of(Subject("a", tmp_path / "a.nii.gz"))
+    assert [(item.value, round(item.volume * 1000)) for item in result] == [(3, 8), (200, 12)]
 
 
 def test_large_and_negative_values_are_counted_too(tmp_path):
@@ -147,12 +147,12 @@ def test_a_cohorts_structures_count_the_subjects_that_have_them(nifti, brain, tm
     nifti("a.nii.gz", brain)
     nifti("b.nii.gz", np.where(brain == 53, 0, brain))  # too few labels to speak for FreeSurfer alone
     (tmp_path / "c.nii.gz").write_bytes(b"no image")
-    found = list_structures(read_cohort(tmp_path))
-    assert {structure.title: sorted(structure.by_subject) for structure in found.structures} == {
+    result = list_structures(read_cohort(tmp_path))
+    assert {structure.title: sorted(structure.by_subject) for structure in result.structures} == {
         "Left-Lateral-Ventricle": ["a", "b"], "Left-Hippocampus": ["a", "b"], "Right-Hippocampus": ["a"],
     }  # fmt: skip
-    assert found.structures[0].at_border == ["a", "b"]
-    assert list(found.problems) == ["c"]
+    assert result.structures[0].at_border == ["a", "b"]
+    assert list(result.problems) == ["c"]
 
 
 def test_a_name_that_only_freesurfer_has_is_taken_from_its_list_in_files_of_few_labels(nifti, brain):
@@ -171,13 +171,13 @@ def test_structures_are_joined_by_name_though_numbers_and_spelling_differ(nifti,
 
 def test_structures_are_chosen_by_name_number_or_all(nifti, brain, tmp_path):
     nifti("a.nii.gz", brain)
-    found = list_structures(read_cohort(tmp_path)).structures
-    assert [structure.title for structure in chosen_structures(found, ["53", "hippocampus left"])] == [
+    result = list_structures(read_cohort(tmp_path)).structures
+    assert [structure.title for structure in chosen_structures(result, ["53", "hippocampus left"])] == [
         "Right-Hippocampus", "Left-Hippocampus",
     ]  # fmt: skip
-    assert len(chosen_structures(found, ["All"])) == 3
+    assert len(chosen_structures(result, ["All"])) == 3
     with pytest.raises(InputError, match=r"no subject .*'hippocampus'; .*Left-Hipp"):
-        chosen_structures(found, ["hippocampus"])
+        chosen_structures(result, ["hippocampus"])
 
 
 @pytest.fixture
@@ -195,8 +195,8 @@ def patients(nifti, tmp_path):
 def test_a_mask_for_each_structure_is_found_by_the_files_name(patients):
     cohort = read_cohort(patients)
     assert [subject.name for subject in cohort.subjects] == ["a", "b"]
-    found = [read_source(subject, GroomSettings(segment="Left-Kidney")) for subject in cohort.subjects]
-    assert [item.mask.sum() for item in found] == [ball(3).sum()] * 2
+    result = [read_source(subject, GroomSettings(segment="Left-Kidney")) for subject in cohort.subjects]
+    assert [item.mask.sum() for item in result] == [ball(3).sum()] * 2
     assert check_cohort(cohort, GroomSettings(segment="liver")) == []
     (problem,) = check_cohort(cohort, GroomSettings(segment="spleen"))
     assert problem.subject == "b"
@@ -213,9 +213,13 @@ def test_folders_of_masks_are_refused_until_it_is_said_which_is_meant(patients):
 
 
 def test_folders_of_masks_are_listed_without_the_empty_ones(patients):
-    found = list_structures(read_cohort(patients)).structures
-    assert {item.title: len(item.by_subject) for item in found} == {"kidney_left": 2, "liver": 2, "spleen": 1}
-    assert all(item.values == () for item in found)
+    result = list_structures(read_cohort(patients)).structures
+    assert {item.title: len(item.by_subject) for item in result} == {
+        "kidney_left": 2,
+        "liver": 2,
+        "spleen": 1,
+    }
+    assert all(item.values == () for item in result)
 
 
 def test_bids_table_at_the_top_of_the_data_set_names_the_labels(nifti, brain, tmp_path):

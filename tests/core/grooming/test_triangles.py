@@ -250,14 +250,14 @@ def test_what_encloses_no_volume_is_refused(egg, tmp_path):
     corner = (31 * np.arange(120)[:, None] + np.arange(30)).ravel()
     halves = [[corner, corner + 31, corner + 32], [corner, corner + 32, corner + 1]]
     waves = TriangleMesh(wave, np.concatenate([np.stack(half, axis=1) for half in halves]))
-    for mesh, words in (
+    for mesh, text in (
         (cap, "encloses no volume"),
         (waves, "mesh is open .* around one volume"),
         (flat, "is flat and encloses no volume"),
     ):
         path = tmp_path / "open.ply"
         write_mesh(path, mesh)
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=text):
             groom_subject(Subject("a", path), SETTINGS)
 
 

@@ -52,10 +52,10 @@ class Known:
 
     def again(self, good, local, m):
         """Look at one subject again, the others being as they were."""
-        one = locate_particles(
+        first = locate_particles(
             local[m : m + 1], self.meshes[m : m + 1], self.alignments[m : m + 1], names=["x"]
         )
-        return assess(good.located.with_subject(m, one))
+        return assess(good.located.with_subject(m, first))
 
 
 @pytest.fixture(scope="session")

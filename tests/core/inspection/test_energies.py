@@ -26,8 +26,8 @@ def test_crowded_and_misplaced_particles_have_the_largest_energies(known):
     nearest = np.linalg.norm(local[2] - local[2, 60], axis=1).argsort()[1]
     local[2, 60] += 0.8 * (local[2, nearest] - local[2, 60])
     local[4, [8, 100]] = local[4, [100, 8]]
-    found = known.inspect(local)
-    energies = particle_energies(found.located, found.consensus, OptimizeSettings())
+    result = known.inspect(local)
+    energies = particle_energies(result.located, result.consensus, OptimizeSettings())
     crowded = np.unravel_index(energies.sampling.argmax(), energies.sampling.shape)
     assert crowded in {(2, 60), (2, nearest)}
     for part in (energies.ensemble, energies.normals):

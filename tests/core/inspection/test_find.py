@@ -38,16 +38,16 @@ def test_exchanged_neighbours_are_told_from_others(known, good):
 
 def test_two_exchanges_on_two_subjects_are_two_suspects(known):
     local = exchanged(exchanged(known.local, 0, [3, 120]), 3, [50, 99])
-    found = known.inspect(local).suspects[:2]
-    assert {(item.subject, *sorted(item.particles)) for item in found} == {(0, 3, 120), (3, 50, 99)}
+    result = known.inspect(local).suspects[:2]
+    assert {(item.subject, *sorted(item.particles)) for item in result} == {(0, 3, 120), (3, 50, 99)}
 
 
 def test_a_particle_that_went_astray_is_found_by_its_neighbours(known, good):
     local = known.local.copy()
     away = np.linalg.norm(known.meshes[2].vertices - local[2, 60], axis=1)
     local[2, 60] = known.meshes[2].vertices[np.abs(away - 3.0 * known.spacing[2]).argmin()]
-    found = [suspect for suspect in known.again(good, local, 2).suspects if suspect.kind is Kind.NEIGHBOURS]
-    assert [(item.subject, item.particles[0]) for item in found] == [(2, 60)]
+    result = [suspect for suspect in known.again(good, local, 2).suspects if suspect.kind is Kind.NEIGHBOURS]
+    assert [(item.subject, item.particles[0]) for item in result] == [(2, 60)]
 
 
 def test_a_particle_on_the_other_wall_has_the_wrong_normal(thin):
@@ -57,9 +57,9 @@ def test_a_particle_on_the_other_wall_has_the_wrong_normal(thin):
     world = opposite * [20 + 0.9, 18 - 0.6, 1.15]
     matrix = np.linalg.inv(thin.alignments[3])
     local[3, top] = matrix[:3, :3] @ world + matrix[:3, 3]
-    found = [suspect for suspect in thin.inspect(local).suspects if suspect.kind is Kind.NORMALS]
-    assert [(item.subject, item.particles[0]) for item in found] == [(3, top)]
-    assert "normal 1" in found[0].description  # 150° or more from the mean
+    result = [suspect for suspect in thin.inspect(local).suspects if suspect.kind is Kind.NORMALS]
+    assert [(item.subject, item.particles[0]) for item in result] == [(3, top)]
+    assert "normal 1" in result[0].description  # 150° or more from the mean
 
 
 def test_a_particle_beyond_its_neighbour_folds_triangles(known, good):
@@ -84,14 +84,14 @@ def test_a_region_without_particles_is_found_with_its_area(known, good):
     moved = np.cos(0.62) * pole + np.sin(0.62) * rim
     matrix = np.linalg.inv(known.alignments[m])
     local[m, inside] = moved * [20, 16, 12] @ matrix[:3, :3].T + matrix[:3, 3]
-    found = [suspect for suspect in known.again(good, local, m).suspects if suspect.kind is Kind.UNCOVERED]
-    assert [item.subject for item in found] == [m]
-    np.testing.assert_allclose(found[0].place, [20, 0, 0], atol=2.0)
+    result = [suspect for suspect in known.again(good, local, m).suspects if suspect.kind is Kind.UNCOVERED]
+    assert [item.subject for item in result] == [m]
+    np.testing.assert_allclose(result[0].place, [20, 0, 0], atol=2.0)
     mesh = known.meshes[m]
     world = (mesh.vertices - matrix[:3, 3]) @ np.linalg.inv(matrix[:3, :3]).T / [20, 16, 12]
     cap = (world[mesh.faces].mean(axis=1) @ pole) > np.cos(0.6)
     empty = mesh.face_areas[cap].sum()
-    assert 0.15 * empty < found[0].area < empty  # of which a ring of one spacing counts as covered
+    assert 0.15 * empty < result[0].area < empty  # of which a ring of one spacing counts as covered
 
 
 def test_severity_knows_no_millimetres(known):
@@ -128,8 +128,8 @@ def test_looking_at_one_subject_again_gives_what_looking_at_all_gives(known, goo
 
 
 def test_a_suspect_names_who_may_move(known, good):
-    found = known.again(good, exchanged(known.local, 4, [8, 100]), 4)
-    near, wide = (found.movable(found.suspects[0], rings) for rings in (0, 2))
+    result = known.again(good, exchanged(known.local, 4, [8, 100]), 4)
+    near, wide = (result.movable(result.suspects[0], rings) for rings in (0, 2))
     assert np.argwhere(near).tolist() == [[4, 8], [4, 100]]
     assert 20 < wide[4].sum() < 60
     assert wide.sum() == wide[4].sum()

@@ -12,8 +12,8 @@ def test_distances_of_a_sphere_are_arcs(make_known):
     rows, columns = places.distances[0].nonzero()
     arcs = 10.0 * np.arccos(np.clip(np.einsum("ij,ij->i", vectors[rows], vectors[columns]), -1, 1))
     scale = np.cbrt(np.linalg.det(places.alignments[0, :3, :3]))
-    found = np.asarray(places.distances[0][rows, columns]) * places.spacing[0] * scale
-    np.testing.assert_allclose(found, arcs, rtol=0.03)
+    result = np.asarray(places.distances[0][rows, columns]) * places.spacing[0] * scale
+    np.testing.assert_allclose(result, arcs, rtol=0.03)
 
 
 def test_normals_of_a_sphere_point_outward_in_aligned_coordinates(make_known):
@@ -22,11 +22,11 @@ def test_normals_of_a_sphere_point_outward_in_aligned_coordinates(make_known):
 
 
 def test_neighbours_are_never_taken_through_a_thin_wall(thin):
-    found = thin.inspect()
+    result = thin.inspect()
     top = thin.directions[:, 2] > 0.93
-    across = thin.directions[found.consensus.neighbours[top]][:, :, 2] < -0.3
+    across = thin.directions[result.consensus.neighbours[top]][:, :, 2] < -0.3
     assert not across.any()
-    assert np.isfinite(found.consensus.distances[top]).all()
+    assert np.isfinite(result.consensus.distances[top]).all()
 
 
 def test_the_triangles_cover_the_surface_once_and_face_outward(good):

@@ -120,21 +120,21 @@ def changed(request, seen_again, template):
 def test_a_change_is_judged_by_that_of_controls_seen_twice(changed, seen_again):
     case, follow_up = changed
     (change,) = follow_up.changes
-    found = change.expected
+    result = change.expected
     assert seen_again.change.pairs == 24
     assert 0.5 * GROWTH < seen_again.change.local.mean.max() < 1.2 * GROWTH
     if case == "as controls":
-        assert not found.regions
-        assert found.beyond.value < 0.3
+        assert not result.regions
+        assert result.beyond.value < 0.3
         assert change.distance.max() > 0.5 * GROWTH  # the rigid motion takes a part
     elif case == "not at all":
         assert np.abs(change.distance).max() < 0.3
-        assert found.volume.percent < 10.0
-        assert found.beyond.percent > 90.0
+        assert result.volume.percent < 10.0
+        assert result.beyond.percent > 90.0
     else:
-        assert found.regions[0].peak == pytest.approx(3.5, abs=1.0)
+        assert result.regions[0].peak == pytest.approx(3.5, abs=1.0)
         top = np.argmax(follow_up.surface.vertices[:, 2])
-        assert top in found.regions[0].vertices
+        assert top in result.regions[0].vertices
 
 
 def test_the_expected_change_is_kept_in_the_file(seen_again, tmp_path):
@@ -152,20 +152,20 @@ def cohort(cells):
 
 def test_first_times_are_controls_and_next_ones_their_change():
     cells = [(f"p{number // 3}", str(10 - number % 3)) for number in range(24)] + [("alone", "5")]
-    found = seen_twice(cohort(cells), range(25), "who", "year", SimpleNamespace(folder="study"))
-    assert found.first == [*range(2, 24, 3), 24]
-    assert found.later == {number: 3 * number + 1 for number in range(8)}
-    assert found.between == "year apart by 1"
+    result = seen_twice(cohort(cells), range(25), "who", "year", SimpleNamespace(folder="study"))
+    assert result.first == [*range(2, 24, 3), 24]
+    assert result.later == {number: 3 * number + 1 for number in range(8)}
+    assert result.between == "year apart by 1"
 
 
 @pytest.mark.parametrize(
-    ("cells", "words"),
+    ("cells", "message"),
     [
         ([("p", "1"), ("p", "1.0")], "p has two files of one year"),
         ([("p", "1"), ("", "2")], "s1 has no value in column who"),
         ([("p", "1"), ("p", "2"), ("q", "1")], "1 of 2 controls were seen twice"),
     ],
 )
-def test_times_that_do_not_pair_are_refused(cells, words):
-    with pytest.raises(InputError, match=words):
+def test_times_that_do_not_pair_are_refused(cells, message):
+    with pytest.raises(InputError, match=message):
         seen_twice(cohort(cells), range(len(cells)), "who", "year", SimpleNamespace(folder="study"))

@@ -52,10 +52,10 @@ def test_regions_are_connected_and_of_one_sign(template):
     for axis, value in ((0, 6.0), (1, -8.0), (2, 5.0)):
         z[directions[:, axis] > 0.95] = value
     met = np.ones(len(z), bool)
-    found = regions(mesh, vertex_areas(mesh), 0.5 * z, z, met, 5.5)
-    assert [region.z for region in found] == [-8.0, 6.0]
-    assert found[0].mean == pytest.approx(-4.0)
-    assert found[0].area == pytest.approx(2.0 * np.pi * 100.0 * 0.05, rel=0.35)
+    result = regions(mesh, vertex_areas(mesh), 0.5 * z, z, met, 5.5)
+    assert [region.z for region in result] == [-8.0, 6.0]
+    assert result[0].mean == pytest.approx(-4.0)
+    assert result[0].area == pytest.approx(2.0 * np.pi * 100.0 * 0.05, rel=0.35)
 
 
 def test_a_single_vertex_is_no_region(template):

@@ -64,14 +64,14 @@ def test_placement_takes_the_file_to_the_reference(bumped):
 
 
 def test_a_dent_is_inward(reference, template):
-    found = compare_groomed(reference, patient(template, bump=-4.0), AGE)
-    assert found.regions[0].peak < -2.0
+    comparison = compare_groomed(reference, patient(template, bump=-4.0), AGE)
+    assert comparison.regions[0].peak < -2.0
 
 
 def test_a_large_patient_is_large_and_no_more(reference, template):
-    found = compare_groomed(reference, patient(template, scale=1.25), AGE)
-    assert found.size.percent == 100.0
-    assert found.size.p == pytest.approx(2 / 25)
+    comparison = compare_groomed(reference, patient(template, scale=1.25), AGE)
+    assert comparison.size.percent == 100.0
+    assert comparison.size.p == pytest.approx(2 / 25)
 
 
 def test_age_is_adjusted_for(reference, template):
@@ -99,11 +99,11 @@ def test_a_reference_names_no_control(reference, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("scale", "words"), [(0.1, "cm: export it in mm"), (0.001, "to be m: export"), (4.0, "check its unit")]
+    ("scale", "message"), [(0.1, "cm: export it in mm"), (0.001, "to be m: export"), (4.0, "check its unit")]
 )
-def test_another_unit_is_recognised(reference, template, scale, words):
+def test_another_unit_is_recognised(reference, template, scale, message):
     subject = patient(template, scale=scale)
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         compare_groomed(reference, subject, AGE)
 
 
@@ -121,13 +121,13 @@ def test_a_missing_covariate_is_named(reference, template):
 
 
 def test_an_age_beyond_the_controls_is_remarked(reference, template):
-    found = compare_groomed(reference, patient(template), {"age": "95"})
-    assert any("extrapolated" in words for words in found.remarks)
+    comparison = compare_groomed(reference, patient(template), {"age": "95"})
+    assert any("extrapolated" in remark for remark in comparison.remarks)
 
 
 def test_a_side_that_the_reference_has_no_use_for_is_remarked(reference, template):
-    found = compare_groomed(reference, patient(template), {"age": "60"}, side="left")
-    assert any("left" in words for words in found.remarks)
+    comparison = compare_groomed(reference, patient(template), {"age": "60"}, side="left")
+    assert any("left" in remark for remark in comparison.remarks)
 
 
 @pytest.mark.parametrize("damage", [{"limit": None}, {"model_mean": np.zeros((3, 3))}])
@@ -163,9 +163,9 @@ def test_a_reference_of_an_older_version_is_read_or_said_to_be_made_again(refere
         del record[name]
     arrays["record"] = np.array(json.dumps(record))
     np.savez(path, **arrays)
-    found = compare_groomed(Reference.load(path), patient(template), AGE)
-    assert found.measures == compare_groomed(reference, patient(template), AGE).measures
-    assert any("0.1.9" in words for words in found.remarks)
+    comparison = compare_groomed(Reference.load(path), patient(template), AGE)
+    assert comparison.measures == compare_groomed(reference, patient(template), AGE).measures
+    assert any("0.1.9" in remark for remark in comparison.remarks)
     del arrays["local_mean"]
     np.savez(path, **arrays)
     with pytest.raises(InputError, match=r"0\.1\.9.*local_mean.*make it again"):
@@ -200,23 +200,23 @@ def test_the_other_side_is_recognised_and_mirrored_if_it_is_said(template, prove
     other = groomed("p", TriangleMesh(moved(subject(-1.0), random), faces))
     with pytest.raises(InputError, match="better mirrored"):
         compare_groomed(sided, other)
-    found = compare_groomed(sided, other, side="left")
-    assert found.outside.value < 2.0 * sided.outside[-1]
-    assert np.linalg.det(found.placement[:3, :3]) < 0.0
+    comparison = compare_groomed(sided, other, side="left")
+    assert comparison.outside.value < 2.0 * sided.outside[-1]
+    assert np.linalg.det(comparison.placement[:3, :3]) < 0.0
     forced = compare_groomed(sided, other, force=True)
-    assert any("mirrored" in words for words in forced.remarks)
+    assert any("mirrored" in remark for remark in forced.remarks)
 
 
 @pytest.mark.parametrize(
-    ("least", "most", "told"),
+    ("least", "most", "messages"),
     [(1.3, 1.9, True), (0.9, 1.2, False), (1.15, 1.8, True), (1.0, 1.8, False), (0.5, 0.7, False)],
 )
 def test_a_side_is_checked_only_where_the_shape_tells_it_and_no_control_is_flagged(
-    reference, least, most, told
+    reference, least, most, messages
 ):
     ratios = np.exp(np.linspace(np.log(least), np.log(most), 24))
     limit = replace(reference, mirrored=ratios).side_limit
-    assert (limit is not None) is told
+    assert (limit is not None) is messages
     assert limit is None or limit <= min(1.0, ratios.min())
 
 
@@ -238,7 +238,7 @@ def test_a_sided_shape_that_fits_no_worse_than_controls_is_recognised_by_its_mir
     assert compare_groomed(sided, groomed("q", TriangleMesh(moved(subject(1.0), random), faces))) is not None
     neither = groomed("r", TriangleMesh(moved(shape(directions, random), random), faces))
     wide = replace(sided, mirrored=np.exp(np.linspace(0.3, 1.3, 14)))
-    assert any("mirrored" in words for words in compare_groomed(wide, neither).remarks)
+    assert any("mirrored" in remark for remark in compare_groomed(wide, neither).remarks)
 
 
 def test_what_the_image_cuts_off_is_named_and_too_much_is_refused(reference, template):
@@ -251,15 +251,17 @@ def test_what_the_image_cuts_off_is_named_and_too_much_is_refused(reference, tem
         points[:, 0] = np.minimum(points[:, 0], top + 1e-4 * points[:, 0])
         return groomed("p", TriangleMesh(points, faces), borders=((1.0, 0.0, 0.0),))
 
-    found = compare_groomed(reference, cut(0.12), AGE)
-    (share,) = (int(words.split(" %")[0].split()[-1]) for words in found.remarks if "cut off" in words)
+    comparison = compare_groomed(reference, cut(0.12), AGE)
+    (share,) = (
+        int(remark.split(" %")[0].split()[-1]) for remark in comparison.remarks if "cut off" in remark
+    )
     assert 9 <= share <= 15
-    assert not found.regions
-    assert np.all(found.expected.vertices[found.missing, 0] > 15.0)
-    assert abs(found.measures.size / compare_groomed(reference, whole, AGE).measures.size - 1.0) < 0.02
+    assert not comparison.regions
+    assert np.all(comparison.expected.vertices[comparison.missing, 0] > 15.0)
+    assert abs(comparison.measures.size / compare_groomed(reference, whole, AGE).measures.size - 1.0) < 0.02
     with pytest.raises(InputError, match="is cut off"):
         compare_groomed(reference, cut(0.45), AGE)
-    assert not any("cut off" in words for words in compare_groomed(reference, whole, AGE).remarks)
+    assert not any("cut off" in remark for remark in compare_groomed(reference, whole, AGE).remarks)
 
 
 def test_a_shape_at_the_border_of_its_image_that_fits_worse_than_every_control_is_refused(
@@ -274,7 +276,7 @@ def test_a_shape_at_the_border_of_its_image_that_fits_worse_than_every_control_i
     with pytest.raises(InputError, match="touches the border"):
         compare_groomed(reference, at_border, AGE)
     forced = compare_groomed(reference, at_border, AGE, force=True)
-    assert any("touches the border" in words for words in forced.remarks)
+    assert any("touches the border" in remark for remark in forced.remarks)
 
 
 def test_the_nearest_controls_are_told_only_by_a_reference_that_keeps_scores(reference, tmp_path):

@@ -139,13 +139,13 @@ def test_surfaces_face_outward_in_both_frames(both, result):
 
 def test_nothing_is_suspect_about_mirrored_subjects(both, result):
     meshes = [read_surface(both, subject) for subject in record_of(both).subjects]
-    found = inspect(result.local, meshes, result.alignments, names=result.names)
+    actual = inspect(result.local, meshes, result.alignments, names=result.names)
     outward = [
         np.einsum("ni,ni->n", normals, points - points.mean(axis=0)).mean()
-        for normals, points in zip(found.located.normals, result.world, strict=True)
+        for normals, points in zip(actual.located.normals, result.world, strict=True)
     ]
     assert min(outward) > 0.0
-    assert not [suspect for suspect in found.suspects if suspect.kind.value != "uncovered"]
+    assert not [suspect for suspect in actual.suspects if suspect.kind.value != "uncovered"]
 
 
 def test_particles_that_are_optimized_again_keep_their_frame(both, result, tmp_path):
@@ -186,10 +186,10 @@ def test_a_core_set_may_be_of_both_sides(scans, both, result, tmp_path):
     project = groomed(both, tmp_path / "p")
     core = SETTINGS.model_copy(update={"optimize": SETTINGS.optimize.model_copy(update={"core_set": 4})})
     Run(project, read_cohort(scans / "both"), core).execute()
-    found = read_result(project)
-    assert np.array_equal(np.linalg.det(found.alignments[:, :3, :3]) < 0.0, LEFT)
-    assert (found.local[LEFT, :, 0] < -20.0).all()
-    spread = [np.var(item.world, axis=0).sum() for item in (found, result)]
+    actual = read_result(project)
+    assert np.array_equal(np.linalg.det(actual.alignments[:, :3, :3]) < 0.0, LEFT)
+    assert (actual.local[LEFT, :, 0] < -20.0).all()
+    spread = [np.var(item.world, axis=0).sum() for item in (actual, result)]
     assert spread[0] == pytest.approx(spread[1], rel=0.3)
 
 
@@ -197,9 +197,9 @@ def test_particles_are_added_to_mirrored_subjects(grown, scans):
     project, _ = grown
     more = SETTINGS.model_copy(update={"optimize": SETTINGS.optimize.model_copy(update={"particles": 48})})
     Run(project, project.cohort(), more, from_result=True).execute()
-    found = read_result(project)
-    assert found.local.shape[1] == 48
-    assert np.array_equal(np.linalg.det(found.alignments[:, :3, :3]) < 0.0, LEFT)
+    result = read_result(project)
+    assert result.local.shape[1] == 48
+    assert np.array_equal(np.linalg.det(result.alignments[:, :3, :3]) < 0.0, LEFT)
 
 
 def test_a_cancelled_run_of_both_sides_is_resumed(scans, both, tmp_path):

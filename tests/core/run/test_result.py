@@ -16,7 +16,7 @@ def inputs(finished):
 
 
 @pytest.fixture
-def found(inputs):
+def result(inputs):
     """Return an optimization of the study's subjects in which nothing was put right."""
     shapes = len(inputs.shapes)
     energies = np.array([[20, -1.0, 0.5, 0.2], [40, -1.0, 0.4, 0.2], [60, -1.0, 0.3, 0.1]])
@@ -26,11 +26,11 @@ def found(inputs):
     return OptimizedParticles(points, points, points, energies, poses, 60, Reason.CONVERGED, repaired)
 
 
-def test_subjects_with_repaired_particles_say_so(inputs, found):
-    repaired = found.repaired.copy()
+def test_subjects_with_repaired_particles_say_so(inputs, result):
+    repaired = result.repaired.copy()
     repaired[1, [2, 5]] = 40
     repaired[2, 3] = 60
-    add_note = add_repair_notes(inputs, replace(found, repaired=repaired))
+    add_note = add_repair_notes(inputs, replace(result, repaired=repaired))
     notes = [
         item.report.notes[len(old.report.notes) :]
         for item, old in zip(add_note.groomed, inputs.groomed, strict=True)
@@ -41,5 +41,5 @@ def test_subjects_with_repaired_particles_say_so(inputs, found):
     assert f"1 of {particles}" in notes[2][0]
 
 
-def test_where_nothing_was_repaired_nothing_is_noted(inputs, found):
-    assert add_repair_notes(inputs, found) is inputs
+def test_where_nothing_was_repaired_nothing_is_noted(inputs, result):
+    assert add_repair_notes(inputs, result) is inputs

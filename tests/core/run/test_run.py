@@ -79,9 +79,9 @@ def test_scores_and_modes_on_disk_give_back_the_particles(finished):
 
 
 def test_the_mean_surface_is_there_for_other_programs_too(finished):
-    one, other = (read_mesh(finished.model / f"mean.{kind}") for kind in ("vtp", "ply"))
-    np.testing.assert_array_equal(one.faces, other.faces)
-    np.testing.assert_allclose(one.vertices, other.vertices, rtol=1e-5, atol=1e-4)
+    first, other = (read_mesh(finished.model / f"mean.{kind}") for kind in ("vtp", "ply"))
+    np.testing.assert_array_equal(first.faces, other.faces)
+    np.testing.assert_allclose(first.vertices, other.vertices, rtol=1e-5, atol=1e-4)
 
 
 def test_the_same_seed_gives_the_same_bits_with_any_memory(start, finished, groomed, settings):

@@ -24,8 +24,8 @@ def solve(tmp_path):
     return run
 
 
-def codes(found):
-    return [item.codes.numpy().tolist() for item in found]
+def codes(result):
+    return [item.codes.numpy().tolist() for item in result]
 
 
 def test_short_runs_write_nothing(solve, tmp_path):

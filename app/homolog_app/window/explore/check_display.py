@@ -215,7 +215,7 @@ class CheckDisplay(QWidget):
     def __init__(self, workspace: Workspace) -> None:
         super().__init__()
         self._workspace = workspace
-        self._found: Inspection | None = None
+        self._inspection: Inspection | None = None
         self._names: tuple[str, ...] = ()
         self._others = _NOBODY
         self._picked: tuple[int, FloatArray] | None = None
@@ -264,7 +264,7 @@ class CheckDisplay(QWidget):
 
     def show_inspection(self, inspection: "Inspection | None", names: tuple[str, ...]) -> None:
         """Take what is known of a result; particle and subject stay if they can."""
-        self._found, self._others = inspection, _NOBODY
+        self._inspection, self._others = inspection, _NOBODY
         self._picked, self._distances, self._energies, self._textures = None, None, None, {}
         if names != self._names:
             self._names = names
@@ -287,7 +287,7 @@ class CheckDisplay(QWidget):
         """Choose what was clicked."""
         name = pick.name.removesuffix(f": {ALONG}").removesuffix(f": {STRAIGHT}")
         at = self.subject.findText(name)
-        if self._found is None or at < 0:
+        if self._inspection is None or at < 0:
             return
         if self._mode == "distances":
             self.subject.setCurrentIndex(at)
@@ -299,10 +299,10 @@ class CheckDisplay(QWidget):
     @property
     def _origin(self) -> tuple[int, FloatArray] | None:
         """Subject and place that distances are wanted from: what was clicked, or the chosen particle."""
-        if self._picked is not None or self._found is None or self.chosen is None:
+        if self._picked is not None or self._inspection is None or self.chosen is None:
             return self._picked
         m = self.subject.currentIndex()
-        return m, self._found.located.world[m, self.chosen]
+        return m, self._inspection.located.world[m, self.chosen]
 
     @property
     def _is_measured(self) -> bool:
@@ -335,9 +335,9 @@ class CheckDisplay(QWidget):
         """Show another particle or subject, and go there."""
         self._others, self._picked = _NOBODY, None
         self._refresh()
-        if self._found is not None and self.chosen is not None:
+        if self._inspection is not None and self.chosen is not None:
             m = self.subject.currentIndex()
-            self.wanted.emit(m, self._found.located.world[m, self.chosen])
+            self.wanted.emit(m, self._inspection.located.world[m, self.chosen])
 
     def _refresh(self) -> None:
         self.advice.setText(str(self.show_what.currentData(_HINT)))
@@ -346,7 +346,7 @@ class CheckDisplay(QWidget):
 
     def _compute(self) -> None:
         """Have computed what is to be shown and not known yet."""
-        inspection, mode, origin = self._found, self._mode, self._origin
+        inspection, mode, origin = self._inspection, self._mode, self._origin
         if inspection is None or self._workspace.session.job.is_busy or not self.isVisible():
             return
         if mode == "distances" and origin is not None and not self._is_measured:

@@ -42,7 +42,7 @@ class InspectionState(QObject):
     def __init__(self, workspace: Workspace, parent: QObject, page: str) -> None:
         super().__init__(parent)
         self._workspace, self._page = workspace, page
-        self._asked: LoadedResult | None = None
+        self._requested: LoadedResult | None = None
         self._seen: LoadedResult | None = None
         self._versions: list[_Version] = []
         for signal in (workspace.session.result_changed, workspace.session.page_changed):
@@ -69,7 +69,7 @@ class InspectionState(QObject):
 
     def want(self) -> None:
         """Open the page and inspect the result unless that was done; `changed` follows."""
-        self._asked = None
+        self._requested = None
         self._workspace.session.show_page(self._page, "explore")
         self._look()
 
@@ -185,11 +185,11 @@ class InspectionState(QObject):
                 self._versions = []
             self.changed.emit()
         if session.page != self._page:
-            self._asked = None
+            self._requested = None
             return
-        if known or result is None or result is self._asked or busy or not self.is_possible:
+        if known or result is None or result is self._requested or busy or not self.is_possible:
             return
-        self._asked = result
+        self._requested = result
 
         def inspect(tick: Tick) -> "Inspection":
             from homolog.inspection import inspect

@@ -17,7 +17,7 @@ from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog.patient import Reference
-    from homolog_app.report.patient_words import GroupRow
+    from homolog_app.report.patient_texts import GroupRow
     from homolog_app.views.patient import ComparedPatient
 
 __all__ = ["FollowUpPart"]
@@ -106,7 +106,7 @@ class FollowUpPart(QWidget):
         self.typical.setText("")
         self.caution.setText("")
         if self.groups:
-            from homolog_app.report.patient_words import GROUP_CAUTION, group_sentence
+            from homolog_app.report.patient_texts import GROUP_CAUTION, group_sentence
 
             self.typical.setText("\n".join(group_sentence(row) for row in self.groups))
             self.caution.setText(GROUP_CAUTION)
@@ -123,7 +123,7 @@ def _typical(
     tick: Tick,
 ) -> "tuple[GroupRow, ...]":
     from homolog.patient import compare_patient
-    from homolog_app.report.patient_words import group_rows
+    from homolog_app.report.patient_texts import group_rows
 
     compare = partial(compare_patient, subject=compared.subject, covariates=values, tick=tick)
     return tuple(group_rows(compared.comparison, reference, others, compare))

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTreeWidget, QTree
 
 from homolog_app.rendering.text import short, signed, typeset
 from homolog_app.report.findings import LEVEL, correction_text, p_text
-from homolog_app.report.request import SIZE_WORDS
+from homolog_app.report.request import SIZE_TEXTS
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.theme import Theme
 
@@ -122,7 +122,7 @@ def _texts(item: QTreeWidgetItem) -> tuple[str, ...]:
 
 def _heading(study: "Study") -> str:
     """Return the alignment, and of three or more groups whether any differ."""
-    text, overall = SIZE_WORDS[study.request.alignment], study.overall
+    text, overall = SIZE_TEXTS[study.request.alignment], study.overall
     text = f"{text[0].upper()}{text[1:]}"
     if not study.pairwise or not overall.test.modes:
         return text

@@ -20,7 +20,7 @@ from homolog_app.studies.answers import (
 from homolog_app.studies.model_shape import largest_region, middle_of
 from homolog_app.studies.questions import effect_line, number_rows, question_text
 from homolog_app.views.content import Content, ViewContents
-from homolog_app.views.scenes import GREY_WORDS, group_scene
+from homolog_app.views.scenes import GREY_LABELS, group_scene
 from homolog_app.views.view_states import GroupsView
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.controls import CompareBox, NumbersTable, Player
@@ -64,7 +64,7 @@ class GroupsPage(ExplorePage):
         self.answers: list[GroupAnswer] = []
         self.all: Answers | None = None
         self._mapped = (0, 0)
-        self._asked: frozenset[str] = frozenset()
+        self._questions: frozenset[str] = frozenset()
         self._current = True
         self.form = GroupForm(workspace.session)
         self.nothing = label(
@@ -267,7 +267,7 @@ class GroupsPage(ExplorePage):
     def _receive(self, answered: "tuple[Answers, list[GroupAnswer]]") -> None:
         self.all, self.answers = answered
         self._mapped = (0, 0)
-        self._asked |= self.all.question.titles
+        self._questions |= self.all.question.titles
         self.kept.clear()
         self.show_answers()
         self._follow_path()
@@ -295,7 +295,7 @@ class GroupsPage(ExplorePage):
         again = bool(self.answers) and len(models) > len(self.answers) and self._current
         self.answers = [answer for answer in self.answers if answer.shape in models]
         if not self.answers:
-            self.all, self._asked = None, frozenset()
+            self.all, self._questions = None, frozenset()
         self.show_answers()
         self.shown_changed.emit()
         if again and self.answers:
@@ -321,7 +321,7 @@ class GroupsPage(ExplorePage):
 
     def _update_map(self) -> None:
         """Say what grey means on the chosen map, and whether there is a place to go to."""
-        self.significant.setToolTip(f"Grey: {GREY_WORDS[self.map.currentData()]}")
+        self.significant.setToolTip(f"Grey: {GREY_LABELS[self.map.currentData()]}")
         self.to_significant.setEnabled(self._map is not None and bool(self._map.significant.any()))
 
     def _go_to_significant(self) -> None:
@@ -388,7 +388,7 @@ class GroupsPage(ExplorePage):
         self.effect.setText(effect_line(answers[0]))
         self.question.setText(question_text(study.request))
         self.results.show_answers(self.all, self._mapped)
-        self.others.setText(correction_sentence(self.all, len(self._asked - self.all.question.titles)))
+        self.others.setText(correction_sentence(self.all, len(self._questions - self.all.question.titles)))
         self.others.setVisible(bool(self.others.text()))
         self.summary.setText(typeset(" ".join(first.sentences)))
         self.cautions.setText(typeset("\n".join(cautions(study))))

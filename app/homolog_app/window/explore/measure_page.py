@@ -68,7 +68,7 @@ class MeasurePage(ExplorePage):
         self._of: ModelShape | None = None
         self._subjects: Measures | None = None
         self._along: dict[int, Measures] = {}
-        self._asked: tuple[object, int] = (None, -1)
+        self._request: tuple[object, int] = (None, -1)
         self._next = 0
         self.particles = (NumberBox(), NumberBox())
         self.mode, self.place = choice("Mode"), QSlider(Qt.Orientation.Horizontal)
@@ -150,7 +150,7 @@ class MeasurePage(ExplorePage):
 
     def enter(self) -> None:
         """Measure the subjects if that was not done."""
-        self._asked = (None, -1)
+        self._request = (None, -1)
         self._measure()
 
     def handle_pick(self, pick: "Pick") -> None:
@@ -205,7 +205,7 @@ class MeasurePage(ExplorePage):
     def _show_model(self) -> None:
         shape = self.fitted.shape
         if shape is not self._of:
-            self._of, self._subjects, self._along, self._asked = shape, None, {}, (None, -1)
+            self._of, self._subjects, self._along, self._request = shape, None, {}, (None, -1)
             mean = shape.model.mean if shape else np.zeros((1, 3))
             along = mean[:, np.ptp(mean, axis=0).argmax()]
             for box, value in zip(self.particles, (along.argmin(), along.argmax()), strict=True):
@@ -231,9 +231,9 @@ class MeasurePage(ExplorePage):
         done = self._subjects is not None and mode in self._along
         if not self.isVisible() or shape is None or loaded is None or mode < 0 or done or busy:
             return
-        if request == self._asked:
+        if request == self._request:
             return
-        self._asked, known = request, self._subjects
+        self._request, known = request, self._subjects
 
         def measure(tick: Tick) -> "tuple[Measures, Measures]":
             from homolog.surfaces.mesh import TriangleMesh

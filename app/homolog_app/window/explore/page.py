@@ -42,7 +42,7 @@ class ModelCache(QObject):
         self._workspace = workspace
         self._wanted = False
         self._page = ""
-        self._asked: LoadedResult | None = None
+        self._requested: LoadedResult | None = None
         self._of: LoadedResult | None = None
         self._shape: ModelShape | None = None
         self._other: ModelShape | None = None
@@ -118,13 +118,13 @@ class ModelCache(QObject):
         self._update_preliminary(result)
         self._wanted |= session.page in _OF_MODEL
         if session.page != self._page:
-            self._page, self._asked = session.page, None
+            self._page, self._requested = session.page, None
         if self._of is not None and self._of is not result:
             self._of = self._shape = self._other = None
             self.changed.emit()
-        if not self._wanted or result is None or result in (self._of, self._asked) or session.job.is_busy:
+        if not self._wanted or result is None or result in (self._of, self._requested) or session.job.is_busy:
             return
-        self._asked = result
+        self._requested = result
         fit = partial(fit_model_shape, session.title, result.method, result.result)
 
         def take(shape: "ModelShape") -> None:

@@ -122,16 +122,16 @@ def reference_rows(reference: Reference) -> list[tuple[str, str]]:
             "Controls seen twice",
             "none" if reference.change is None else f"{reference.change.pairs}, {reference.change.between}",
         ),
-        ("Particles in place", _placed_words(reference)),
+        ("Particles in place", _placed_text(reference)),
         ("Limit of |z|", f"{reference.limit:.2f} (5 % of healthy subjects anywhere)"),
         ("Structure", structure),
-        ("Side", _side_words(reference)),
+        ("Side", _side_text(reference)),
         ("Made", f"{about.made}, Homolog {about.versions.get('homolog', '')}"),
         ("Result", f"{about.finished} ({about.result[:16]})"),
     ]
 
 
-def _placed_words(reference: Reference) -> str:
+def _placed_text(reference: Reference) -> str:
     quality = reference.quality
     return (
         f"{100.0 * quality.near:.0f} % of those of left-out controls within 0.3 spacings of the joint run, "
@@ -139,7 +139,7 @@ def _placed_words(reference: Reference) -> str:
     )
 
 
-def _side_words(reference: Reference) -> str:
+def _side_text(reference: Reference) -> str:
     if reference.mirrored is None:
         return "not checked"
     if reference.side_limit is None:
