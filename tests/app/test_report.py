@@ -18,10 +18,11 @@ from homolog.files.tables import write_table
 from homolog.settings import RunSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.cli import main
-from homolog_app.report.findings import p_text
+from homolog_app.report.columns import column_of
+from homolog_app.report.findings import corrections_text, p_text
 from homolog_app.report.request import Answered, StudyRequest, read_requests, study_folder, write_request
 from homolog_app.report.sample import sample_rows
-from homolog_app.report.study import column_of
+from homolog_app.report.study import run_study
 from homolog_app.report.surface_maps import SurfaceCarrier
 
 HOSTILE = "<script>alert('x')</script> & co"
@@ -282,6 +283,32 @@ def test_subjects_without_a_value_are_left_out_by_choice_and_counted(project, ca
     assert test["unit"] == "per unit of grade"
 
 
+def test_subjects_without_a_partner_are_said_to_be_left_out_for_that(project, capsys):
+    question = ["--pairs", "twin", "--between", "A", "B", "--size", "with", "--complete-cases"]
+    record = project.read().result
+    subjects = [
+        subject.model_copy(
+            update={"columns": {**subject.columns, "twin": f"t{index // 3}" if index != 3 else "t9"}}
+        )
+        for index, subject in enumerate(record.subjects)
+    ]
+    project.write(ProjectRecord(result=record.model_copy(update={"subjects": subjects})))
+    assert _analyze(project, *question) == 0
+    said = capsys.readouterr().out
+    assert "2 subjects were excluded because the other one of their pair is missing" in said
+    assert "missing values" not in said
+
+
+def test_the_least_p_of_all_signs_is_that_of_the_observed_ones_and_their_opposites(project):
+    result = read_result(project)
+    signs = StudyRequest(kind="pairs", between=("A", "B"), pairs="couple", null_repeats=0, answers=2)
+    study = run_study(result, signs)
+    assert study.overall.test.exact
+    assert "With all 64 permutations the least possible p" in corrections_text(study)
+    assert "is 0.031, 0.062 after correction" in corrections_text(study)
+    assert "discriminant" not in corrections_text(study)
+
+
 def test_numbers_that_are_declared_categories_become_columns(project):
     for name, covariate in (("number", "code"), ("category", "code:c")):
         assert _analyze(project, "--between", "A", "B", "--size", "with", "--covariates", covariate) == 0, (
@@ -464,13 +491,13 @@ def test_voxels_of_the_files_are_told_by_group_and_ranges_where_there_are_many_s
     study = SimpleNamespace(request=StudyRequest(between=("A", "B")), left_out={}, labels=result.groups)
     edges = [(0.5, 0.5, 2.0 if group == "A" else 3.0) for group in result.groups]
     rows = sample_rows(study, replace(result, voxels=tuple(edges)))
-    voxels = [(row[0], row[2], row[3]) for row in rows if row[1] == "voxel"]
+    voxels = [(row.group, row.category, row.count) for row in rows if row.variable == "voxel"]
     assert voxels == [
         ("A", "0.5 x 0.5 x 2", 6), ("A", "0.5 x 0.5 x 3", 0),
         ("B", "0.5 x 0.5 x 2", 0), ("B", "0.5 x 0.5 x 3", 6),
     ]  # fmt: skip
     many = tuple((0.5, 0.5, 1.0 + 0.1 * index) for index in range(len(edges)))
     rows = sample_rows(study, replace(result, voxels=many))
-    texts = {row[2] for row in rows if row[1] == "voxel"}
+    texts = {row.category for row in rows if row.variable == "voxel"}
     assert len(texts) == 1
     assert texts.pop().startswith("0.5 x 0.5 x 1 to ")

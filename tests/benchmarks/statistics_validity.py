@@ -178,7 +178,7 @@ def cautioned(data: np.ndarray, design: Design, members: dict, seed: int) -> tup
     sentences = (
         dispersion_caution(spread, counts),
         size_caution(size_skewness(size_of(data), data, design, members), counts),
-        outlier_caution(outliers_in_groups(data, design, list(members.values()))),
+        outlier_caution(outliers_in_groups(data, design, list(members.values())), counts),
     )
     return None if spread is None else spread.p, [int(bool(sentence)) for sentence in sentences]
 

@@ -156,8 +156,8 @@ def _alignments(arguments: argparse.Namespace) -> list[str]:
 def _request(arguments: argparse.Namespace, result: "Result", alignment: str, answers: int) -> "StudyRequest":
     from pydantic import ValidationError
 
+    from homolog_app.report.columns import column_of
     from homolog_app.report.request import StudyRequest, reference_first
-    from homolog_app.report.study import column_of
 
     if arguments.pairs and arguments.regress:
         raise InputError("--pairs compares two groups and can't be combined with --regress; give one of them")

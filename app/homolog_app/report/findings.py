@@ -31,6 +31,7 @@ __all__ = [
     "percent_text",
     "region_text",
     "size_variance_text",
+    "tested_text",
 ]
 
 
@@ -82,21 +83,34 @@ def corrections_text(study: Study) -> str:
     overall = correction_text(study, overall=True) or "not corrected"
     together = f"; those of all groups together are {overall}" if study.pairwise else ""
     return (
-        f"p values of the whole shape, of particles and of the discriminant are {correction}{together}; "
-        f"those of size are {size}.{_least_text(study)}"
+        f"p values of the {tested_text(study)} are {correction}{together}; those of size are {size}."
+        f"{_least_text(study)}"
     )
+
+
+def tested_text(study: Study) -> str:
+    """Return what else than size was tested: whole shape, particles, and the discriminant if there is one."""
+    if any(comparison.discriminant is not None for comparison in study.comparisons):
+        return "whole shape, of particles and of the discriminant"
+    return "whole shape and of particles"
 
 
 def _least_text(study: Study) -> str:
     """Return the least p that permutations leave after correction, if all comparisons have as many."""
-    counts = {comparison.test.permutations for comparison in study.comparisons if comparison.test.modes}
+    counts = {
+        (comparison.test.permutations, comparison.test.exact)
+        for comparison in study.comparisons
+        if comparison.test.modes
+    }
     if len(counts) != 1:
         return ""
-    (count,) = counts
-    least = 1.0 / (count + 1)
+    ((count, exact),) = counts
+    # Of all signs, the observed ones and their opposites have the same statistic.
+    least = (2.0 if exact and study.request.kind == "pairs" else 1.0) / (count + 1)
     corrected = least * max(len(study.pairwise), 1) * study.request.answers
+    how = f"all {count + 1}" if exact else f"{count}"
     return (
-        f" With {count} permutations the least possible p of whole shape and particles is {least:.2g}, "
+        f" With {how} permutations the least possible p of whole shape and particles is {least:.2g}, "
         f"{corrected:.2g} after correction."
     )
 
@@ -188,8 +202,8 @@ def cautions(study: Study) -> list[str]:
 _NOTHING = {
     ("groups", False): "no difference in {} can be shown",
     ("groups", True): "no difference of the whole {} can be shown, but single particles differ",
-    ("regression", False): "no change of {} with it can be shown",
-    ("regression", True): "no change of the whole {} with it can be shown, but single particles change",
+    ("regression", False): "no change of {} with {} can be shown",
+    ("regression", True): "no change of the whole {} with {} can be shown, but single particles change",
 }
 """What is said without an effect on the whole shape: without and with significant particles."""
 
@@ -203,7 +217,9 @@ def _verdict(study: Study, comparison: Comparison) -> str:
     local = bool((comparison.p_fwe <= LEVEL).any())
     who = ", ".join(f"{count} {name}" for name, count in comparison.counts.items())
     if study.request.kind == "regression":
-        verdict = f"{noun} changes with it" if significant else _NOTHING["regression", local].format(noun)
+        column = study.request.column
+        nothing = _NOTHING["regression", local].format(noun, column)
+        verdict = f"{noun} changes with {column}" if significant else nothing
         return f"{comparison.title} ({comparison.counts['all']} subjects): {verdict}."
     if len(comparison.counts) > 2:
         verdict = f"the groups differ in {noun}" if significant else _NOTHING["groups", local].format(noun)

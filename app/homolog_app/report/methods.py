@@ -4,69 +4,14 @@ from collections.abc import Iterator, Sequence
 
 from pydantic import BaseModel
 
-from homolog.analysis.comparison import Comparison
 from homolog.analysis.procrustes import Alignment
 from homolog.files.records import ResultRecord
 from homolog.settings import Procrustes
-from homolog_app.report.findings import LEVEL, correction_text
+from homolog_app.report.findings import LEVEL, correction_text, tested_text
 from homolog_app.report.sample import voxel_text
 from homolog_app.report.study import Study
 
-__all__ = ["methods", "references", "settings_rows"]
-
-
-_MODEL = (
-    "The shape model is a principal component analysis of the aligned particle positions (variances with the "
-    "divisor n - 1)."
-)
-_REFERENCES = {
-    "program": "Homolog contributors. Homolog, version {}: a program for statistical shape analysis. 2026.",
-    "geodesic": (
-        "Datar M, Gur Y, Paniagua B, Styner M, Whitaker R. Geometric Correspondence for Ensembles of "
-        "Nonregular Shapes. MICCAI 2011, LNCS 6892: 368-375. PMC3346950."
-    ),
-    "particles": (
-        "Cates J, Fletcher PT, Styner M, Shenton M, Whitaker R. Shape modeling and analysis with "
-        "entropy-based particle systems. IPMI 2007, LNCS 4584: 333-345."
-    ),
-    "procrustes": "Gower JC. Generalized Procrustes analysis. Psychometrika 1975; 40: 33-51.",
-    "parallel": "Horn JL. A rationale and test for the number of factors. Psychometrika 1965; 30: 179-185.",
-    "studentized": (
-        "Welch BL. On the comparison of several mean values: an alternative approach. Biometrika 1951; 38: "
-        "330-336. Brown MB, Forsythe AB. The small sample behavior of some statistics which test the "
-        "equality of several means. Technometrics 1974; 16: 129-132. Chung E, Romano JP. Exact and "
-        "asymptotically robust permutation tests. Ann Stat 2013; 41: 484-507. Alekseyenko AV. "
-        "Multivariate Welch t-test on distances. Bioinformatics 2016; 32: 3552-3558."
-    ),
-    "hc2": (
-        "MacKinnon JG, White H. Some heteroskedasticity-consistent covariance matrix estimators. J Econom "
-        "1985; 29: 305-325."
-    ),
-    "dispersion": (
-        "Anderson MJ. Distance-based tests for homogeneity of multivariate dispersions. Biometrics 2006; 62: "
-        "245-253."
-    ),
-    "local": (
-        "Westfall PH, Young SS. Resampling-based multiple testing. Wiley, 1993. Benjamini Y, Hochberg Y. "
-        "Controlling the false discovery rate. J R Stat Soc B 1995; 57: 289-300."
-    ),
-    "freedman": (
-        "Freedman D, Lane D. A nonstochastic interpretation of reported significance levels. J Bus Econ Stat "
-        "1983; 1: 292-298."
-    ),
-    "holm": "Holm S. A simple sequentially rejective multiple test procedure. Scand J Stat 1979; 6: 65-70.",
-    "distance": (
-        "Reiser B. Confidence intervals for the Mahalanobis distance. Commun Stat Simul Comput "
-        "2001; 30: 37-45."
-    ),
-    "discriminant": (
-        "Ledoit O, Wolf M. A well-conditioned estimator for large-dimensional covariance matrices. J "
-        "Multivar Anal 2004; 88: 365-411. DeLong ER, DeLong DM, Clarke-Pearson DL. Comparing the areas under "
-        "two or more correlated receiver operating characteristic curves. Biometrics 1988; 44: 837-845. "
-        "Newcombe RG. Interval estimation for the difference between independent proportions: comparison of "
-        "eleven methods. Stat Med 1998; 17: 873-890."
-    ),
-}
+__all__ = ["methods", "pose_text", "settings_rows"]
 
 
 def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
@@ -81,34 +26,9 @@ def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
             f"{len(questions)} questions were asked of this result; p-values were corrected for pairs and "
             "answers within a question, not for the number of questions."
         )
-    return [text for text in (_placed(record), _groomed(record), _MODEL, " ".join(shared), *own) if text]
-
-
-def references(record: ResultRecord, studies: list[Study]) -> list[str]:
-    """Return the references of what was done, the program's first."""
-    named = ["program"]
-    if not record.source:
-        named += ["geodesic", "particles"]
-    comparisons = [comparison for study in studies for comparison in study.comparisons]
-    requests = [study.request for study in studies]
-    if any(request.alignment is not Alignment.AS_IT_LIES for request in requests):
-        named.append("procrustes")
-    if any(request.modes is None for request in requests):
-        named.append("parallel")
-    named += ["studentized", "local"] if comparisons else []
-    if any(request.covariates or request.kind == "regression" for request in requests):
-        named.append("hc2")
-    if any(request.covariates for request in requests):
-        named.append("freedman")
-    if any(comparison.dispersion is not None for comparison in comparisons):
-        named.append("dispersion")
-    if any(study.pairwise for study in studies):
-        named.append("holm")
-    if any(comparison.distance is not None for comparison in comparisons):
-        named.append("distance")
-    if any(comparison.discriminant is not None for comparison in comparisons):
-        named.append("discriminant")
-    return [_REFERENCES[item].format(record.versions.get("homolog", "")) for item in named]
+    return [
+        text for text in (_placed(record), _groomed(record), _model(record), " ".join(shared), *own) if text
+    ]
 
 
 def _groomed(record: ResultRecord) -> str:
@@ -132,13 +52,29 @@ def _groomed(record: ResultRecord) -> str:
     )
 
 
+def _model(record: ResultRecord) -> str:
+    smoothed = record.smoothed_particles
+    surface = (
+        f", which is smoother around {smoothed} particles, where the mean or a mode would fold"
+        if smoothed
+        else ""
+    )
+    folds = f" {record.folded_faces} of its faces are folded." if record.folded_faces else ""
+    found = f" Remarks of the program on subjects: {'; '.join(record.remarks)}." if record.remarks else ""
+    return (
+        f"The shape model is a principal component analysis of the particle positions, {pose_text(record)} "
+        "(variances with the divisor n - 1). The mean surface is the mesh of the subject nearest to the "
+        f"mean, carried to the mean particles by a thin-plate spline{surface}.{folds}{found}"
+    )
+
+
 def _size_of_groups(study: Study) -> list[str]:
     if study.overall.size_variance is None:
         return []
     f = "the F of the analysis of covariance" if study.request.covariates else "Welch's F"
     return [
         f"Of all groups together, size has {f} and ω², the share of its variance that lies between the "
-        "groups, with bounds from the noncentral F distribution."
+        "groups, estimated from that F, with bounds from the noncentral F distribution."
     ]
 
 
@@ -174,6 +110,19 @@ def _jointly(record: ResultRecord) -> str:
     return f"A core set of {size} shapes was optimized jointly, and the others were fitted to it one by one."
 
 
+def pose_text(record: ResultRecord) -> str:
+    """Return how the shapes of the model are aligned and whether they have their own sizes."""
+    if record.source:
+        return "as they were imported"
+    return _MODEL_POSES[record.settings.placing.procrustes]
+
+
+_MODEL_POSES = {
+    Procrustes.OFF: "as grooming aligned them",
+    Procrustes.RIGID: "aligned rigidly by their particles, with their own sizes",
+    Procrustes.FORM: "aligned rigidly by their particles, with their own sizes",
+    Procrustes.SIMILARITY: "aligned by their particles and scaled to one size",
+}
 _POSES = {
     Procrustes.OFF: "During the optimization their poses stayed as they were after grooming.",
     Procrustes.RIGID: "During the optimization they were aligned rigidly by their particles.",
@@ -202,6 +151,7 @@ _ALIGNED = {
 
 def _statistics(study: Study) -> list[str]:
     """Return the sentences on a study's tests, one function a subject of them."""
+    request = study.request
     sentences = [
         *_test_of_the_shape(study),
         _ALIGNED[study.request.alignment],
@@ -209,9 +159,9 @@ def _statistics(study: Study) -> list[str]:
         "corrected over the surface by the permutation distribution of the largest statistic (family-wise "
         "error, Westfall and Young), and false discovery rates of the permutation p-values were computed by "
         "the method of Benjamini and Hochberg.",
-        f"The level was alpha = {LEVEL:g}; tests are two-sided, those of accuracy and AUC one-sided.",
+        f"The level was alpha = {LEVEL:g}; tests are two-sided{_one_sided(study)}.",
         "Size is the root mean square distance of a shape's particles from their centroid; it was tested by "
-        "permutation of its studentized difference or slope.",
+        f"permutation of {_SIZE_STATISTIC[request.kind]}.",
         *_size_of_groups(study),
         "95 % intervals of size and of displacements at particles are those of Welch (with covariates and "
         "for variables: with HC2 standard errors); they are not corrected over the surface or for pairs.",
@@ -221,10 +171,27 @@ def _statistics(study: Study) -> list[str]:
     ]
     if study.overall.false_positives:
         sentences.append(
-            f"Labels were permuted {study.request.null_repeats} times to estimate type I error rates on this "
+            f"{_EXCHANGED[request.kind]} {request.null_repeats} times to estimate type I error rates on this "
             "cohort."
         )
     return sentences
+
+
+_SIZE_STATISTIC = {
+    "groups": "its studentized difference (of all groups together: of Welch's F)",
+    "regression": "its studentized slope",
+    "pairs": "the signs of the studentized mean difference of the pairs",
+}
+_EXCHANGED = {
+    "groups": "Labels were permuted",
+    "regression": "Values were permuted",
+    "pairs": "Signs of the differences were drawn",
+}
+
+
+def _one_sided(study: Study) -> str:
+    separated = any(comparison.discriminant is not None for comparison in study.comparisons)
+    return ", those of accuracy and AUC one-sided" if separated else ""
 
 
 def _test_of_the_shape(study: Study) -> Iterator[str]:
@@ -249,7 +216,7 @@ def _test_of_the_shape(study: Study) -> Iterator[str]:
         f"The whole shape was tested in {modes}, by permutation of a studentized statistic: "
         f"{_statistic(study)}."
     )
-    yield f"{_permutations(first)} (seed {request.seed})."
+    yield _permutations(study)
     yield (
         "Hotelling's T² or Wilks' lambda with the F distribution are given as well and assume equal "
         "covariances."
@@ -265,33 +232,47 @@ def _adjustments(study: Study) -> Iterator[str]:
             "residuals were permuted (Freedman and Lane)."
         )
     if request.complete_cases:
-        yield "Subjects with missing values were excluded (complete cases)."
+        partners = ", and those whose partner is missing," if request.pairs else ""
+        yield f"Subjects with missing values{partners} were excluded (complete cases)."
     if correction := correction_text(study):
         size = correction_text(study, size=True)
+        overall = correction_text(study, overall=True) or "not corrected"
+        together = f"; those of all groups together were {overall}, their size not" if study.pairwise else ""
         yield (
-            f"P-values of the whole shape, of particles and of the discriminant were {correction}; "
-            f"p-values of size were {size or 'not corrected'}."
+            f"P-values of the {tested_text(study)} were {correction}{together}; p-values of size were "
+            f"{size or 'not corrected'}."
         )
     else:
         yield "P-values were not corrected for other questions."
-    yield (
-        "The tests of the whole shape, of particles, of size and of the discriminant were not corrected for "
-        "each other."
+    tested = (
+        tested_text(study).replace(" and of the", ", of the").replace(" and of particles", ", of particles")
     )
+    yield f"The tests of the {tested} and of size were not corrected for each other."
 
 
 def _further_measures(study: Study) -> Iterator[str]:
     """Yield how dispersions were tested and distances corrected."""
+    request = study.request
     if study.overall.dispersion is not None:
         yield (
             "Equality of dispersion was tested by the distances of subjects to their group's centroid (or "
-            "fitted shape) in the tested modes; residuals were permuted, and centroids fitted to them again."
+            "fitted shape) in the tested modes; residuals were permuted "
+            f"{study.overall.dispersion.permutations} times, and centroids fitted to them again."
         )
     if any(comparison.distance is not None for comparison in study.comparisons):
         yield (
-            "Mahalanobis distances were corrected for bias; their intervals come from the noncentral F "
+            f"{_DISTANCES[request.kind]} were corrected for bias; their intervals come from the noncentral F "
             "distribution, assume equal covariances and are not corrected for pairs."
         )
+
+
+_DISTANCES = {
+    "groups": "Mahalanobis distances of group means in the retained modes (D, in standard deviations within "
+    "groups)",
+    "regression": "Lengths of the change per unit in the retained modes (D, in standard deviations of the "
+    "residuals)",
+    "pairs": "Mean differences of pairs in the retained modes (D, in standard deviations of the differences)",
+}
 
 
 def _discriminants(study: Study) -> Iterator[str]:
@@ -336,15 +317,24 @@ def _statistic(study: Study) -> str:
     return statistic if request.kind == "pairs" else f"{statistic}. {_SCALED}"
 
 
-def _permutations(comparison: Comparison) -> str:
+def _permutations(study: Study) -> str:
+    """Return how many permutations the tests took; comparisons of few subjects take all there are."""
     tests = "The tests of the whole shape, of particles and of size"
-    if comparison.test.exact:
-        return f"{tests} took all {comparison.test.permutations + 1} permutations"
-    return f"{tests} took {comparison.test.permutations} random permutations"
+    counts = {
+        comparison.title: (comparison.test.permutations, comparison.test.exact)
+        for comparison in study.comparisons
+    }
+    random = [count for count, exact in counts.values() if not exact]
+    all_of = [f"all {count + 1} of {title}" for title, (count, exact) in counts.items() if exact]
+    if not random:
+        listed = f"all {study.overall.test.permutations + 1}" if len(counts) == 1 else ", ".join(all_of)
+        return f"{tests} took {listed} permutations."
+    few = f", and {', '.join(all_of)}" if all_of else ""
+    return f"{tests} took {random[0]} random permutations (seed {study.request.seed}){few}."
 
 
-_OFF_BY_DEFAULT = ("core_set", "segment", "pairs")
-"""Settings that are not in force unless they are given; others are then chosen by the program."""
+_NOT_GIVEN = {"core_set": "none", "segment": "none", "pairs": "none", "label": "all above 0"}
+"""What settings are that are not given; others are then chosen by the program."""
 
 
 def _values(settings: BaseModel) -> Iterator[tuple[str, str]]:
@@ -353,7 +343,7 @@ def _values(settings: BaseModel) -> Iterator[tuple[str, str]]:
         extra = type(settings).model_fields[name].json_schema_extra
         unit = f" {extra['unit']}" if isinstance(extra, dict) and "unit" in extra else ""
         if value is None:
-            yield name, "none" if name in _OFF_BY_DEFAULT else "automatic"
+            yield name, _NOT_GIVEN.get(name, "automatic")
         elif isinstance(value, bool):
             yield name, "yes" if value else "no"
         elif isinstance(value, list):

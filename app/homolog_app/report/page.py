@@ -65,9 +65,17 @@ class Page:
         *,
         as_text: bool = False,
         summary: str = "",
+        omit: str | None = None,
     ) -> None:
-        """Add a table; of text its cells are set to the left, with a summary it is folded away."""
-        self._add("table", columns=columns, rows=list(rows), as_text=as_text, summary=summary)
+        """Add a table; of text its cells are set to the left, with a summary it is folded away.
+
+        Columns whose cells all are `omit` are left out.
+        """
+        rows = list(rows)
+        kept = [index for index in range(len(columns)) if any(row[index] != omit for row in rows)]
+        columns = [columns[index] for index in kept]
+        rows = [[row[index] for index in kept] for row in rows]
+        self._add("table", columns=columns, rows=rows, as_text=as_text, summary=summary)
 
     def figures(self, figures: Sequence[ReportFigure]) -> None:
         """Add figures, beside each other where they fit."""

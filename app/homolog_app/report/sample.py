@@ -1,14 +1,16 @@
 """Who takes part in a study: numbers, sizes, covariates and voxels by group."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from homolog.analysis.design import numbers
 from homolog.errors import InputError
 from homolog.files.results import Result
+from homolog_app.report.columns import SHAPE_SIZE, column_of
 from homolog_app.report.request import category_of
-from homolog_app.report.study import SHAPE_SIZE, Study, column_of
+from homolog_app.report.study import Study
 
 __all__ = ["VOXEL", "SampleRow", "sample_rows", "voxel_text"]
 
@@ -16,8 +18,30 @@ VOXEL = "voxel"
 """Variable whose categories are edges of voxels [mm], the shortest first."""
 _MOST_CATEGORIES = 8
 """Of a column that is not asked for, for it to be in the description of the sample."""
-SampleRow = tuple[str, str, str, int, float | None, float | None]
-"""Group, variable, category, number of subjects, mean and standard deviation."""
+
+
+@dataclass(frozen=True, slots=True)
+class SampleRow:
+    """A number of subjects of a group, or mean, standard deviation and range of a variable in it.
+
+    Attributes
+    ----------
+    group, variable, category : str
+        The category is empty for numbers.
+    count : int
+        Subjects that are counted, or have a value.
+    mean, spread, least, largest : float or None
+        None where subjects are counted; the spread also for one subject.
+    """
+
+    group: str
+    variable: str
+    category: str
+    count: int
+    mean: float | None = None
+    spread: float | None = None
+    least: float | None = None
+    largest: float | None = None
 
 
 def sample_rows(study: Study, result: Result) -> list[SampleRow]:
@@ -41,7 +65,7 @@ def sample_rows(study: Study, result: Result) -> list[SampleRow]:
             variables.append(column)
     rows: list[SampleRow] = []
     for group, members in groups.items():
-        rows.append((group, "subjects", "", len(members), None, None))
+        rows.append(SampleRow(group, "subjects", "", len(members)))
         for variable in variables:
             column, is_category = category_of(variable, known)
             cells = column_of(result, column)
@@ -49,14 +73,15 @@ def sample_rows(study: Study, result: Result) -> list[SampleRow]:
             if is_category or numbers(sorted(there)) is None:
                 for level in sorted(there):
                     count = sum(cells[index] == level for index in members)
-                    rows.append((group, column, level, count, None, None))
+                    rows.append(SampleRow(group, column, level, count))
                 continue
             own = numbers([cells[index] for index in members if cells[index]])
             if own is not None and len(own):
                 spread = float(own.std(ddof=1)) if len(own) > 1 else None
-                rows.append((group, column, "", len(own), float(own.mean()), spread))
+                ends = float(own.min()), float(own.max())
+                rows.append(SampleRow(group, column, "", len(own), float(own.mean()), spread, *ends))
         for edges, count in _voxels(result, members, taking):
-            rows.append((group, VOXEL, edges, count, None, None))
+            rows.append(SampleRow(group, VOXEL, edges, count))
     return rows
 
 

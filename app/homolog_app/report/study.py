@@ -8,8 +8,7 @@ from typing import TypedDict
 import numpy as np
 
 from homolog.analysis.comparison import Comparison, Options
-from homolog.analysis.design import covariate_columns, is_missing, lookalikes, numbers
-from homolog.analysis.procrustes import Alignment, rms_radii
+from homolog.analysis.design import covariate_columns, numbers
 from homolog.analysis.studies import compare_groups, compare_pairs, compare_two_groups, pair_members, regress
 from homolog.arrays import FloatArray, IntArray, frozen
 from homolog.cohort.column_types import CATEGORY
@@ -17,12 +16,11 @@ from homolog.errors import InputError
 from homolog.files.results import Result
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.nearest import areas_of_particles, nearest_particles
+from homolog_app.report.columns import column_of, columns_of, compared_shapes, levels
 from homolog_app.report.request import StudyRequest, category_of
+from homolog_app.report.study_notes import PARTNER_MISSING, exclusion_notes, study_notes
 
-__all__ = ["SHAPE_SIZE", "Study", "column_of", "compared_shapes", "levels", "run_study", "study_options"]
-
-SIZE = "size"
-SHAPE_SIZE = "shape-size"
+__all__ = ["Study", "run_study", "study_options"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,52 +66,6 @@ class Study:
         return (self.overall, *self.pairwise)
 
 
-def levels(values: Sequence[str]) -> list[str]:
-    """Return the different values in the order in which they appear, missing ones left out."""
-    return [value for value in dict.fromkeys(values) if not is_missing(value)]
-
-
-def column_of(result: Result, column: str) -> list[str]:
-    """Return a column of the cohort's table for each subject, missing values as empty text.
-
-    ``group`` and ``shape-size`` are always there; so is ``size``, unless the table has such a column.
-
-    Raises
-    ------
-    InputError
-        If there is no such column.
-    """
-    known = _columns_of(result)
-    if column not in known and f"{column}{CATEGORY}" in known:
-        column = f"{column}{CATEGORY}"  # the table declares it
-    if column == "group":
-        values = [group or "" for group in result.groups]
-    elif column == SHAPE_SIZE or (column == SIZE and SIZE not in known):
-        return [repr(float(size)) for size in rms_radii(_at_own_size(result))]
-    elif column in known:
-        values = [columns.get(column, "") for columns in result.columns]
-    else:
-        there = ", ".join(["group", SHAPE_SIZE, *sorted(known)])
-        raise InputError(f"no column {column!r}; the cohort has: {there}")
-    return ["" if is_missing(value) else value for value in values]
-
-
-def compared_shapes(result: Result, alignment: Alignment) -> FloatArray:
-    """Return the particles (M, N, 3) that are compared [mm], before they are aligned.
-
-    For every alignment but "as it lies" each shape has its own size, also if the run brought all to one.
-    """
-    return result.world if alignment is Alignment.AS_IT_LIES else _at_own_size(result)
-
-
-def _at_own_size(result: Result) -> FloatArray:
-    scale = np.cbrt(np.abs(np.linalg.det(result.alignments[:, :3, :3])))
-    if np.allclose(scale, 1.0, rtol=1e-9):
-        return result.world
-    centre = result.world.mean(axis=1, keepdims=True)
-    return np.asarray(centre + (result.world - centre) / scale[:, None, None], np.float64)
-
-
 def study_options(request: StudyRequest) -> Options:
     """Return how a question is to be computed."""
     return Options(
@@ -146,7 +98,7 @@ def run_study(result: Result, request: StudyRequest, tick: Tick = no_tick) -> St
     _check(result, request)
     labels = column_of(result, request.column)
     left_out = _left_out(result, request, labels)
-    incomplete = list(left_out)
+    incomplete = dict(left_out)
     taking = np.array([name not in left_out for name in result.names])
     question = _Question(
         result,
@@ -182,17 +134,8 @@ def run_study(result: Result, request: StudyRequest, tick: Tick = no_tick) -> St
         left_out,
         _areas(result),
         tuple(result.names),
-        (*_notes(result, request), *_missing_text(incomplete)),
+        (*study_notes(result, request), *exclusion_notes(incomplete)),
     )
-
-
-def _missing_text(names: Sequence[str]) -> list[str]:
-    """Return how many were excluded for missing values, and the first of them."""
-    if not names:
-        return []
-    verb = "subject was" if len(names) == 1 else "subjects were"
-    some = ", ".join(names[:5]) + (", …" if len(names) > 5 else "")
-    return [f"{len(names)} {verb} excluded for missing values (complete cases): {some}."]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -216,13 +159,9 @@ class _Details(TypedDict):
     tick: Tick
 
 
-def _columns_of(result: Result) -> set[str]:
-    return {name for columns in result.columns for name in columns}
-
-
 def _check(result: Result, request: StudyRequest) -> None:
     """Refuse what can't be asked, before anything is computed."""
-    known = _columns_of(result)
+    known = columns_of(result)
     named = [category_of(covariate, known)[0] for covariate in request.covariates]
     twice = [item for item, count in Counter(named).items() if count > 1]
     if twice:
@@ -263,7 +202,7 @@ def _left_out(result: Result, request: StudyRequest, labels: Sequence[str]) -> d
     """Return the subjects that lack a value, by choice, and why; nobody if that was not chosen."""
     if not request.complete_cases:
         return {}
-    known = _columns_of(result)
+    known = columns_of(result)
     used = [category_of(covariate, known)[0] for covariate in request.covariates]
     used += [request.column] if request.kind == "regression" else []
     used += [request.pairs] if request.pairs else []
@@ -287,7 +226,7 @@ def _partners(
         if labels[index] in request.between and pair and result.names[index] not in gone:
             by_pair.setdefault(pair, []).append(index)
     alone = [members[0] for members in by_pair.values() if len(members) == 1]
-    return {result.names[index]: "the other one of the pair is missing" for index in alone}
+    return {result.names[index]: PARTNER_MISSING for index in alone}
 
 
 def _details(question: _Question) -> _Details:
@@ -357,7 +296,7 @@ def _covariates(question: _Question, members: IntArray) -> FloatArray | None:
     """Covariates of the members in the rows of all subjects; rows of others are zero and not used."""
     if not question.request.covariates:
         return None
-    known, names = _columns_of(question.result), question.result.names
+    known, names = columns_of(question.result), question.result.names
     table: dict[str, list[str]] = {}
     categories = set()
     for covariate in question.request.covariates:
@@ -376,24 +315,3 @@ def _areas(result: Result) -> FloatArray:
     """Return the area of the mean surface nearest to each particle [mm²]."""
     nearest = nearest_particles(result.mean_surface, result.world.mean(axis=0))
     return areas_of_particles(result.mean_surface, nearest, result.world.shape[1])
-
-
-def _notes(result: Result, request: StudyRequest) -> tuple[str, ...]:
-    known = _columns_of(result)
-    covariates = dict(category_of(covariate, known) for covariate in request.covariates)
-    columns = list(covariates)
-    notes = []
-    for column in dict.fromkeys([*([] if request.kind == "regression" else [request.column]), *columns]):
-        for alike in lookalikes(column_of(result, column)):
-            if not covariates.get(column, True) and numbers(column_of(result, column)) is not None:
-                continue
-            spelled = " and ".join(repr(item) for item in alike)
-            notes.append(f"Column {column!r} contains {spelled}, which were treated as different values.")
-    if SIZE in known and SIZE in (request.column, *columns):
-        notes.append(f"'size' is the column of the cohort's table; the size of the shapes is {SHAPE_SIZE!r}.")
-    if request.earlier:
-        notes.append(
-            "An earlier version stored this question and compared shapes as they lie. They are now aligned "
-            "rigidly first; alignment as-it-lies gives the earlier answer."
-        )
-    return tuple(notes)

@@ -10,6 +10,8 @@ from homolog.analysis.comparison import Comparison
 from homolog.analysis.design import lookalikes
 from homolog.analysis.effects import Effect
 from homolog.files.results import Result
+from homolog_app.report.assumptions_section import add_assumptions, add_false_positives
+from homolog_app.report.columns import SHAPE_SIZE
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.findings import (
     LEVEL,
@@ -21,8 +23,8 @@ from homolog_app.report.findings import (
 from homolog_app.report.page import Page
 from homolog_app.report.sample import VOXEL, SampleRow, sample_rows
 from homolog_app.report.seeds import read_spread, spread_text
-from homolog_app.report.study import SHAPE_SIZE, Study
-from homolog_app.report.surface_maps import SurfaceCarrier, significant_regions
+from homolog_app.report.study import Study
+from homolog_app.report.surface_maps import Region, SurfaceCarrier, significant_regions
 
 __all__ = ["add_study"]
 
@@ -54,45 +56,12 @@ def add_study(
         "The seed of the correspondence is part of the uncertainty. "
         + (" ".join(spread) or "Its share was not computed; homolog analyze --seeds 5 computes it.")
     )
-    checks = [
-        _check_row(study, comparison) for comparison in study.comparisons if comparison.dispersion is not None
-    ]
-    if checks:
-        page.heading("Assumptions", 3)
-        page.paragraph(
-            "Permutation tests assume that without an effect subjects are exchangeable between groups (with "
-            "covariates: their residuals). Equal dispersion is tested by the permuted distance to the "
-            "centroid (PERMDISP), skewness of size by D'Agostino's test. Outliers have r above median(r) + "
-            "7.4 MAD(r): r is the distance from the mean over the group's median distance, MAD the median "
-            "absolute deviation."
-        )
-        page.table(
-            ["comparison", "dispersion (mm)", "F", "p", "skewness of size", "outliers"], checks, as_text=True
-        )
+    add_assumptions(page, study)
     for figure in figures:
         if figure.heading:
             page.heading(figure.heading, 3)
         page.figures([figure])
-    false_positives = [
-        (
-            comparison.title,
-            test.test,
-            f"{100 * test.rate:.1f}",
-            f"{100 * test.low:.1f} – {100 * test.high:.1f}",
-        )
-        for comparison in study.comparisons
-        for test in comparison.false_positives
-    ]
-    if false_positives:
-        page.heading("Type I error rates on this cohort", 3)
-        page.paragraph(
-            f"The labels were permuted {study.request.null_repeats} times, so that there is nothing to "
-            "find. Permutation tests then have a type I error rate of 5 % by construction: their rows check "
-            "the software and do not validate the comparison. The bounds of about one row in twenty miss its "
-            "true rate by chance. The rows of F show whether normal distributions may be "
-            "assumed. The table can't show what differences in dispersion do; see Assumptions."
-        )
-        page.table(["comparison", "test", "type I error (%)", "95 % bounds"], false_positives, as_text=True)
+    add_false_positives(page, study)
 
 
 def _results(page: Page, study: Study) -> None:
@@ -113,9 +82,10 @@ def _results(page: Page, study: Study) -> None:
         (_whole_shape_row(study, *item) for item in tested),
     )  # fmt: skip
     page.paragraph(
-        "df: degrees of freedom. D is the Mahalanobis distance of the means, corrected for bias. T² is "
-        "Hotelling's, Λ is Wilks' lambda. p (F) assumes normal data and equal covariances and is not "
-        "corrected."
+        f"{_DISTANCE[study.request.kind]} The studentized statistic, by which p was found, is "
+        f"{_STATISTIC[study.request.kind == 'groups' and not study.request.covariates]}. T² is Hotelling's, "
+        "Λ is Wilks' lambda. df: degrees of freedom. p (F) assumes normal data and equal covariances and is "
+        "not corrected."
     )
     page.table(
         [
@@ -137,12 +107,28 @@ def _results(page: Page, study: Study) -> None:
             ],
             rows,
             as_text=True,
+            omit="–",
         )  # fmt: skip
     if any(comparison.discriminant is not None for comparison in study.comparisons):
         page.paragraph(
             "Accuracy, AUC and the numbers of those classified correctly are cross-validated and means over "
             "the repeats."
         )
+
+
+_DISTANCE = {
+    "groups": "D is the Mahalanobis distance of the group means in the retained modes, in standard "
+    "deviations within groups (pooled covariance), corrected for bias.",
+    "regression": "D is the length of the change per unit of the variable in the retained modes, in standard "
+    "deviations of what the model leaves unexplained, corrected for bias.",
+    "pairs": "D is the length of the mean difference of the pairs in the retained modes, in standard "
+    "deviations of the differences, corrected for bias.",
+}
+_STATISTIC = {
+    True: "Welch's F, summed over the modes",
+    False: "the tested sum of squares in the modes divided by its expectation without an effect",
+}
+"""By whether groups are compared without covariates."""
 
 
 def _tested(study: Study) -> Iterator[tuple[str, Comparison]]:
@@ -162,11 +148,10 @@ def _whole_shape_row(study: Study, title: str, comparison: Comparison) -> tuple[
     test = comparison.test
     if not test.modes:
         return (title, "0", *["–"] * 7)
-    digits = 3 if study.request.kind == "regression" else 2
     return (
         title,
         str(test.modes),
-        _interval(comparison.distance, digits) if comparison.distance is not None else "–",
+        _effect(study, comparison.distance) if comparison.distance is not None else "–",
         _p(comparison.p_adjusted, test.permutations),
         _p(test.p_permutation, test.permutations),
         f"{test.studentized:.2f}",
@@ -193,11 +178,10 @@ def _particles_row(study: Study, title: str, comparison: Comparison) -> tuple[st
 
 def _separation_row(study: Study, title: str, comparison: Comparison) -> tuple[str, ...]:
     line, size, size_p = comparison.discriminant, comparison.size, comparison.size_p_adjusted
-    digits = 3 if study.request.kind == "regression" else 2
     sizes = ["–", "–"]
     if size is not None and size_p is not None:
         between = comparison.size_variance
-        effect = _interval(size, digits) if between is None else size_variance_text(between)
+        effect = _effect(study, size) if between is None else size_variance_text(between)
         sizes = [effect, _p(size_p, size.permutations)]
     if line is None:
         return (title, *sizes, *["–"] * 5)
@@ -218,6 +202,17 @@ def _interval(effect: Effect, digits: int = 2, scale: float = 1.0) -> str:
     return f"{value} ({low} to {high})"
 
 
+def _effect(study: Study, effect: Effect) -> str:
+    """Return an effect with its interval; changes per unit have three digits of the interval's width."""
+    return _interval(effect, _digits(study, effect.high - effect.low))
+
+
+def _digits(study: Study, width: float) -> int:
+    if study.request.kind != "regression" or not width > 0.0:
+        return 2
+    return max(2, 2 - floor(log10(width)))
+
+
 def _known(p: float | None, permutations: int) -> str:
     return "–" if p is None else _p(p, permutations)
 
@@ -231,9 +226,9 @@ def _where(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
             f"{len(region.particles)}",
             f"{region.area:.0f}",
             region.where,
-            f"{_interval(region.outward)}, {region.direction(region.outward.value)}",
-            f"{region.length:.2f}",
-            f"{region.mean_outward:.2f}",
+            f"{_effect(study, region.outward)}, {region.direction(region.outward.value)}",
+            f"{region.length:.{_digits(study, region.outward.high - region.outward.low)}f}",
+            _outward(study, region),
             _p(region.p, comparison.pointwise.permutations),
         )
         for comparison in study.comparisons
@@ -260,39 +255,30 @@ def _where(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
         [
             "comparison", "region", "particles", "area (mm²)", "place of the peak",
             f"outward at the peak (mm{_per(study)}, 95 % CI)", f"displacement of the peak (mm{_per(study)})",
-            f"mean outward (mm{_per(study)})", "p at the peak",
+            f"outward: mean (least to largest) (mm{_per(study)})", "p at the peak",
         ],
         rows,
         as_text=True,
     )  # fmt: skip
     page.paragraph(
         "The peak is the particle with the largest studentized statistic. Outward is along the normal of "
-        "the mean surface, positive out of the tissue. The position was tested in all directions: the "
-        "interval of its outward part alone may hold zero. Intervals are of the peak by itself, not "
-        "corrected over the surface; since the peak was chosen by its statistic, its effect is "
-        "overestimated."
+        "the mean surface, positive out of the tissue; its mean over a region's area is given with the least "
+        "and the largest of its particles, as parts of a region may move in opposite directions. The "
+        "position was tested in all directions: the interval of its outward part alone may hold zero. "
+        "Intervals are of the peak by itself, not corrected over the surface; since the peak was chosen by "
+        "its statistic, its effect is overestimated."
     )
+
+
+def _outward(study: Study, region: Region) -> str:
+    digits = _digits(study, region.outward.high - region.outward.low)
+    low, high = (f"{value:.{digits}f}" for value in region.outward_range)
+    mean = f"{region.mean_outward:.{digits}f}"
+    return mean if len(region.particles) == 1 else f"{mean} ({low} to {high})"
 
 
 def _p(p: float, permutations: int | None = None) -> str:
     return p_text(p, permutations).removeprefix("p ").removeprefix("= ")
-
-
-def _check_row(study: Study, comparison: Comparison) -> tuple[str, ...]:
-    dispersion, skewness = comparison.dispersion, comparison.size_skewness
-    assert dispersion is not None
-    mean = (
-        ", ".join(f"{name} {value:.2f}" for name, value in dispersion.by_group.items())
-        or "along the variable"
-    )
-    return (
-        comparison.title,
-        mean,
-        f"{dispersion.f:.2f}",
-        _p(dispersion.p, dispersion.permutations),
-        "–" if skewness is None else f"{skewness.value:.2f} ({p_text(skewness.p)})",
-        ", ".join(study.names[index] for index in comparison.outliers) or "none",
-    )
 
 
 def _mean_text(mean: float, spread: float) -> str:
@@ -302,13 +288,15 @@ def _mean_text(mean: float, spread: float) -> str:
     return f"{mean:.{decimals}f} ± {spread:.{decimals}f}"
 
 
-def _sample_text(count: int, of: int, category: str, mean: float | None, spread: float | None) -> str:
-    if category:
-        return f"{count} ({100.0 * count / max(of, 1):.0f} %)"
-    if mean is None:
-        return str(count)
-    value = _mean_text(mean, spread) if spread is not None else f"{mean:.3g}"
-    return value if count == of else f"{value} (of {count})"
+def _sample_text(row: SampleRow, of: int) -> str:
+    if row.category:
+        return f"{row.count} ({100.0 * row.count / max(of, 1):.0f} %)"
+    if row.mean is None or row.least is None or row.largest is None:
+        return str(row.count)
+    value = f"{row.mean:.3g}"
+    if row.spread is not None:
+        value = f"{_mean_text(row.mean, row.spread)} ({row.least:.4g} to {row.largest:.4g})"
+    return value if row.count == of else f"{value}, of {row.count}"
 
 
 def _sample_of(study: Study, result: Result) -> tuple[list[SampleRow], dict[str, str]]:
@@ -318,20 +306,23 @@ def _sample_of(study: Study, result: Result) -> tuple[list[SampleRow], dict[str,
 def _sample(page: Page, study: Study, result: Result) -> None:
     page.heading("Sample", 3)
     rows = sample_rows(study, result)
-    groups = list(dict.fromkeys(row[0] for row in rows))
+    groups = list(dict.fromkeys(row.group for row in rows))
     cells: dict[str, dict[str, str]] = {}
-    sizes = {row[0]: row[3] for row in rows if row[1] == "subjects"}
-    for group, variable, category, count, mean, spread in rows:
-        unit = " (mm)" if variable in (SHAPE_SIZE, VOXEL) else ""
-        title = f"{variable}{unit}{f': {category}' if category else ''}"
-        cells.setdefault(title, {})[group] = _sample_text(count, sizes[group], category, mean, spread)
+    sizes = {row.group: row.count for row in rows if row.variable == "subjects"}
+    for row in rows:
+        unit = " (mm)" if row.variable in (SHAPE_SIZE, VOXEL) else ""
+        title = f"{row.variable}{unit}{f': {row.category}' if row.category else ''}"
+        cells.setdefault(title, {})[row.group] = _sample_text(row, sizes[row.group])
     page.table(
-        ["", *groups], ([title, *(row.get(group, "–") for group in groups)] for title, row in cells.items())
+        ["", *groups], ([title, *(own.get(group, "–") for group in groups)] for title, own in cells.items())
     )
-    page.paragraph("Mean ± standard deviation, or number of subjects (share of the group).")
+    page.paragraph(
+        "Mean ± standard deviation (least to largest), or number of subjects (share of the group). "
+        f"{SHAPE_SIZE} is the root mean square distance of a shape's particles from their centroid."
+    )
     categories: dict[str, list[str]] = {}
-    for _, variable, category, *_ in rows:
-        categories.setdefault(variable, []).append(category)
+    for row in rows:
+        categories.setdefault(row.variable, []).append(row.category)
     for variable, values in categories.items():
         for alike in lookalikes(values):
             page.caution(
@@ -340,9 +331,9 @@ def _sample(page: Page, study: Study, result: Result) -> None:
     gone = [f"{name} ({why})" for name, why in study.left_out.items()]
     excluded = f"Not compared: {len(gone)} of {len(result.names)} subjects. {', '.join(gone)}"
     page.paragraph(excluded if gone else "All subjects were compared.")
-    known = any(row[1] == VOXEL for row in rows)
+    known = any(row.variable == VOXEL for row in rows)
     page.paragraph(
         "Not in the files, for the authors to add: where and when subjects were recruited, criteria of "
         f"inclusion and diagnosis, scanner and protocol{'' if known else ', voxel size'}, who segmented "
-        "and how, ethics approval."
+        "and how, units of columns whose names don't tell them, ethics approval."
     )

@@ -140,6 +140,8 @@ class Region:
         Of the whole displacement at the peak [mm].
     mean_outward : float
         Outward displacement, mean over the region's area [mm].
+    outward_range : (float, float)
+        Least and largest outward displacement of the region's particles [mm].
     p, q : float
         Corrected p and false discovery rate of the peak.
     """
@@ -153,6 +155,7 @@ class Region:
     outward: Effect
     length: float
     mean_outward: float
+    outward_range: tuple[float, float]
     p: float
     q: float
 
@@ -203,6 +206,7 @@ def significant_regions(study: Study, comparison: Comparison, carrier: SurfaceCa
                 outward=Effect(float(outward[peak]), float(low[peak]), float(high[peak])),
                 length=float(np.linalg.norm(effect[peak])),
                 mean_outward=float(outward[own] @ areas / max(float(areas.sum()), 1e-300)),
+                outward_range=(float(outward[own].min()), float(outward[own].max())),
                 p=float(comparison.p_fwe[peak]),
                 q=float(comparison.pointwise.q[peak]),
             )

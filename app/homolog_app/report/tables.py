@@ -3,6 +3,7 @@
 import csv
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import astuple
 from importlib.resources import files
 from pathlib import Path
 
@@ -15,10 +16,11 @@ from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.files.tables import write_table
+from homolog_app.report.columns import SHAPE_SIZE, column_of, compared_shapes
 from homolog_app.report.findings import LEVEL
 from homolog_app.report.request import Answered, StudyRequest, study_folder, write_request
 from homolog_app.report.sample import sample_rows
-from homolog_app.report.study import SHAPE_SIZE, Study, column_of, compared_shapes, study_options
+from homolog_app.report.study import Study, study_options
 from homolog_app.report.surface_maps import SurfaceCarrier, significant_regions
 
 __all__ = ["save_study"]
@@ -116,8 +118,8 @@ def _tables(study: Study, result: Result, carrier: SurfaceCarrier, answered: Ans
     )
     yield (
         "sample.csv",
-        ["group", "variable", "category", "n", "mean", "standard_deviation"],
-        sample_rows(study, result),
+        ["group", "variable", "category", "n", "mean", "standard_deviation", "minimum", "maximum"],
+        (astuple(row) for row in sample_rows(study, result)),
     )
     yield "regions.csv", _REGION_COLUMNS, _regions(study, carrier)
     stems = file_stems([comparison.title for comparison in study.comparisons])
@@ -261,7 +263,8 @@ def _particles(
 
 
 _REGION_COLUMNS = (
-    "comparison", "region", "particles", "area_mm2", "mean_outward_mm", "peak_particle",
+    "comparison", "region", "particles", "area_mm2", "mean_outward_mm", "least_outward_mm",
+    "largest_outward_mm", "peak_particle",
     "peak_x_mm", "peak_y_mm", "peak_z_mm", "peak_wall", "peak_place", "peak_outward_mm",
     "peak_outward_low_95_mm", "peak_outward_high_95_mm", "peak_displacement_mm", "peak_p_fwe_corrected",
     "peak_q",
@@ -273,8 +276,9 @@ def _regions(study: Study, carrier: SurfaceCarrier) -> Iterator[list[_Cell]]:
         for number, region in enumerate(significant_regions(study, comparison, carrier), start=1):
             yield [
                 comparison.title, number, len(region.particles), region.area, region.mean_outward,
-                region.peak, *region.position.tolist(), region.wall, region.place, region.outward.value,
-                region.outward.low, region.outward.high, region.length, region.p, region.q,
+                *region.outward_range, region.peak, *region.position.tolist(), region.wall, region.place,
+                region.outward.value, region.outward.low, region.outward.high, region.length, region.p,
+                region.q,
             ]  # fmt: skip
 
 

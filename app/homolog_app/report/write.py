@@ -28,8 +28,9 @@ from homolog_app.report.findings import (
     landmark_text,
     outlier_text,
 )
-from homolog_app.report.methods import methods, references, settings_rows
+from homolog_app.report.methods import methods, pose_text, settings_rows
 from homolog_app.report.page import Page
+from homolog_app.report.references import references
 from homolog_app.report.request import read_requests, study_folder
 from homolog_app.report.sheets import write_page
 from homolog_app.report.study import Study, run_study
@@ -78,7 +79,7 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     figures = list(model_figures(project, result, model, carrier, part_of(tick, 0.5, 0.6), clip))
     page = Page(f"Shape analysis of {project.folder.resolve().name}", f"{NOTICE} {_made(record)}")
     _summary(page, record, result, studies, carrier)
-    _model_section(page, folder, result, model, figures)
+    _model_section(page, folder, record, result, model, figures)
     for index, study in enumerate(studies):
         part = part_of(tick, 0.6 + 0.3 * index / len(studies), 0.6 + 0.3 * (index + 1) / len(studies))
         save_study(project, study, result, carrier)
@@ -113,11 +114,6 @@ def _summary(
     page.paragraph(
         f"{len(groups)} subjects{f' ({counts})' if any(groups) else ''} with {record.particles} "
         f"corresponding particles each, placed with {record.metric} distances."
-        + (
-            f" Mean surface: {record.surface_text}."
-            if record.folded_faces or record.smoothed_particles
-            else ""
-        )
     )
     if record.excluded:
         page.paragraph(f"Excluded before the run: {len(record.excluded)}. {' '.join(record.excluded)}")
@@ -150,9 +146,11 @@ def _effects(study: Study, comparison: Comparison, finding: Finding, carrier: Su
     region = regions[0]
     count = "One region" if len(regions) == 1 else f"{len(regions)} regions, the largest"
     per = f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
+    low, high = region.outward_range
+    several = f" (outward {low:+.2g} to {high:+.2g} mm{per})" if len(region.particles) > 1 else ""
     largest = (
         f"{count}: {region.area:.0f} mm², {region.where}, on average {abs(region.mean_outward):.2g} mm{per} "
-        f"{region.direction(region.mean_outward)}."
+        f"{region.direction(region.mean_outward)}{several}."
     )
     return " ".join([*finding.effects[:2], largest, *finding.effects[2:]])
 
@@ -162,9 +160,22 @@ def _mm(value: float | None) -> str:
 
 
 def _model_section(
-    page: Page, folder: Path, result: Result, model: ShapeModel, figures: Sequence[ReportFigure]
+    page: Page,
+    folder: Path,
+    record: ResultRecord,
+    result: Result,
+    model: ShapeModel,
+    figures: Sequence[ReportFigure],
 ) -> None:
     page.heading("Shape model")
+    area = result.mean_surface.area
+    each = area / record.particles
+    page.paragraph(
+        f"{len(result.names)} shapes, {pose_text(record)}. The mean surface has {area:.0f} mm²; a particle "
+        f"stands for {each:.3g} mm² of it on average, so that particles are about {each**0.5:.2g} mm apart. "
+        "The modes below are those of all subjects; tests use modes of the subjects and the alignment of "
+        "each comparison."
+    )
     small = [figure for figure in figures if figure.name in ("scree", "scores")]
     page.figures(small)
     for item in figures:

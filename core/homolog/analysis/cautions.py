@@ -35,7 +35,7 @@ def cautions_of(comparison: "Comparison", names: Sequence[str] | None = None) ->
         *comparison.test.warnings,
         dispersion_caution(comparison.dispersion, comparison.counts),
         size_caution(comparison.size_skewness, comparison.counts) if comparison.size is not None else "",
-        outlier_caution(comparison.outliers, names, comparison.without_outliers),
+        outlier_caution(comparison.outliers, comparison.counts, names, comparison.without_outliers),
         _f_caution(comparison),
         *comparison.notes,
     ]
@@ -94,7 +94,10 @@ def size_caution(skewness: SizeSkewness | None, counts: Mapping[str, int]) -> st
 
 
 def outlier_caution(
-    outliers: IntArray, names: Sequence[str] | None = None, without: "Comparison | None" = None
+    outliers: IntArray,
+    counts: Mapping[str, int],
+    names: Sequence[str] | None = None,
+    without: "Comparison | None" = None,
 ) -> str:
     """Return a caution that names the subjects that lie far from the others of their group.
 
@@ -102,19 +105,32 @@ def outlier_caution(
     """
     if not len(outliers):
         return ""
+    kind = next(iter(counts)) if len(counts) == 1 else ""
     who = ", ".join(f"subject {index + 1}" if names is None else names[index] for index in outliers)
     rest = ""
     if without is not None and without.test.modes:
         far, test = without.distance, without.test
-        effect = "" if far is None else f"D = {far.value:.2f} (95 % CI {far.low:.2f} to {far.high:.2f}), "
+        digits, unit = (3, "SD per unit") if kind == "all" else (2, "SD")
+        effect = ""
+        if far is not None:
+            value, low, high = (f"{bound:.{digits}f}" for bound in (far.value, far.low, far.high))
+            effect = f"D = {value} {unit} (95 % CI {low} to {high}), "
         p = p_text(test.p_permutation, test.permutations)
         pronoun = "it" if len(outliers) == 1 else "them"
         rest = f" Without {pronoun}, the whole shape has {effect}{p}, not corrected."
     outlying = "is an outlier" if len(outliers) == 1 else "are outliers"
     return (
-        f"{who} {outlying}, far from the mean of the group (or the fitted shape). Look at segmentation and "
-        f"particles before trusting any test; p-values of F are unreliable with such subjects.{rest}"
+        f"{who} {outlying}, {_FAR.get(kind, _FAR_FROM_GROUP)}. Look at segmentation and particles before "
+        f"trusting any test; p-values of F are unreliable with such subjects.{rest}"
     )
+
+
+_FAR_FROM_GROUP = "far from the mean of the group (with covariates: from the fitted shape)"
+_FAR = {
+    "all": "far from the shape that is fitted to the value of the variable",
+    "pairs": "whose difference within the pair is far from the mean difference",
+}
+"""What an outlier is far from, by the name of the only group."""
 
 
 def p_text(p: float, permutations: int | None = None) -> str:

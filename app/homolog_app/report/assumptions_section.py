@@ -1,0 +1,111 @@
+"""The part of a study's report on what its tests assume, and what they find where there is nothing."""
+
+from homolog.analysis.comparison import Comparison
+from homolog_app.report.findings import p_text
+from homolog_app.report.page import Page
+from homolog_app.report.study import Study
+
+__all__ = ["add_assumptions", "add_false_positives"]
+
+_EXCHANGE = {
+    "groups": "Permutation tests assume that without an effect subjects are exchangeable between groups "
+    "(with covariates: their residuals).",
+    "regression": "Permutation tests assume that without an effect subjects (their residuals) are "
+    "exchangeable along the variable.",
+    "pairs": "Permutation tests assume that without an effect the differences of pairs are symmetric about "
+    "zero, so that their signs are exchangeable, and that pairs are independent of each other.",
+}
+_DISPERSION = {
+    "groups": "Dispersion is the mean distance of subjects from the centroid of their group, root mean "
+    "square over the particles, in the modes of the comparison. These modes and the alignment are the "
+    "comparison's own, so that a group's value differs between comparisons. Dispersions are compared by "
+    "permutation (PERMDISP).",
+    "regression": "Whether dispersion changes with the variable is tested by permutation of the distances "
+    "from the fitted shapes (PERMDISP).",
+    "pairs": "",
+}
+_FAR = {
+    "groups": "the subject's distance from the mean of its group (with covariates: from the fitted shape), "
+    "divided by the group's median distance",
+    "regression": "the subject's distance from the shape fitted to its value",
+    "pairs": "the distance of a pair's difference from the mean difference (the first of the pair is named)",
+}
+_EXCHANGED = {
+    "groups": "The labels of the groups were permuted",
+    "regression": "The values of the variable were permuted",
+    "pairs": "The signs of the differences were drawn at random",
+}
+
+
+def add_assumptions(page: Page, study: Study) -> None:
+    """Add what the tests assume, with dispersion, skewness and outliers of each comparison."""
+    kind = study.request.kind
+    page.heading("Assumptions", 3)
+    sentences = [_EXCHANGE[kind], _DISPERSION[kind]]
+    if any(comparison.size_skewness is not None for comparison in study.comparisons):
+        sentences.append(
+            "Skewness of size is tested by D'Agostino's test, that of shapes by the same test of the five "
+            "leading modes (squared deviates summed), both within groups."
+            if kind == "groups"
+            else "Skewness of the differences of size is tested by D'Agostino's test, that of the "
+            "differences of shape by the same test of their five leading modes (squared deviates summed)."
+        )
+    sentences.append(
+        f"Outliers have r above median(r) + 7.4 MAD(r) of all that are compared: MAD is the median absolute "
+        f"deviation, r {_FAR[kind]}."
+    )
+    page.paragraph(" ".join(filter(None, sentences)))
+    page.table(
+        [
+            "comparison", "modes", "dispersion (mm)", "F of dispersion", "p of dispersion",
+            "skewness of size", "p of skewness of shapes", "outliers",
+        ],
+        [_row(study, comparison) for comparison in study.comparisons],
+        as_text=True,
+        omit="–",
+    )  # fmt: skip
+
+
+def _row(study: Study, comparison: Comparison) -> tuple[str, ...]:
+    dispersion, skewness = comparison.dispersion, comparison.size_skewness
+    tested = ("–", "–", "–")
+    if dispersion is not None:
+        means = ", ".join(f"{name} {value:.2f}" for name, value in dispersion.by_group.items()) or "–"
+        tested = (means, f"{dispersion.f:.2f}", _p(dispersion.p, dispersion.permutations))
+    return (
+        comparison.title,
+        str(comparison.test.modes),
+        *tested,
+        "–" if skewness is None else f"{skewness.value:.2f} ({p_text(skewness.p)})",
+        "–" if skewness is None else _p(skewness.shape_p),
+        ", ".join(study.names[index] for index in comparison.outliers) or "none",
+    )
+
+
+def add_false_positives(page: Page, study: Study) -> None:
+    """Add the type I error rates of the null simulation, if there was one."""
+    rows = [
+        (
+            comparison.title,
+            test.test,
+            f"{100 * test.rate:.1f}",
+            f"{100 * test.low:.1f} – {100 * test.high:.1f}",
+        )
+        for comparison in study.comparisons
+        for test in comparison.false_positives
+    ]
+    if not rows:
+        return
+    page.heading("Type I error rates on this cohort", 3)
+    page.paragraph(
+        f"{_EXCHANGED[study.request.kind]} {study.request.null_repeats} times, so that there is nothing to "
+        "find. Permutation tests then have a type I error rate of 5 % by construction: their rows check "
+        "the software and do not validate the comparison. The bounds of about one row in twenty miss its "
+        "true rate by chance. The rows of F show whether normal distributions may be "
+        "assumed. The table can't show what differences in dispersion do; see Assumptions."
+    )
+    page.table(["comparison", "test", "type I error (%)", "95 % bounds"], rows, as_text=True)
+
+
+def _p(p: float, permutations: int | None = None) -> str:
+    return p_text(p, permutations).removeprefix("p ").removeprefix("= ")
