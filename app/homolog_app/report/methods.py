@@ -60,11 +60,11 @@ def _model(record: ResultRecord) -> str:
         else ""
     )
     folds = f" {record.folded_faces} of its faces are folded." if record.folded_faces else ""
-    found = f" Remarks of the program on subjects: {'; '.join(record.remarks)}." if record.remarks else ""
+    remarks = f" Remarks of the program on subjects: {'; '.join(record.remarks)}." if record.remarks else ""
     return (
         f"The shape model is a principal component analysis of the particle positions, {pose_text(record)} "
         "(variances with the divisor n - 1). The mean surface is the mesh of the subject nearest to the "
-        f"mean, carried to the mean particles by a thin-plate spline{surface}.{folds}{found}"
+        f"mean, carried to the mean particles by a thin-plate spline{surface}.{folds}{remarks}"
     )
 
 
