@@ -191,7 +191,7 @@ class StillSettings(PictureSettings):
         Field(
             ge=-6.0,
             le=6.0,
-            title="place",
+            title="position",
             description="Position in SD along a mode, or from 0 (first) to 1 (second group); upper end if "
             "not given.",
         ),

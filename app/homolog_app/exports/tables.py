@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from homolog.analysis.assumptions import shape_outliers
+from homolog.analysis.cautions import p_text
 from homolog.analysis.parallel import parallel_analysis
 from homolog.analysis.procrustes import Alignment
 from homolog.analysis.shape_model import ShapeModel
@@ -252,7 +253,7 @@ def group_lines(result: Result, measures: Measures, first: int, second: int) -> 
             f"{group} {mean:.4g}{f' ± {spread:.2g}' if count > 1 else ''} (n = {count})"
             for group, mean, spread, count in rows
         )
-        test = "no test" if of_groups.p is None else f"Welch p = {of_groups.p:.2g}"
+        test = "no test" if of_groups.p is None else f"Welch {p_text(of_groups.p)}"
         lines.append(f"{name}: {', '.join(each)}; {test}")
     return lines
 

@@ -26,6 +26,7 @@ _WAVE = 2.4  # radians from subject to subject, so that neighbours don't hide ea
 _BOX = 0.28
 _LEAST_RANGE = 0.02  # of an axis of measures, relative to their size
 _UNUSUAL = 0.05
+_LEGIBLE = 8  # letters of a group's name below its box
 
 
 def discriminant_points(places: FloatArray, second: BoolArray) -> FloatArray:
@@ -111,7 +112,7 @@ def draw_boxes(
     parts : sequence of (n,) array
         The measure of each group.
     names : sequence of str
-        The groups.
+        The groups. They are left out where there is room for a few letters only.
     means : sequence of sequence of str
         The mean of each group, with its standard deviation beside it, below it, and without; the first for
         which there is room is written.
@@ -142,9 +143,13 @@ def draw_boxes(
         ),
         [""] * len(parts),
     )
-    room = letters(axes, 0.52 * axes.bbox.width / len(parts))
-    names = [shortened(legible(name), room) for name in names]
-    axes.set_xticks(range(len(parts)), map("\n".join, zip(names, below, strict=True)))
+    names = [legible(name) for name in names]
+    room = letters(axes, 0.74 * axes.bbox.width / len(parts))
+    if max(map(len, names), default=0) > room:
+        names = [shortened(name, room) if room >= _LEGIBLE else "" for name in names]
+    axes.set_xticks(
+        range(len(parts)), ["\n".join(filter(None, each)) for each in zip(names, below, strict=True)]
+    )
     axes.set_xlim(-0.6, len(parts) - 0.4)
     _widen(axes)
 

@@ -40,10 +40,15 @@ SIZE_TEXTS = {
 _REFERENCES = ("control", "controls", "healthy", "normal", "nor", "hc", "cn", "ctrl", "reference", "baseline")
 
 
+def names_reference(value: str) -> bool:
+    """Return whether a group is called as controls are, such as ``healthy``."""
+    return value.lower() in _REFERENCES
+
+
 def reference_first(values: Iterable[str]) -> list[str]:
     """Return the different values in alphabetical order, those that name a reference first."""
     there = {value for value in values if not is_missing(value)}
-    return sorted(there, key=lambda value: (value.lower() not in _REFERENCES, value))
+    return sorted(there, key=lambda value: (not names_reference(value), value))
 
 
 class StudyRequest(BaseModel):

@@ -38,6 +38,8 @@ _LIGHT, _DARK = np.array([(236, 231, 220), (38, 110, 140)], float)
 _ROUND = (1.0, 1.2, 1.6, 2.0, 2.4, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # their quarters are short numbers
 _SIDES = 28
 _RING, _LIFT = 0.5, 0.15
+_NAMED = 8
+"""As many marked particles have their numbers beside them."""
 """Radius of the ring around a marked particle and its height over the surface, in spacings."""
 
 
@@ -205,9 +207,10 @@ def _marked(inspection: "Inspection", m: int, marks: Marks) -> dict[str, Any]:
     if marks.pair is not None:
         colours[1] = _SECOND
     beside = 1.2 * _RING * places.spacing[m] * float(scale_of(places.alignments[m]))
+    named = len(chosen) if len(chosen) <= _NAMED else 1  # more numbers would cover each other
     return {
         "lines": _circles(inspection, m, points, places.normals[m, chosen]),
-        "numbers": Numbers(np.array(chosen), points, colours, beside),
+        "numbers": Numbers(np.array(chosen[:named]), points[:named], colours[:named], beside),
     }
 
 

@@ -68,13 +68,17 @@ class SettingsForm(QWidget):
     """Shows a settings model and reports each valid edit as a changed model.
 
     `help` is a label that the owner puts where it is always seen, `name_px` the width of the names, also of
-    those of the settings left out.
+    those of the settings left out; `least_px` is what they have at least.
     """
 
     edited = Signal(str, object)
 
     def __init__(
-        self, model: type[BaseModel], leave_out: tuple[str, ...] = (), help_: QLabel | None = None
+        self,
+        model: type[BaseModel],
+        leave_out: tuple[str, ...] = (),
+        help_: QLabel | None = None,
+        least_px: int = 0,
     ) -> None:
         super().__init__()
         self._model = model()
@@ -84,7 +88,8 @@ class SettingsForm(QWidget):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(GRID)
         known = parameters(model)
-        self.name_px = max(QLabel(item.label.capitalize()).sizeHint().width() for item in known)
+        widths = (QLabel(item.label.capitalize()).sizeHint().width() for item in known)
+        self.name_px = max(least_px, *widths)
         for parameter in known:
             if parameter.name in leave_out:
                 continue
@@ -117,12 +122,12 @@ class SettingsPair(QWidget):
 
     edited = Signal(str, object)
 
-    def __init__(self, model: type[BaseModel], main: tuple[str, ...]) -> None:
+    def __init__(self, model: type[BaseModel], main: tuple[str, ...], least_px: int = 0) -> None:
         super().__init__()
         more = tuple(parameter.name for parameter in parameters(model) if parameter.name not in main)
-        self.main = SettingsForm(model, leave_out=more)
+        self.main = SettingsForm(model, leave_out=more, least_px=least_px)
         self.help, self.name_px = self.main.help, self.main.name_px
-        self.more = SettingsForm(model, leave_out=main, help_=self.help)
+        self.more = SettingsForm(model, leave_out=main, help_=self.help, least_px=least_px)
         self.more.hide()
         self.unfold = button("More settings ▸", "flat")
         self.unfold.setCheckable(True)

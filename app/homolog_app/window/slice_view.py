@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QCheckBox, QGridLayout, QVBoxLayout, QWidget
 from homolog.arrays import Array, FloatArray
 from homolog.geometry import transform_points
 from homolog_app.rendering.scheme import rgb
+from homolog_app.rendering.text import typeset
 from homolog_app.views.slices import (
     AUTOMATIC,
     PRESETS,
@@ -29,14 +30,13 @@ from homolog_app.window.widgets import GRID, button, choice, label
 __all__ = ["SliceView"]
 
 
-_NARROWEST = 176
+_NARROWEST, _WIDEST = 176, 480
 _TITLES = ("Axial", "Coronal", "Sagittal")
-_STRUCTURE, _WHOLE = "Structure", "Whole scan"
+_STRUCTURE, _WHOLE = "Field of view: structure", "Field of view: whole scan"
 _FINER = 2
 _ROOM = 1.3
 """How much more than the structure is seen around it."""
-_SEGMENTATION = "#ffb000"
-_GROOMED = "#00c2ff"
+_SEGMENTATION, _GROOMED = "#ffb000", "#00c2ff"
 _LPS = (("R", "L"), ("A", "P"), ("I", "S"))
 _NO_SLICES = "A surface has no slices; give its scan."
 _NO_SUBJECT = "Choose a subject in the table."
@@ -66,7 +66,7 @@ class SliceView(QWidget):
         self.about = label("", "Hint", wrap=True)
         self.problem = label("", "Problem", wrap=True)
         self.readout = label("", "Hint", wrap=True)
-        self.window_box = choice("Grey values", {name: name for name in (AUTOMATIC, *PRESETS)})
+        self.window_box = choice("Grey values", {f"Window: {name}": name for name in (AUTOMATIC, *PRESETS)})
         self.window_box.setToolTip("Window of grey values; drag with the right button to change it")
         self.field = choice("Field of view", {name: name for name in (_STRUCTURE, _WHOLE)})
         self.field.setToolTip("Ctrl and the wheel zoom; the middle button moves the picture")
@@ -85,6 +85,7 @@ class SliceView(QWidget):
             column.addWidget(text)
         how: tuple[QWidget, ...] = (self.window_box, self.field, self.readout)
         for widget in (*how, self.segmentation, self.contours, self.beside, self.choose):
+            widget.setMaximumWidth(_WIDEST)
             column.addWidget(widget)
         column.addStretch()
         info.setMinimumWidth(_NARROWEST)
@@ -190,7 +191,7 @@ class SliceView(QWidget):
     def _receive_scan(self) -> None:
         read = self.reader.read
         if read is not None:
-            self.window_box.setCurrentText(read.preset)
+            self.window_box.setCurrentIndex(self.window_box.findData(read.preset))
             self._choose_window()
         self._set_grid(keep=False)
 
@@ -287,7 +288,7 @@ class SliceView(QWidget):
             self._draw()
 
     def _choose_window(self) -> None:
-        name, read = self.window_box.currentText(), self.reader.read
+        name, read = self.window_box.currentData(), self.reader.read
         if name in PRESETS:
             self._window = PRESETS[name]
         elif read is not None:
@@ -361,8 +362,7 @@ class SliceView(QWidget):
         self.problem.setVisible(bool(self.reader.problem))
         notes = [outline.note for outline in sliced.outlines if outline.note and grid is not None]
         self.readout.setText("\n".join(part for part in (self._readout(grid), *notes) if part))
-        for widget in (self.window_box, self.segmentation):
-            widget.setVisible(read is not None)
+        self.window_box.setVisible(read is not None)
         self.segmentation.setVisible(read is not None and sliced.voxels is not None)
         for widget in (self.field, self.contours):
             widget.setVisible(grid is not None)
@@ -385,7 +385,8 @@ class SliceView(QWidget):
             return f"{place} mm"
         i, j, k = np.round(self._index(grid)).astype(int).tolist()
         value = float(read.scan.values[i, j, k]) * read.scan.slope + read.scan.intercept
-        return f"{place} mm: {value:.4g}\nWidth {self._window.width:.4g}, level {self._window.level:.4g}"
+        text = f"{place} mm: {value:.4g}\nWidth {self._window.width:.4g}, level {self._window.level:.4g}"
+        return typeset(text)
 
 
 def _grey(shades: Array) -> QImage:

@@ -100,7 +100,7 @@ def _write_beans(folder: Path, tick: Tick) -> None:
 _HEART_STOPS = (
     Stop(
         "cohort",
-        "Twenty left ventricles",
+        "Left ventricles of the heart",
         "Half are healthy, half have an infarct: a place where the wall is thin. Group, age and sex are in "
         "the table. Cut the hearts open with 5 to see their cavity.",
     ),

@@ -203,7 +203,7 @@ class Work(QObject):
         else:
             self._kind, self._then, self._generation = kind, take, self.session.generation
             if kind not in BACKGROUND:
-                _log.info("%s begins", kind)
+                _log.info("%s: started", message or kind)
             self.runner.start(work if isinstance(work, RunJob) else Task(work, message))
         self._publish()
 

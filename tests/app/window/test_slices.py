@@ -106,7 +106,7 @@ def scanned(groomed, tmp_path, wait):
 def test_a_scan_is_read_and_shown_with_the_window_that_fits_it(scanned):
     slices = scanned()
     assert slices.reader.read.scan.path.name == "scan.nrrd"
-    assert slices.window_box.currentText() == "CT soft tissue"
+    assert slices.window_box.currentData() == "CT soft tissue"
     assert slices.window_box.isVisible()
     assert not slices.problem.isVisible()
     session = scanned.window.workspace.session

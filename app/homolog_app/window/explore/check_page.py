@@ -201,6 +201,7 @@ class CheckPage(ExplorePage):
         self.body.addLayout(row)
         self.body.addSpacing(GRID)
         self.body.addWidget(self.look)
+        self.body.addStretch()  # where there is no table
         for below in (self.progress, self.unsaved, self.keep, self.mend_all_button, self.repair):
             self.footer.addWidget(below)
 
@@ -232,12 +233,11 @@ class CheckPage(ExplorePage):
     def show_state(self) -> None:
         """Show what is done and what is possible."""
         inspection, job = self.checked.inspection, self.workspace.session.job
-        for enabled in (self.table, self.export):
-            enabled.setEnabled(inspection is not None)
+        found = inspection is not None and bool(inspection.suspects)
+        for shown in (self.table, self.export, self.repair, self.mend_all_button):
+            shown.setVisible(found)
         self.repair.setEnabled(self._suspect is not None and not job.is_busy)
-        self.mend_all_button.setEnabled(
-            inspection is not None and bool(inspection.suspects) and not job.is_busy
-        )
+        self.mend_all_button.setEnabled(not job.is_busy)
         self.progress.show_status(job.status if job.kind == "mend" else None)
         self.again.setVisible(inspection is None and self.checked.is_possible)
         for widget in (self.keep, self.unsaved):

@@ -59,13 +59,15 @@ class NumbersTable(QWidget):
         self.texts = list(rows)
         lines = [("", *headings), *rows] if len(headings) > 1 else list(rows)
         for line, (name, *values) in enumerate(lines):
-            self._grid.addWidget(label(name, "FieldHelp"), line, 0, Qt.AlignmentFlag.AlignTop)
+            self._grid.addWidget(label(name, "FieldHelp", wrap=True), line, 0, Qt.AlignmentFlag.AlignTop)
             for column, value in enumerate(values, start=1):
                 text = label(typeset(value), "FieldHelp" if name == "" else "", wrap=True)
                 text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
                 text.setAccessibleName(f"{name}: {value}")
                 self._grid.addWidget(text, line, column)
-        self._grid.setColumnStretch(len(headings), 1)
+        for column in range(self._grid.columnCount()):
+            share = 0 if column > len(headings) else 2 if column == 0 else 3
+            self._grid.setColumnStretch(column, share)
 
 
 _Index = QModelIndex | QPersistentModelIndex

@@ -48,9 +48,9 @@ _REACH = 3.0
 _SAMPLES = 13
 _STEPS = 100
 _NUMBER_PX, _GROUP_PX = 46, 80
-_HEADS = ("Subject", "Group", "Dist.\n(mm)", "Vol.\n(ml)", "Area\n(cm²)", "Wall\n(mm)", "From\nmean")
+_HEADS = ("Subject", "Group", "Dist.\n(mm)", "Vol.\n(ml)", "Area\n(cm²)", "Wall\n(mm)", "Dev.\n(mm)")
 _PARTICLES = ("First particle", "Second particle")
-_MODEL, _NOTHING = "Shape along the mode", "Nothing"
+_MODEL, _NOTHING = "Shape along the mode", "None"
 _MAPS = {"None": "none", "Wall thickness": "thickness", "Distance from the mean surface": "distance"}
 _PLOTS = {"Along the mode": 0, "By group": 1, "Scatter plot": 2}
 
@@ -123,7 +123,7 @@ class MeasurePage(ExplorePage):
         self.body.addLayout(along)
         self.body.addWidget(rule())
         self.body.addWidget(label("Groomed surfaces at their original size", "SectionTitle"))
-        self.view.setToolTip("From mean: mean distance of the aligned surface from the mean surface, in mm")
+        self.view.setToolTip("Deviation: mean distance of the aligned surface from the mean surface, in mm")
         self.body.addWidget(self.view, 1)
         self.footer.addWidget(self.write_button)
 

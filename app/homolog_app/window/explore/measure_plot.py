@@ -1,18 +1,22 @@
 """Plots of measures, and of a patient among the controls."""
 
+from collections import Counter
 from collections.abc import Sequence
+from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QWidget
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QStackedWidget, QVBoxLayout, QWidget
 
+from homolog.analysis.cautions import p_text
 from homolog.analysis.welch import GroupMeasure, compare_measure
 from homolog.arrays import FloatArray
 from homolog_app.rendering.text import short
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.explore.plot import Plot
 from homolog_app.window.theme import Theme
+from homolog_app.window.widgets import GRID
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -22,10 +26,10 @@ if TYPE_CHECKING:
 
     from homolog.patient import PatientComparison, Reference
 
-__all__ = ["MEASURES", "BoxPlot", "MeasurePlot", "MeasurePlots", "PairPlot", "PercentileBars"]
+__all__ = ["MEASURES", "BoxPlot", "GroupLegend", "MeasurePlot", "MeasurePlots", "PairPlot", "PercentileBars"]
 
 
-MEASURES = {"Distance": "mm", "Volume": "ml", "Area": "cm²", "Wall": "mm", "From mean": "mm"}
+MEASURES = {"Distance": "mm", "Volume": "ml", "Area": "cm²", "Wall": "mm", "Deviation": "mm"}
 """The measures in the order of the table, with their units."""
 
 _WIDTH = 120
@@ -103,9 +107,7 @@ class BoxPlot(Plot):
         self.measure = measure = compare_measure(values, groups)
         labels = np.array(groups, dtype=object)
         self._parts = [values[(labels == name) & np.isfinite(values)] for name in measure.groups]
-        test = (
-            "no test" if measure.p is None else "p < 0.001" if measure.p < 0.001 else f"p = {measure.p:.2g}"
-        )
+        test = "no test" if measure.p is None else p_text(measure.p)
         self.title = f"{self._name}: {test}"
         rows = zip(measure.groups, measure.means, measure.deviations, measure.counts, strict=True)
         each = [
@@ -141,6 +143,35 @@ class BoxPlot(Plot):
             means.append((f"{fixed}\u2009{spread}".strip(), f"{fixed}\n{spread}".strip(), short(mean)))
         title, colours = self.title.replace(": ", "\n"), self.theme.colours  # there may be little width
         draw_boxes(figure.subplots(), self._parts, measure.groups, means, title, self._unit, colours)
+
+
+class GroupLegend(QLabel):
+    """The groups in the order of the boxes, with their colours and numbers of subjects."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.setObjectName("PlotLegend")
+        self.setTextFormat(Qt.TextFormat.RichText)
+        self.setContentsMargins(2 * GRID, GRID // 2, GRID, 0)
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self._theme, self._groups = theme, Counter[str]()
+        theme.changed.connect(self._show)
+
+    def show_groups(self, groups: Sequence[str]) -> None:
+        """Show the groups of the subjects; those without one have no box."""
+        self._groups = Counter(filter(None, groups))
+        self._show()
+
+    def _show(self) -> None:
+        from homolog_app.plots.style import group_style
+
+        each = (
+            f'<span style="color: {group_style(index, self._theme.colours)[0]}">■</span>&nbsp;'
+            f"{escape(name)}&nbsp;({self._groups[name]})"
+            for index, name in enumerate(sorted(self._groups))
+        )
+        self.setText("&nbsp;&nbsp; ".join(each))
+        self.setVisible(bool(self._groups))
 
 
 class PairPlot(ScatterPlot):
@@ -195,13 +226,18 @@ class MeasurePlots(QStackedWidget):
         self.pairs.axes = (1, 3)
         self.pairs.axes_chosen.connect(self._show_pair)
         self._measures: tuple[Sequence[FloatArray], Sequence[str], Sequence[str]] = ((), (), ())
+        self.legend = GroupLegend(theme)
         for plots in (self.each, self.boxes):
-            page = QWidget()
-            row = QHBoxLayout(page)
-            row.setContentsMargins(0, 0, 0, 0)
-            row.setSpacing(0)
+            page, row = QWidget(), QHBoxLayout()
+            column = QVBoxLayout(page)
+            column.setContentsMargins(0, 0, 0, 0)
+            for layout in (column, row):
+                layout.setSpacing(0)
+            if plots is self.boxes:
+                column.addWidget(self.legend)
             for plot in plots:
                 row.addWidget(plot)
+            column.addLayout(row, 1)
             self.addWidget(page)
         self.addWidget(self.pairs)
 
@@ -212,6 +248,7 @@ class MeasurePlots(QStackedWidget):
         for plot, values in zip(self.boxes, columns, strict=True):
             plot.show_measure(values, groups)
         self._measures = columns, names, groups
+        self.legend.show_groups(groups)
         self._show_pair()
 
     def _show_pair(self) -> None:

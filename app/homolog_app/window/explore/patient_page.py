@@ -24,6 +24,7 @@ from PySide6.QtWidgets import (
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.progress import Tick
+from homolog_app.report.request import names_reference, reference_first
 from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.follow_up import CHANGE, change_regions, change_scene
 from homolog_app.views.patient import (
@@ -208,14 +209,10 @@ class PatientPage(ExplorePage):
             self.comparison,
             self.reference,
             PatientDisplay(
-                self.map.currentData(),
-                self.views.currentData(),
-                self.way.value() / _STEPS,
-                self.path.currentData(),
-                self.overlaid.isChecked(),
-                self.only_beyond.isChecked(),
+                self.map.currentData(), self.views.currentData(), self.way.value() / _STEPS,
+                self.path.currentData(), self.overlaid.isChecked(), self.only_beyond.isChecked(),
             ),
-        )
+        )  # fmt: skip
 
     def sliced(self) -> "SliceScene | None":
         """Return the patient's scan or voxels, with the map as a contour."""
@@ -368,17 +365,20 @@ class PatientPage(ExplorePage):
                 seen_from = self._compared.seen_from[number - 1]
                 self.places.append((place_of(comparison, region.centre), seen_from))
         self.table.show_rows(rows)
+        self.regions.setVisible(bool(rows))
         self.shown_changed.emit()
 
     def _values(self) -> dict[str, str]:
         return {name: field.text() for name, field in self.fields.items()}
 
     def _show_groups(self) -> None:
-        """Offer the groups of the cohort as controls."""
-        chosen = self.group.currentText()
+        """Offer the groups of the cohort as controls; at first the one that is called so is chosen."""
+        groups = reference_first(filter(None, self.workspace.session.study.groups))
+        chosen = self.group.currentText() if self.group.count() > 1 else ""
         self.group.clear()
-        self.group.addItems([_EVERYONE, *filter(None, self.workspace.session.study.groups)])
-        self.group.setCurrentIndex(max(0, self.group.findText(chosen)))
+        self.group.addItems([_EVERYONE, *groups])
+        default = next(filter(names_reference, groups), _EVERYONE)
+        self.group.setCurrentText(chosen if self.group.findText(chosen) >= 0 else default)
 
     def _show_reference(self) -> None:
         """Describe the reference, with a field for each covariate."""

@@ -19,10 +19,12 @@ from homolog_app.exports.settings import (
     StillSettings,
     TableSettings,
 )
+from homolog_app.window.theme import scaled
 from homolog_app.window.widgets import GRID, choice, label
 
 __all__ = [
     "KINDS",
+    "NAMES_PX",
     "SCREENSHOT",
     "ExportKind",
     "GroupChooser",
@@ -149,6 +151,8 @@ KINDS = {
 
 
 _NOTHING = "No comparison"
+NAMES_PX = 112
+"""What the names of all fields of an export take, so that the fields stand below each other."""
 
 
 def group_columns(columns: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
@@ -169,6 +173,7 @@ class GroupChooser(QWidget):
     def __init__(self, columns: Mapping[str, Sequence[str]], *, optional: bool) -> None:
         super().__init__()
         self._columns = group_columns(columns)
+        self._of_groups: list[QWidget] = []
         self.column, self.first, self.second = choice("Column"), choice("From"), choice("To")
         if optional:
             self.column.addItem(_NOTHING, "")
@@ -184,7 +189,10 @@ class GroupChooser(QWidget):
             name.setBuddy(box)
             grid.addWidget(name, row, 0)
             grid.addWidget(box, row, 1)
+            if box is not self.column:
+                self._of_groups += name, box
         grid.setColumnStretch(1, 1)
+        grid.setColumnMinimumWidth(0, scaled(NAMES_PX))
         self.column.currentIndexChanged.connect(self._fill)
         for box in (self.first, self.second):
             box.currentIndexChanged.connect(self.changed)
@@ -213,8 +221,9 @@ class GroupChooser(QWidget):
             box.clear()
             box.addItems(groups)
             box.setCurrentIndex(min(index, len(groups) - 1))
-            box.setEnabled(bool(groups))
             box.blockSignals(False)
+        for widget in self._of_groups:
+            widget.setVisible(bool(groups))
         self.changed.emit()
 
 
@@ -290,14 +299,14 @@ class MotionChooser(QWidget):
         page = QWidget()
         grid = QGridLayout(page)
         grid.setContentsMargins(0, 0, 0, 0)
-        grid.setSpacing(GRID // 2)
+        grid.setHorizontalSpacing(GRID)
+        grid.setVerticalSpacing(GRID // 2)
+        grid.setColumnMinimumWidth(0, scaled(NAMES_PX))
         name = QLabel("Modes")
         name.setBuddy(self.modes)
         grid.addWidget(name, 0, 0)
         grid.addWidget(self.modes, 0, 1)
-        grid.addWidget(
-            label(f"1 to {modes}, such as 1 or 1 2 3 for a grid", "FieldHelp", wrap=True), 1, 0, 1, 2
-        )
+        grid.addWidget(label(f"1 to {modes}, such as 1 or 1 2 3 for a grid", "FieldHelp", wrap=True), 1, 1)
         return page
 
     def _numbers(self) -> list[int]:

@@ -29,6 +29,7 @@ from homolog_app.views.content import KEPT, ViewContents, write_shown
 from homolog_app.views.grid import drawn
 from homolog_app.views.view_states import Snapshot
 from homolog_app.window.export.choosers import (
+    NAMES_PX,
     SCREENSHOT,
     ExportKind,
     GroupChooser,
@@ -38,6 +39,7 @@ from homolog_app.window.export.choosers import (
 )
 from homolog_app.window.export.process import ExportProcess, Preview
 from homolog_app.window.form import SettingsForm, SettingsPair
+from homolog_app.window.theme import scaled
 from homolog_app.window.widgets import GRID, button, label
 
 __all__ = ["ExportDialog", "Exported", "ScreenshotDialog"]
@@ -192,7 +194,8 @@ class ExportDialog(QDialog):
         if self.chooser is not None:
             form.addWidget(self.chooser)
         if model is not None and self.settings is not None:
-            rows = SettingsPair(model, main) if main else SettingsForm(model)
+            names = scaled(NAMES_PX)
+            rows = SettingsPair(model, main, names) if main else SettingsForm(model, least_px=names)
             rows.show_values(self.settings)
             rows.edited.connect(self.edit)
             form.addWidget(rows)
@@ -315,7 +318,7 @@ def _row(text: str, line: QLineEdit, *after: QWidget) -> QHBoxLayout:
     row.setSpacing(GRID)
     name = QLabel(text)
     name.setBuddy(line)
-    name.setFixedWidth(112)
+    name.setFixedWidth(scaled(NAMES_PX))
     line.setAccessibleName(text)
     row.addWidget(name)
     row.addWidget(line, 1)
