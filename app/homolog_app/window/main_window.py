@@ -292,7 +292,7 @@ class MainWindow(QMainWindow):
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Ask, stop the work, let go of the graphics, then close."""
-        if not self.projects.may_leave():
+        if not (self.exporting.may_close() and self.projects.may_leave()):
             event.ignore()
             return
         self.setEnabled(False)

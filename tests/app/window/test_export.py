@@ -105,7 +105,7 @@ def test_the_report_is_written_into_the_project_which_is_held_again_after(explor
     report.close()
 
 
-def test_closing_the_window_ends_an_export(explored, wait, close, tmp_path):
+def test_closing_the_window_asks_about_an_export_and_ends_it(explored, wait, close, tmp_path, monkeypatch):
     from homolog_app.window.export.dialog import ExportDialog
 
     explored.commands["export.film"].trigger()
@@ -115,6 +115,11 @@ def test_closing_the_window_ends_an_export(explored, wait, close, tmp_path):
     film.place.setText(str(tmp_path / "films" / "film.gif"))
     film.go.click()
     wait(lambda: list((tmp_path / "films").iterdir()))
+    explored.workspace.preferences.ask_on_close = True
+    monkeypatch.setattr("homolog_app.window.export.controller.ask", lambda *_: "Keep exporting")
+    assert not explored.close()
+    assert film.child.is_running
+    monkeypatch.setattr("homolog_app.window.export.controller.ask", lambda *_: "Stop")
     close(explored)
     assert not list((tmp_path / "films").iterdir())
 
@@ -235,6 +240,7 @@ def test_a_fault_is_told_in_the_dialog(dialog, wait, tmp_path):
     film.place.setText(str(tmp_path / "file" / "film.mp4"))
     assert export(film, wait) == "failed"
     assert "can't be written" in film.note.text()
+    assert film.note.objectName() == "Problem"
 
 
 def test_what_would_stand_still_or_compare_nothing_is_not_started(dialog):

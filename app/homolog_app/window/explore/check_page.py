@@ -233,9 +233,9 @@ class CheckPage(ExplorePage):
     def show_state(self) -> None:
         """Show what is done and what is possible."""
         inspection, job = self.checked.inspection, self.workspace.session.job
-        found = inspection is not None and bool(inspection.suspects)
+        has_suspects = inspection is not None and bool(inspection.suspects)
         for shown in (self.table, self.export, self.repair, self.mend_all_button):
-            shown.setVisible(found)
+            shown.setVisible(has_suspects)
         self.repair.setEnabled(self._suspect is not None and not job.is_busy)
         self.mend_all_button.setEnabled(not job.is_busy)
         self.progress.show_status(job.status if job.kind == "mend" else None)

@@ -13,6 +13,7 @@ from homolog.errors import InputError
 from homolog.files.names import file_stems
 from homolog_app.studies.files import ViewRecord, save_project
 from homolog_app.studies.study import with_present_table
+from homolog_app.window.dialogs import ask
 from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.panel import ExplorePanel
 from homolog_app.window.export.choosers import KINDS
@@ -83,6 +84,23 @@ class ExportController(Controller):
 
         what = replace(self._exported(), caution="")  # what is missing there is kept beside the picture
         ScreenshotDialog(self._window, what, shown, canvas, snapshot).show()
+
+    def may_close(self) -> bool:
+        """Ask about exports that go on; return whether to go on with closing."""
+        if not self._running or not self._workspace.preferences.ask_on_close:
+            return True
+        answer = ask(
+            self._window, "Stop the export?", "It has not finished, and nothing of it would be kept.",
+            ("Stop", "Keep exporting"), 1, lambda: not self._running,
+        )  # fmt: skip
+        return answer != "Keep exporting"
+
+    @property
+    def _running(self) -> bool:
+        """Whether a dialog's export goes on."""
+        from homolog_app.window.export.dialog import ExportDialog
+
+        return any(dialog.child.is_running for dialog in self._window.findChildren(ExportDialog))
 
     def close(self) -> None:
         """Close the dialogs and end what they export."""

@@ -246,6 +246,7 @@ class ExportDialog(QDialog):
         problem = self._problem()
         if not self.child.is_running:
             self.note.setText(problem or self._warning())
+            self._mark(bool(problem))
             self.go.setEnabled(not problem)
         if self.preview is not None and isinstance(self.settings, PictureSettings) and not problem:
             self.preview.want(self.chooser.arguments() if self.chooser else [], self.settings)
@@ -276,6 +277,7 @@ class ExportDialog(QDialog):
     def _start(self) -> None:
         self.bar.setValue(0)
         self._switch(running=True)
+        self._mark(False)
         self.note.setText("Starting…")
         self.started_export.emit()
         self.child.start(self.arguments(), self.out)
@@ -291,7 +293,14 @@ class ExportDialog(QDialog):
         self.show_.setVisible(how == "done")
         text = {"done": f"Done. {said}", "cancelled": "Cancelled; nothing was written."}
         self.note.setText(text.get(how, f"Not exported. {said}"))
+        self._mark(how == "failed")
         self.finished_export.emit(how)
+
+    def _mark(self, failed: bool) -> None:
+        """Let the note look like a problem or like a hint."""
+        self.note.setObjectName("Problem" if failed else "Hint")
+        self.note.style().unpolish(self.note)
+        self.note.style().polish(self.note)
 
     def _switch(self, *, running: bool) -> None:
         self.bar.setVisible(running)
