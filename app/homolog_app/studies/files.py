@@ -33,6 +33,7 @@ __all__ = [
     "open_project",
     "record_of",
     "save_project",
+    "save_view",
     "study_of",
 ]
 
@@ -139,6 +140,11 @@ def save_project(project: ProjectFolder, study: Study, view: ViewRecord) -> None
         before.model_copy(update={"subjects": project.describe(study.cohort), "settings": study.settings})
     )
     update_table(project, study.whole.subjects)
+    save_view(project, study, view)
+
+
+def save_view(project: ProjectFolder, study: Study, view: ViewRecord) -> None:
+    """Write how a study that is saved was looked at; raises InputError if that can't be written."""
     write_text(project.folder / _FILE, record_of(study, project, view).model_dump_json(indent=2) + "\n")
 
 

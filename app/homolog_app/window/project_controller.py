@@ -190,6 +190,12 @@ class ProjectController(Controller):
 
     def may_leave(self) -> bool:
         """Ask about a run that goes on and about unsaved edits; return whether to go on."""
+        if not self._is_agreed():
+            return False
+        self._workspace.keep_view(self._view())
+        return True
+
+    def _is_agreed(self) -> bool:
         workspace = self._workspace
         if not workspace.preferences.ask_on_close:
             return True

@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
 from homolog.errors import HomologError, InputError
 from homolog.files.project import ProjectFolder
 from homolog.settings import RunSettings
-from homolog_app.studies.files import Journal, JournalRecord, ViewRecord, record_of
+from homolog_app.studies.files import Journal, JournalRecord, ViewRecord, record_of, save_view
 from homolog_app.window.dialogs import LogMemory
 from homolog_app.window.runner import GarbageCollector
 from homolog_app.window.session import Session
@@ -252,6 +252,16 @@ class Workspace(QObject):
             self.journal.write(record)
         except InputError as error:
             _log.warning("no crash recovery: %s", error)
+
+    def keep_view(self, view: ViewRecord) -> None:
+        """Keep how a study is looked at in its project, if there is one and all is saved in it."""
+        session = self.session
+        if session.folder is None or session.read_only or self.is_changed or not self.project.exists:
+            return
+        try:
+            save_view(self.project, session.study, view)
+        except InputError as error:
+            _log.warning("the view is not kept: %s", error)
 
     def close(self) -> None:
         """Stop the thread and leave nothing behind."""

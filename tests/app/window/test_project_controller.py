@@ -309,7 +309,7 @@ def test_work_that_is_to_be_stopped_is_stopped_before_the_next_question(groomed,
 
 
 @pytest.mark.window
-def test_size_and_panel_sizes_come_back(explored, close, make_window, tmp_path, wait):
+def test_sizes_of_window_and_panels_and_the_open_page_come_back(explored, close, make_window, tmp_path, wait):
     from PySide6.QtCore import Qt
     from PySide6.QtWidgets import QDockWidget
 
@@ -325,8 +325,7 @@ def test_size_and_panel_sizes_come_back(explored, close, make_window, tmp_path, 
     window = make_window()
     assert window.size().toTuple() == (1500, 850)
     window.projects.open_paths([tmp_path / "copy"])
-    wait(lambda: window.workspace.session.result is not None)
-    window.commands["explore.modes"].trigger()
+    wait(lambda: window.inspector.explore.page.title == "Modes")
     wait(lambda: panel(window).width() == 520 and panel(window, "Plots").height() == 333, seconds=5)
 
 

@@ -112,11 +112,8 @@ class GroupsPage(ExplorePage):
         self.show_answers()
 
     def _lay_out(self) -> None:
-        self.body.addWidget(self.form)
-        self.body.addWidget(self.compare)
-        self.body.addWidget(rule())
-        self.body.addWidget(self.nothing)
-        self.body.addWidget(self.stale)
+        for widget in (self.form, self.compare, rule(), self.nothing, self.stale):
+            self.body.addWidget(widget)
         self.answer = QWidget()
         answer = QVBoxLayout(self.answer)
         answer.setContentsMargins(0, 0, 0, 0)
@@ -142,12 +139,13 @@ class GroupsPage(ExplorePage):
         answer.addLayout(ticks)
         answer.addWidget(self.player)
         answer.addWidget(rule())
-        for text in (self.cautions, self.numbers, self.summary, self.kept):
+        for text in (self.cautions, self.numbers, self.summary):
             answer.addWidget(text)
         self.body.addWidget(self.answer)
         self.body.addStretch()
         self.footer.setSpacing(GRID)
         self.footer.addWidget(self.progress)
+        self.footer.addWidget(self.kept)
         further = QHBoxLayout()
         further.setSpacing(GRID)
         for button_ in (self.seeds, self.keep):
@@ -223,7 +221,7 @@ class GroupsPage(ExplorePage):
             "study",
             lambda tick: save_answers(project, answers, cohort, tick),
             "keeping the answer",
-            lambda folders: self.kept.setText(
+            lambda folders: self._show_kept(
                 f"Stored in {', '.join(str(folder) for folder in folders)}; Export > Report includes it."
             ),
         )
@@ -238,8 +236,13 @@ class GroupsPage(ExplorePage):
             "seeds",
             lambda tick: repeat_by_seed(project, answers, cohort, _SEEDS, tick),
             f"answers of {_SEEDS} seeds",
-            lambda sentences: self.kept.setText(typeset("\n".join(sentences))),
+            lambda sentences: self._show_kept(typeset("\n".join(sentences))),
         )
+
+    def _show_kept(self, text: str) -> None:
+        """Say what was stored, or nothing, where it is seen at once."""
+        self.kept.setText(text)
+        self.kept.setVisible(bool(text))
 
     def shown(self, subjects: Sequence[Content]) -> ViewContents:
         """Return the map of the answer; the mean shape before there is one."""
@@ -268,7 +271,7 @@ class GroupsPage(ExplorePage):
         self.all, self.answers = answered
         self._mapped = (0, 0)
         self._questions |= self.all.question.titles
-        self.kept.clear()
+        self._show_kept("")
         self.show_answers()
         self._follow_path()
 
