@@ -289,6 +289,19 @@ def test_a_table_of_another_name_is_left_alone_and_said(tmp_path):
     assert "cohort.csv" in note
 
 
+@pytest.mark.parametrize(
+    "heading",
+    ["Kennung;Datei;Gruppe", "sujet;chemin;groupe", "paciente;archivo;grupo", "paziente;percorso;gruppo"],
+)
+def test_headings_may_be_in_another_language(tmp_path, heading):
+    (tmp_path / "cohort.csv").write_text(f"{heading}\na;x.stl;1\nb;y.stl;2\n", encoding="utf-8-sig")
+    found = cohort_of(tmp_path, "x.stl", "y.stl")
+    assert [(one.name, one.path.name, one.group) for one in found.subjects] == [
+        ("a", "x.stl", "1"),
+        ("b", "y.stl", "2"),
+    ]
+
+
 def test_columns_of_a_table_may_have_other_names(tmp_path):
     (tmp_path / "cohort.csv").write_text("Subject_ID;File;group\nx;a.nrrd;A\n", encoding="utf-8")
     (first,) = cohort_of(tmp_path, "a.nrrd").subjects

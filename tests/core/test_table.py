@@ -38,6 +38,11 @@ def test_new_columns_and_groups_are_added_and_replaced(read):
     ]
 
 
+def test_tables_may_be_in_another_language(read):
+    found = read("Alter;Kennung;Gruppe\n62,5;p01_ED;krank\n")
+    assert (found.subjects[0].group, found.subjects[0].columns) == ("krank", {"age": "61", "Alter": "62,5"})
+
+
 def test_a_row_of_types_declares_categories_and_checks_numbers(read):
     cohort = read("name,age,site\ntype,number,category\np01_ED,62,1\np02_ED,NA,2\n")
     assert cohort.subjects[0].columns == {"age": "62", "site:c": "1"}
@@ -84,6 +89,24 @@ def test_a_beginning_that_two_subjects_share_names_neither(tmp_path):
     table.write_text("name,sex\np1,F\nq,M\n", encoding="utf-8")
     pair = [Subject(name, Path(f"{name}.ply")) for name in ("p1_a", "p1_b", "q")]
     assert with_table(pair, table).unknown == ("p1",)
+
+
+@pytest.mark.parametrize(
+    ("said", "names"),
+    [
+        ("sub-01", ("sub-01_ses-01_mask", "sub-01_ses-02_mask")),
+        ("p7", ("p7_lung_left", "p7_lung_right")),
+        ("anna", ("anna_ED", "anna_ES")),
+    ],
+)
+def test_a_row_is_of_all_times_and_sides_of_its_subject_that_have_none_of_their_own(tmp_path, said, names):
+    table = tmp_path / "table.csv"
+    subjects = [Subject(name, Path(f"{name}.ply")) for name in (*names, f"{said}9_ED")]
+    table.write_text(f"name,age,note\n{said},61,\n", encoding="utf-8")
+    assert with_table(subjects, table).matched == names
+    table.write_text(f"name,age\n{said},61\n{names[1]},62\n", encoding="utf-8")
+    found = with_table(subjects, table).subjects
+    assert [subject.columns.get("age") for subject in found] == ["61", "62", None]
 
 
 def test_the_column_that_fits_most_subjects_names_them(read):

@@ -26,6 +26,7 @@ __all__ = [
     "scans_beside",
     "structure_in",
     "structures_in_names",
+    "words_but_times",
 ]
 
 _SEPARATED = re.compile(r"[^\W_]+")
@@ -184,6 +185,12 @@ def are_times(structures: Iterable[str]) -> bool:
     """Return whether several files of a subject are the same at several times: ``frame01_gt``, ``ED``."""
     rest = [[word for word in _words(item) if word not in _MASKS] for item in structures]
     return len(rest) > 1 and all(tokens and all(map(_TIME.fullmatch, tokens)) for tokens in rest)
+
+
+def words_but_times(text: str) -> tuple[str, ...]:
+    """Return the words of a name without points in time: ``cc`` and ``mask`` of ``ses-01_cc_mask``."""
+    joined = re.sub(r"(?<=[^\W\d_])[-_. ](?=\d)", "", text)
+    return tuple(word for word in _words(joined) if not _TIME.fullmatch(word))
 
 
 def structures_in_names(stems: Sequence[str]) -> dict[str, int]:

@@ -9,23 +9,32 @@ from homolog.cohort.column_types import read_typed_rows
 from homolog.cohort.subject import Cohort, Subject, checked_path, image_beside, landmarks_beside
 from homolog.errors import InputError
 
-__all__ = ["MANIFEST", "names_files", "place_of", "read_manifest"]
+__all__ = ["MANIFEST", "OTHER_NAMES", "names_files", "own_columns", "place_of", "read_manifest"]
 
 MANIFEST = "cohort.csv"
 _OWN_COLUMNS = ("name", "path", "group", "landmarks", "image")
-_OTHER_NAMES = {
-    "name": ("case", "case_id", "id", "participant_id", "patient", "patient_id", "subject", "subject_id"),
-    "path": ("file", "filename", "file_name", "filepath", "file_path", "mask", "mesh", "segmentation"),
+# fmt: off
+OTHER_NAMES = {
+    "name": (
+        "case", "case_id", "id", "participant_id", "patient", "patient_id", "subject", "subject_id",
+        "kennung", "patienten_id", "proband", "probanden_id", "sujet", "sujeto", "paciente", "paziente",
+    ),
+    "path": (
+        "file", "filename", "file_name", "filepath", "file_path", "mask", "mesh", "segmentation",
+        "datei", "dateiname", "pfad", "fichier", "chemin", "archivo", "ruta", "percorso",
+    ),
+    "group": ("gruppe", "groupe", "grupo", "gruppo"),
 }
-"""What tables call the columns that they must have."""
-_KNOWN = (*_OWN_COLUMNS, *(name for names in _OTHER_NAMES.values() for name in names))
+# fmt: on
+"""What tables call these columns, in five languages as sides are."""
+_KNOWN = (*_OWN_COLUMNS, *(name for names in OTHER_NAMES.values() for name in names))
 _BAD_IN_NAMES = set('/\\:*?"<>|') | {chr(code) for code in range(32)}
 
 
 def read_manifest(path: Path) -> Cohort:
     """Return the cohort of a table; raises InputError if a column or value is missing or bad."""
     columns, rows = read_typed_rows(path, _KNOWN)
-    own = _own_columns(columns)
+    own = own_columns(columns)
     missing = [name for name in ("name", "path") if name not in own.values()]
     if missing:
         raise InputError(
@@ -47,14 +56,14 @@ def read_manifest(path: Path) -> Cohort:
 
 def names_files(path: Path) -> bool:
     """Return whether a table has a column with the subjects' files."""
-    return "path" in _own_columns(read_typed_rows(path, _KNOWN)[0]).values()
+    return "path" in own_columns(read_typed_rows(path, _KNOWN)[0]).values()
 
 
-def _own_columns(columns: Sequence[str]) -> dict[str, str]:
+def own_columns(columns: Sequence[str]) -> dict[str, str]:
     """Return which of a table's columns mean those that a cohort knows, in capitals or by another name."""
     own = {column: column for column in columns if column in _OWN_COLUMNS}
     for wanted in _OWN_COLUMNS:
-        for names in ((wanted,), _OTHER_NAMES.get(wanted, ())):
+        for names in ((wanted,), OTHER_NAMES.get(wanted, ())):
             alike = [column for column in columns if column.strip().lower() in names]
             if wanted not in own.values() and len(alike) == 1:
                 own[alike[0]] = wanted

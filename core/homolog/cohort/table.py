@@ -3,18 +3,21 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 
 from homolog.cohort.column_types import CATEGORY, plain_name, read_typed_rows
-from homolog.cohort.manifest import place_of
+from homolog.cohort.file_names import words_but_times
+from homolog.cohort.manifest import OTHER_NAMES, own_columns, place_of
+from homolog.cohort.sides import is_side
 from homolog.cohort.subject import Subject, checked_path, suffix_of
 from homolog.errors import InputError
 from homolog.spreadsheets import Row
 
 __all__ = ["Replaced", "TableChanges", "with_table", "with_values_of"]
 
-_KEYS = ("name", "subject", "id")
+_KEYS = ("name", "subject", "id", *OTHER_NAMES["name"])
 _NOT_TAKEN = ("path", "landmarks")
 _GROUP, _IMAGE = "group", "image"
 _SHOWN = 5
@@ -88,9 +91,11 @@ class TableChanges:
 def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     """Read groups and covariates of known subjects from a table.
 
-    The column called name, subject or id (the one that fits most subjects), else the first one, names the
+    The column called name, subject, id, … (the one that fits most subjects), else the first one, names the
     subject: by its name, by its file's name, with or without suffix, or by the beginning of its name up to a
-    sign that is no letter or digit (``acdc004`` means ``acdc004_ED_myo``). Columns for paths and landmarks
+    sign that is no letter or digit (``acdc004`` means ``acdc004_ED_myo``). A beginning that several names
+    share means all of them if they are one subject's sides or points in time (``sub-01`` means
+    ``sub-01_ses-01`` and ``sub-01_ses-02``) and have no row of their own. Columns for paths and landmarks
     are left alone; relative paths of scans (column image) start at the table's folder. An empty cell leaves
     what is there. A row of types below the header declares categories and numbers (`read_typed_rows`).
 
@@ -109,7 +114,8 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     InputError
         If the file can't be read, names no subject, or has two rows of one subject.
     """
-    columns, lines = read_typed_rows(path, (*_KEYS, *_NOT_TAKEN, _GROUP, _IMAGE))
+    columns, lines = read_typed_rows(path, (*_KEYS, *_NOT_TAKEN, _GROUP, *OTHER_NAMES[_GROUP], _IMAGE))
+    groups = [column for column, own in own_columns(columns).items() if own == _GROUP]
     named = [column for column in columns if column]
     if not lines or not named:
         raise InputError(f"{path}: contains no rows; choose another table")
@@ -117,23 +123,29 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     wanted = [item for key in _KEYS for item in named if item.casefold() == key]
     keys = wanted or [item for item in named if item.casefold() == "path"] or named[:1]
     candidates = {key: [_named(subjects, row[key]) for row in rows] for key in keys}
-    key = max(keys, key=lambda item: sum(name is not None for name in candidates[item]))
-    names = candidates[key]
-    if not any(names):
+    key = max(keys, key=lambda item: sum(map(bool, candidates[item])))
+    named_by = candidates[key]
+    if not any(named_by):
         raise InputError(f"{path}: its column {key!r} names none of the subjects, such as {subjects[0].name}")
-    twice = [name for name, count in Counter(filter(None, names)).items() if count > 1]
+    own = {names[0] for names in named_by if len(names) == 1}
+    named_by = [
+        names if len(names) == 1 else tuple(name for name in names if name not in own) for names in named_by
+    ]
+    twice = [name for name, count in Counter(chain.from_iterable(named_by)).items() if count > 1]
     if twice:
         raise InputError(f"{path}: has several rows of {_listed(twice)}; keep one of each")
     values = {
         name: {
-            column: _scan(path, value) if column.casefold() == _IMAGE and value else value
+            _GROUP if column in groups else column: (
+                _scan(path, value) if column.casefold() == _IMAGE and value else value
+            )
             for column, value in row.items()
             if column != key
         }
-        for name, row in zip(names, rows, strict=True)
-        if name is not None
+        for names, row in zip(named_by, rows, strict=True)
+        for name in names
     }
-    unknown = [row[key] for name, row in zip(names, rows, strict=True) if name is None]
+    unknown = [row[key] for names, row in zip(candidates[key], rows, strict=True) if not names]
     return _changes(subjects, values, unknown, key)
 
 
@@ -209,15 +221,21 @@ def _scan(table: Path, text: str) -> str:
         raise InputError(f"{table}: the image {text[:_SHOWN_CHARACTERS]} {error}; correct it") from error
 
 
-def _named(subjects: Sequence[Subject], text: str) -> str | None:
-    """Return the name of the one subject that a row means; None if it means none, or several."""
+def _named(subjects: Sequence[Subject], text: str) -> tuple[str, ...]:
+    """Return the subject that a row means, or all that are one at several times or of both sides."""
     file = text.replace("\\", "/").rpartition("/")[2]
     said = {text.casefold(), file.casefold(), _stem(file).casefold()} - {""}
     for fits in (_is_called, _is_file, _begins):
-        matches = [subject.name for subject in subjects if any(fits(subject, name) for name in said)]
+        matches = tuple(subject.name for subject in subjects if any(fits(subject, name) for name in said))
         if matches:
-            return matches[0] if len(matches) == 1 else None
-    return None
+            is_one = len(matches) == 1 or (fits is _begins and len({*map(_words_of_one, matches)}) == 1)
+            return matches if is_one else ()
+    return ()
+
+
+def _words_of_one(name: str) -> tuple[str, ...]:
+    """Return the words of a name but those for times and sides, which subjects of one person share."""
+    return tuple(word for word in words_but_times(name) if not is_side(word))
 
 
 def _is_called(subject: Subject, said: str) -> bool:
