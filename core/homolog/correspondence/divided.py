@@ -1,9 +1,9 @@
 """Shapes divided among several devices of one machine.
 
-Every device holds the surfaces and tables of its shapes and moves their particles. What ties shapes together,
-the mean normals and the duals of H(Z) and H(V), is computed for all shapes on the first device. In an
-iteration it gets positions, normals and opening angles from the others, gives them mean normals and
-gradients, gets their steps and gives them the damped ones: 22 numbers a particle in all.
+Every device holds the surfaces and tables of its shapes and moves their particles. What ties shapes together
+is computed for all of them: the mean normals and the dual of H(Z) on the first device, the dual of H(V) on
+the second. In an iteration the first gets positions, normals and opening angles from the others, gives
+them mean normals and gradients, gets steps and gives damped ones: 22 numbers a particle in all.
 """
 
 from collections.abc import Sequence
@@ -13,10 +13,10 @@ from itertools import pairwise, permutations
 import numpy as np
 import warp as wp
 
-from homolog.arrays import BoolArray, DeviceArray, FloatArray
+from homolog.arrays import BoolArray, FloatArray
 from homolog.correspondence.engine import Engine, Particles
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
-from homolog.correspondence.launcher import Launcher
+from homolog.correspondence.launcher import Launcher, copy_between
 from homolog.correspondence.prepared_cohort import (
     MEAN_AREA,
     GeodesicSolver,
@@ -177,7 +177,7 @@ def _positions(particles: Particles | FloatArray) -> FloatArray:
 class _PartEngine(Engine):
     """The particles of the shapes on one device, whose gradients are given."""
 
-    def _tie(self, *, any_fixed: bool) -> None:
+    def _tie(self, *, any_fixed: bool, second: str | None = None) -> None:
         self.stiffness = wp.zeros(1, dtype=float, device=self.launch.device)
 
 
@@ -211,7 +211,7 @@ class DividedEngine(Engine):
             positions, cohort.surface_set(positions.shape[1]), free,
             geodesic=cohort.geodesic, area=MEAN_AREA, launcher=launcher,
         )  # fmt: skip
-        self._tie(any_fixed=free is not None)
+        self._tie(any_fixed=free is not None, second=cohort.parts[1].device)
         super().set_poses(poses)
         self._gather_surface()
         if isinstance(particles, Particles):
@@ -270,11 +270,14 @@ class DividedEngine(Engine):
     def _move(self) -> None:
         for part in self._parts:
             part.compute_forces()
-        self._compute_gradients()
+        self.compare()
+        self.coupling.gradients(
+            self.stage, self.iteration, (self.centred, self.logs), (self.ensemble_part, self.normals_part)
+        )
         self._scatter("ensemble_part", "normals_part")
         for part in self._parts:
-            _copy(part.means, self.means)
-            _copy(part.stiffness, self.stiffness)
+            copy_between(part.means, self.means)
+            copy_between(part.stiffness, self.stiffness)
             part.combine()
         self._gather("steps")
         self.coupling.damp(self.stage, self.iteration, self.steps, self.ensemble_part)
@@ -285,24 +288,6 @@ class DividedEngine(Engine):
             engine.count_iteration()
         self._gather_surface()
 
-    def _compute_gradients(self) -> None:
-        """Compute the gradients of H(Z) and H(V), on CUDA as one captured graph."""
-        if self._graph is not None:
-            wp.capture_launch(self._graph)
-            return
-        if self.launch.device == "cpu":
-            self._launch_gradients()
-            return
-        with wp.ScopedCapture(device=self.launch.device) as capture:
-            self._launch_gradients()
-        self._graph = capture.graph
-        wp.capture_launch(self._graph)
-
-    def _launch_gradients(self) -> None:
-        self.compare()
-        self.coupling.solve(self.stage, self.iteration, self.centred, self.logs)
-        self.coupling.directions(self.centred, self.logs, self.ensemble_part, self.normals_part)
-
     def _gather_surface(self) -> None:
         self._gather("positions", "normals", "openings")
 
@@ -310,13 +295,13 @@ class DividedEngine(Engine):
         """Copy arrays of the parts to this engine's."""
         for part, own in self._by_part():
             for name in names:
-                _copy(getattr(self, name), getattr(part, name), own.start * self.count, 0, part.total)
+                copy_between(getattr(self, name), getattr(part, name), own.start * self.count, 0, part.total)
 
     def _scatter(self, *names: str) -> None:
         """Copy arrays of this engine to those of the parts."""
         for part, own in self._by_part():
             for name in names:
-                _copy(getattr(part, name), getattr(self, name), 0, own.start * self.count, part.total)
+                copy_between(getattr(part, name), getattr(self, name), 0, own.start * self.count, part.total)
 
     def _by_part(self) -> list[tuple[Engine, slice]]:
         return list(zip(self._parts, self._spans, strict=True))
@@ -327,15 +312,3 @@ def _of_span(particles: Particles | FloatArray, own: slice) -> Particles | Float
     if not isinstance(particles, Particles):
         return particles[own]
     return Particles(particles.positions[own], particles.widths[own], particles.means, particles.faces[own])
-
-
-def _copy(
-    target: DeviceArray, source: DeviceArray, target_offset: int = 0, source_offset: int = 0, count: int = 0
-) -> None:
-    """Copy between devices after what was launched on both, and before what is launched on either later."""
-    apart = target.device != source.device
-    if apart:
-        target.device.stream.wait_stream(source.device.stream)
-    wp.copy(target, source, target_offset, source_offset, count)
-    if apart:
-        source.device.stream.wait_stream(target.device.stream)

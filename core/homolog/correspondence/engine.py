@@ -10,6 +10,7 @@ import warp as wp
 
 from homolog.arrays import BoolArray, DeviceArray, Float32Array, FloatArray, IntArray
 from homolog.correspondence.entropy.coupling import coupling
+from homolog.correspondence.entropy.means import DeviceMeans, Means
 from homolog.correspondence.entropy.sampling import LIST_CUTOFF, LIST_ITERATIONS, Sampling
 from homolog.correspondence.kernels import particles as kernels
 from homolog.correspondence.kernels import step as step_kernels
@@ -124,10 +125,11 @@ class Engine:
         flags = np.ones(self.total) if free is None else free.ravel()
         self.free = wp.array(flags, dtype=int, device=launcher.device)
 
-    def _tie(self, *, any_fixed: bool) -> None:
+    def _tie(self, *, any_fixed: bool, second: str | None = None) -> None:
         """Make what ties the shapes together."""
-        self.coupling = coupling(self.layout, self.free, any_fixed, self.launch)
+        self.coupling = coupling(self.layout, self.free, any_fixed, self.launch, second)
         self.stiffness = self.coupling.stiffness
+        self._compare = (Means if self.launch.device == "cpu" else DeviceMeans)(self.layout, self.launch)
 
     def _allocate(self, positions: FloatArray | Float32Array) -> None:
         total, on_device = self.total, {"device": self.launch.device}
@@ -277,15 +279,15 @@ class Engine:
 
     def compare(self) -> None:
         """Centre positions, and the Logs of normals, over the shapes."""
-        surface = [self._poses, self.positions, self.normals]
-        compared = [self.openings, self.means, self.centred, self.logs]
-        self.launch(step_kernels.mean_normals, self.count, [self.layout, *surface, *compared])
+        surface = (self.positions, self.normals, self.openings)
+        self._compare(self._poses, surface, self.means, (self.centred, self.logs))
 
     def _move(self) -> None:
         self.compare()
         with self.launch.beside(self.compute_forces, self.count):
-            self.coupling.solve(self.stage, self.iteration, self.centred, self.logs)
-            self.coupling.directions(self.centred, self.logs, self.ensemble_part, self.normals_part)
+            self.coupling.gradients(
+                self.stage, self.iteration, (self.centred, self.logs), (self.ensemble_part, self.normals_part)
+            )
         self.combine()
         self.coupling.damp(self.stage, self.iteration, self.steps, self.ensemble_part)
         self.launch.in_order(self.take_step, self.count)

@@ -102,7 +102,7 @@ class FitEngine(Engine):
         )  # fmt: skip
         self.means = wp.array(ensemble.normals, dtype=wp.vec3, device=launcher.device)
 
-    def _tie(self, *, any_fixed: bool) -> None:
+    def _tie(self, *, any_fixed: bool, second: str | None = None) -> None:
         self._own_coupling = EnsembleCoupling(self.layout, self.free, True, self.launch).of(
             self._ensemble, is_in_it=self._is_in_it
         )

@@ -10,14 +10,16 @@ from typing import Any
 
 import warp as wp
 
+from homolog.arrays import DeviceArray
 from homolog.device import cores
 
-__all__ = ["Launcher", "load_kernels"]
+__all__ = ["Launcher", "copy_between", "load_kernels"]
 
 MIN_PIECE_THREADS = 512  # below it another core does not pay
 MAX_PIECE_THREADS = 32768  # some 0.1 s, so that the run can be cancelled
 PIECES_PER_CORE = 4  # of a sequence of kernels, so that cores which are done early take from the others
 MAX_RECORDED = 32
+CPU_KERNELS = ("functions", "particles", "sampling", "step")  # the others are of CUDA devices only
 
 _Launch = tuple[Any, int, Sequence[Any]]  # kernel, number of threads, inputs after the index of the first
 
@@ -25,8 +27,12 @@ _Launch = tuple[Any, int, Sequence[Any]]  # kernel, number of threads, inputs af
 def load_kernels(device: str) -> None:
     """Compile the kernels of an optimization for a device, or several, or load them from Warp's cache."""
     for alias in device.split(","):
-        for part in ("geodesics", "correspondence"):
-            wp.load_module(f"homolog.{part}", device=alias, recursive=True)
+        wp.load_module("homolog.geodesics", device=alias, recursive=True)
+        if alias == "cpu":
+            for part in CPU_KERNELS:
+                wp.load_module(f"homolog.correspondence.kernels.{part}", device=alias)
+        else:
+            wp.load_module("homolog.correspondence", device=alias, recursive=True)
 
 
 class Launcher:
@@ -205,3 +211,15 @@ class Launcher:
 
 def _identity(item: Any) -> Any:  # noqa: ANN401
     return item if isinstance(item, int | float) else id(item)
+
+
+def copy_between(
+    target: DeviceArray, source: DeviceArray, target_offset: int = 0, source_offset: int = 0, count: int = 0
+) -> None:
+    """Copy between devices after what was launched on both, and before what is launched on either later."""
+    apart = target.device != source.device
+    if apart:
+        target.device.stream.wait_stream(source.device.stream)
+    wp.copy(target, source, target_offset, source_offset, count)
+    if apart:
+        source.device.stream.wait_stream(target.device.stream)

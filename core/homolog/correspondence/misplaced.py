@@ -12,8 +12,10 @@ from scipy.spatial import cKDTree
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.correspondence.engine import Engine, rotations
 from homolog.correspondence.initialization.registration import features, snap_to_mesh
+from homolog.device import cores
 from homolog.errors import InputError
 from homolog.geometry import farthest_point_sampling, inverse_matrices, transform_points
+from homolog.threads import in_threads
 
 __all__ = [
     "MAX_MISPLACED_FRACTION",
@@ -105,7 +107,8 @@ def find_swapped(aligned: FloatArray, means: FloatArray) -> IntArray:
     neighbours = np.asarray(
         cKDTree(features(mean, means)).query(features(mean, means), k=N_NEIGHBOURS + 1)[1]
     )[:, 1:]
-    for k in range(n_shapes):
+
+    def find(k: int) -> None:
         deviation = aligned[k] - mean
         expected = mean + np.median(deviation[neighbours], axis=1)
         error = np.linalg.norm(aligned[k] - expected, axis=1)
@@ -118,6 +121,9 @@ def find_swapped(aligned: FloatArray, means: FloatArray) -> IntArray:
         is_swap = other_i + other_j < MAX_PAIR_ERROR_RATIO * (error[i] + error[j])
         is_swap &= (other_i < MAX_ERROR_RATIO * error[i]) & (other_j < MAX_ERROR_RATIO * error[j])
         partners[k, i[is_swap]], partners[k, j[is_swap]] = j[is_swap], i[is_swap]
+
+    for _ in in_threads(find, range(n_shapes), cores()):
+        pass
     return partners
 
 

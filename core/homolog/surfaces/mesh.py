@@ -1,6 +1,7 @@
 """Closed triangle surfaces."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from homolog.memory import Store
 __all__ = ["TriangleMesh"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)  # without slots, for the properties that are kept
 class TriangleMesh:
     """A triangle surface in LPS millimetres, faces counter-clockwise seen from outside.
 
@@ -48,10 +49,16 @@ class TriangleMesh:
     @property
     def face_areas(self) -> FloatArray:
         """Area of each face [mm²], shape (F,)."""
-        a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
-        return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+        corners = (column[self.faces.T] for column in self._columns())
+        (x, u), (y, v), (z, w) = ((c[1] - c[0], c[2] - c[0]) for c in corners)
+        squares = (y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2
+        return np.asarray(0.5 * np.sqrt(squares))
 
-    @property
+    def _columns(self) -> list[FloatArray]:
+        """Return the coordinates as contiguous arrays, on which all faces take half the time."""
+        return [np.ascontiguousarray(column) for column in self.vertices.T]
+
+    @cached_property
     def area(self) -> float:
         """Surface area [mm²]."""
         return float(self.face_areas.sum())
@@ -62,11 +69,14 @@ class TriangleMesh:
         a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
         return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
 
-    @property
+    @cached_property
     def mean_edge(self) -> float:
         """Mean edge length [mm], over face sides."""
-        corners = self.vertices[self.faces]
-        return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
+        squares = np.zeros(self.faces.shape)
+        for column in self._columns():
+            corners = column[self.faces]
+            squares += (corners - corners[:, [2, 0, 1]]) ** 2
+        return float(np.sqrt(squares).mean())
 
     @property
     def vertex_normals(self) -> FloatArray:

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 import warp as wp
 
+from homolog.correspondence.entropy import device_duals
 from homolog.correspondence.entropy.coupling import DeviceCoupling, HostCoupling
 from homolog.correspondence.entropy.dual import covariance, entropy, inverse_dual, solve_duals
-from homolog.correspondence.kernels.particles import Layout, StepParameters
+from homolog.correspondence.entropy.means import DeviceMeans, Means
+from homolog.correspondence.kernels.particles import Layout, Pose, StepParameters
 from homolog.correspondence.launcher import Launcher
 
 SHAPES, PARTICLES = 6, 40
@@ -59,8 +61,11 @@ def test_entropy_per_particle_does_not_depend_on_how_often_each_particle_is_coun
 
 
 @pytest.mark.parametrize("held", [False, True])
-@pytest.mark.parametrize("shapes", [2, 4, 10, 273])  # less than a block, one, no whole number, some panels
-def test_the_device_coupling_computes_what_the_host_coupling_does(shapes, held):
+@pytest.mark.parametrize(
+    ("shapes", "by_tiles"), [(2, False), (4, False), (10, False), (10, True), (64, True), (71, True)]
+)  # less than a block, one, no whole number; less than a tile, two, no whole number
+def test_the_device_coupling_computes_what_the_host_coupling_does(shapes, by_tiles, held, monkeypatch):
+    monkeypatch.setattr(device_duals, "MANY_SHAPES", 0 if by_tiles else 1000)
     random = np.random.default_rng(shapes)
     size = random.normal(size=(shapes, 1)) * random.normal(size=3 * PARTICLES)  # one mode dwarfs the others
     rows = 20.0 * size + 0.05 * random.normal(size=(shapes, 3 * PARTICLES))
@@ -89,6 +94,35 @@ def test_the_device_coupling_computes_what_the_host_coupling_does(shapes, held):
         results.append([*(array.numpy() for array in out), coupling.stiffness.numpy(), coupling.entropies()])
     for host, device in zip(*results, strict=True):
         np.testing.assert_allclose(host, device, rtol=1e-5, atol=3e-4 * np.abs(host).max())
+
+
+def test_means_over_chunks_of_shapes_are_those_over_all():
+    random = np.random.default_rng(5)
+    shapes, launcher = 21, Launcher("cpu", threads=1)  # of which the last chunk has fewer
+    layout = Layout()
+    layout.shapes, layout.per_shape = shapes, PARTICLES
+    poses = np.zeros(shapes, dtype=Pose.numpy_dtype())
+    poses["linear"], poses["rotation"] = 1.2 * np.eye(3), np.eye(3)
+    poses["shift"] = random.normal(size=(shapes, 3))
+    normals = random.normal(size=(shapes, PARTICLES, 3)) + 3.0 * random.normal(size=(PARTICLES, 3))
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+
+    def on_device(values, dtype):
+        return wp.array(values.reshape(-1, values.shape[-1]).astype(np.float32), dtype=dtype, device="cpu")
+
+    surface = (
+        on_device(random.normal(size=normals.shape), wp.vec3),
+        on_device(normals, wp.vec3),
+        on_device(random.normal(size=(shapes, PARTICLES, 4)), wp.vec4),
+    )
+    results = []
+    for kind in (Means, DeviceMeans):
+        means = on_device(normals[0], wp.vec3)
+        out = tuple(wp.zeros(shapes * PARTICLES, dtype=wp.vec3, device="cpu") for _ in range(2))
+        kind(layout, launcher)(wp.array(poses, dtype=Pose, device="cpu"), surface, means, out)
+        results.append([array.numpy() for array in (means, *out)])
+    for plain, chunks in zip(*results, strict=True):
+        np.testing.assert_allclose(plain, chunks, atol=1e-5)
 
 
 def test_where_all_shapes_may_move_holding_others_changes_nothing(rows):

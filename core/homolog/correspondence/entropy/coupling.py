@@ -1,16 +1,18 @@
 """What ties the shapes together in one iteration, on the host for the CPU and on the device for CUDA."""
 
 from abc import ABC, abstractmethod
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from homolog.arrays import DeviceArray, Float32Array, FloatArray
+from homolog.correspondence.entropy.device_duals import make_duals
 from homolog.correspondence.entropy.dual import covariance, solve_duals
-from homolog.correspondence.kernels import dual as dual_kernels
 from homolog.correspondence.kernels import particles as kernels
 from homolog.correspondence.kernels import step as step_kernels
-from homolog.correspondence.launcher import Launcher
+from homolog.correspondence.kernels.dual import N_MATRICES, NORMALS
+from homolog.correspondence.launcher import Launcher, copy_between
 
 __all__ = ["Coupling", "DeviceCoupling", "HostCoupling", "coupling"]
 
@@ -58,6 +60,25 @@ class Coupling(ABC):
         ensemble, normals : (M n,) arrays of vec3
             Where the gradients are written.
         """
+
+    def gradients(
+        self,
+        stage: DeviceArray,
+        iteration: DeviceArray,
+        vectors: tuple[DeviceArray, DeviceArray],
+        out: tuple[DeviceArray, DeviceArray],
+    ) -> None:
+        """Solve for the gradients of both entropies.
+
+        Parameters
+        ----------
+        stage, iteration : arrays
+            As in `solve`.
+        vectors, out : pairs of (M n,) arrays of vec3
+            Those of `solve`, and where their gradients are written.
+        """
+        self.solve(stage, iteration, *vectors)
+        self.directions(*vectors, *out)
 
     def damp(
         self, stage: DeviceArray, iteration: DeviceArray, steps: DeviceArray, damped: DeviceArray
@@ -142,93 +163,110 @@ class DeviceCoupling(Coupling):
         self, layout: kernels.Layout, free: DeviceArray, any_fixed: bool, launcher: Launcher
     ) -> None:
         super().__init__(layout, free, any_fixed, launcher)
-        shapes = self.shapes
-        make = {"device": launcher.device}
-        self._covariances = [wp.zeros((shapes, shapes), dtype=wp.float64, **make) for _ in range(2)]
-        self._blocks = -(-shapes // int(dual_kernels.BLOCK_SIZE))
-        size = (int(dual_kernels.N_MATRICES), self._blocks, self._blocks)
-        self._matrices = [wp.zeros(size, dtype=wp.mat44d, **make) for _ in range(2)]
-        few = self._blocks <= dual_kernels.ONE_PANEL
-        self._panel_rows = self._blocks if few else dual_kernels.PANEL_ROWS
-        panel = (size[0], self._panel_rows, self._blocks)
-        self._panels = [wp.zeros(panel, dtype=wp.mat44d, **make) for _ in range(2)]
-        self._logdets: DeviceArray = wp.zeros(size[0], dtype=wp.float64, **make)
-        self._inverses = [wp.zeros((shapes, shapes), dtype=float, **make) for _ in range(3)]
+        self._duals = make_duals(0, N_MATRICES, self.shapes, self.count, launcher.device)
+        self.stiffness = self._duals.stiffness
 
     def solve(
         self, stage: DeviceArray, iteration: DeviceArray, centred: DeviceArray, logs: DeviceArray
     ) -> None:
         """Form and invert the regularized duals for this iteration's parameters."""
-        device, shapes = self.launch.device, self.shapes
-        divisor = float(self.count * max(shapes - 1, 1))
-        for rows, out in zip((centred, logs), self._covariances, strict=True):
-            wp.launch_tiled(
-                dual_kernels.gram,
-                dim=(self._blocks, self._blocks),
-                inputs=[shapes, self.count, divisor, rows, out],
-                block_dim=dual_kernels.BLOCK_DIM,
-                device=device,
-            )
-        source: DeviceArray = self._matrices[0]
-        target: DeviceArray = self._matrices[1]
-        wp.launch(
-            dual_kernels.regularize,
-            dim=source.shape,
-            inputs=[stage, iteration, *self._covariances, source, self._logdets, self.stiffness],
-            device=device,
-        )
-        for begin in range(0, self._blocks, self._panel_rows):
-            rows = min(self._panel_rows, self._blocks - begin)
-            for pivot in range(begin, begin + rows):
-                self._panels.reverse()
-                wp.launch(
-                    dual_kernels.reduce_panel,
-                    dim=(source.shape[0], rows, self._blocks),
-                    inputs=[begin, pivot, source, *self._panels, self._logdets],
-                    device=device,
-                )
-            wp.launch(
-                dual_kernels.eliminate,
-                dim=source.shape,
-                inputs=[begin, rows, source, self._panels[1], target],
-                device=device,
-            )
-            source, target = target, source
-        wp.launch(
-            dual_kernels.extract_inverses,
-            dim=(shapes, shapes),
-            inputs=[stage, iteration, source, *self._inverses, self.stiffness],
-            device=device,
-        )
+        self._duals.solve(stage, iteration, centred, logs)
 
     def directions(
         self, centred: DeviceArray, logs: DeviceArray, ensemble: DeviceArray, normals: DeviceArray
     ) -> None:
         """Write the gradients of H(Z) by positions and of H(V) by Logs."""
-        self._multiply(self._inverses[0], centred, ensemble)
-        self._multiply(self._inverses[2], logs, normals)
+        self._duals.multiply(0, centred, ensemble)
+        self._duals.multiply(int(NORMALS), logs, normals)
 
     def _damp_free(self, steps: DeviceArray, damped: DeviceArray) -> None:
-        self._multiply(self._inverses[1], steps, damped)
+        self._duals.multiply(1, steps, damped)
 
     def _step_matrices(self) -> tuple[DeviceArray, DeviceArray]:
-        return self._inverses[0], self._inverses[1]
+        return self._duals.inverses[0], self._duals.inverses[1]
 
     def entropies(self) -> FloatArray:
         """Return H(Z) and H(V) per particle and shape, (2,)."""
-        logdets = self._logdets.numpy()
-        return np.array([logdets[0], logdets[2]]) * 0.5 * (self.shapes - 1) / self.shapes
-
-    def _multiply(self, matrix: DeviceArray, source: DeviceArray, target: DeviceArray) -> None:
-        wp.launch(
-            dual_kernels.multiply,
-            dim=(self._blocks, self.count),
-            inputs=[self.shapes, self.count, matrix, source, target],
-            device=self.launch.device,
-        )
+        logdets = self._duals.logdets.numpy()[[0, int(NORMALS)]]
+        return _per_particle(logdets, self.shapes)
 
 
-def coupling(layout: kernels.Layout, free: DeviceArray, any_fixed: bool, launcher: Launcher) -> Coupling:
-    """Return the coupling for the launcher's device; `any_fixed` says whether any particle is fixed."""
-    kind = HostCoupling if launcher.device == "cpu" else DeviceCoupling
-    return kind(layout, free, any_fixed, launcher)
+class DividedCoupling(DeviceCoupling):
+    """H(Z) on the launcher's device and H(V) on a second one, each as a CUDA graph of its own."""
+
+    def __init__(
+        self, layout: kernels.Layout, free: DeviceArray, any_fixed: bool, launcher: Launcher, second: str
+    ) -> None:
+        Coupling.__init__(self, layout, free, any_fixed, launcher)
+        normals = int(NORMALS)
+        self._duals = make_duals(0, normals, self.shapes, self.count, launcher.device)
+        self._second = make_duals(normals, 1, self.shapes, self.count, second)
+        vectors = [wp.zeros(self.shapes * self.count, dtype=wp.vec3, device=second) for _ in range(2)]
+        self._logs: DeviceArray = vectors[0]
+        self._gradient: DeviceArray = vectors[1]
+        self._iteration: DeviceArray = wp.zeros(1, dtype=int, device=second)
+        self._stage: DeviceArray | None = None  # of the graphs
+        self._graphs: list[Any] = []
+
+    def gradients(
+        self,
+        stage: DeviceArray,
+        iteration: DeviceArray,
+        vectors: tuple[DeviceArray, DeviceArray],
+        out: tuple[DeviceArray, DeviceArray],
+    ) -> None:
+        """Solve for the gradients of both entropies (see `Coupling.gradients`), at the same time."""
+        centred, logs = vectors
+        if stage is not self._stage:
+            self._capture(stage, iteration, centred, out[0])
+        copy_between(self._iteration, iteration)
+        copy_between(self._logs, logs)
+        for graph in self._graphs:
+            wp.capture_launch(graph)
+        copy_between(out[1], self._gradient)
+        copy_between(self.stiffness, self._second.stiffness)
+
+    def _capture(
+        self, stage: DeviceArray, iteration: DeviceArray, centred: DeviceArray, ensemble: DeviceArray
+    ) -> None:
+        parameters = wp.clone(stage, device=self._second.device)
+        with wp.ScopedCapture(device=self._second.device) as second:
+            self._second.solve(parameters, self._iteration, logs=self._logs)
+            self._second.multiply(0, self._logs, self._gradient)
+        with wp.ScopedCapture(device=self.launch.device) as first:
+            self._duals.solve(stage, iteration, centred=centred)
+            self._duals.multiply(0, centred, ensemble)
+        self._stage, self._parameters, self._graphs = stage, parameters, [second.graph, first.graph]
+
+    def entropies(self) -> FloatArray:
+        """Return H(Z) and H(V) per particle and shape, (2,)."""
+        logdets = np.array([self._duals.logdets.numpy()[0], self._second.logdets.numpy()[0]])
+        return _per_particle(logdets, self.shapes)
+
+
+def _per_particle(logdets: FloatArray, shapes: int) -> FloatArray:
+    return logdets * 0.5 * (shapes - 1) / shapes
+
+
+def coupling(
+    layout: kernels.Layout, free: DeviceArray, any_fixed: bool, launcher: Launcher, second: str | None = None
+) -> Coupling:
+    """Return the coupling of all particles.
+
+    Parameters
+    ----------
+    layout : Layout
+    free : (M n,) array of int
+        Whether each particle may move.
+    any_fixed : bool
+        Whether any may not.
+    launcher : Launcher
+        Of the device.
+    second : str, optional
+        Another CUDA device, that computes H(V).
+    """
+    if launcher.device == "cpu":
+        return HostCoupling(layout, free, any_fixed, launcher)
+    if second is not None and second != "cpu":
+        return DividedCoupling(layout, free, any_fixed, launcher, second)
+    return DeviceCoupling(layout, free, any_fixed, launcher)

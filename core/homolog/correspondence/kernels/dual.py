@@ -1,7 +1,7 @@
 """The dual of `homolog.correspondence.entropy.dual` on a CUDA device, without synchronization with the host.
 
-Matrices are processed in blocks of `BLOCK_SIZE` x `BLOCK_SIZE`, padded with the identity to whole ones, and
-inverted by sweeps of `PANEL_ROWS` rows of blocks, as each sweep reads and writes the matrices as a whole.
+Several matrices are inverted at once, (k, P, P), padded with the identity to P. Threads compute blocks of
+`BLOCK_SIZE` x `BLOCK_SIZE`. For many shapes see `kernels.dual_tiles`.
 """
 
 import warp as wp
@@ -14,22 +14,21 @@ wp.set_module_options({"enable_backward": False})
 __all__ = [
     "BLOCK_DIM",
     "BLOCK_SIZE",
+    "NORMALS",
     "N_MATRICES",
-    "ONE_PANEL",
-    "PANEL_ROWS",
-    "eliminate",
     "extract_inverses",
     "gram",
+    "load_block",
     "multiply",
-    "reduce_panel",
     "regularize",
+    "sweep",
 ]
 
-N_MATRICES = wp.constant(3)  # C + aI, C + (a + p)I, normals' C + bI
+N_MATRICES = 3  # C + aI, C + (a + p)I, normals' C + bI
+NORMALS = wp.constant(2)
+"""Index of the matrix of the normals; those before it are of the positions."""
 BLOCK_SIZE = wp.constant(4)
 BLOCK_DIM = 128
-PANEL_ROWS = 4  # of blocks
-ONE_PANEL = 64  # rows up to which all are one panel: launches then cost more than memory traffic
 
 
 @wp.kernel
@@ -40,7 +39,7 @@ def gram(
     rows: wp.array(dtype=wp.vec3),
     out: wp.array2d(dtype=wp.float64),
 ):
-    """out[k, l] = sum over particles of rows_k . rows_l / divisor; a block of threads for each of entries."""
+    """Write out[k, l] = sum over particles of rows_k . rows_l / divisor, a thread block for a block."""
     block_row, block_column, lane = wp.tid()
     total = wp.mat44d()
     begin = wp.where(
@@ -64,42 +63,45 @@ def gram(
 
 @wp.kernel
 def regularize(
+    first: int,
     stage: wp.array(dtype=StepParameters),
     iteration: wp.array(dtype=int),
     ensemble: wp.array2d(dtype=wp.float64),
     normals: wp.array2d(dtype=wp.float64),
-    matrices: wp.array3d(dtype=wp.mat44d),
+    matrices: wp.array3d(dtype=wp.float64),
     logdets: wp.array(dtype=wp.float64),
     stiffness: wp.array(dtype=float),
 ):
-    """Write the three matrices that are inverted, by blocks."""
-    m, block_row, block_column = wp.tid()
+    """Write the matrices `first` … that are inverted."""
+    m, i, j = wp.tid()
     parameters = stage[iteration[0]]
     extra = wp.float64(parameters.regularization)
-    if m == 1:
+    if first + m == 1:
         extra = parameters.regularization + wp.float64(parameters.step * parameters.ensemble_weight)
-    if m == 2:
+    if first + m == NORMALS:
         extra = parameters.normals_regularization
     shapes = ensemble.shape[0]
+    value = wp.where(i == j, wp.float64(1.0), wp.float64(0.0))
+    if i < shapes and j < shapes:
+        value = ensemble[i, j]
+        if first + m == NORMALS:
+            value = normals[i, j]
+        if i == j:
+            value += extra
+    matrices[m, i, j] = value
+    if i == 0 and j == 0:
+        logdets[m] = -wp.float64(shapes) * wp.log(extra)
+        stiffness[0] = 0.0
+
+
+@wp.func
+def load_block(matrices: wp.array3d(dtype=wp.float64), m: int, block_row: int, block_column: int):
+    """Return a block of a matrix."""
     block = wp.mat44d()
     for r in range(BLOCK_SIZE):
         for c in range(BLOCK_SIZE):
-            i = block_row * BLOCK_SIZE + r
-            j = block_column * BLOCK_SIZE + c
-            value = wp.float64(0.0)
-            if i < shapes and j < shapes:
-                value = ensemble[i, j]
-                if m == 2:
-                    value = normals[i, j]
-                if i == j:
-                    value += extra
-            elif i == j:
-                value = wp.float64(1.0)
-            block[r, c] = value
-    matrices[m, block_row, block_column] = block
-    if block_row == 0 and block_column == 0:
-        logdets[m] = -wp.float64(shapes) * wp.log(extra)
-        stiffness[0] = 0.0
+            block[r, c] = matrices[m, block_row * BLOCK_SIZE + r, block_column * BLOCK_SIZE + c]
+    return block
 
 
 @wp.func
@@ -128,93 +130,56 @@ def invert_block(matrix: wp.mat44d):
 
 
 @wp.kernel
-def reduce_panel(
-    begin: int,
+def sweep(
     pivot: int,
-    source: wp.array3d(dtype=wp.mat44d),
-    before: wp.array3d(dtype=wp.mat44d),
-    panel: wp.array3d(dtype=wp.mat44d),
+    source: wp.array3d(dtype=wp.float64),
+    target: wp.array3d(dtype=wp.float64),
     logdets: wp.array(dtype=wp.float64),
 ):
-    """One Gauss-Jordan sweep by a block of pivots, of the rows `begin` … of a panel only.
-
-    `before` holds the panel as the sweep before left it; the first sweep takes it from `source`.
-    """
+    """One Gauss-Jordan sweep by a block of pivots; one by each block inverts the matrices."""
     m, i, j = wp.tid()
-    row = begin + i
-    if pivot == begin:
-        corner = source[m, pivot, pivot]
-        value = source[m, row, j]
-        across = source[m, row, pivot]
-        above = source[m, pivot, j]
-    else:
-        corner = before[m, pivot - begin, pivot]
-        value = before[m, i, j]
-        across = before[m, i, pivot]
-        above = before[m, pivot - begin, j]
-    inverse, determinant = invert_block(corner)
-    if row == pivot and j == pivot:
-        value = inverse
+    inverse, determinant = invert_block(load_block(source, m, pivot, pivot))
+    value = inverse
+    if i == pivot and j == pivot:
         logdets[m] = logdets[m] + wp.log(determinant)
-    elif row == pivot:
-        value = inverse * value
+    elif i == pivot:
+        value = inverse * load_block(source, m, pivot, j)
     elif j == pivot:
-        value = -value * inverse
+        value = -load_block(source, m, i, pivot) * inverse
     else:
-        value = value - across * (inverse * above)
-    panel[m, i, j] = value
-
-
-@wp.kernel
-def eliminate(
-    begin: int,
-    rows: int,
-    source: wp.array3d(dtype=wp.mat44d),
-    panel: wp.array3d(dtype=wp.mat44d),
-    target: wp.array3d(dtype=wp.mat44d),
-):
-    """Apply the sweeps of a panel of `rows` blocks to all rows; as many as panels invert the matrices."""
-    m, i, j = wp.tid()
-    if i >= begin and i < begin + rows:
-        target[m, i, j] = panel[m, i - begin, j]
-        return
-    value = wp.mat44d()
-    if j < begin or j >= begin + rows:
-        value = source[m, i, j]
-    for k in range(rows):
-        value -= source[m, i, begin + k] * panel[m, k, j]
-    target[m, i, j] = value
+        across = load_block(source, m, i, pivot)
+        value = load_block(source, m, i, j) - across * (inverse * load_block(source, m, pivot, j))
+    for r in range(BLOCK_SIZE):
+        for c in range(BLOCK_SIZE):
+            target[m, i * BLOCK_SIZE + r, j * BLOCK_SIZE + c] = value[r, c]
 
 
 @wp.kernel
 def extract_inverses(
+    first: int,
     stage: wp.array(dtype=StepParameters),
     iteration: wp.array(dtype=int),
-    inverses: wp.array3d(dtype=wp.mat44d),
-    gradient: wp.array2d(dtype=float),
-    damping: wp.array2d(dtype=float),
-    normals: wp.array2d(dtype=float),
+    inverses: wp.array3d(dtype=wp.float64),
+    out: wp.array3d(dtype=float),
     stiffness: wp.array(dtype=float),
 ):
-    """Remove the component common to all shapes and round to float32 (see `dual.inverse_dual`)."""
-    i, j = wp.tid()
-    block_row, block_column, r, c = i // BLOCK_SIZE, j // BLOCK_SIZE, i % BLOCK_SIZE, j % BLOCK_SIZE
+    """Write the matrices that `dual.solve_duals` returns, (k, M, M), from the upper triangles of inverses."""
+    m, i, j = wp.tid()
     parameters = stage[iteration[0]]
-    shapes = wp.float64(gradient.shape[0])
-    a = parameters.regularization
-    b = parameters.normals_regularization
+    shapes = wp.float64(out.shape[1])
+    extra = wp.float64(parameters.regularization)
     step_weight = wp.float64(parameters.step * parameters.ensemble_weight)
-    unity = wp.float64(1.0)
-    gradient[i, j] = float(inverses[0, block_row, block_column][r, c] - unity / (a * shapes))
-    identity = wp.where(i == j, unity, wp.float64(0.0))
-    damping[i, j] = float(
-        identity
-        - step_weight * (inverses[1, block_row, block_column][r, c] - unity / ((a + step_weight) * shapes))
-    )
-    normals_inverse = inverses[2, block_row, block_column][r, c] - unity / (b * shapes)
-    normals[i, j] = float(normals_inverse)
-    if i == j:
-        wp.atomic_max(stiffness, 0, float(normals_inverse))
+    if first + m == 1:
+        extra += step_weight
+    if first + m == NORMALS:
+        extra = parameters.normals_regularization
+    # without the component common to all shapes, see `dual.inverse_dual`
+    value = inverses[m, wp.min(i, j), wp.max(i, j)] - wp.float64(1.0) / (extra * shapes)
+    if first + m == 1:
+        value = wp.where(i == j, wp.float64(1.0), wp.float64(0.0)) - step_weight * value
+    out[m, i, j] = float(value)
+    if first + m == NORMALS and i == j:
+        wp.atomic_max(stiffness, 0, float(value))
 
 
 @wp.kernel
@@ -225,7 +190,7 @@ def multiply(
     source: wp.array(dtype=wp.vec3),
     target: wp.array(dtype=wp.vec3),
 ):
-    """target[k] = sum_l matrix[k, l] source[l], per particle: a small symmetric matrix across the shapes."""
+    """Write target[k] = sum_l matrix[k, l] source[l], per particle, of a symmetric matrix."""
     block_row, i = wp.tid()
     total = wp.matrix(shape=(BLOCK_SIZE, 3), dtype=float)
     weights = wp.vec4()
