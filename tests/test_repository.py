@@ -80,11 +80,30 @@ def test_the_wheel_holds_the_three_packages_and_a_desktop_entry_and_nothing_else
     assert tops == {"homolog", "homolog_app", "homolog_resources"}
     sources = {
         str(path.relative_to(ROOT / folder))
-        for folder in ("core", "app", "resources")
-        for path in (ROOT / folder).rglob("*")
+        for folder, package in (
+            ("core", "homolog"),
+            ("app", "homolog_app"),
+            ("resources", "homolog_resources"),
+        )
+        for path in (ROOT / folder / package).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
     assert {name for name in names if ".dist-info/" not in name} == sources
+
+
+@pytest.mark.timeout(300)
+def test_the_library_has_a_wheel_of_its_own_with_the_same_requirements(tmp_path):
+    run("-m", "build", "--wheel", "--no-isolation", "--outdir", str(tmp_path), str(ROOT / "core"))
+    (wheel,) = tmp_path.glob(f"homolog_core-{__version__}-*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    assert {name.split("/")[0] for name in names if ".dist-info/" not in name} == {"homolog"}
+    whole, library = (
+        tomllib.loads((folder / "pyproject.toml").read_text("utf-8"))["project"]
+        for folder in (ROOT, ROOT / "core")
+    )
+    assert set(library["dependencies"]) < set(whole["dependencies"])
+    for extra, requirements in library["optional-dependencies"].items():
+        assert requirements == whole["optional-dependencies"][extra]
 
 
 def test_citation_and_changelog_name_the_present_version():

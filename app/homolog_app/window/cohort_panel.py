@@ -69,7 +69,7 @@ class CohortPanel(Panel):
         super().__init__("Cohort", "Tick the subjects to study, and give them groups.")
         self._session = session
         self._following = False
-        self._groups: list[str] = []
+        self._fitted: tuple[list[str], bool] = [], False
         self.model = CohortModel(session, theme, self)
         self.rows = QSortFilterProxyModel(self)
         self.rows.setSourceModel(self.model)
@@ -151,8 +151,8 @@ class CohortPanel(Panel):
         ]
         included = len(self._session.study.included)
         groups = self._session.study.groups
-        if groups != self._groups:
-            self._groups = groups
+        if (groups, bool(self._session.surveys)) != self._fitted:  # the first pictures take room, too
+            self._fitted = groups, bool(self._session.surveys)
             low, high = map(scaled, _GROUP_PX)
             width = min(max(self.table.sizeHintForColumn(GROUP), low), high)
             self.table.horizontalHeader().resizeSection(GROUP, width)

@@ -211,10 +211,10 @@ class ProjectController(Controller):
                 workspace.work.cancel()
         if not workspace.is_changed:
             return True
-        answer = ask(
-            self._window, f"Save {workspace.session.title if workspace.session.folder else 'the study'}?",
-            "Changes since it was last saved are lost otherwise.", ("Save", "Don't save", "Cancel"),
-        )  # fmt: skip
+        title, saved = workspace.session.title, workspace.session.folder is not None
+        lost = "Changes since it was last saved are lost otherwise." if saved else "It is lost otherwise."
+        question = f"Save {title if saved else 'the study'}?"
+        answer = ask(self._window, question, lost, ("Save", "Don't save", "Cancel"))
         if answer == "Save":
             self.save()
             return not workspace.is_changed

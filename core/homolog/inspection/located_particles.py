@@ -133,7 +133,7 @@ def locate_particles(
     reaches, distances = [], []
     for m, (points, mesh, name) in enumerate(zip(local, meshes, names, strict=True)):
         part = part_of(tick, m / len(meshes), (m + 1) / len(meshes))
-        part(0.0, f"{name}: distances between particles")
+        part(0.0, f"distances between particles of {name}")
         own, faces[m], away = closest_points_on(mesh, points)
         off = ~(away < _LOST * spacing[m])
         if off.mean() > _MOST_OFF:

@@ -239,7 +239,7 @@ class CheckPage(ExplorePage):
         self.repair.setEnabled(self._suspect is not None and not job.is_busy)
         self.mend_all_button.setEnabled(not job.is_busy)
         self.progress.show_status(job.status if job.kind == "mend" else None)
-        self.again.setVisible(inspection is None and self.checked.is_possible)
+        self.again.setVisible(inspection is None and self.checked.is_possible and job.kind not in _WORK)
         for widget in (self.keep, self.unsaved):
             widget.setVisible(not self.checked.is_written)
         self.keep.setEnabled(not job.is_busy)
