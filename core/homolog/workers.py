@@ -11,7 +11,7 @@ from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
 
-__all__ = ["worker_processes"]
+__all__ = ["unguarded_script", "worker_processes"]
 
 _THREADS = "OPENBLAS_NUM_THREADS"
 _PRELOADED = ["homolog.workers", "homolog.grooming.cohort"]
@@ -44,6 +44,13 @@ def worker_processes(count: int, *, fresh: bool = False) -> Iterator[Executor]:
         executor.shutdown(cancel_futures=True)
         writer.close()
         reader.close()
+
+
+def unguarded_script() -> str:
+    """Return what else ends workers if a script of the user is running: each of them runs it again."""
+    main = sys.modules.get("__main__")
+    is_script = str(getattr(main, "__file__", "")).endswith(".py") and getattr(main, "__spec__", None) is None
+    return ', and start the work of a script below if __name__ == "__main__":' if is_script else ""
 
 
 def _server() -> BaseContext | None:

@@ -3,10 +3,11 @@ import signal
 import subprocess
 import sys
 import time
+import types
 
 import pytest
 
-from homolog.workers import worker_processes
+from homolog.workers import unguarded_script, worker_processes
 
 
 def alive(pid):
@@ -67,3 +68,12 @@ def test_workers_end_with_a_killed_parent():
     while alive(pid) and time.monotonic() < deadline:
         time.sleep(0.02)
     assert not alive(pid)
+
+
+def test_only_a_script_of_the_user_is_told_to_guard_its_work(monkeypatch):
+    script = types.ModuleType("__main__")
+    script.__file__, script.__spec__ = "study.py", None
+    monkeypatch.setitem(sys.modules, "__main__", script)
+    assert "__main__" in unguarded_script()
+    script.__file__ = "/usr/bin/homolog"
+    assert unguarded_script() == ""

@@ -20,7 +20,7 @@ from homolog.grooming.images import Segmentation
 from homolog.grooming.subject import GroomedSubject, Source, check_source, groom, read_source
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import GroomSettings
-from homolog.workers import worker_processes
+from homolog.workers import unguarded_script, worker_processes
 
 __all__ = ["Problem", "check_cohort", "groom_cohort"]
 
@@ -253,9 +253,8 @@ def _as_they_finish(futures: dict[_Work, Subject], tick: Tick) -> Iterator[tuple
                 if future in done:
                     if isinstance(error := future.exception(), BrokenExecutor):
                         raise WorkerDiedError(
-                            "a grooming process died: for lack of memory (use fewer workers or a larger grid "
-                            "spacing), or because a script of yours starts the work outside of "
-                            'if __name__ == "__main__":'
+                            "a grooming process ended unexpectedly, probably for lack of memory: use fewer "
+                            f"workers or a larger grid spacing{unguarded_script()}"
                         ) from error
                     yield futures.pop(future), future  # whose result is not kept
     finally:
