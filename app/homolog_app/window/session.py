@@ -107,6 +107,8 @@ class Session(QObject):
         """The step of the study that is seen."""
         self.page = ""
         """Title of the page of *Explore* that is open."""
+        self.pages: tuple[str, ...] = ()
+        """Titles of all of these pages, in the order of their tabs."""
         self.job = Job()
         self.devices: Devices | None = None
         """Those of this machine; None until they are known."""
@@ -152,10 +154,11 @@ class Session(QObject):
         self.step = step
         self.step_changed.emit()
 
-    def show_page(self, page: str, step: str = "") -> None:
-        """Turn to a page of *Explore*, and to a step if one is named."""
-        if page != self.page:
-            self.page = page
+    def show_page(self, page: str | int, step: str = "") -> None:
+        """Turn to a page of *Explore*, by title or number, and to a step if one is named."""
+        title = self.pages[page] if isinstance(page, int) else page
+        if title != self.page:
+            self.page = title
             self.page_changed.emit()
         if step:
             self.show_step(step)

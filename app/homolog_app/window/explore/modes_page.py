@@ -167,9 +167,12 @@ class ModesPage(ExplorePage):
         self.compare.setEnabled(self.fitted.shape is not None)
         self._update_preliminary_mark()
         if shape is None:
-            status = job.status if job.kind == "model" else None
-            text = f"Fitting the shape model: {100 * status.fraction:.0f} %" if status is not None else ""
-            self.state.setText(text or "The shape model is not fitted; open this page again to fit it.")
+            if job.kind == "model" and job.status is not None:
+                self.state.setText(f"Fitting the shape model: {100 * job.status.fraction:.0f} %")
+            elif job.is_busy:
+                self.state.setText("The shape model is fitted once the present work has ended.")
+            else:
+                self.state.setText("The shape model is not fitted; open this page again to fit it.")
             return
         kept = shape.parallel.n_retained
         verb = "mode is" if kept == 1 else "modes are"

@@ -155,6 +155,7 @@ class ExplorePanel(QWidget):
             self._stack.addWidget(page)
             page.shown_changed.connect(lambda page=page: self._update(page))
         self._session = workspace.session
+        self._session.pages = tuple(page.title for page in PAGES)
         self._session.page = PAGES[0].title
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, GRID // 2, 0, 0)
@@ -164,7 +165,7 @@ class ExplorePanel(QWidget):
         self.outdated.setContentsMargins(2 * GRID, GRID, 2 * GRID, 0)
         layout.addWidget(self.outdated)
         layout.addWidget(self._stack, 1)
-        self.tabs.currentChanged.connect(lambda index: self._session.show_page(PAGES[index].title))
+        self.tabs.currentChanged.connect(self._session.show_page)
         self._session.page_changed.connect(self._turn)
         for signal in (workspace.session.study_changed, workspace.session.result_changed):
             signal.connect(self._update_outdated)
