@@ -25,7 +25,8 @@ def keep_exploring(
     order["explore.modes"].trigger()
     until(lambda: explore.fitted.shape is not None)
     modes = explore.page
-    modes.sliders.choose(1)
+    modes.sliders.choose(1)  # shows it, though it is not above chance
+    modes.sliders.choose(0)
     modes.sliders.show_value(0, 1.5)
     session.select(["bean_04"])
     keep("modes")

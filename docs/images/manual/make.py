@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 HERE = Path(__file__).parent
 OF_SCAN, OF_HEARTS = {"scan"}, {"tour", "cut", "thickness", "patient"}
 SIZE = (1280, 800)
-SECOND, RUNNING, MOST = 1.0, 5.0, 600.0
+SECOND, PART, MOST = 1.0, 0.65, 600.0
 
 
 def main(wanted: set[str]) -> None:
@@ -102,9 +102,8 @@ def keep_beans(
     workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
     session.show_step("correspond")
     order["run.start"].trigger()
-    until(lambda: session.job.run is None or not window.docks.curves.is_empty)
-    begun = time.monotonic()
-    until(lambda: time.monotonic() > begun + RUNNING)
+    until(lambda: session.job.status is None or session.job.status.fraction > PART)
+    until(lambda: session.job.status is None or not window.docks.curves.is_empty)
     keep("run")
     until(lambda: not session.job.is_busy)
     workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=512))

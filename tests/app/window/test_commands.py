@@ -19,11 +19,11 @@ def test_no_two_commands_share_an_id_or_a_shortcut():
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.id)
-def test_every_command_has_a_menu_a_sentence_of_help_and_an_icon_that_exists(first):
-    assert first.menu.split("/")[0] in MENUS
-    assert first.help.endswith(".")
-    assert first.help[0].isupper()
-    assert not first.icon or (files("homolog_resources") / "icons" / f"{first.icon}.svg").is_file()
+def test_every_command_has_a_menu_a_sentence_of_help_and_an_icon_that_exists(command):
+    assert command.menu.split("/")[0] in MENUS
+    assert command.help.endswith(".")
+    assert command.help[0].isupper()
+    assert not command.icon or (files("homolog_resources") / "icons" / f"{command.icon}.svg").is_file()
 
 
 def test_the_palette_finds_a_command_by_any_of_its_words():

@@ -347,8 +347,9 @@ class _Row(QWidget):
         self.slider.setPageStep(_STEPS // 2)
         self.slider.setAccessibleName(f"Mode {mode + 1} in standard deviations")
         self.typed = ValueEdit(f"Standard deviations of mode {mode + 1}", -REACH, REACH)
-        text = f"{100 * share:.1f} % of variance · {short(rms)} mm at 1 SD"
-        self._about = label(text if above else f"{text} · not retained", "FieldHelp")
+        of, above_chance = (" of variance", "") if above else ("", " · not retained")
+        text = f"{100 * share:.1f} %{of} · {short(rms)} mm at 1 SD{above_chance}"
+        self._about = label(text, "FieldHelp")
         self._about.setToolTip("Root-mean-square displacement of the particles at one standard deviation")
         self.slider.setAccessibleDescription(self._about.text())
         grid = QGridLayout(self)

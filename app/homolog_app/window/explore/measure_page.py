@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QModelIndex, QSortFilterProxyModel, Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QHBoxLayout,
     QHeaderView,
@@ -47,12 +48,27 @@ __all__ = ["MeasurePage"]
 _REACH = 3.0
 _SAMPLES = 13
 _STEPS = 100
-_NUMBER_PX, _GROUP_PX = 46, 80
+_NAME_PX, _NUMBER_PX, _GROUP_PX = 88, 46, 80
 _HEADS = ("Subject", "Group", "Dist.\n(mm)", "Vol.\n(ml)", "Area\n(cm²)", "Wall\n(mm)", "Dev.\n(mm)")
 _PARTICLES = ("First particle", "Second particle")
 _MODEL, _NOTHING = "Shape along the mode", "None"
 _MAPS = {"None": "none", "Wall thickness": "thickness", "Distance from the mean surface": "distance"}
 _PLOTS = {"Along the mode": 0, "By group": 1, "Scatter plot": 2}
+
+
+class _SubjectView(QTableView):
+    """Its names take what width is free, and always some."""
+
+    def fit_names(self) -> None:
+        """Share the width anew."""
+        head = self.horizontalHeader()
+        others = sum(head.sectionSize(column) for column in range(1, len(_HEADS)))
+        head.resizeSection(0, max(scaled(_NAME_PX), self.viewport().width() - others))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give free width to the names."""
+        super().resizeEvent(event)
+        self.fit_names()
 
 
 class MeasurePage(ExplorePage):
@@ -81,7 +97,7 @@ class MeasurePage(ExplorePage):
         self._rows = QSortFilterProxyModel(self)
         self._rows.setSourceModel(self.table)
         self._rows.setSortRole(SORTED_BY)
-        self.view = QTableView()
+        self.view = _SubjectView()
         self.write_button = ActionButton("Export CSV…", actions["explore.table"])
         self.plots = self.charts = MeasurePlots(workspace.theme)
         self._lay_out()
@@ -105,8 +121,7 @@ class MeasurePage(ExplorePage):
         self.view.setModel(self._rows)
         self.view.setSortingEnabled(True)
         self.view.sortByColumn(0, Qt.SortOrder.AscendingOrder)
-        self.view.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        self.view.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+        self.view.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Fixed)
         for column in range(1, len(_HEADS)):
             self.view.horizontalHeader().setSectionResizeMode(column, QHeaderView.ResizeMode.Fixed)
             self.view.horizontalHeader().resizeSection(column, scaled(_NUMBER_PX))
@@ -303,6 +318,9 @@ class MeasurePage(ExplorePage):
         self.table.show_rows(list(rows))
         widest = max(self.view.sizeHintForColumn(1), self.view.horizontalHeader().sectionSizeHint(1))
         self.view.setColumnWidth(1, min(widest, scaled(_GROUP_PX)))
+        for column in range(2, len(_HEADS)):
+            self.view.setColumnWidth(column, max(scaled(_NUMBER_PX), self.view.sizeHintForColumn(column)))
+        self.view.fit_names()
         self.charts.show_measures(columns, groups, result.names)
 
     def choose_plots(self) -> None:

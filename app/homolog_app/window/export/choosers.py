@@ -72,7 +72,7 @@ class ExportKind:
 SCREENSHOT = ExportKind(
     "screenshot",
     "Screenshot",
-    "The views as they are now, with what colours mean.",
+    "The views as they are now, with the colour scale.",
     ScreenshotSettings,
     suffixes=(".png",),
 )
