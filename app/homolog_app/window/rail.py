@@ -8,7 +8,6 @@ from PySide6.QtGui import QColor, QFont, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import (
     QAbstractButton,
     QFrame,
-    QProgressBar,
     QSizePolicy,
     QStatusBar,
     QVBoxLayout,
@@ -18,7 +17,7 @@ from PySide6.QtWidgets import (
 from homolog_app.window.actions import Actions
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme, pixmap, scaled
-from homolog_app.window.widgets import GRID, ActionButton, label
+from homolog_app.window.widgets import GRID, ActionButton, ProgressBar, label
 
 __all__ = ["STEPS", "Rail", "StatusBar", "Step", "steps_of"]
 
@@ -176,10 +175,8 @@ class StatusBar(QObject):
         self._bar, self._session = bar, session
         self._bar.setSizeGripEnabled(False)
         self.work = label("")
-        self.bar = QProgressBar(maximum=1000)
-        self.bar.setTextVisible(False)
+        self.bar = ProgressBar()
         self.bar.setFixedSize(*_BAR_PX)
-        self.bar.setAccessibleName("Progress")
         self.cancel = ActionButton("Cancel", actions["run.cancel"], "flat")
         self.device = label("Device: …")
         self.memory = label("")
@@ -212,7 +209,7 @@ class StatusBar(QObject):
         for widget in (self.bar, self.cancel):
             widget.setVisible(shown)
         if job.status is not None:
-            self.bar.setValue(round(1000 * job.status.fraction))
+            self.bar.show_fraction(job.status.fraction)
         self.work.setText(f"{job.background[:1].upper()}{job.background[1:]}…" if job.background else "")
 
     @Slot()

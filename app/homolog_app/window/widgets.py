@@ -36,6 +36,7 @@ __all__ = [
     "Panel",
     "PercentEdit",
     "Progress",
+    "ProgressBar",
     "ValueEdit",
     "button",
     "choice",
@@ -314,14 +315,29 @@ class PercentEdit(ValueEdit):
         self.show_value(100.0 * slider.value() / slider.maximum())
 
 
+class ProgressBar(QProgressBar):
+    """A bar from 0 to 1000 that is painted with the next frame; Qt's own paints the whole window at once."""
+
+    def __init__(self) -> None:
+        super().__init__(maximum=1000)
+        self.setTextVisible(False)
+        self.setAccessibleName("Progress")
+
+    def show_fraction(self, fraction: float) -> None:
+        """Show a fraction of 1."""
+        value = round(1000 * fraction)
+        if value != self.value():
+            self.setUpdatesEnabled(False)
+            self.setValue(value)
+            self.setUpdatesEnabled(True)
+
+
 class Progress(QWidget):
     """A bar, what is being done, the time left, and Cancel."""
 
     def __init__(self, actions: Actions) -> None:
         super().__init__()
-        self.bar = QProgressBar(maximum=1000)
-        self.bar.setTextVisible(False)
-        self.bar.setAccessibleName("Progress")
+        self.bar = ProgressBar()
         self.message: QLabel = label("", "Hint", wrap=True)
         self.cancel = button("Cancel")
         self.cancel.clicked.connect(actions["run.cancel"].trigger)
@@ -340,7 +356,7 @@ class Progress(QWidget):
         """Show how far a job is; hide if there is none."""
         self.setVisible(status is not None)
         if status is not None:
-            self.bar.setValue(round(1000 * status.fraction))
+            self.bar.show_fraction(status.fraction)
             self.message.setText(progress_text(status))
 
 

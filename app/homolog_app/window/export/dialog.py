@@ -14,7 +14,6 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QLineEdit,
-    QProgressBar,
     QScrollArea,
     QVBoxLayout,
     QWidget,
@@ -40,7 +39,7 @@ from homolog_app.window.export.choosers import (
 from homolog_app.window.export.process import ExportProcess, Preview
 from homolog_app.window.form import SettingsForm, SettingsPair
 from homolog_app.window.theme import scaled
-from homolog_app.window.widgets import GRID, button, label
+from homolog_app.window.widgets import GRID, ProgressBar, button, label
 
 __all__ = ["ExportDialog", "Exported", "ScreenshotDialog"]
 
@@ -101,7 +100,7 @@ class ExportDialog(QDialog):
         self.help: QLabel | None = None
         self.place, self.line = QLineEdit(), QLineEdit(readOnly=True)
         self.note = label("", "Hint", wrap=True)
-        self.bar = QProgressBar(maximum=1000, textVisible=False)
+        self.bar = ProgressBar()
         self.go, self.close_, self.show_ = (
             button("Export", "primary"),
             button("Close"),
@@ -275,7 +274,7 @@ class ExportDialog(QDialog):
 
     @Slot()
     def _start(self) -> None:
-        self.bar.setValue(0)
+        self.bar.show_fraction(0.0)
         self._switch(running=True)
         self._mark(False)
         self.note.setText("Starting…")
@@ -284,7 +283,7 @@ class ExportDialog(QDialog):
 
     @Slot(float, str)
     def _progress(self, fraction: float, message: str) -> None:
-        self.bar.setValue(round(1000 * fraction))
+        self.bar.show_fraction(fraction)
         self.note.setText(f"{message[:1].upper()}{message[1:]}…")
 
     @Slot(str, str)
