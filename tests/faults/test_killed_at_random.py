@@ -1,4 +1,4 @@
-"""Ten runs killed at random moments, each forked from one warm process; benchmarks/kill.py does more."""
+"""Runs killed at random moments of each phase, forked from one warm process; benchmarks/kill.py does more."""
 
 import json
 import shutil
@@ -84,17 +84,17 @@ if __name__ == "__main__":  # workers import this file too
 
 @pytest.mark.skipif(sys.platform == "win32", reason="processes can't be forked there")
 @pytest.mark.timeout(600)
-def test_ten_runs_killed_at_random_moments_stay_readable_and_are_resumed_to_the_same_bytes(
+def test_runs_killed_at_random_moments_of_each_phase_stay_readable_and_are_resumed_to_the_same_bytes(
     ellipsoids, tmp_path, search_path
 ):
     (tmp_path / "program.py").write_text(PROGRAM)
     (tmp_path / "scans").mkdir()
     for name in ("a.nrrd", "b.nrrd"):
         shutil.copy(ellipsoids / name, tmp_path / "scans")
-    command = [sys.executable, "program.py", "10", *PHASES]
+    command = [sys.executable, "program.py", str(len(PHASES)), *PHASES]
     done = subprocess.run(command, cwd=tmp_path, env=search_path, capture_output=True, text=True, check=False)
     tries = [json.loads(line) for line in done.stdout.splitlines()]
-    assert (done.returncode, len(tries)) == (0, 10), done.stderr
-    assert sum(ended == -9 for _, ended, *_ in tries) >= 7, tries  # others came to their end before
+    assert (done.returncode, len(tries)) == (0, len(PHASES)), done.stderr
+    assert sum(ended == -9 for _, ended, *_ in tries) >= 3, tries  # others came to their end before
     for phase, ended, readable, _, resumed, alike in tries:
         assert (readable, resumed, alike) == (True, True, True), (phase, ended, done.stderr)

@@ -98,7 +98,7 @@ class SceneActors:
         for mark in (self._arrows, self._lines):
             mark.hidden.SetVisibility(scene.through and mark.actor.GetVisibility())
         for actor in self._marks:
-            actor.prop.color = _parts(scene.marks)
+            actor.prop.SetColor(*_parts(scene.marks))
             _clip(actor.GetMapper(), self._plane if cut else None)
 
     def lift(self, way: FloatArray) -> None:
@@ -140,21 +140,21 @@ class _SurfaceActor:
         if before is None or surface.colours is not before.colours:
             self._paint(surface.colours)
         for actor in (self.actor, self.cap):
-            actor.prop.opacity = surface.opacity
+            actor.prop.SetOpacity(surface.opacity)
         self._data.Modified()
 
     def cut(self, cut: bool, colour: Colour) -> None:
         """Cut it at the plane, or leave it whole."""
         _clip(self.actor.GetMapper(), self._plane if cut else None)
         self.cap.SetVisibility(cut and self.actor.GetVisibility())
-        self.cap.prop.color = _parts(colour)
+        self.cap.prop.SetColor(*_parts(colour))
 
     def _paint(self, colours: Array) -> None:
         coloured = colours.ndim > 1
         self._data.GetPointData().SetScalars(_held(_bytes(colours)) if coloured else None)
         self.actor.GetMapper().SetScalarVisibility(coloured)
         if not coloured:
-            self.actor.prop.color = _parts(colours)
+            self.actor.prop.SetColor(*_parts(colours))
 
 
 class _Balls(Protocol):

@@ -57,7 +57,7 @@ def wait(qapp):
             assert time.monotonic() < end, f"waited {seconds} s in vain {what}"
             qapp.processEvents()
             qapp.sendPostedEvents(None, QEvent.Type.DeferredDelete)  # as the program's own loop does
-            time.sleep(0.002)
+            time.sleep(0.005)
 
     return until
 
@@ -259,7 +259,21 @@ def groomed(beans, wait, groomed_cache):
 
 
 @pytest.fixture
-def pixel(wait):
+def plots():
+    """Let the plots of pages be drawn."""
+
+
+@pytest.fixture(autouse=True)
+def _plots_as_needed(request, monkeypatch):
+    """Draw the plots of pages in tests that use `plots` only: each takes a tenth of a second."""
+    if "plots" not in request.fixturenames:
+        from homolog_app.window.explore.plot_canvas import PlotCanvas
+
+        monkeypatch.setattr(PlotCanvas, "draw", lambda canvas: None)
+
+
+@pytest.fixture
+def pixel(wait, plots):
     """Return the function that says where a point of the data is on the canvas of a plot."""
     from PySide6.QtCore import QPoint
 
@@ -310,7 +324,8 @@ def assert_nothing_left(qapp):
     assert not widgets, f"still open: {widgets}"
     threads = [thread.name for thread in threading.enumerate() if thread.name == "homolog-compute"]
     assert not threads, "the computing thread is still there"
-    timers = [item for item in gc.get_objects() if isinstance(item, QTimer) and _runs(item)]
+    kinds = {QTimer, *QTimer.__subclasses__()}
+    timers = [item for item in gc.get_objects() if type(item) in kinds and _runs(item)]
     assert not timers, f"timers still run: {timers}"
 
 

@@ -11,7 +11,7 @@ from PIL import Image
 
 import homolog_app.window
 
-pytestmark = pytest.mark.window
+pytestmark = [pytest.mark.window, pytest.mark.usefixtures("plots")]
 
 TEXT = 4.5  # WCAG 2.2, level AA
 ENLARGED = 3  # texts are measured larger: their strokes are then more than blurred edges

@@ -91,7 +91,7 @@ def test_the_palette_lists_what_is_possible_and_runs_it(window):
 
 
 @pytest.mark.window
-def test_energies_of_one_iteration_are_no_curve(window):
+def test_energies_of_one_iteration_are_no_curve(window, plots):
     from homolog_app.window.run_particles import EnergyCurves
 
     curves = EnergyCurves(window.workspace.theme)
@@ -108,7 +108,7 @@ def test_energies_of_one_iteration_are_no_curve(window):
 
 
 @pytest.mark.window
-def test_live_energies_are_drawn_in_frames_that_stay_until_they_leave_them(window, monkeypatch):
+def test_live_energies_are_drawn_in_frames_that_stay_until_they_leave_them(window, plots, monkeypatch):
     from homolog_app.window.run_particles import EnergyCurves
 
     curves = EnergyCurves(window.workspace.theme)

@@ -136,7 +136,7 @@ def test_a_map_shows_the_thickness_of_a_subject_and_its_distance_from_the_mean(p
     assert scene.bar.scale is None
 
 
-def test_measures_are_compared_by_group(page, window):
+def test_measures_are_compared_by_group(plots, page, window):
     session = window.workspace.session
     volume = page.charts.boxes[1]
     assert volume.is_empty

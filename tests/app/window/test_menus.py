@@ -4,7 +4,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-pytestmark = pytest.mark.window
+pytestmark = [pytest.mark.window, pytest.mark.usefixtures("plots")]
 
 
 @pytest.fixture

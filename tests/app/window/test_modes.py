@@ -190,7 +190,7 @@ def test_a_click_in_the_scatter_selects_the_subject_everywhere(page, window, pix
     assert window.workspace.session.selection == (model.result.names[7],)
 
 
-def test_a_click_on_the_label_of_an_axis_offers_the_modes(page, qapp):
+def test_a_click_on_the_label_of_an_axis_offers_the_modes(page, plots, qapp):
     from PySide6.QtCore import QPoint, Qt
     from PySide6.QtTest import QTest
     from PySide6.QtWidgets import QMenu
@@ -225,7 +225,7 @@ def test_a_drag_in_the_scatter_morphs_the_shape(page, qapp, pixel):
     np.testing.assert_allclose(page.sliders.values[:2], (1.5, -1.0), atol=0.1)
 
 
-def test_what_moves_in_the_scatter_is_drawn_over_subjects_that_stay(page, qapp, monkeypatch):
+def test_what_moves_in_the_scatter_is_drawn_over_subjects_that_stay(page, plots, qapp, monkeypatch):
     scatter = page.charts.scatter
     scatter.canvas.grab()
     monkeypatch.setattr(scatter, "draw", lambda figure: pytest.fail("the subjects were drawn anew"))

@@ -27,9 +27,8 @@ SWAPPED = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 # Directions of the grid's axes, spacing [mm], file suffix; mean and single distance of surfaces [mm], change
 # of volume and of the first mode's share that are allowed.
 FORMS = {
-    "oblique": (TURNED, (1.0, 1.0, 1.0), ".nii.gz", 0.12, 0.6, 0.02, 0.02),
     "axes exchanged and mirrored": (SWAPPED, (1.0, 1.0, 1.0), ".nii", 0.12, 0.6, 0.02, 0.02),
-    "oblique and anisotropic": (TURNED, (0.8, 0.8, 2.0), ".nhdr", 0.25, 1.6, 0.06, 0.05),
+    "oblique and anisotropic": (TURNED, (0.8, 0.8, 2.0), ".nii.gz", 0.25, 1.6, 0.06, 0.05),
 }
 
 

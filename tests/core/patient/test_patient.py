@@ -208,15 +208,15 @@ def test_the_other_side_is_recognised_and_mirrored_if_it_is_said(template, prove
 
 
 @pytest.mark.parametrize(
-    ("least", "most", "messages"),
+    ("least", "most", "limited"),
     [(1.3, 1.9, True), (0.9, 1.2, False), (1.15, 1.8, True), (1.0, 1.8, False), (0.5, 0.7, False)],
 )
 def test_a_side_is_checked_only_where_the_shape_tells_it_and_no_control_is_flagged(
-    reference, least, most, messages
+    reference, least, most, limited
 ):
     ratios = np.exp(np.linspace(np.log(least), np.log(most), 24))
     limit = replace(reference, mirrored=ratios).side_limit
-    assert (limit is not None) is messages
+    assert (limit is not None) is limited
     assert limit is None or limit <= min(1.0, ratios.min())
 
 
