@@ -1,7 +1,6 @@
 """Exports from the window: the same command in a child process."""
 
 import shlex
-import sys
 
 import pytest
 from filelock import FileLock, Timeout
