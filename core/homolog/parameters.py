@@ -7,8 +7,24 @@ from typing import Any, Union, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
 
-__all__ = ["Parameter", "parameters"]
+__all__ = ["Parameter", "fault_text", "parameters"]
+
+_FAULTS = {
+    "greater_than_equal": "must be at least {ge:g}",
+    "greater_than": "must be more than {gt:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "less_than": "must be less than {lt:g}",
+    "multiple_of": "must be a multiple of {multiple_of:g}",
+    "enum": "must be {expected}",
+    "literal_error": "must be {expected}",
+    "bool_parsing": "must be true or false",
+    "int_parsing": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "float_parsing": "must be a number",
+    "finite_number": "must be finite",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +88,12 @@ def parameters(model: type[BaseModel]) -> list[Parameter]:
         for name, field in model.model_fields.items()
         if not (isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel))
     ]
+
+
+def fault_text(fault: ErrorDetails) -> str:
+    """Return what is wrong with a value, as Homolog's other messages say it."""
+    text = _FAULTS.get(fault["type"])
+    return fault["msg"] if text is None else text.format(**fault.get("ctx", {}))
 
 
 def _parameter(name: str, field: FieldInfo) -> Parameter:

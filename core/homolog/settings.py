@@ -4,10 +4,12 @@ Lengths that depend on the shapes are relative: regularisation and weights have 
 mean the same for a mouse femur in micrometres and a pelvis in millimetres (see docs/method.md).
 """
 
+import re
 from enum import StrEnum
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator
+from pydantic_core import PydanticCustomError
 
 __all__ = [
     "Alignment",
@@ -78,6 +80,17 @@ class Procrustes(StrEnum):
     def takes_size_out(self) -> bool:
         """Whether shapes are compared at one size."""
         return self in (Procrustes.FORM, Procrustes.SIMILARITY)
+
+
+def _form(pattern: str, expected: str) -> AfterValidator:
+    """Return what refuses texts of another form, and says which is expected."""
+
+    def check(value: str | None) -> str | None:
+        if value is not None and not re.fullmatch(pattern, value):
+            raise PydanticCustomError("form", "{expected}", {"expected": expected})
+        return value
+
+    return AfterValidator(check)
 
 
 def _unit(name: str) -> dict[str, Any]:
@@ -274,9 +287,12 @@ class RunSettings(_Settings):
     device: Annotated[
         str,
         Field(
-            pattern=r"^(auto|(cpu|cuda(:\d+)?)(,(cpu|cuda(:\d+)?))*)$",
             description="Compute device: auto, cpu, cuda:0 …; auto takes the first GPU. Several, such as "
             "cuda:0,cuda:1, share the shapes of a run.",
+        ),
+        _form(
+            r"auto|(cpu|cuda(:\d+)?)(,(cpu|cuda(:\d+)?))*",
+            "must be auto, cpu, cuda or such as cuda:0; several with commas and no blanks: cuda:0,cuda:1",
         ),
     ] = "auto"
     workers: Annotated[
@@ -300,11 +316,14 @@ class RunSettings(_Settings):
     cluster: Annotated[
         str | None,
         Field(
-            pattern=r"^(local|(tcp|tls|ucx)://\S+)$",
             max_length=300,
             description="Dask cluster that grooms and fits subjects: local, or the address of a scheduler "
             "(tcp://host:8786) whose workers see the same files; processes of this machine if none or not "
             "given.",
+        ),
+        _form(
+            r"local|(tcp|tls|ucx)://\S+",
+            "must be local, or the address of a scheduler, such as tcp://host:8786",
         ),
     ] = None
 

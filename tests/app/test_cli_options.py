@@ -53,7 +53,7 @@ def test_each_bad_value_is_named_with_its_option(parser):
         with_options(OptimizeSettings(), arguments)
     lines = str(caught.value).splitlines()
     assert [line.split(":")[0] for line in lines] == ["--method magic", "--particles 2", "--seed one"]
-    assert "equal to 4" in lines[1]
+    assert "at least 4" in lines[1]
 
 
 @pytest.mark.parametrize(

@@ -121,7 +121,7 @@ def test_a_killed_run_goes_on_and_ends_as_if_it_had_not_been_killed(begin, proje
         (["{scans}", "--out", "{scans}"], "contains other files"),
         (["{scans}", "--resume", "--out", "{new}"], "nothing to resume"),
         (["{new}", "--out", "{new}"], "does not exist"),
-        (["{scans}", "--out", "{new}", "--particles", "3"], "--particles 3: Input should be greater"),
+        (["{scans}", "--out", "{new}", "--particles", "3"], "--particles 3: must be at least 4"),
         (["{scans}", "--out", "{new}", "--device", "cuda:77"], "is not on this machine"),
         (["{scans}", "--out", "{scans}/a.nrrd/project", "--device", "cpu"], "can't be written"),
     ],

@@ -175,7 +175,7 @@ def test_a_subject_that_lies_far_from_all_others_is_named(project, capsys):
         (["--covariates", "site"], "'site' is the same for all subjects"),
         (["--group", "age", "--between", "40", "42"], "'40' has 1 of the two or more subjects"),
         (["--modes", "17"], "17 modes are more than the 15"),
-        (["--modes", "0"], "--modes 0: Input should be greater than or equal to 1"),
+        (["--modes", "0"], "--modes 0: must be at least 1"),
         (["--pairs", "twin"], "between two values of column 'group'; name two of: A, B, C"),
         (["--pairs", "twin", "--between", "X", "Y"], "no subject is in 'X'; groups are: A, B, C"),
         (["--pairs", "twin", "--regress", "age"], "can't be combined with --regress"),

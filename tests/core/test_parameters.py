@@ -1,9 +1,9 @@
 from typing import Annotated
 
 import pytest
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, ValidationError
 
-from homolog.parameters import Parameter, parameters
+from homolog.parameters import Parameter, fault_text, parameters
 from homolog.settings import Alignment, GroomSettings, Method, OptimizeSettings, RunSettings
 
 ALL = [
@@ -12,19 +12,19 @@ ALL = [
 LENGTHS = {"spacing", "mesh_edge"}
 
 
-@pytest.mark.parametrize("first", ALL, ids=lambda item: item.name)
-def test_every_setting_says_what_it_does(first):
-    assert len(first.help) > 20
-    assert first.help.endswith(".")
+@pytest.mark.parametrize("parameter", ALL, ids=lambda item: item.name)
+def test_every_setting_says_what_it_does(parameter):
+    assert len(parameter.help) > 20
+    assert parameter.help.endswith(".")
 
 
 @pytest.mark.parametrize(
-    "first", [item for item in ALL if item.kind in (int, float)], ids=lambda item: item.name
+    "parameter", [item for item in ALL if item.kind in (int, float)], ids=lambda item: item.name
 )
-def test_every_number_has_bounds_and_lengths_have_a_unit(first):
-    assert first.low is not None
-    assert first.high is not None
-    assert (first.unit == "mm") == (first.name in LENGTHS)
+def test_every_number_has_bounds_and_lengths_have_a_unit(parameter):
+    assert parameter.low is not None
+    assert parameter.high is not None
+    assert (parameter.unit == "mm") == (parameter.name in LENGTHS)
 
 
 def test_names_are_unique_across_the_models_so_that_each_can_be_an_option():
@@ -37,9 +37,9 @@ def test_a_field_is_described_in_full():
             float | None, Field(gt=0.5, le=2.0, description="How long.", json_schema_extra={"unit": "mm"})
         ] = None
 
-    (first,) = parameters(Model)
-    assert first == Parameter("some_length", float, True, None, 0.5, 2.0, True, "mm", "How long.")
-    assert (first.label, first.bounds, first.choices) == ("some length", "above 0.5 to 2.0", ())
+    (parameter,) = parameters(Model)
+    assert parameter == Parameter("some_length", float, True, None, 0.5, 2.0, True, "mm", "How long.")
+    assert (parameter.label, parameter.bounds, parameter.choices) == ("some length", "above 0.5 to 2.0", ())
 
 
 def test_closed_sets_list_their_choices():
@@ -47,3 +47,21 @@ def test_closed_sets_list_their_choices():
     assert by_name["method"].choices == tuple(Method)
     assert by_name["alignment"].choices == tuple(Alignment)
     assert by_name["method"].default is Method.GEODESIC_NORMALS
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ({"device": "gpu"}, "must be auto, cpu, cuda"),
+        ({"cluster": "here"}, "must be local, or the address"),
+        ({"workers": 0}, "must be at least 1"),
+        ({"workers": "two"}, "must be a whole number"),
+        ({"optimize": {"method": "best"}}, "must be 'geodesic-normals'"),
+        ({"optimize": {"tolerance": 0.0}}, "must be more than 0"),
+    ],
+)
+def test_a_value_that_is_refused_comes_with_what_it_must_be(values, text):
+    with pytest.raises(ValidationError) as raised:
+        RunSettings.model_validate(values)
+    (fault,) = raised.value.errors()
+    assert fault_text(fault).startswith(text)

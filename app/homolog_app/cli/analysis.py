@@ -156,6 +156,7 @@ def _alignments(arguments: argparse.Namespace) -> list[str]:
 def _request(arguments: argparse.Namespace, result: "Result", alignment: str, answers: int) -> "StudyRequest":
     from pydantic import ValidationError
 
+    from homolog.parameters import fault_text
     from homolog_app.report.columns import column_of
     from homolog_app.report.request import StudyRequest, reference_first
 
@@ -185,7 +186,7 @@ def _request(arguments: argparse.Namespace, result: "Result", alignment: str, an
         )
     except ValidationError as error:
         first = error.errors()[0]
-        raise InputError(f"--{first['loc'][0]} {first['input']}: {first['msg']}") from error
+        raise InputError(f"--{first['loc'][0]} {first['input']}: {fault_text(first)}") from error
 
 
 def add_check(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private

@@ -237,6 +237,7 @@ def _drawn(shown: "ViewContents", canvas: "Canvas", scale: int, transparent: boo
 def _snapshot(text: str) -> "Snapshot":
     from pydantic import ValidationError
 
+    from homolog.parameters import fault_text
     from homolog_app.views.view_states import Snapshot
 
     try:
@@ -247,7 +248,7 @@ def _snapshot(text: str) -> "Snapshot":
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"])) or "the JSON"
-        raise InputError(f"--view: {where}: {first['msg']}") from error
+        raise InputError(f"--view: {where}: {fault_text(first)}") from error
 
 
 _PLOT_SUFFIXES = (".svg", ".pdf", ".png")

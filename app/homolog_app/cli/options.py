@@ -14,7 +14,7 @@ from typing import Any, TextIO, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from homolog.errors import InputError
-from homolog.parameters import Parameter, parameters
+from homolog.parameters import Parameter, fault_text, parameters
 from homolog.settings import GroomSettings, RunSettings
 
 __all__ = [
@@ -113,7 +113,7 @@ def with_options(settings: _Model, arguments: argparse.Namespace) -> _Model:
         return type(settings).model_validate(settings.model_dump() | given)
     except ValidationError as error:
         lines = [
-            f"--{str(item['loc'][0]).replace('_', '-')} {item['input']}: {item['msg']}"
+            f"--{str(item['loc'][0]).replace('_', '-')} {item['input']}: {fault_text(item)}"
             for item in error.errors()
         ]
         raise InputError("\n".join(dict.fromkeys(lines))) from error

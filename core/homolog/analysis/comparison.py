@@ -12,7 +12,7 @@ from homolog.analysis.assumptions import (
     outliers_in_groups,
     size_skewness,
 )
-from homolog.analysis.cautions import cautions_of
+from homolog.analysis.cautions import cautions_of, p_text
 from homolog.analysis.design import Design
 from homolog.analysis.discriminant import Discriminant
 from homolog.analysis.effects import Effect, SizeVariance, corrected_distance, size_effect, size_variance
@@ -147,6 +147,14 @@ class Comparison:
         """Freeze the arrays."""
         for name in ("subjects", "mean", "p_fwe", "outliers"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    def __repr__(self) -> str:
+        """Return a line for people."""
+        particles = int(np.sum(self.p_fwe < 0.05))
+        return (
+            f"Comparison({self.title}, {len(self.subjects)} subjects: {p_text(self.p_adjusted)} of the whole "
+            f"shape, {particles} of {len(self.p_fwe)} particles with p_fwe < 0.05)"
+        )
 
     def renumbered(self, members: IntArray) -> "Comparison":
         """Return it with the indices of a larger cohort, of which those compared are the members."""

@@ -75,6 +75,11 @@ class ShapeModel:
         for name in self.__dataclass_fields__:
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
+    def __repr__(self) -> str:
+        """Return a line for people."""
+        subjects, modes = self.scores.shape
+        return f"ShapeModel({len(self.mean)} particles of {subjects} subjects, {modes} modes)"
+
     @classmethod
     def fit(
         cls, particles: ArrayLike, *, scaling: bool = False, names: Sequence[str] | None = None

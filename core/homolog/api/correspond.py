@@ -29,6 +29,7 @@ from homolog.files.project import ProjectFolder
 from homolog.files.results import surface_file
 from homolog.grooming import GroomedSubject, check_cohort, check_sides, groom_cohort
 from homolog.grooming.cache import content_key, save_groomed
+from homolog.parameters import fault_text
 from homolog.progress import no_tick
 from homolog.run.choose_core import outline
 from homolog.run.control import Control
@@ -241,7 +242,7 @@ def correspond(
     alias = choose_device(device)
     cohort, sources = cohort_of(shapes, voxel_size, chosen.groom)
     if len(cohort.subjects) < 2:
-        raise InputError(f"{len(cohort.subjects)} shapes: a correspondence needs two or more; give more")
+        raise InputError(f"a correspondence needs two or more shapes, not {len(cohort.subjects)}; give more")
     control, size = Control(), chosen.optimize.core_set
     if grows := size is not None and size < len(cohort.subjects):
         control.expect_fits()
@@ -312,7 +313,7 @@ def run_settings(given: dict[str, Any], n_particles: int, device: str, workers: 
     except ValidationError as error:
         names = {"particles": "n_particles"}
         lines = [
-            f"{names.get(str(fault['loc'][-1]), fault['loc'][-1])}={fault['input']!r}: {fault['msg']}"
+            f"{names.get(str(fault['loc'][-1]), fault['loc'][-1])}={fault['input']!r}: {fault_text(fault)}"
             for fault in error.errors()
         ]
         raise InputError("\n".join(lines)) from error

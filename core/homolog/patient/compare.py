@@ -93,6 +93,11 @@ class PatientComparison:
     particles: FloatArray
     own: OwnSurface
 
+    def __repr__(self) -> str:
+        """Return a line for people."""
+        regions = len(self.regions)
+        return f"PatientComparison({self.name}: {regions} region{'s' * (regions != 1)} beyond the limit)"
+
     def __post_init__(self) -> None:
         """Freeze the arrays."""
         for name in ("placement", "z", "total", "total_z", "particles"):

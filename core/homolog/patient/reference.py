@@ -169,6 +169,10 @@ class Reference:
     change: ExpectedChange | None = None
     mirrored: FloatArray | None = None
 
+    def __repr__(self) -> str:
+        """Return a line for people."""
+        return f"Reference({len(self.mahalanobis)} controls, {self.modes} modes)"
+
     def __post_init__(self) -> None:
         """Sort and freeze the distributions."""
         if self.scores is not None:

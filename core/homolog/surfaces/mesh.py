@@ -32,6 +32,10 @@ class TriangleMesh:
         object.__setattr__(self, "vertices", frozen(self.vertices, np.float64))
         object.__setattr__(self, "faces", frozen(self.faces, np.int32))
 
+    def __repr__(self) -> str:
+        """Return a line for people."""
+        return f"TriangleMesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
+
     def __reduce__(self) -> tuple[object, ...]:
         """Stay read-only through pickling."""
         return TriangleMesh, (self.vertices, self.faces)

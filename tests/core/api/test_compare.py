@@ -137,3 +137,9 @@ def test_regressions_are_those_of_the_analysis_and_two_answers_are_corrected():
         hl.regress(shapes, [40.0, np.nan, *ages[2:]], "age", names=list("abcdefghijklmn"))
     with pytest.raises(hl.InputError, match="contains words"):
         hl.regress(shapes, ["x"] * 7 + ["y"] * 7, "age")
+
+
+def test_a_comparison_and_a_model_print_as_one_line(shapes):
+    for value in (hl.compare_groups(shapes, GROUPS, ("a", "c"), **FORM), hl.ShapeModel.fit(shapes)):
+        assert "\n" not in repr(value)
+        assert len(repr(value)) < 150
