@@ -111,8 +111,8 @@ def _load_views_soon(window: MainWindow) -> None:
     def go_on() -> None:
         if not imports.is_alive():
             look.stop()
-            window.load_views()
             window.start_page.notice.setText("")
+            window.load_views()
 
     look.timeout.connect(go_on)
     QTimer.singleShot(_LOOK_MS, window, imports.start)

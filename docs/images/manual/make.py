@@ -102,6 +102,7 @@ def keep_beans(
     workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
     session.show_step("correspond")
     order["run.start"].trigger()
+    until(lambda: session.job.status is not None)
     until(lambda: session.job.status is None or session.job.status.fraction > PART)
     until(lambda: session.job.status is None or not window.docks.curves.is_empty)
     keep("run")

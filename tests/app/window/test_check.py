@@ -234,6 +234,19 @@ def test_both_particles_of_an_exchange_have_their_colour_and_number_on_every_sha
         assert len(content.lines) == 2 * 28
 
 
+def test_of_many_particles_of_a_suspect_only_the_chosen_one_has_its_number(checking):
+    from homolog_app.views.check import Marks, checked_scene
+
+    page, shown = page_of(checking), checking.views.stage.scene.shown
+    inspection, names = page.checked.inspection, [content.name for content in shown]
+    many, few = (
+        checked_scene(shown, inspection, names, Marks("located", 3, 0, np.arange(count))) for count in (9, 8)
+    )
+    assert many.contents[0].numbers.values.tolist() == [3]
+    assert len(many.contents[0].lines) == 9 * 28
+    assert sorted(few.contents[0].numbers.values) == list(range(8))
+
+
 def test_neighbours_are_coloured_by_the_distances_of_their_own_shape(checking, wait):
     page, scene = page_of(checking), checking.views.stage.scene
     page.look.particle.setValue(7)

@@ -150,6 +150,8 @@ def test_measures_are_compared_by_group(plots, page, window):
     assert volume.measure.groups == ("large", "small")
     assert volume.measure.means[0] == pytest.approx((volumes["a"] + volumes["b"]) / 2.0)
     assert "n = 2" in volume.toolTip()
+    assert page.charts.legend.isVisible()
+    assert "large" in page.charts.legend.text()
     window.grab()
 
 
@@ -176,6 +178,7 @@ def test_the_boxes_of_another_study_are_not_shown(page, monkeypatch):
     assert volume.is_empty
     assert page.charts.pairs.is_empty
     assert not volume.toolTip()
+    assert not page.charts.legend.text()
 
 
 def test_two_shapes_are_seen_side_by_side_on_one_scale(page, window):

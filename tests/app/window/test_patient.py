@@ -47,6 +47,19 @@ def patient(page, explored, ellipsoids, wait):
     return page
 
 
+def test_the_group_that_is_called_as_controls_are_is_chosen_first(explored):
+    session = explored.workspace.session
+    for names, group in ((["a", "b"], "ABC"), (["c", "d"], "Healthy")):
+        session.select(names)
+        session.set_group(group)
+    explored.commands["explore.patient"].trigger()
+    box = explored.inspector.explore.page.group
+    assert box.currentText() == "Healthy"
+    box.setCurrentIndex(0)
+    session.set_group("ill")
+    assert box.currentText() == "All subjects"
+
+
 def test_a_dropped_file_is_compared_and_not_added_to_the_study(patient, explored, tmp_path, wait):
     assert len(explored.workspace.session.study.members) == 4
     assert patient.comparison.name == "a"

@@ -260,6 +260,7 @@ class MeasurePlots(QStackedWidget):
     def clear_measures(self) -> None:
         """Empty the boxes and the plot of two."""
         self._measures = ((), (), ())
+        self.legend.show_groups(())
         self._show_pair()
         for plot in self.boxes:
             plot.clear()

@@ -91,7 +91,7 @@ class PatientPage(ExplorePage):
         self.comparison: PatientComparison | None = None
         self._compared: ComparedPatient | None = None
         self.places: list[tuple[FloatArray, FloatArray]] = []
-        self.group = choice("Controls")
+        self.group, self._default = choice("Controls"), ""
         self.adjust = QLineEdit()
         self.adjust.setPlaceholderText("columns, such as age sex")
         self.adjust.setAccessibleName("Columns to adjust for")
@@ -134,9 +134,8 @@ class PatientPage(ExplorePage):
         for widget in (self.make, self.open, self.keep):
             row.addWidget(widget, 2 if widget is self.make else 1)
         self.body.addLayout(row)
-        self.body.addWidget(self.single)
-        self.body.addWidget(self.about)
-        self.body.addWidget(label("Patient", "SectionTitle"))
+        for below in (self.single, self.about, label("Patient", "SectionTitle")):
+            self.body.addWidget(below)
         self.body.addLayout(self.form)
         self.body.addWidget(self.file)
         self.body.addWidget(label("Or drop a segmentation or a surface here.", "FieldHelp", wrap=True))
@@ -167,9 +166,8 @@ class PatientPage(ExplorePage):
         answer.addLayout(ends)
         for check in (self.overlaid, self.only_beyond):
             answer.addWidget(check)
-        answer.addWidget(rule())
-        answer.addWidget(self.bars)
-        answer.addWidget(self.nearest)
+        for widget in (rule(), self.bars, self.nearest):
+            answer.addWidget(widget)
         dress_table(self.regions, "Regions beyond the limit", 120)
         self.regions.setModel(self.table)
         self.regions.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
@@ -372,12 +370,13 @@ class PatientPage(ExplorePage):
         return {name: field.text() for name, field in self.fields.items()}
 
     def _show_groups(self) -> None:
-        """Offer the groups of the cohort as controls; at first the one that is called so is chosen."""
+        """Offer the groups of the cohort as controls; at first the one that is called so."""
         groups = reference_first(filter(None, self.workspace.session.study.groups))
-        chosen = self.group.currentText() if self.group.count() > 1 else ""
+        default = next(filter(names_reference, groups), _EVERYONE)
+        chosen = default if self.group.currentText() == self._default else self.group.currentText()
+        self._default = default
         self.group.clear()
         self.group.addItems([_EVERYONE, *groups])
-        default = next(filter(names_reference, groups), _EVERYONE)
         self.group.setCurrentText(chosen if self.group.findText(chosen) >= 0 else default)
 
     def _show_reference(self) -> None:
