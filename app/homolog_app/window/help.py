@@ -17,7 +17,7 @@ from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.palette import CommandPalette, ShortcutSheet
 from homolog_app.window.project_controller import ProjectController
 from homolog_app.window.rail import steps_of
-from homolog_app.window.start_page import BEANS, HEARTS, Sample, Stop
+from homolog_app.window.start_page import BEANS, HEARTS, Sample, Stop, stops_for
 from homolog_app.window.theme import pixmap
 from homolog_app.window.widgets import GRID, button, label
 from homolog_app.window.workspace import Controller, PreferencesDialog, Workspace, reported
@@ -161,7 +161,7 @@ class Tour(QObject):
         super().__init__(workspace)
         self._workspace, self._commands, self._projects, self._groups = workspace, commands, projects, groups
         self._at = 0
-        self._sample = HEARTS
+        self._stops = HEARTS.stops
         self.card = _Card()
         self.card.hide()
         self.card.back.clicked.connect(lambda: self.show_stop(self._at - 1))
@@ -177,7 +177,7 @@ class Tour(QObject):
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of the tour do."""
         return {
-            "help.tour": lambda: self.show_stop(0),
+            "help.tour": self.begin,
             "file.sample_hearts": partial(self.open_sample, HEARTS),
             "file.sample": partial(self.open_sample, BEANS),
         }
@@ -190,11 +190,16 @@ class Tour(QObject):
             self._workspace.work.make_sample(sample, folder, partial(self._accept_sample, sample))
 
     def _accept_sample(self, sample: Sample, folder: Path) -> None:
-        workspace, self._sample = self._workspace, sample
+        workspace, self._stops = self._workspace, sample.stops
         self._projects.open_paths([folder])
         settings = workspace.session.study.settings
         workspace.edit_settings("groom", "alignment", sample.groom_settings(settings.groom))
         workspace.edit_settings("optimize", "particles", settings.optimize.model_copy(update=sample.optimize))
+        self.show_stop(0)
+
+    def begin(self) -> None:
+        """Show the first card of the tour for the open study."""
+        self._stops = stops_for(self._workspace.session.study)
         self.show_stop(0)
 
     def show_stop(self, index: int) -> None:
@@ -211,10 +216,6 @@ class Tour(QObject):
         if stop.alignment is not None:
             self._groups.form.choose_alignment(stop.alignment)
         self._refresh()
-
-    @property
-    def _stops(self) -> tuple[Stop, ...]:
-        return self._sample.stops
 
     def _accept_offer(self) -> None:
         self._commands[self._stops[self._at].offer].trigger()

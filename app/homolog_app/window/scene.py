@@ -112,6 +112,7 @@ class Scene(QWidget):
         """
         had, before = self.grid.contents, self.grid.shape
         stays = shown.stays and self.displayed.stays and self.fitted != self.looks
+        left = self.displayed.stays and not shown.stays
         if not self.grid.columns:
             self._left_at = self.grid.page
         self.displayed = shown
@@ -123,6 +124,8 @@ class Scene(QWidget):
         elif self.grid.shape != before:
             if not stays:
                 self.fit()
+        elif left:  # a close-up, that is
+            self.fit()
         elif len(shown.contents) != len(had):
             self._keep_whole()
         elif self.fitted == self.looks:

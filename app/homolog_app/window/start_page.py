@@ -7,16 +7,17 @@ from pathlib import Path
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
-from homolog.analysis.procrustes import Alignment as ComparedPatient
+from homolog.analysis.procrustes import Alignment as ShapeAlignment
 from homolog.progress import Tick
 from homolog.settings import Alignment, GroomSettings
+from homolog_app.studies.study import Study
 from homolog_app.window.actions import Actions
 from homolog_app.window.commands import command
 from homolog_app.window.runner import Status
 from homolog_app.window.theme import Theme, pixmap
 from homolog_app.window.widgets import GRID, ActionButton, Progress, button, label, rule
 
-__all__ = ["BEANS", "HEARTS", "Sample", "StartPage", "Stop"]
+__all__ = ["BEANS", "HEARTS", "Sample", "StartPage", "Stop", "stops_for"]
 
 
 _COMPLETE = ".complete"
@@ -47,7 +48,7 @@ class Stop:
     text: str
     offer: str = ""
     opens: str = ""
-    alignment: ComparedPatient | None = None
+    alignment: ShapeAlignment | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +132,7 @@ _HEART_STOPS = (
         "Colours show where the difference is significant: the wall is thinner in the infarct.",
         "explore.test",
         "explore.groups",
-        ComparedPatient.SIMILARITY,
+        ShapeAlignment.SIMILARITY,
     ),
 )
 
@@ -164,10 +165,51 @@ _BEAN_STOPS = (
     ),
 )
 
+_STOPS = (
+    Stop(
+        "cohort",
+        "Subjects",
+        "The table lists the subjects with their volumes. Tick those to study, and give them groups: type in "
+        "the column, or import a table.",
+    ),
+    Stop(
+        "groom",
+        "Smooth surfaces",
+        "Grooming fills holes, smooths voxel steps and aligns the shapes. Switch between input and groomed "
+        "surface with 1 and 2, see slices with 4.",
+        "run.groom",
+    ),
+    Stop(
+        "correspond",
+        "Corresponding particles",
+        "Particles spread over all shapes at once and keep to the same places. Distances run along the "
+        "surface: opposite sides of a thin wall stay apart.",
+        "run.start",
+    ),
+    _HEART_STOPS[3],
+    Stop(
+        "explore",
+        "What differs",
+        "Compare groups, or test the effect of a number such as age. Colours show where the difference is "
+        "significant.",
+        "explore.test",
+        "explore.groups",
+    ),
+)
+
 HEARTS = Sample(f"hearts-{_HEARTS}", _write_hearts, _HEART_STOPS, optimize={"particles": 256})
 
 # Half turned a bean fits, too: alignment would turn some.
 BEANS = Sample("coffee-beans", _write_beans, _BEAN_STOPS, groom={"alignment": Alignment.NONE})
+
+
+def stops_for(study: Study) -> tuple[Stop, ...]:
+    """Return the tour of a study: its own if it is a sample, else that of any study."""
+    names = [member.name for member in study.members]
+    for stem, sample in (("heart_", HEARTS), ("bean_", BEANS)):
+        if names and all(name.startswith(stem) for name in names):
+            return sample.stops
+    return _STOPS
 
 
 _CARDS = ("file.new", "file.open", "file.sample_hearts")

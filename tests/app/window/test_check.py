@@ -155,6 +155,14 @@ def test_the_close_up_on_a_suspect_stays_when_something_else_is_shown_or_undone(
     assert not errors
 
 
+def test_the_close_up_ends_with_the_page(checking):
+    scene = checking.views.stage.scene
+    checking.commands["check.next"].trigger()
+    assert scene.fitted != scene.looks
+    checking.workspace.session.show_page("Overview")
+    assert scene.fitted == scene.looks
+
+
 def test_particles_that_could_not_be_written_count_as_unsaved(checking, monkeypatch, errors, wait):
     from homolog.errors import InputError
 

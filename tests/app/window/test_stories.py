@@ -142,3 +142,11 @@ def test_a_tour_leads_from_the_sample_to_a_result(
     card.go_on.click()
     assert not card.isVisible()
     assert not errors
+
+
+def test_the_tour_of_a_study_that_is_no_sample_speaks_of_any_study(beans):
+    beans.commands["help.tour"].trigger()
+    assert beans.tour.card.title.text() == "Subjects"
+    while beans.tour.card.go_on.isEnabled():
+        beans.tour.card.go_on.click()
+    assert beans.workspace.session.step == "groom"
