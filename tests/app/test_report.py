@@ -130,6 +130,9 @@ def test_regions_say_where_the_difference_is_how_large_and_which_way(project):
     low, value, high = (float(row[f"peak_outward{end}_mm"]) for end in ("_low_95", "", "_high_95"))
     assert 0.0 < low < value < high
     assert value == pytest.approx(4.0, abs=1.5)
+    least, mean, largest = (float(row[f"{of}_outward_mm"]) for of in ("least", "mean", "largest"))
+    assert least <= mean <= largest
+    assert least <= value <= largest
     assert float(row["peak_p_fwe_corrected"]) <= 0.05
     (tests,) = _rows(project.folder / "analysis" / "groups_group_A_C_as_it_lies" / "tests.csv")
     assert row["particles"] == tests["particles_p_fwe_corrected_05"]
@@ -261,6 +264,8 @@ def test_tables_say_what_they_are_of_and_what_each_column_holds(project):
     particle = _rows(folder / "particles_C_-_A.csv")[0]
     assert float(particle["outward_low_95_mm"]) < float(particle["outward_mm"])
     sample = _rows(folder / "sample.csv")
+    ages = [row for row in sample if row["variable"] == "age"]
+    assert [(row["minimum"], row["maximum"]) for row in ages] == [("40.0", "70.0"), ("44.0", "74.0")]
     assert [row["n"] for row in sample if row["variable"] == "subjects"] == ["6", "6"]
     assert [row for row in sample if row["variable"] == "voxel"] == []
     left_out = [row["left_out_because"] for row in _rows(folder / "subjects.csv")]

@@ -147,7 +147,7 @@ def _effects(study: Study, comparison: Comparison, finding: Finding, carrier: Su
     count = "One region" if len(regions) == 1 else f"{len(regions)} regions, the largest"
     per = f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
     low, high = region.outward_range
-    several = f" (outward {low:+.2g} to {high:+.2g} mm{per})" if len(region.particles) > 1 else ""
+    several = f"; outward {low:+.2g} to {high:+.2g} mm{per}" if len(region.particles) > 1 else ""
     largest = (
         f"{count}: {region.area:.0f} mm², {region.where}, on average {abs(region.mean_outward):.2g} mm{per} "
         f"{region.direction(region.mean_outward)}{several}."

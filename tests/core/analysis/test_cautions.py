@@ -5,7 +5,7 @@ import pytest
 
 import homolog as hl
 from homolog.analysis.assumptions import outliers_in_groups, size_skewness
-from homolog.analysis.cautions import size_caution
+from homolog.analysis.cautions import outlier_caution, size_caution
 from homolog.analysis.design import group_design, paired_design
 
 LABELS = 8 * ["a"] + 14 * ["b"] + 20 * ["c"]
@@ -79,3 +79,16 @@ def test_an_outlier_is_found_in_its_group_whatever_the_groups_differ_by():
     assert result.without_outliers.discriminant.auc.value == pytest.approx(rest.discriminant.auc.value)
     np.testing.assert_array_equal(result.without_outliers.p_fwe, rest.p_fwe)
     assert 3 not in result.without_outliers.subjects
+
+
+@pytest.mark.parametrize(
+    ("counts", "far_from"),
+    [
+        ({"a": 4, "b": 5}, "from the mean of the group"),
+        ({"all": 9}, "from the shape that is fitted to the value"),
+        ({"pairs": 9}, "difference within the pair"),
+    ],
+)
+def test_an_outlier_is_said_to_be_far_from_what_its_design_compares_it_with(counts, far_from):
+    assert far_from in outlier_caution(np.array([2]), counts)
+    assert "subject 3 is an outlier" in outlier_caution(np.array([2]), counts)
