@@ -21,7 +21,7 @@ from homolog.correspondence.kernels import particles as kernels
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["SurfacePoints", "Term", "search_pose"]
+__all__ = ["SurfacePoints", "Term", "search_poses"]
 
 _TURNS = np.radians(np.arange(-24.0, 25.0, 3.0))
 """About the axis of least resistance."""
@@ -34,6 +34,8 @@ _DAMPING, _SMALLEST_STEP, _ENOUGH = 1e-6, 0.2, 1e-3
 """Of Gauss-Newton steps: over the mean diagonal of the matrix; smallest part of a step that is tried;
 relative decrease of the objective below which the search ends."""
 _PROJECTIONS, _NEWTON_STEPS = 3, 2
+_DISTINCT = 0.5
+"""Spacings between the particles of two poses, root mean square, from which on they are two."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,7 @@ class SurfacePoints:
 
     def __init__(self, fields: DeviceArray, opening_fields: DeviceArray, mesh: TriangleMesh) -> None:
         self._fields, self._opening_fields = fields, opening_fields
-        self._vertices, self._normals = mesh.vertices, mesh.vertex_normals
+        self._vertices, self._normals, self.area = mesh.vertices, mesh.vertex_normals, mesh.area
         self._tree = cKDTree(features(self._vertices, self._normals))
 
     def nearest(
@@ -101,15 +103,15 @@ class SurfacePoints:
         return tuple(np.asarray(item, np.float64) for item in ended)  # type: ignore[return-value]
 
 
-def search_pose(
+def search_poses(
     ensemble: Ensemble,
     terms: tuple[Term, Term],
     surface: SurfacePoints,
     poses: Sequence[FloatArray],
     *,
     scaling: bool,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the pose of lowest objective, and particles on the surface in it.
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Return the poses of low objective, and particles on the surface in each, the lowest first.
 
     Parameters
     ----------
@@ -124,13 +126,22 @@ def search_pose(
 
     Returns
     -------
-    pose : (4, 4) array
-    points : (n, 3) array
-        As posed.
+    list of ((4, 4) array, (n, 3) array)
+        Pose, and particles as posed; those of two poses lie half a spacing and more apart on the surface.
     """
     search = _Search(ensemble, terms, surface, scaling)
-    _, pose, targets = min((search.lowest(pose) for pose in poses), key=lambda item: item[0])
-    return pose, surface.nearest(pose, targets, ensemble.normals)[0]
+    ends = sorted((end for pose in poses for end in search.minima(pose)), key=lambda item: item[0])
+    kept: list[tuple[FloatArray, FloatArray]] = []
+    places: list[FloatArray] = []
+    least = _DISTINCT * np.sqrt(surface.area / len(ensemble.mean))
+    for _, pose, targets in ends:
+        points = surface.nearest(pose, targets, ensemble.normals)[0]
+        place = transform_points(inverse_matrices(pose), points)
+        apart = [float(np.sqrt(np.square(place - other).sum(axis=1).mean())) for other in places]
+        if all(gap >= least for gap in apart):
+            kept.append((pose, points))
+            places.append(place)
+    return kept
 
 
 _Candidate = tuple[float, FloatArray, FloatArray]
@@ -143,8 +154,8 @@ class _Search:
     surface: SurfacePoints
     scaling: bool
 
-    def lowest(self, pose: FloatArray) -> _Candidate:
-        """Return objective, pose and targets of the lowest minimum about a pose."""
+    def minima(self, pose: FloatArray) -> list[_Candidate]:
+        """Return objective, pose and targets of minima about a pose."""
         targets = self._expected(pose, self.ensemble.mean)
         centre = targets.mean(axis=0)
         value, pose, targets = self._descend(pose, targets)
@@ -154,8 +165,7 @@ class _Search:
         inner = [np.inf, *values, np.inf]
         minima = [k for k in range(len(values)) if inner[k + 1] <= min(inner[k], inner[k + 2])]
         begun = sorted(minima, key=lambda k: values[k])[:_BEGUN]
-        ends = [(value, pose, targets), *(self._descend(turned[k], targets) for k in begun)]
-        return min(ends, key=lambda item: item[0])
+        return [(value, pose, targets), *(self._descend(turned[k], targets) for k in begun)]
 
     def _expected(self, pose: FloatArray, targets: FloatArray) -> FloatArray:
         """Return what the modes explain of the points nearest to the targets."""

@@ -15,13 +15,14 @@ from scipy.spatial import cKDTree
 from homolog.arrays import BoolArray, FloatArray
 from homolog.correspondence.engine import Engine, Particles, rotations
 from homolog.correspondence.ensemble import Ensemble, ShapeState
+from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
 from homolog.correspondence.fit_engine import FitEngine
 from homolog.correspondence.initialization.registration import snap_to_mesh
 from homolog.correspondence.launcher import Launcher
-from homolog.correspondence.loop import RECORD_INTERVAL, OptimizationLoop
+from homolog.correspondence.loop import MAX_POSE_REGULARIZATION, RECORD_INTERVAL, OptimizationLoop
 from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.misplaced import MAX_MISPLACED_FRACTION, is_misplaced, predict_positions
-from homolog.correspondence.pose_search import SurfacePoints, Term, search_pose
+from homolog.correspondence.pose_search import SurfacePoints, Term, search_poses
 from homolog.correspondence.poses import robust_step
 from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort, prepare_cohort
 from homolog.correspondence.refit import carry_particles
@@ -41,10 +42,13 @@ _ANNEAL_ITERATIONS, _FIRST_REGULARIZATION = 200, 1.0
 _SETTLE_ITERATIONS, _SETTLED = 300, 0.01
 """At most, and the motion between two records at which 95 % of the particles have settled [spacings]: the
 objective of one shape fluctuates too much to tell."""
-_PLACED_ANNEAL, _PLACED_WEIGHTS, _WEIGHTS_A_SUBJECT = 200, 0.3, 0.03
-"""Of a fit whose pose was searched for: iterations, and weights of the last stage over the run's, at most and
-for each subject. By then the particles have found their places, and lower weights spread them more evenly; a
-few subjects tell little of another one."""
+_MOST_POSES, _PLACED_ANNEAL, _RELOCATED_AFTER = 4, 60, 40
+"""Of a fit whose pose is searched for: poses that are tried, iterations of each, and those after which its
+misplaced particles are relocated."""
+_PLACED_WEIGHTS, _WEIGHTS_A_SUBJECT = 0.3, 0.03
+"""Of such a fit: weights of the last stage over the run's, at most and for each subject. By then the
+particles have found their places, and lower weights spread them more evenly; a few subjects tell little of
+another one."""
 _TEMPLATE_POINTS = 256
 
 
@@ -274,6 +278,8 @@ class _FitLoop(OptimizationLoop):
         tick: Tick,
     ) -> None:
         self._ensemble, self._settled, self._searches, self._starts = ensemble, settled, searches, starts
+        self._trial = stages[0]
+        stages = stages[1:] if searches else stages
         world = _matrix(cohort.to_optimizer[0])
         world[:3] *= cohort.unit
         super().__init__(
@@ -306,9 +312,32 @@ class _FitLoop(OptimizationLoop):
         )
         mesh = self.engine.surface_set.meshes[0]
         surface = SurfacePoints(self.cohort.fields, self.cohort.opening_fields, mesh)
-        pose, points = search_pose(self._ensemble, terms, surface, list(poses), scaling=self.scaling)
-        self.poses = pose[None]
-        self._set_particles(len(points), transform_points(inverse_matrices(pose), points)[None])
+        tries = search_poses(self._ensemble, terms, surface, list(poses), scaling=self.scaling)
+        lowest, best = np.inf, (self.engine, self.poses)
+        for pose, points in tries[:_MOST_POSES]:
+            self.poses = pose[None]
+            self._set_particles(len(points), transform_points(inverse_matrices(pose), points)[None])
+            objective = self._tried()
+            if objective < lowest:
+                lowest, best = objective, (self.engine, self.poses)
+        self.engine, self.poses = best
+
+    def _tried(self) -> float:
+        """Move the particles through the first stage, and return the objective where they end.
+
+        A misplaced particle adds as much to it as a wrong pose does: they are relocated before the end.
+        """
+        plan = self._trial
+        self.engine.start_stage([plan.weights(iteration) for iteration in range(plan.iterations)])
+        for done in range(0, plan.iterations, LIST_ITERATIONS):
+            if done == _RELOCATED_AFTER:
+                self._relocate_misplaced(0, 0)
+            self.engine.iterate(min(LIST_ITERATIONS, plan.iterations - done))
+            if (done + LIST_ITERATIONS) % RECORD_INTERVAL == 0:
+                regularization = plan.weights(min(done + LIST_ITERATIONS, plan.iterations - 1)).regularization
+                self._align(regularization=min(regularization, MAX_POSE_REGULARIZATION))
+        parts = self.engine.energy() * [1.0, plan.ensemble_weight, plan.normals_weight]
+        return float(parts.sum()) if np.isfinite(parts).all() else np.inf
 
     def _set_particles(self, count: int, particles: Particles | FloatArray, repaired: object = None) -> None:
         self.repaired = np.zeros((1, count), np.int32)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from homolog.correspondence import optimize
+from homolog.correspondence import optimize, shape_fit
 from homolog.correspondence.ensemble import generalization_error, make_ensemble
+from homolog.correspondence.pose_search import search_poses
 from homolog.correspondence.poses import entropy_step
 from homolog.correspondence.shape_fit import (
     first_particles,
@@ -86,6 +87,23 @@ def test_the_pose_is_found_from_particles_that_are_turned_over_the_surface(place
     fitted = fit_shape_from(shapes[2], SETTINGS, ensemble, [turned, turned])
     spacing = np.sqrt(shapes[2].mesh.area / 64)
     assert np.linalg.norm(turned - states[2].local, axis=1).mean() > 0.5 * spacing
+    assert np.linalg.norm(fitted.local - states[2].local, axis=1).mean() < 0.15 * spacing
+
+
+def test_of_several_poses_the_one_whose_particles_end_lowest_is_kept(placed, monkeypatch):
+    shapes, states, unit = placed
+    ensemble = ensemble_of([states[index] for index in (0, 1, 3, 4)], unit)
+
+    def with_a_wrong_one_first(ensemble, terms, surface, poses, *, scaling):
+        pose, points = search_poses(ensemble, terms, surface, poses, scaling=scaling)[0]
+        turn = np.eye(4)
+        turn[:3, :3] = Rotation.from_euler("z", 60.0, degrees=True).as_matrix()
+        wrong = turn @ pose
+        return [(wrong, surface.nearest(wrong, points, ensemble.normals)[0]), (pose, points)]
+
+    monkeypatch.setattr(shape_fit, "search_poses", with_a_wrong_one_first)
+    fitted = fit_shape_from(shapes[2], SETTINGS, ensemble, [states[2].local])
+    spacing = np.sqrt(shapes[2].mesh.area / 64)
     assert np.linalg.norm(fitted.local - states[2].local, axis=1).mean() < 0.15 * spacing
 
 
