@@ -28,7 +28,7 @@ LOCAL = "local"
 _PATIENCE_S = 0.1  # between looks at the tick
 _MOST_DEATHS = 3
 """Of workers in a row, no subject being done between them."""
-_ANSWER_S = 15
+ANSWER_S = 15
 """Within which a scheduler must answer."""
 _log = logging.getLogger(__name__)
 
@@ -75,7 +75,7 @@ def subject_executor(
                 )
             )
         try:
-            client = stack.enter_context(distributed.Client(where, timeout=_ANSWER_S, set_as_default=False))
+            client = stack.enter_context(distributed.Client(where, timeout=ANSWER_S, set_as_default=False))
         except (OSError, ValueError) as error:
             raise InputError(
                 f"{cluster}: no Dask scheduler answers there ({error}); start one with dask scheduler, or "
@@ -232,7 +232,7 @@ def serve_as_worker(address: str) -> None:
     distributed = _distributed()
 
     async def serve() -> None:
-        async with distributed.Nanny(address, nthreads=1, death_timeout=_ANSWER_S) as nanny:
+        async with distributed.Nanny(address, nthreads=1, death_timeout=ANSWER_S) as nanny:
             await nanny.finished()
 
     try:

@@ -12,7 +12,7 @@ def small_demo(tmp_path_factory):
     """A demo with four beans and few particles; the subjects' pictures are left out."""
     out = tmp_path_factory.mktemp("demo") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("homolog_app.cli.samples._SHAPES", 4)
+        patch.setattr("homolog_app.cli.samples.SHAPES", 4)
         patch.setattr("homolog_app.pictures.figures.draw_figures", lambda project, tick: None)
         lines: list[str] = []
         patch.setattr("sys.stdout.write", lines.append)

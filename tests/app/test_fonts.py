@@ -20,7 +20,7 @@ HAN = "王"
 def nothing_installed(monkeypatch):
     """A system without fonts."""
     fonts.font_file.cache_clear()
-    monkeypatch.setattr(fonts, "_system_files", tuple)
+    monkeypatch.setattr(fonts, "system_files", tuple)
     yield
     fonts.font_file.cache_clear()
 
@@ -31,9 +31,9 @@ def test_latin_and_greek_words_are_written_by_the_usual_font():
 
 def test_the_first_font_that_has_all_signs_is_taken(monkeypatch, nothing_installed):
     signs = {"usual": "ab", "half": "ab王", "whole": "ab王明"}
-    monkeypatch.setattr(fonts, "_usual_file", lambda: "usual")
-    monkeypatch.setattr(fonts, "_system_files", lambda: ("half", "whole"))
-    monkeypatch.setattr(fonts, "_lacking", lambda path, text: frozenset(text) - frozenset(signs[path]))
+    monkeypatch.setattr(fonts, "usual_file", lambda: "usual")
+    monkeypatch.setattr(fonts, "system_files", lambda: ("half", "whole"))
+    monkeypatch.setattr(fonts, "signs_lacking", lambda path, text: frozenset(text) - frozenset(signs[path]))
     assert [fonts.font_file(text) for text in ("ab", "a王", "a王明")] == ["usual", "half", "whole"]
 
 
@@ -58,7 +58,7 @@ def test_matplotlib_writes_with_the_font_that_has_the_sign(monkeypatch, tmp_path
     text = Figure().text(0.0, 0.0, "a\u16a0")  # a rune, which stands for what the usual font lacks
     usual, other = fonts.font_file(), fonts.font_file().with_name("DejaVuSerif.ttf")
     monkeypatch.setattr(fonts, "font_file", lambda texts="": other if "\u16a0" in texts else usual)
-    monkeypatch.setattr(fonts, "_lacking", lambda path, message: frozenset())
+    monkeypatch.setattr(fonts, "signs_lacking", lambda path, message: frozenset())
     fonts.complete_text(text)
     assert text.get_fontfamily() == ["DejaVu Sans", "DejaVu Serif"]
 

@@ -149,7 +149,7 @@ def test_both_renderers_draw_the_same_picture(ball):
 
 
 def test_a_graphics_driver_that_ends_its_process_is_replaced_by_software(ball, monkeypatch):
-    monkeypatch.setattr("homolog_app.rendering.draw._begin", os.abort)
+    monkeypatch.setattr("homolog_app.rendering.draw.begin", os.abort)
     choice = RendererChoice()
     image = choice.draw(Scene((surface(ball, GREY),)), frame_around([ball.vertices], VIEWS["left"]), 50)
     assert "software" in choice.name
@@ -158,14 +158,14 @@ def test_a_graphics_driver_that_ends_its_process_is_replaced_by_software(ball, m
 
 def test_a_graphics_driver_that_hangs_is_ended_and_replaced_by_software(monkeypatch):
     others = set(active_children())
-    monkeypatch.setattr("homolog_app.rendering.draw._begin", signal.pause)
-    monkeypatch.setattr("homolog_app.rendering.draw._PATIENCE_S", 2.0)
+    monkeypatch.setattr("homolog_app.rendering.draw.begin", signal.pause)
+    monkeypatch.setattr("homolog_app.rendering.draw.PATIENCE_S", 2.0)
     assert RendererChoice().name == "software"
     assert set(active_children()) <= others
 
 
 def test_opengl_that_was_asked_for_and_does_not_work_is_an_input_error(monkeypatch):
-    monkeypatch.setattr("homolog_app.rendering.draw._begin", os.abort)
+    monkeypatch.setattr("homolog_app.rendering.draw.begin", os.abort)
     monkeypatch.setenv(RENDERER, "opengl")
     with pytest.raises(InputError, match="no OpenGL that works"):
         _ = RendererChoice().name

@@ -23,7 +23,7 @@ from homolog.settings import RunSettings
 
 folder, settings, place, times = sys.argv[1:]
 left = int(times)
-table_cache._WORTH_S = 0.0  # so short a run would keep none
+table_cache.WORTH_S = 0.0  # so short a run would keep none
 
 def die(event, arguments):
     global left

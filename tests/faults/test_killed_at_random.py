@@ -24,7 +24,7 @@ SETTINGS = RunSettings(
     workers=1,
 )
 COHORT, WHOLE, KILLED = Path("scans"), Path("whole"), Path("killed")
-table_cache._WORTH_S = 0.0  # so short a run would keep none
+table_cache.WORTH_S = 0.0  # so short a run would keep none
 
 def run(folder, follow=lambda phase: None, **how):
     project = ProjectFolder(folder)

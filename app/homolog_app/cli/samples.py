@@ -124,7 +124,7 @@ def run_beans(arguments: argparse.Namespace) -> int:
     return 0
 
 
-_SHAPES, _SEED = 10, 5
+SHAPES, _SEED = 10, 5
 _MODES = 2  # true factors of variation: slot position and width
 _METHODS = (Method.EUCLIDEAN, Method.GEODESIC_NORMALS)
 _NAMES = {Method.EUCLIDEAN: "original", Method.GEODESIC_NORMALS: "proposed"}
@@ -158,7 +158,7 @@ def run_demo(arguments: argparse.Namespace) -> int:
     out = arguments.out
     optimize = with_options(OptimizeSettings(), arguments)
     _check_folder(out)
-    beans = draw_beans(_SHAPES, _SEED)
+    beans = draw_beans(SHAPES, _SEED)
     started = time.monotonic()
     with show_progress(arguments.progress) as progress:
 
@@ -179,7 +179,7 @@ def run_demo(arguments: argparse.Namespace) -> int:
         _draw(out, projects, part_of(tick, _ENDS[3], 1.0))
     position, width, correlation = draw_moments(beans)
     sys.stdout.write(
-        f"\nCoffee beans: {_SHAPES} shapes, seed {_SEED} (slot position sd {position:.1f} mm, width sd "
+        f"\nCoffee beans: {SHAPES} shapes, seed {_SEED} (slot position sd {position:.1f} mm, width sd "
         f"{width:.1f} mm, correlation {correlation:+.2f}), {optimize.particles} particles\n\n"
         f"{table_text(rows)}\n\npictures and results: {out.resolve()}\n"
         f"  comparison.png, comparison.csv; original/ and proposed/ are projects with figures/\n"

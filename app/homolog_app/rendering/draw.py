@@ -25,7 +25,7 @@ RENDERER = "HOMOLOG_RENDERER"
 _NO_OPENGL = "no OpenGL was found; install a graphics driver, or Mesa (libegl1 and libgl1-mesa-dri)"
 _EMULATED = ("llvmpipe", "softpipe", "swrast")
 """OpenGL of Mesa without a graphics card: half as fast as what draws without OpenGL."""
-_PATIENCE_S = 120.0
+PATIENCE_S = 120.0
 """A driver that needs longer to begin doesn't work."""
 
 _log = logging.getLogger(__name__)
@@ -143,7 +143,7 @@ class OpenGLProcess:
         atexit.register(stack.close)
         self._executor = stack.enter_context(worker_processes(1, fresh=True))
         try:
-            card = self._executor.submit(_begin).result(_PATIENCE_S)
+            card = self._executor.submit(begin).result(PATIENCE_S)
         except TimeoutError:
             stack.close()  # or this program would wait for that one at its end
             raise
@@ -159,7 +159,7 @@ class OpenGLProcess:
         return self._executor.submit(function, *arguments).result()
 
 
-def _begin() -> str:
+def begin() -> str:
     from homolog_app.rendering import opengl
 
     return opengl.begin()

@@ -43,24 +43,24 @@ _ODD = ("bold", "italic", "oblique", "black", "light", "thin", "mono", "serif")
 
 @cache
 def font_file(text: str = "") -> Path:
-    """Return the first font that has all signs of some words, or else most: DejaVu Sans before others."""
-    best, fewest = _usual_file(), _lacking(_usual_file(), text)
-    for path in _system_files() if fewest else ():
-        if len(lacking := _lacking(path, text)) < len(fewest):
-            best, fewest = path, lacking
+    """Return the first font that has all signs of a text, or else most: DejaVu Sans before others."""
+    best, fewest = usual_file(), signs_lacking(usual_file(), text)
+    for path in system_files() if fewest else ():
+        if len(missing := signs_lacking(path, text)) < len(fewest):
+            best, fewest = path, missing
         if not fewest:
             break
     return best
 
 
 def written(text: str, font: Path) -> str:
-    """Return words with a box for each sign that a font lacks: VTK would leave out the whole line."""
-    lacking = _lacking(font, text)
-    return "".join(_BOX if sign in lacking else sign for sign in text)
+    """Return text with a box for each sign that a font lacks: VTK would leave out the whole line."""
+    missing = signs_lacking(font, text)
+    return "".join(_BOX if sign in missing else sign for sign in text)
 
 
 def legible(text: str) -> str:
-    """Return words with a box for each sign that no font has."""
+    """Return text with a box for each sign that no font has."""
     return "".join(written(sign, font_file(sign)) for sign in text)
 
 
@@ -95,14 +95,14 @@ def complete_text(text: "Text") -> None:
     """Let matplotlib write a text as it is: no part is a formula, each sign has a font or is a box."""
     text.set_parse_math(False)
     content = legible(text.get_text())
-    fonts = {font_file(sign) for sign in content} - {_usual_file()}
+    fonts = {font_file(sign) for sign in content} - {usual_file()}
     if fonts or content != text.get_text():
         text.set_text(content)
         text.set_fontfamily([_USUAL, *sorted(map(_family, fonts))])
 
 
 @cache
-def _usual_file() -> Path:
+def usual_file() -> Path:
     """Return the file of DejaVu Sans, without loading the rest of matplotlib."""
     home = importlib.util.find_spec("matplotlib")
     assert home is not None
@@ -111,7 +111,7 @@ def _usual_file() -> Path:
 
 
 @cache
-def _system_files() -> tuple[Path, ...]:
+def system_files() -> tuple[Path, ...]:
     """Return the system's fonts, upright ones of usual weight first."""
     from matplotlib.font_manager import findSystemFonts
 
@@ -131,7 +131,7 @@ def _font(path: Path) -> "FT2Font | None":
         return None
 
 
-def _lacking(path: Path, text: str) -> frozenset[str]:
+def signs_lacking(path: Path, text: str) -> frozenset[str]:
     font = _font(path)
     return frozenset(sign for sign in text if sign != "\n" and not (font and font.get_char_index(ord(sign))))
 

@@ -201,7 +201,7 @@ def _step_back() -> None:
 
 
 _EVERY_MS = 500
-_REST = 100.0
+REST = 100.0
 """After a collection of everything there is none for so many times as long as it took."""
 
 
@@ -235,7 +235,7 @@ class GarbageCollector(QObject):
         if old and began > self._next_whole:
             gc.collect()
             now = time.monotonic()
-            self._next_whole = now + _REST * (now - began)
+            self._next_whole = now + REST * (now - began)
         elif middle:
             gc.collect(1)
         elif young:

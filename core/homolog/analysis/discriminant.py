@@ -16,7 +16,7 @@ from homolog.threads import on_one_thread
 
 __all__ = ["Discriminant", "discriminant", "shrunk_covariance"]
 
-_MANY = 300
+MANY = 300
 """Subjects from which cross-validation is done in the leading modes of all, and `_FURTHER` after them."""
 _FURTHER = 24
 _CHUNK_VALUES = 1_000_000
@@ -165,7 +165,7 @@ def discriminant(
     drawn = _bootstrapped(scores, second, bootstraps, generator, part_of(tick, 0.0, 0.5))
     folds = min(_MOST_FOLDS, smallest)
     # Of many subjects the leading modes without one fold hardly leave those of all.
-    reduced, _ = leading_scores(rows, len(rows) if len(rows) <= _MANY else modes + _FURTHER)
+    reduced, _ = leading_scores(rows, len(rows) if len(rows) <= MANY else modes + _FURTHER)
     tick(0.5, "cross-validation of the discriminant")
     fold_of = np.stack([_stratified(second, folds, generator) for _ in range(repeats)])
     own = second[None], extra[None]
@@ -289,7 +289,7 @@ def _resampled(groups: Sequence[IntArray], generator: np.random.Generator) -> Fl
 
 def _leading(rows: FloatArray, modes: int) -> tuple[FloatArray, FloatArray]:
     """Return the scores (M, k) and unit modes (k, P) of centred rows, signed as those of a shape model."""
-    if len(rows) <= _MANY:
+    if len(rows) <= MANY:
         scores, basis, _ = principal_components(rows)
         return scores[:, :modes], basis[:modes]
     scores, squares = leading_scores(rows, modes)

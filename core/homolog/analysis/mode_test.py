@@ -43,7 +43,7 @@ __all__ = ["ModeStatistic", "ModeTest", "mode_test"]
 
 _CHUNK = 500
 _CHUNK_VALUES = 4_000_000
-_MANY = 300
+MANY = 300
 """Subjects from which shapes are reduced to the leading modes and `_FURTHER` after them."""
 _FURTHER = 24
 _MIN_DOF_PER_MODE = 3
@@ -129,7 +129,7 @@ class ModeStatistic:
         scaled: bool = True,
     ) -> None:
         self._design = design
-        self._many = len(residuals) > _MANY
+        self._many = len(residuals) > MANY
         rows = leading_scores(residuals, n_modes + _FURTHER)[0] if self._many else residuals
         self._rows = rows
         self._gram = rows.T @ rows if self._many else rows @ rows.T

@@ -12,7 +12,7 @@ from homolog.threads import on_one_thread
 __all__ = ["Null", "ParallelAnalysis", "parallel_analysis"]
 
 
-_MOST = 400
+MOST = 400
 """Rows of the smaller Gram matrix of null data at most; larger null data are drawn in part."""
 
 
@@ -150,7 +150,7 @@ class _Part:
     @classmethod
     def of(cls, rows: FloatArray, nuisance: FloatArray) -> "_Part | None":
         """Return None if the data are small enough to be drawn whole."""
-        factor = min(rows.shape) / _MOST
+        factor = min(rows.shape) / MOST
         if factor <= 1.0:
             return None
         order = np.argsort(np.square(rows).sum(axis=0), kind="stable")

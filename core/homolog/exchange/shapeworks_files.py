@@ -28,7 +28,7 @@ PATH_PREFIXES = (
 PREFIXES = (*PATH_PREFIXES, "alignment_", "procrustes_", "group_")
 """Beginnings of all columns that mean something to ShapeWorks; others are table data."""
 
-_LARGEST_UNPACKED = 256 * 2**20
+LARGEST_UNPACKED = 256 * 2**20
 _MOST_ROWS = 100_000
 
 
@@ -119,7 +119,7 @@ def _from_xlsx(path: Path) -> tuple[list[Row], dict[str, Any]]:
         raise InputError(f"{path}: does not exist; correct the path")
     try:
         with zipfile.ZipFile(path) as archive:
-            if sum(item.file_size for item in archive.infolist()) > _LARGEST_UNPACKED:
+            if sum(item.file_size for item in archive.infolist()) > LARGEST_UNPACKED:
                 raise InputError(
                     f"{path}: unpacks to more than a ShapeWorks project contains; choose another file"
                 )

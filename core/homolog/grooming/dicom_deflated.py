@@ -10,7 +10,7 @@ from homolog.files.bounded import read_bytes
 
 __all__ = ["unpacked"]
 
-_LARGEST = 256 * 2**20
+LARGEST = 256 * 2**20
 _PREAMBLE, _GROUP_LENGTH = 132, 12  # bytes before the file's meta information
 
 
@@ -34,8 +34,8 @@ def unpacked(path: Path) -> str | BinaryIO:
         return os.fspath(path)
     content = read_bytes(path, "DICOM file")
     start = _PREAMBLE + _GROUP_LENGTH + meta.FileMetaInformationGroupLength
-    plain = zlib.decompressobj(-zlib.MAX_WBITS).decompress(content[start:], _LARGEST + 1)
-    if len(plain) > _LARGEST:
+    plain = zlib.decompressobj(-zlib.MAX_WBITS).decompress(content[start:], LARGEST + 1)
+    if len(plain) > LARGEST:
         raise InputError(f"{path}: unpacks to more than 256 MB; export it without compression")
     stream = DicomBytesIO(content[:_PREAMBLE])
     stream.seek(_PREAMBLE)

@@ -18,7 +18,7 @@ __all__ = ["TableCache"]
 
 _log = logging.getLogger(__name__)
 
-_WORTH_S = 10.0
+WORTH_S = 10.0
 """Tables are written once so much time went into those that are not; short runs write none."""
 _SHAPES_ON_GPU = 32
 """Solved at once on a GPU, a second's work of large ones; a CPU solves one after another anyway."""
@@ -77,7 +77,7 @@ class TableCache:
     def _keep(self, solved: dict[Path, GeodesicTable], seconds: float) -> None:
         self._unsaved |= solved
         self._seconds += seconds
-        if self._seconds < _WORTH_S:
+        if self._seconds < WORTH_S:
             return
         with report_os_errors(self._folder):
             self._folder.mkdir(parents=True, exist_ok=True)

@@ -33,7 +33,7 @@ _PLACES = np.array([[1.0, 1.0, 1.0], [2.4, 0.3, 0.3], [0.3, 2.4, 0.3], [0.3, 0.3
 """On a face, where it is asked what is before and behind it."""
 _ASIDE = 0.02
 """Of the mean edge: how far before and behind."""
-_LARGE = 100_000
+LARGE = 100_000
 """Faces: of larger meshes two of each group are asked, and all where groups differ."""
 _CELL = 4.0
 """Roots of the mean area of a patch's faces along the sides of the cells that make groups."""
@@ -139,7 +139,7 @@ def _bounding(mesh: TriangleMesh, patches: IntArray) -> BoolArray:
 
     result = np.zeros(len(corners), dtype=bool)
     is_open = np.ones(len(corners), dtype=bool)
-    if len(corners) > _LARGE:
+    if len(corners) > LARGE:
         groups = _groups(mesh, patches)
         first, last = np.empty((2, int(groups.max()) + 1), np.int64)
         first[groups[::-1]] = np.arange(len(groups))[::-1]

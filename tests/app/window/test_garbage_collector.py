@@ -50,7 +50,7 @@ def tie_knots(freed):
 def test_what_the_computing_thread_leaves_is_collected_in_the_windows(
     make_window, wait, collections, monkeypatch
 ):
-    monkeypatch.setattr("homolog_app.window.runner._REST", 0.0)
+    monkeypatch.setattr("homolog_app.window.runner.REST", 0.0)
     workspace = make_window(views=False).workspace
     freed, main = [], threading.current_thread().name
     ended = []
@@ -76,7 +76,7 @@ def test_pythons_own_collector_goes_on_when_the_window_is_closed(make_window, cl
 
 def test_all_garbage_is_collected_now_and_then_but_not_all_the_time(make_window, collections, monkeypatch):
     garbage_collector = make_window(views=False).workspace.garbage_collector
-    monkeypatch.setattr("homolog_app.window.runner._REST", 1e6)
+    monkeypatch.setattr("homolog_app.window.runner.REST", 1e6)
     kinds = []
 
     def note(phase, info):

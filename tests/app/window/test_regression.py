@@ -52,7 +52,7 @@ def test_numbers_are_offered_as_numbers_and_groups_as_groups(page):
 def test_shape_moves_with_the_number_as_the_beans_were_made(page, window, wait):
     page.form.alignment.setCurrentText("As the shapes lie (not aligned)")
     answer = ask(page, window, wait, "slot (as a number)")
-    assert "changes with it" in page.verdict.text()
+    assert "changes with slot" in page.verdict.text()
     scene, model = window.views.stage.scene, answer.shape
     values, places = answer.values, answer.places
     assert abs(np.corrcoef(values, places)[0, 1]) > 0.99

@@ -97,7 +97,7 @@ def test_a_discriminant_without_modes_or_with_a_group_of_one_is_refused(correlat
 def test_many_subjects_are_cross_validated_in_their_leading_modes_as_in_all(correlated, monkeypatch):
     shapes, second = _two_groups(correlated, 0.5, subjects=80)
     whole = discriminant(shapes, second, 4, bootstraps=5, permutations=0)
-    monkeypatch.setattr("homolog.analysis.discriminant._MANY", 10)
+    monkeypatch.setattr("homolog.analysis.discriminant.MANY", 10)
     reduced = discriminant(shapes, second, 4, bootstraps=5, permutations=0)
     np.testing.assert_allclose(reduced.modes, whole.modes, atol=1e-8)
     np.testing.assert_allclose(reduced.scores, whole.scores, atol=1e-7)

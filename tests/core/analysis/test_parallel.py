@@ -79,7 +79,7 @@ def test_null_data_of_a_part_have_the_spectrum_of_whole_null_data(monkeypatch, s
     shapes = np.tensordot(generator.normal(size=(subjects, 3)), modes, axes=1)
     shapes += generator.normal(size=shapes.shape)
     whole = parallel_analysis(shapes, repeats=100)
-    monkeypatch.setattr("homolog.analysis.parallel._MOST", 60)
+    monkeypatch.setattr("homolog.analysis.parallel.MOST", 60)
     part = parallel_analysis(shapes, repeats=100)
     np.testing.assert_allclose(part.null_mean[:60], whole.null_mean[:60], rtol=0.1)
     np.testing.assert_allclose(part.threshold[:20], whole.threshold[:20], rtol=0.15)

@@ -38,7 +38,7 @@ def test_a_cluster_grooms_as_plain_processes_do_and_a_killed_worker_loses_nothin
 
 @pytest.mark.filterwarnings("ignore")
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
-    monkeypatch.setattr("homolog.cluster._ANSWER_S", 1)
+    monkeypatch.setattr("homolog.cluster.ANSWER_S", 1)
     with (
         pytest.raises(InputError, match=r"tcp://127\.0\.0\.1:9: no Dask scheduler"),
         subject_executor(1, "tcp://127.0.0.1:9"),

@@ -219,7 +219,7 @@ def test_overlapping_pieces_are_united(egg, tmp_path):
 def test_walls_within_large_meshes_are_told_from_groups_of_faces(egg, monkeypatch):
     pieces = joined(egg, moved(egg, [16.0, 3.0, 1.0], 0.6), moved(egg, [0.0, 0.0, 0.0], 0.5))
     expected = solid_of(pieces)
-    monkeypatch.setattr("homolog.surfaces.solid._LARGE", 0)
+    monkeypatch.setattr("homolog.surfaces.solid.LARGE", 0)
     assert 0.2 < expected.bounds.mean() < 0.8
     assert np.array_equal(solid_of(pieces).bounds, expected.bounds)
 

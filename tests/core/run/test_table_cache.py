@@ -34,7 +34,7 @@ def test_short_runs_write_nothing(solve, tmp_path):
 
 
 def test_what_took_long_is_read_the_next_time(solve, tmp_path, monkeypatch):
-    monkeypatch.setattr(table_cache, "_WORTH_S", 0.0)
+    monkeypatch.setattr(table_cache, "WORTH_S", 0.0)
     first = solve(MESHES[:2])
     assert len(list((tmp_path / "geodesics").iterdir())) == 2
     monkeypatch.setattr(table_cache, "solve_plan", None)
@@ -42,7 +42,7 @@ def test_what_took_long_is_read_the_next_time(solve, tmp_path, monkeypatch):
 
 
 def test_tables_without_room_are_not_kept_and_that_is_told(solve, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(table_cache, "_WORTH_S", 0.0)
+    monkeypatch.setattr(table_cache, "WORTH_S", 0.0)
     monkeypatch.setattr(table_cache.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 100}))
     assert len(solve()) == 3
     assert list((tmp_path / "geodesics").iterdir()) == []
@@ -50,7 +50,7 @@ def test_tables_without_room_are_not_kept_and_that_is_told(solve, tmp_path, monk
 
 
 def test_a_place_that_cannot_be_written_to_is_named(solve, tmp_path, monkeypatch):
-    monkeypatch.setattr(table_cache, "_WORTH_S", 0.0)
+    monkeypatch.setattr(table_cache, "WORTH_S", 0.0)
     (tmp_path / "geodesics").touch()
     with pytest.raises(InputError, match="geodesics: can't be written: "):
         solve()
