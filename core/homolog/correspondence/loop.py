@@ -207,16 +207,18 @@ class OptimizationLoop:
         """Align the shapes during the run: by Procrustes analysis, or to lower H(Z)."""
         if not self.aligns or not self.free_poses.any():
             return
-        aligned = self.engine.aligned_positions(), self.engine.aligned_normals()
+        aligned = self.engine.aligned_positions()
         if regularization is not None:
             self.poses = entropy_step(
-                aligned[0], self.poses, self.free_poses, scaling=self.scaling, regularization=regularization
+                aligned, self.poses, self.free_poses, scaling=self.scaling, regularization=regularization
             )
             self.engine.set_poses(self.poses)
             return
+        normals = self.engine.aligned_normals()
         self.poses = procrustes_step(
-            *aligned, self.poses, self.free_poses, scaling=self.scaling, tangential_weight=tangential_weight
-        )
+            aligned, normals, self.poses, self.free_poses,
+            scaling=self.scaling, tangential_weight=tangential_weight,
+        )  # fmt: skip
         self.engine.set_poses(self.poses)
 
     def _split(self, index: int) -> None:

@@ -25,6 +25,8 @@ __all__ = [
 ]
 
 N_SWEEPS = 3  # over the shapes, in `entropy_step`
+# Many shapes: one sweep, as the next step goes on from it, and one product for a block of shapes.
+MANY_SHAPES, BLOCK = 128, 32
 OUTLIER_RATIO = 49.0  # of squared distances to their median, at which a particle's weight is a quarter
 MAX_ROUNDS, CONVERGENCE = (
     100,
@@ -253,14 +255,21 @@ def entropy_step(
     """
     points, result = points.copy(), poses.copy()
     shapes = len(points)
-    for _ in range(N_SWEEPS):
-        rows = (points - points.mean(axis=0)).reshape(shapes, -1)
-        weights = inverse_dual(covariance(rows), regularization)
-        for k in np.flatnonzero(free).tolist():
-            pull = (weights[k] @ points.reshape(shapes, -1)).reshape(-1, 3) / weights[k, k]
-            step = _evenly_weighted_step(points[k], -pull, scaling)
-            points[k] = transform_points(step, points[k])
-            result[k] = step @ result[k]
+    flat = points.reshape(shapes, -1)
+    many = shapes >= MANY_SHAPES
+    block = BLOCK if many else 1
+    for _ in range(1 if many else N_SWEEPS):
+        weights = inverse_dual(covariance(flat - flat.mean(axis=0)), regularization)
+        for chosen in np.split(np.flatnonzero(free), range(block, np.count_nonzero(free), block)):
+            pulls = weights[chosen] @ flat
+            for index, k in enumerate(chosen.tolist()):
+                pull = pulls[index].reshape(-1, 3) / weights[k, k]
+                step = _evenly_weighted_step(points[k], -pull, scaling)
+                moved = transform_points(step, points[k])
+                later = chosen[index + 1 :]
+                pulls[index + 1 :] += np.outer(weights[later, k], moved.ravel() - flat[k])
+                points[k] = moved
+                result[k] = step @ result[k]
     if scaling and free.all():
         centre = points.mean(axis=(0, 1))
         scales = scales_of(result)

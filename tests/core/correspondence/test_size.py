@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from homolog.correspondence import InitialParticles, initialize_fit, optimize
+from homolog.correspondence import poses as poses_module
 from homolog.correspondence.poses import entropy_step, scales_of
 from homolog.geometry import transform_points
 from homolog.settings import GroomSettings, OptimizeSettings, Procrustes, RunSettings
@@ -101,6 +102,21 @@ def test_poses_by_entropy_leave_a_body_where_it_is_though_a_part_of_it_wanders()
         poses = entropy_step(posed, poses, np.full(6, True), scaling=True, regularization=0.1)
     turns = Rotation.from_matrix(poses[:, :3, :3] / scales_of(poses)[:, None, None])
     assert np.degrees((turns * turns[0].inv()).magnitude()).max() < 0.2
+
+
+def test_poses_by_entropy_do_not_depend_on_the_blocks_in_which_many_shapes_are_taken(monkeypatch):
+    random = np.random.default_rng(6)
+    points = random.normal(size=(30, 3)) + 0.1 * random.normal(size=(11, 30, 3))
+    free = np.arange(11) % 5 > 0
+    monkeypatch.setattr(poses_module, "MANY_SHAPES", 0)
+    results = []
+    for block in (1, 4):
+        monkeypatch.setattr(poses_module, "BLOCK", block)
+        start = np.tile(np.eye(4), (11, 1, 1))
+        results.append(entropy_step(points, start, free, scaling=True, regularization=0.1))
+    np.testing.assert_allclose(*results, atol=1e-12)
+    assert np.abs(results[0][free] - np.eye(4)).max() > 1e-3
+    np.testing.assert_array_equal(results[0][~free], np.tile(np.eye(4), (3, 1, 1)))
 
 
 @pytest.mark.parametrize(
