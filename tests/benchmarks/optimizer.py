@@ -21,6 +21,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,7 @@ from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.schedule import Weights
 from homolog.device import choose_device, describe_device
 from homolog.geometry import farthest_point_sampling
+from homolog.progress import no_tick
 from homolog.settings import GroomSettings, Method, OptimizeSettings
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
@@ -104,10 +106,10 @@ def load(path):
 DEFAULTS = {}  # settings that the command line gives for all runs
 
 
-def timed(shapes, device, **options):
+def timed(shapes, device, tick=no_tick, **options):
     """Optimize; return the correspondence and the seconds."""
     start = time.perf_counter()
-    result = optimize(shapes, OptimizeSettings(**DEFAULTS, **options), device=device)
+    result = optimize(shapes, OptimizeSettings(**DEFAULTS, **options), device=device, tick=tick)
     return result, time.perf_counter() - start
 
 
@@ -339,19 +341,42 @@ def draw_growth(rows, device, path):
     figure.savefig(path, dpi=130)
 
 
-def whole(folder, device, sizes):
-    """Time whole optimizations of beans; each is run twice, as the first may compile kernels."""
+def whole(folder, device, sizes, copies_of):
+    """Time whole optimizations of beans; each is run twice, as the first may compile kernels.
+
+    With `copies_of` the shapes are copies of so many beans, aligned in the run, and optimized once.
+    """
     for size in sizes:
         count, particles = map(int, size.split("x"))
-        path = folder / ("wide5.npz" if count == 10 else f"wide5x{count}.npz")
-        shapes = load(path if path.exists() else make_beans(folder, WIDE, 5, count))
-        timed(shapes, device, particles=particles)
-        result, seconds = timed(shapes, device, particles=particles)
+        beans = copies_of or count
+        path = folder / ("wide5.npz" if beans == 10 else f"wide5x{beans}.npz")
+        shapes = load(path if path.exists() else make_beans(folder, WIDE, 5, beans))
+        options = {"particles": particles}
+        if copies_of:
+            shapes = [replace(shapes[k % beans], name=f"copy{k}") for k in range(count)]
+            options |= {"procrustes": "form", "tick": logged()}
+        else:
+            timed(shapes, device, **options)
+        result, seconds = timed(shapes, device, **options)
         print(
             f"whole optimization {size}, geodesics and start included: {seconds:.2f} s, "
-            f"{result.iterations} iterations, {result.reason.value}",
+            f"{result.iterations} iterations, {result.reason.value}, energies {result.energies[-1]}, "
+            f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.1f} GB",
             flush=True,
         )
+
+
+def logged(interval=10.0):
+    """Return a tick that prints the progress now and then."""
+    start, last = time.perf_counter(), [0.0]
+
+    def tick(fraction, text):
+        now = time.perf_counter() - start
+        if now > last[0] + interval:
+            last[0] = now
+            print(f"{now:6.0f} s {100 * fraction:5.1f} % {text}", flush=True)
+
+    return tick
 
 
 def main():
@@ -364,6 +389,7 @@ def main():
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--sizes", nargs="+", metavar="SHAPESxPARTICLES", help="for speed and whole")
     parser.add_argument("--iterations", type=int, default=100)
+    parser.add_argument("--copies-of", type=int, metavar="BEANS", help="for whole: copies of so many beans")
     parser.add_argument("--opening-weight", type=float, help="of opening angles, for all runs")
     parser.add_argument("--plot", type=Path)
     arguments = parser.parse_args()
@@ -387,7 +413,7 @@ def main():
     elif arguments.what == "speed":
         speed(arguments.folder, device, arguments.sizes or SIZES, arguments.iterations, arguments.plot)
     elif arguments.what == "whole":
-        whole(arguments.folder, device, arguments.sizes or ("10x256", "10x1024"))
+        whole(arguments.folder, device, arguments.sizes or ("10x256", "10x1024"), arguments.copies_of)
     else:
         many_seeds(arguments.folder, device)
     return 0

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from homolog.arrays import BoolArray, FloatArray
+from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.correspondence.entropy.dual import covariance, inverse_dual
 from homolog.geometry import fit_rotation, fit_similarity, transform_points
 from homolog.surfaces.mesh import TriangleMesh
@@ -25,8 +25,8 @@ __all__ = [
 ]
 
 N_SWEEPS = 3  # over the shapes, in `entropy_step`
-# Many shapes: one sweep, as the next step goes on from it, and one product for a block of shapes.
-MANY_SHAPES, BLOCK = 128, 32
+# Many shapes: one sweep, as the next step goes on from it, one product for a block, and some moved together.
+MANY_SHAPES, BLOCK, TOGETHER = 128, 32, 8
 OUTLIER_RATIO = 49.0  # of squared distances to their median, at which a particle's weight is a quarter
 MAX_ROUNDS, CONVERGENCE = (
     100,
@@ -210,14 +210,15 @@ def procrustes_step(
     known = free if free.all() else ~free
     mean, mean_normals = points[known].mean(axis=0), normals[known].sum(axis=0)
     mean_normals /= np.maximum(np.linalg.norm(mean_normals, axis=1, keepdims=True), 1e-12)
-    weights = (1.0 - tangential_weight) * mean_normals[:, :, None] * mean_normals[
-        :, None, :
-    ] + tangential_weight * np.eye(3)
     result = poses.copy()
-    for k in np.flatnonzero(free).tolist():
-        deviation = points[k] - mean
-        robust = _robust_weights(np.einsum("ni,nij,nj->n", deviation, weights, deviation))
-        result[k] = _weighted_step(points[k], mean, robust[:, None, None] * weights, scaling) @ poses[k]
+    for chosen in _blocks(free, BLOCK):
+        offsets = mean - points[chosen]
+        along = np.einsum("mni,ni->mn", offsets, mean_normals)
+        squares = tangential_weight * np.square(offsets).sum(axis=2) + (1.0 - tangential_weight) * along**2
+        steps = _steps(
+            points[chosen], offsets, _robust_weights(squares), scaling, mean_normals, tangential_weight
+        )
+        result[chosen] = steps @ poses[chosen]
     if scaling and free.all():
         mean_scale = float(np.exp(np.mean(np.log(np.linalg.det(result[:, :3, :3])))) ** (1.0 / 3.0))
         centre = mean.mean(axis=0)
@@ -257,19 +258,20 @@ def entropy_step(
     shapes = len(points)
     flat = points.reshape(shapes, -1)
     many = shapes >= MANY_SHAPES
-    block = BLOCK if many else 1
+    together = TOGETHER if many else 1
     for _ in range(1 if many else N_SWEEPS):
         weights = inverse_dual(covariance(flat - flat.mean(axis=0)), regularization)
-        for chosen in np.split(np.flatnonzero(free), range(block, np.count_nonzero(free), block)):
-            pulls = weights[chosen] @ flat
-            for index, k in enumerate(chosen.tolist()):
-                pull = pulls[index].reshape(-1, 3) / weights[k, k]
-                step = _evenly_weighted_step(points[k], -pull, scaling)
-                moved = transform_points(step, points[k])
-                later = chosen[index + 1 :]
-                pulls[index + 1 :] += np.outer(weights[later, k], moved.ravel() - flat[k])
-                points[k] = moved
-                result[k] = step @ result[k]
+        for block in _blocks(free, BLOCK if many else 1):
+            pulls = weights[block] @ flat
+            for begin in range(0, len(block), together):
+                chosen, later = block[begin : begin + together], block[begin + together :]
+                before = points[chosen]
+                pull = pulls[begin : begin + together] / weights[chosen, chosen, None]
+                steps = _even_steps(before, -pull.reshape(before.shape), scaling)
+                points[chosen] = moved = transform_points(steps, before)
+                result[chosen] = steps @ result[chosen]
+                change = (moved - before).reshape(len(chosen), -1)
+                pulls[begin + together :] += weights[np.ix_(later, chosen)] @ change
     if scaling and free.all():
         centre = points.mean(axis=(0, 1))
         scales = scales_of(result)
@@ -281,61 +283,83 @@ def entropy_step(
 
 def robust_step(points: FloatArray, targets: FloatArray, *, scaling: bool) -> FloatArray:
     """Return the similarity that aligns points (n, 3) to targets to first order, outliers counting little."""
-    return _evenly_weighted_step(points, targets - points, scaling)
+    step: FloatArray = _even_steps(points[None], (targets - points)[None], scaling)[0]
+    return step
 
 
-def _weighted_step(points: FloatArray, targets: FloatArray, weights: FloatArray, scaling: bool) -> FloatArray:
-    """Return the similarity that aligns points to targets to first order, under (n, 3, 3) weights."""
-    centre = points.mean(axis=0)
-    centred = points - centre
-    by_pose = np.zeros((len(points), 3, 7))  # derivative of the points by turn, shift and growth
-    for axis in range(3):
-        by_pose[:, :, axis] = np.cross(np.eye(3)[axis], centred)
-    by_pose[:, :, 3:6] = np.eye(3)
-    by_pose[:, :, 6] = centred
-    by_pose = by_pose[:, :, : 7 if scaling else 6]
-    weighted = np.einsum("nia,nij->naj", by_pose, weights)
-    matrix = np.einsum("nai,nib->ab", weighted, by_pose)
-    change = np.linalg.solve(matrix, np.einsum("nai,ni->a", weighted, targets - points))
-    return _similarity(centre, change, scaling)
+def _blocks(free: BoolArray, size: int) -> list[IntArray]:
+    """Return the indices of free shapes, so many at a time."""
+    return np.split(np.flatnonzero(free), range(size, np.count_nonzero(free), size))
 
 
-def _evenly_weighted_step(points: FloatArray, offsets: FloatArray, scaling: bool) -> FloatArray:
-    """Return what `_weighted_step` does for targets `points + offsets`, robust and alike in all directions.
+def _even_steps(points: FloatArray, offsets: FloatArray, scaling: bool) -> FloatArray:
+    """Return robust steps (see `_steps`) in which all directions count alike."""
+    return _steps(points, offsets, _robust_weights(np.square(offsets).sum(axis=2)), scaling)
 
-    The normal equations then follow from moments of the points, which takes a tenth of the time.
+
+def _steps(
+    points: FloatArray,
+    offsets: FloatArray,
+    weights: FloatArray,
+    scaling: bool,
+    normals: FloatArray | None = None,
+    tangential_weight: float = 1.0,
+) -> FloatArray:
+    """Return the similarities (B, 4, 4) that move points by offsets, to first order.
+
+    Parameters
+    ----------
+    points, offsets : (B, n, 3) arrays
+    weights : (B, n) array
+        Of squared distances.
+    scaling : bool
+        Whether points may grow.
+    normals : (n, 3) array, optional
+        Directions that count fully.
+    tangential_weight : float
+        Of all other directions.
+
+    Notes
+    -----
+    The normal equations follow from moments of the points, which takes a tenth of the time.
     """
-    weights = _robust_weights(np.square(offsets).sum(axis=1))
-    centre = points.mean(axis=0)
-    centred = points - centre
-    weighted = weights[:, None] * centred
-    second, cross = weighted.T @ centred, weighted.T @ offsets
-    first = weighted.sum(axis=0)
-    matrix, right = np.zeros((7, 7)), np.zeros(7)
-    matrix[:3, :3] = np.trace(second) * np.eye(3) - second
-    matrix[:3, 3:6] = np.cross(np.eye(3), first)
-    matrix[3:6, :3] = matrix[:3, 3:6].T
-    matrix[3:6, 3:6] = weights.sum() * np.eye(3)
-    matrix[3:6, 6] = matrix[6, 3:6] = first
-    matrix[6, 6] = np.trace(second)
-    right[:3] = [cross[1, 2] - cross[2, 1], cross[2, 0] - cross[0, 2], cross[0, 1] - cross[1, 0]]
-    right[3:6], right[6] = weights @ offsets, np.trace(cross)
+    centre = points.mean(axis=1)
+    centred = points - centre[:, None]
+    weighted = weights[..., None] * centred
+    turned = weighted.transpose(0, 2, 1)
+    second, cross, first = turned @ centred, turned @ offsets, weighted.sum(axis=1)
+    shift = (weights[:, None] @ offsets)[:, 0]
+    matrix, right = np.zeros((len(points), 7, 7)), np.zeros((len(points), 7))
+    matrix[:, :3, :3] = np.trace(second, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second
+    matrix[:, :3, 3:6] = np.cross(np.eye(3), first[:, None])
+    matrix[:, 3:6, :3] = matrix[:, :3, 3:6].transpose(0, 2, 1)
+    matrix[:, 3:6, 3:6] = weights.sum(axis=1)[:, None, None] * np.eye(3)
+    matrix[:, 3:6, 6] = matrix[:, 6, 3:6] = first
+    matrix[:, 6, 6] = np.trace(second, axis1=1, axis2=2)
+    for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+        right[:, axis] = cross[:, i, j] - cross[:, j, i]
+    right[:, 3:6], right[:, 6] = shift, np.trace(cross, axis1=1, axis2=2)
+    if normals is not None:
+        matrix, right = tangential_weight * matrix, tangential_weight * right
+        by_pose = np.empty((*points.shape[:2], 7))  # derivative along the normals by turn, shift and growth
+        by_pose[..., :3], by_pose[..., 3:6] = np.cross(centred, normals), normals
+        by_pose[..., 6] = np.einsum("mni,ni->mn", centred, normals)
+        counted = ((1.0 - tangential_weight) * weights[..., None] * by_pose).transpose(0, 2, 1)
+        matrix += counted @ by_pose
+        right += (counted @ np.einsum("mni,ni->mn", offsets, normals)[..., None])[..., 0]
     size = 7 if scaling else 6
-    change = np.linalg.solve(matrix[:size, :size], right[:size]).astype(np.float64)
-    return _similarity(centre, change, scaling)
-
-
-def _similarity(centre: FloatArray, change: FloatArray, scaling: bool) -> FloatArray:
-    """Return the similarity of a turn about a centre, a shift and a growth."""
-    result = np.eye(4)
-    result[:3, :3] = Rotation.from_rotvec(change[:3]).as_matrix() * (np.exp(change[6]) if scaling else 1.0)
-    result[:3, 3] = centre + change[3:6] - result[:3, :3] @ centre
+    change = np.linalg.solve(matrix[:, :size, :size], right[:, :size, None])[..., 0].astype(np.float64)
+    result = np.tile(np.eye(4), (len(points), 1, 1))
+    result[:, :3, :3] = Rotation.from_rotvec(change[:, :3]).as_matrix()
+    if scaling:
+        result[:, :3, :3] *= np.exp(change[:, 6])[:, None, None]
+    result[:, :3, 3] = centre + change[:, 3:6] - (result[:, :3, :3] @ centre[..., None])[..., 0]
     return result
 
 
 def _robust_weights(squares: FloatArray) -> FloatArray:
-    """Return robust weights of particles from their squared distances (Geman and McClure 1987), (n,)."""
-    scale = OUTLIER_RATIO * max(float(np.median(squares)), 1e-12)
+    """Return robust weights of particles from their squared distances (Geman and McClure 1987), (B, n)."""
+    scale = OUTLIER_RATIO * np.maximum(np.median(squares, axis=1, keepdims=True), 1e-12)
     weights: FloatArray = 1.0 / np.square(1.0 + squares / scale)
     return weights
 

@@ -109,6 +109,7 @@ def test_poses_by_entropy_do_not_depend_on_the_blocks_in_which_many_shapes_are_t
     points = random.normal(size=(30, 3)) + 0.1 * random.normal(size=(11, 30, 3))
     free = np.arange(11) % 5 > 0
     monkeypatch.setattr(poses_module, "MANY_SHAPES", 0)
+    monkeypatch.setattr(poses_module, "TOGETHER", 1)
     results = []
     for block in (1, 4):
         monkeypatch.setattr(poses_module, "BLOCK", block)
