@@ -214,9 +214,8 @@ class OptimizationLoop:
             )
             self.engine.set_poses(self.poses)
             return
-        normals = self.engine.aligned_normals()
         self.poses = procrustes_step(
-            aligned, normals, self.poses, self.free_poses,
+            aligned, self.engine.aligned_normals(), self.poses, self.free_poses,
             scaling=self.scaling, tangential_weight=tangential_weight,
         )  # fmt: skip
         self.engine.set_poses(self.poses)
