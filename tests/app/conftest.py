@@ -34,3 +34,10 @@ def ball():
     )
     mesh = TriangleMesh(vertices - 12.3 + [1.0, 2.0, 3.0], faces)
     return mesh if mesh.volume > 0 else TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
+
+
+@pytest.fixture
+def without_figures(monkeypatch):
+    """Let reports have no figures: drawing them takes most of the time."""
+    for figures in ("model_figures", "study_figures"):
+        monkeypatch.setattr(f"homolog_app.report.write.{figures}", lambda *_: [])

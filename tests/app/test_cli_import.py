@@ -19,7 +19,7 @@ def exported(finished_run, tmp_path):
     return write_shapeworks(finished_run, tmp_path / "out")
 
 
-def test_an_imported_model_is_described_analyzed_and_reported(exported, tmp_path, capsys):
+def test_an_imported_model_is_described_analyzed_and_reported(exported, tmp_path, capsys, without_figures):
     folder, project = exported.parent / f"{exported.stem}_particles", tmp_path / "imported"
     points = read_particles(folder / "a_world.particles")  # four are too few for a test
     for name, factor in (("e", 1.02), ("f", 0.97)):
@@ -61,7 +61,7 @@ def test_a_bad_source_is_one_line(tmp_path, capsys):
     assert not (tmp_path / "p").exists()
 
 
-def test_landmark_errors_are_in_info_and_report(finished_run, ellipsoids, tmp_path, capsys):
+def test_landmark_errors_are_in_info_and_report(finished_run, ellipsoids, tmp_path, capsys, without_figures):
     shutil.copytree(ellipsoids, tmp_path / "scans")
     shutil.copytree(finished_run.folder, tmp_path / "project")
     project = ProjectFolder(tmp_path / "project")

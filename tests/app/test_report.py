@@ -372,7 +372,7 @@ def test_no_answer_overwrites_that_of_another_question(project):
     )
 
 
-def test_a_question_of_an_earlier_version_is_answered_and_the_change_is_told(project):
+def test_a_question_of_an_earlier_version_is_answered_and_the_change_is_told(project, without_figures):
     folder = project.folder / "analysis" / "groups_group_A_C"
     folder.mkdir(parents=True)
     question = {"kind": "groups", "column": "group", "between": ["A", "C"], "pairs": None, "covariates": []}

@@ -1,6 +1,7 @@
 """Results at particles carried to the mean surface, and connected regions of significant ones."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -21,7 +22,7 @@ from homolog_app.report.study import Study
 __all__ = ["SIDES", "Region", "SurfaceCarrier", "significant_regions"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class SurfaceCarrier:
     """The mean surface of a result and how it follows the particles.
 
@@ -77,20 +78,25 @@ class SurfaceCarrier:
     def inner_at_particles(self, count: int) -> BoolArray:
         """Return which of so many particles (N,) are on an inner surface, which mostly sees itself.
 
-        Nobody is where such places are a tenth of the area or less: the shape is not hollow.
+        None are where such places are a tenth of the area or less: the shape is not hollow.
         """
+        inner, areas = self._inner
+        share = np.bincount(self.nearest, areas * inner, minlength=count)
+        whole = np.bincount(self.nearest, areas, minlength=count)
+        return np.asarray(share > 0.5 * whole)
+
+    @cached_property
+    def _inner(self) -> tuple[BoolArray, FloatArray]:
+        """Whether each vertex is on an inner surface, and the area around it."""
         from homolog_app.rendering.rays import openness  # loads Warp
 
         diagonal = float(np.linalg.norm(np.ptp(self.mesh.vertices, axis=0)))
         inner = openness(self.mesh, diagonal) < 1.0 - _ENCLOSED
-        areas = np.bincount(
-            self.mesh.faces.ravel(), np.repeat(self.mesh.face_areas, 3), minlength=len(self.mesh.vertices)
-        )
+        shares, count = np.repeat(self.mesh.face_areas, 3), len(self.mesh.vertices)
+        areas = np.bincount(self.mesh.faces.ravel(), shares, minlength=count).astype(np.float64)
         if float(areas[inner].sum()) <= _HOLLOW * float(areas.sum()):
             inner = np.zeros(len(inner), dtype=bool)
-        share = np.bincount(self.nearest, areas * inner, minlength=count)
-        whole = np.bincount(self.nearest, areas, minlength=count)
-        return np.asarray(share > 0.5 * whole)
+        return inner, areas
 
     def outward_at_particles(self, comparison: Comparison, displacement: FloatArray) -> FloatArray:
         """Return the outward part of displacements of the particles (..., N, 3) [mm], shape (..., N)."""
