@@ -133,8 +133,8 @@ def _values(study: "Study", comparison: "Comparison") -> tuple[str, str, str, st
     distance = comparison.distance
     effect = "–"
     if distance is not None and comparison.test.modes:
-        digits = 3 if study.request.kind == "regression" else 2
-        effect = f"{distance.value:.{digits}f} ({distance.low:.{digits}f} to {distance.high:.{digits}f})"
+        form = ".3g" if study.request.kind == "regression" else ".2f"
+        effect = f"{distance.value:{form}} ({distance.low:{form}} to {distance.high:{form}})"
     p = "–"
     if comparison.test.modes:
         p = p_text(comparison.p_adjusted, comparison.test.permutations).removeprefix("p ").removeprefix("= ")
