@@ -105,7 +105,7 @@ def command_parser(
     parser = argparse.ArgumentParser(
         prog="homolog",
         description="Statistical shape analysis: corresponding points on a cohort of shapes, shape models "
-        "and group tests. Without a command the window opens; homolog FOLDER opens a project or a cohort in it.",
+        "and group tests. Without a command the window opens; homolog FOLDER opens a project or cohort.",
     )
     parser.add_argument("--version", action="version", version=f"homolog {__version__}")
     subparsers = _Subparsers(parser.add_subparsers(dest="command", metavar="COMMAND", title="commands"))
