@@ -34,6 +34,7 @@ __all__ = ["CohortPanel", "LabelPicker"]
 _TOOLS = ("file.add", "file.import", "file.export", "edit.group", "edit.include", "edit.remove")
 _GROUP_PX = (56, 120)
 _NAME_PX, _LONG_NAME_PX, _VOLUME_PX, _STATUS_PX = 140, 220, 72, 96
+_TICK_PX = 24  # of the boxes, which the hints of a styled table do not count
 _ICON_PX = 76  # of the status, while names are long
 _MEASURED_ROWS = 100  # beyond those in sight, whose names are looked at for the width
 
@@ -49,7 +50,7 @@ class _Table(QTableView):
         least = scaled(_ICON_PX)
         others = sum(head.sectionSize(column) for column in (GROUP, VOLUME)) + least
         free = self.viewport().width() - others
-        whole = self.sizeHintForColumn(NAME)
+        whole = self.sizeHintForColumn(NAME) + _TICK_PX
         names = max(scaled(_NAME_PX), min(max(free, scaled(_LONG_NAME_PX)), whole))
         left = max(0, free - names)
         head.resizeSection(NAME, names)
