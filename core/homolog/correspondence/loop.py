@@ -12,7 +12,7 @@ from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
 from homolog.correspondence.initialization.registration import InitialRegistration
 from homolog.correspondence.initialization.splitting import split
 from homolog.correspondence.launcher import Launcher
-from homolog.correspondence.misplaced import relocate, relocate_misplaced
+from homolog.correspondence.misplaced import exchange, relocate, relocate_misplaced
 from homolog.correspondence.poses import (
     alignments_of_particles,
     entropy_step,
@@ -73,6 +73,8 @@ class OptimizationLoop:
     ----------
     engine : Engine
         The particles; replaced at every split.
+    free : (M, n) or (M, 1) bool array
+        Particles that may move.
     repaired : (M, n) int32 array
         Iteration at which each particle was relocated, 0 if never; replaced with the engine.
     """
@@ -103,14 +105,13 @@ class OptimizationLoop:
         self.initial_tick, self.tick = part_of(tick, 0.0, first), part_of(tick, first, 1.0)
         self._progress = (0.0, "first particles")
         self.launcher = Launcher(cohort.device, poll_cancel=lambda: self.tick(*self._progress))
-        free = 1.0 if initial is None or initial.free is None else float(initial.free.mean())
-        self.tolerance = settings.tolerance * free  # the objective is per particle, of all
+        free = None if initial is None else initial.free
+        self.free = np.ones((len(cohort.names), 1), dtype=bool) if free is None else free
+        self.tolerance = settings.tolerance * float(self.free.mean())  # the objective is per particle
         self.poses = np.tile(np.eye(4), (len(cohort.names), 1, 1))
         self.aligns = settings.procrustes not in (Procrustes.OFF, Procrustes.AUTO)
         self.scaling = settings.procrustes.takes_size_out
-        self.free_poses: BoolArray = np.full(len(cohort.names), True)  # shapes whose pose may change
-        if initial is not None and initial.free is not None:
-            self.free_poses = np.all(initial.free, axis=1)
+        self.free_poses: BoolArray = np.all(self.free, axis=1)  # shapes whose pose may change
         self._done = DoneFraction(stages, geodesic=cohort.geodesic)
 
     def run(self, resume: Checkpoint | None) -> Reason:
@@ -136,6 +137,8 @@ class OptimizationLoop:
                     raise
             reason = self._stage(index, done)
             self._relocate_lost()
+            if index == len(self.stages) - 1:
+                self._exchange()
             self.log.emit_frame(plan.stage, self.engine, ends_stage=index < len(self.stages) - 1)
             done = 0
         return reason
@@ -287,9 +290,7 @@ class OptimizationLoop:
         """
         if not self.settings.method.uses_normals or 2 * done > self.stages[index].iterations:
             return False  # in the second half of the stage particles are left alone
-        allowed = self.repaired <= self.log.iteration - done
-        if self.initial is not None and self.initial.free is not None:
-            allowed &= self.initial.free
+        allowed = (self.repaired <= self.log.iteration - done) & self.free
         before = self.engine.particles()
         try:
             moved = relocate_misplaced(self.engine, allowed)
@@ -326,14 +327,12 @@ class OptimizationLoop:
             If there are so many that a subject's surface and distance field must disagree.
         """
         # Particles lie on the zero level, from which a coarse mesh deviates.
-        limits = np.array(
-            [[max(LOST_DISTANCE, 2.0 * mesh.mean_edge)] for mesh in self.engine.surface_set.meshes]
-        )
-        free = True if self.initial is None or self.initial.free is None else self.initial.free
-        if not ((self.engine.surface_distances() >= limits) & free).any():
-            return
-        self.engine.find_faces()  # the walk over the mesh may have been trapped
-        lost = (self.engine.surface_distances() >= limits) & free
+        edges = np.array([[mesh.mean_edge] for mesh in self.engine.surface_set.meshes])
+        limits = np.maximum(LOST_DISTANCE, 2.0 * edges)
+        lost = (self.engine.surface_distances() >= limits) & self.free
+        if lost.any():
+            self.engine.find_faces()  # the walk over the mesh may have been trapped
+            lost = (self.engine.surface_distances() >= limits) & self.free
         if not lost.any():
             return
         if (too_many := lost.mean(axis=1) > MAX_LOST_FRACTION).any():
@@ -342,12 +341,14 @@ class OptimizationLoop:
                 f"{', '.join(names)}: particles can't be kept on the surface, because it and its distance "
                 "field disagree; groom the subject again, or exclude it"
             )
-        self._relocate(lost)
+        relocate(self.engine, lost)
         self.repaired[lost] = max(self.log.iteration, 1)
 
-    def _relocate(self, lost: BoolArray) -> None:
-        """Move particles to where the other shapes predict them."""
-        relocate(self.engine, lost)
+    def _exchange(self) -> None:
+        """Exchange particles where that lowers the objective; nothing moves afterwards."""
+        if self.settings.method.uses_normals:
+            moved = exchange(self.engine, self.stages[-1].weights(self.stages[-1].iterations), self.free)
+            self.repaired[moved] = max(self.log.iteration, 1)
 
     def _report(self, index: int, done: int) -> None:
         """Emit a frame, a checkpoint and the progress, when they are due."""

@@ -11,7 +11,9 @@ from scipy.spatial import cKDTree
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.correspondence.engine import Engine, rotations
+from homolog.correspondence.exchanges import EnsembleRows, Exchanges
 from homolog.correspondence.initialization.registration import features, snap_to_mesh
+from homolog.correspondence.schedule import Weights
 from homolog.device import cores
 from homolog.errors import InputError
 from homolog.geometry import farthest_point_sampling, inverse_matrices, transform_points
@@ -19,6 +21,7 @@ from homolog.threads import in_threads
 
 __all__ = [
     "MAX_MISPLACED_FRACTION",
+    "exchange",
     "find_misplaced",
     "find_swapped",
     "is_misplaced",
@@ -82,6 +85,35 @@ def relocate_misplaced(engine: Engine, allowed: BoolArray) -> BoolArray:
     if misplaced.any():
         relocate(engine, misplaced)
     moved: BoolArray = misplaced | swapped
+    return moved
+
+
+def exchange(engine: Engine, weights: Weights, allowed: BoolArray) -> BoolArray:
+    """Exchange particles of a shape where that lowers the objective; return which, (M, N).
+
+    Parameters
+    ----------
+    engine : Engine
+    weights : Weights
+        Of the objective.
+    allowed : (M, N) or (M, 1) bool array
+        Particles that may be exchanged.
+    """
+    rows = EnsembleRows(
+        engine.aligned_positions(),
+        engine.aligned_normals(),
+        engine.host_means(),
+        engine.host_openings(),
+        (weights.ensemble, weights.normals),
+        (weights.regularization, weights.normals_regularization),
+    )
+    exchanges = Exchanges(rows)
+    if len(allowed) >= MIN_SHAPES:
+        exchanges.make_all(np.broadcast_to(allowed, exchanges.order.shape))
+    moved: BoolArray = exchanges.order != np.arange(exchanges.order.shape[1])
+    if moved.any():
+        positions = engine.host_positions().astype(np.float64)
+        engine.set_positions(np.take_along_axis(positions, exchanges.order[..., None], axis=1))
     return moved
 
 

@@ -8,12 +8,13 @@ from scipy.sparse import csr_array
 
 from homolog.arrays import Float32Array, FloatArray, frozen
 from homolog.correspondence.entropy.dual import covariance
+from homolog.correspondence.exchanges import EnsembleRows
 from homolog.inspection.located_particles import LocatedParticles
 from homolog.inspection.neighbourhood import Neighbourhood
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mirroring import scale_of
 
-__all__ = ["ParticleEnergies", "particle_energies", "shared_entropy"]
+__all__ = ["ParticleEnergies", "particle_energies", "rows_of", "shared_entropy"]
 
 _WIDTH_ROUNDS = 30
 _EVEN_WIDTH = 1.0 / np.sqrt(np.pi)
@@ -59,10 +60,7 @@ def particle_energies(
     -------
     ParticleEnergies
     """
-    scale = scale_of(located.alignments)
-    areas = np.array([mesh.area for mesh in located.meshes]) * scale**2
-    unit = 0.01 * float(np.sqrt(areas.mean()))  # the optimizer's length
-    positions = (located.world - located.world.mean(axis=0)) / unit
+    positions = (located.world - located.world.mean(axis=0)) / _length(located)
     cosine = np.clip(np.einsum("mni,ni->mn", located.normals, consensus.normals), -1.0 + 1e-9, 1.0)
     factor = 1.0 / np.sinc(np.arccos(cosine) / np.pi)
     logs = factor[:, :, None] * (located.normals - cosine[:, :, None] * consensus.normals)
@@ -71,6 +69,28 @@ def particle_energies(
         frozen(shared_entropy(positions, settings.regularization_end)),
         frozen(shared_entropy(logs, _NORMALS_REGULARIZATION)),
     )
+
+
+def rows_of(located: LocatedParticles, consensus: Neighbourhood) -> EnsembleRows:
+    """Return particles as the entropies across shapes see them at the end of a run with default weights.
+
+    Without opening angles, which only a run has.
+    """
+    settings = OptimizeSettings()
+    return EnsembleRows(
+        located.world / _length(located),
+        located.normals,
+        consensus.normals,
+        np.zeros(located.world.shape[:2]),
+        (settings.ensemble_weight, settings.normals_weight),
+        (settings.regularization_end, _NORMALS_REGULARIZATION),
+    )
+
+
+def _length(located: LocatedParticles) -> float:
+    """Return the optimizer's length [mm]."""
+    areas = np.array([mesh.area for mesh in located.meshes]) * scale_of(located.alignments) ** 2
+    return 0.01 * float(np.sqrt(areas.mean()))
 
 
 def shared_entropy(rows: FloatArray, regularization: float) -> FloatArray:

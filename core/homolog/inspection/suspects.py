@@ -1,11 +1,15 @@
 """One subject's signs, put together to suspects that can be gone to."""
 
+from functools import cached_property
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.correspondence.exchanges import Exchanges
 from homolog.inspection import indicators as signs
+from homolog.inspection.energies import rows_of
 from homolog.inspection.located_particles import LocatedParticles
 from homolog.inspection.neighbourhood import Neighbourhood
 from homolog.inspection.swapped_pairs import swapped_pairs
@@ -33,6 +37,10 @@ class SuspectCollector:
         self._neighbours = signs.severity(self._misfits, signs.STRETCH)
         self._triangles = signs.severity(distortions, signs.DISTORTION)
 
+    @cached_property
+    def _exchanges(self) -> Exchanges:
+        return Exchanges(rows_of(self._located, self._consensus))
+
     def suspects(self, m: int) -> list[Suspect]:
         """Return the suspects of a subject; an exchange accounts for all signs of its two particles."""
         corners = self._consensus.triangles
@@ -44,6 +52,8 @@ class SuspectCollector:
         suspects = []
         candidates = np.argsort(-worst, kind="stable")[: min(_MOST, int((worst > _CANDIDATE).sum()))]
         for pair in swapped_pairs(m, candidates, self._located, self._consensus):
+            if not self._exchanges.lower(m, pair):
+                continue
             touched = np.isin(corners, pair).any(axis=1)
             bad = self._triangles[m][touched & (self._triangles[m] >= 1.0)]
             own = np.concatenate([self._normals[m, pair], self._neighbours[m, pair], bad])

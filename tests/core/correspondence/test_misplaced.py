@@ -1,11 +1,13 @@
 """Particles on the wrong wall of one shape: told from shapes that differ, moved back, alike after a kill."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
 from homolog.correspondence import InitialParticles, optimize, recorder
-from homolog.correspondence.misplaced import find_misplaced, find_swapped, snap_to_mesh
+from homolog.correspondence.misplaced import exchange, find_misplaced, find_swapped, snap_to_mesh
 from homolog.errors import Cancelled
 from homolog.settings import Method, OptimizeSettings
 
@@ -109,6 +111,45 @@ def test_two_particles_in_each_others_place_are_exchanged_and_nobody_else(discs)
     expected = nobody.copy()
     expected[SHAPE, [middle, other]] = other, middle
     np.testing.assert_array_equal(find_swapped(world, normals), expected)
+
+
+def test_a_run_ends_with_exchanges_that_lower_its_objective(discs, monkeypatch):
+    exchanged = np.zeros((5, 64), dtype=bool)
+    exchanged[SHAPE, [20, 52]] = True
+    given = []
+
+    def exchange(engine, weights, allowed):
+        given.append((engine.count, weights.regularization, allowed.all()))
+        return exchanged
+
+    monkeypatch.setattr("homolog.correspondence.loop.exchange", exchange)
+    found = optimize(discs, ON.model_copy(update={"settle_iterations": 5}))
+    assert given == [(64, 5e-4, True)]
+    assert (found.repaired > 0)[exchanged].all()
+
+
+def test_an_exchange_puts_two_particles_in_each_others_place():
+    k = np.arange(64) + 0.5
+    polar, azimuth = np.arccos(1 - k / 32), np.pi * (1 + 5**0.5) * k
+    normals = np.stack(
+        [np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)], axis=1
+    )
+    sizes = 10.0 + 0.1 * np.arange(5)
+    spoiled = np.tile(np.arange(64), (5, 1))
+    spoiled[SHAPE, [8, 3]] = 3, 8
+    put = []
+    engine = SimpleNamespace(
+        aligned_positions=lambda: sizes[:, None, None] * normals[spoiled],
+        host_positions=lambda: sizes[:, None, None] * normals[spoiled],
+        aligned_normals=lambda: normals[spoiled],
+        host_means=lambda: normals,
+        host_openings=lambda: np.zeros((5, 64)),
+        set_positions=put.append,
+    )
+    weights = SimpleNamespace(ensemble=0.02, normals=0.15, regularization=5e-4, normals_regularization=0.01)
+    moved = exchange(engine, weights, np.ones((5, 1), dtype=bool))
+    np.testing.assert_array_equal(np.argwhere(moved), [[SHAPE, 3], [SHAPE, 8]])
+    np.testing.assert_allclose(put[0], sizes[:, None, None] * normals)
 
 
 def test_the_objective_is_lower_after_a_repair(discs, spoiled):

@@ -1,0 +1,198 @@
+"""Pairs of particles of one shape whose exchange lowers the entropies across the shapes.
+
+An exchange leaves the particles of a shape where they are, and so their sampling entropy; only H(Z) and H(V)
+change. It adds a row d to one of the rows Y, and C = Y Y'/c changes by two vectors across the shapes: p, the
+unit vector of the shape, centred, and y = Y d. So log det(C + aI) changes by the logarithm of a 2 x 2
+determinant.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.correspondence.entropy.dual import covariance
+
+__all__ = ["EnsembleRows", "Exchanges"]
+
+_Change = Callable[[int, IntArray, FloatArray], FloatArray]
+
+NEAREST = 12
+"""Particles next to one on a shape that it may be exchanged with."""
+LEAST_GAIN = 0.05
+"""By which an exchange has to lower the objective, summed up over all particles; less decides nothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EnsembleRows:
+    """Aligned particles as the entropies across shapes see them.
+
+    Attributes
+    ----------
+    positions, normals : (M, N, 3) arrays
+        In the optimizer's length, and of unit length.
+    means : (N, 3) array
+        Fréchet means of the normals.
+    openings : (M, N) array
+        Weighted opening angles; zeros where they don't count.
+    weights : pair of float
+        Of H(Z) and H(V).
+    regularizations : pair of float
+        Of their covariances.
+    """
+
+    positions: FloatArray
+    normals: FloatArray
+    means: FloatArray
+    openings: FloatArray
+    weights: tuple[float, float]
+    regularizations: tuple[float, float]
+
+    def of_normals(self) -> FloatArray:
+        """Return the rows of H(V), (M, N, 3): Logs of the normals, and opening angles along their means."""
+        return _logs(self.normals, self.means) + self.openings[..., None] * self.means
+
+
+class Exchanges:
+    """Exchanges of two particles of one shape, and how far they lower the objective.
+
+    Parameters
+    ----------
+    rows : EnsembleRows
+
+    Attributes
+    ----------
+    order : (M, N) int array
+        Which of the given particles is in the place of each, after the exchanges that were made.
+    """
+
+    def __init__(self, rows: EnsembleRows) -> None:
+        self._rows = rows
+        self._entropies = (
+            _Entropy(rows.positions, rows.regularizations[0]),
+            _Entropy(rows.of_normals(), rows.regularizations[1]),
+        )
+        self.order: IntArray = np.tile(np.arange(rows.positions.shape[1]), (len(rows.positions), 1))
+
+    def gains(self, shape: int, pairs: IntArray) -> FloatArray:
+        """Return by how much exchanges of pairs (P, 2) on a shape lower w_Z H(Z) and w_V H(V), (P, 2).
+
+        Summed up over all particles, as the other values here.
+        """
+        return self._gains(shape, pairs, [part.change for part in self._entropies])
+
+    def lower(self, shape: int, pair: IntArray) -> bool:
+        """Return whether an exchange lowers H(Z) and the objective clearly."""
+        return bool(_sums(self.gains(shape, pair[None]))[0] > LEAST_GAIN)
+
+    def make_all(self, allowed: BoolArray) -> None:
+        """Exchange near particles until no exchange lowers H(Z) and the objective any more.
+
+        Where only normals would agree better, as they do by chance in noise, particles stay.
+
+        Parameters
+        ----------
+        allowed : (M, N) bool array
+            Particles that may be exchanged.
+        """
+        while sum(self._make_best(shape, allowed[shape]) for shape in range(len(allowed))):
+            pass
+
+    def _make_best(self, shape: int, allowed: BoolArray) -> bool:
+        """Make the exchanges on a shape, the best one first; return whether there were any."""
+        pairs = _near_pairs(self._rows.positions[shape, self.order[shape]])
+        pairs = pairs[allowed[pairs].all(axis=1)]
+        bounds = self._gains(shape, pairs, [part.least for part in self._entropies])
+        pairs = pairs[_sums(bounds) > LEAST_GAIN]
+        count = len(pairs)
+        while len(pairs):
+            gains = _sums(self.gains(shape, pairs))
+            best = int(gains.argmax())
+            if gains[best] <= LEAST_GAIN:
+                break
+            self.make(shape, pairs[best])
+            pairs = np.delete(pairs, best, axis=0)
+        return len(pairs) < count
+
+    def make(self, shape: int, pair: IntArray) -> None:
+        """Exchange two particles of a shape."""
+        for part, step in zip(self._entropies, self._steps(shape, pair[None]), strict=True):
+            part.add(shape, pair, step[0])
+        self.order[shape, pair] = self.order[shape, pair[::-1]]
+
+    def _gains(self, shape: int, pairs: IntArray, changes: Sequence[_Change]) -> FloatArray:
+        steps = self._steps(shape, pairs)
+        changed = [change(shape, pairs, step) for change, step in zip(changes, steps, strict=True)]
+        return -np.stack(changed, axis=1) * self._rows.weights
+
+    def _steps(self, shape: int, pairs: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return what exchanges add to the rows of H(Z) and H(V) at the two particles, (P, 2, 3) each."""
+        own, other = self.order[shape, pairs], self.order[shape, pairs[:, ::-1]]
+        rows, means = self._rows, self._rows.means[pairs]
+        positions, normals, openings = rows.positions[shape], rows.normals[shape], rows.openings[shape]
+        turned = _logs(normals[other], means) - _logs(normals[own], means)
+        turned += (openings[other] - openings[own])[..., None] * means
+        return positions[other] - positions[own], turned
+
+
+class _Entropy:
+    """H(Z) or H(V) of rows (M, N, 3), and how it changes with two particles of one of them."""
+
+    def __init__(self, rows: FloatArray, regularization: float) -> None:
+        shapes, count = rows.shape[:2]
+        self._rows = rows - rows.mean(axis=0)
+        self._c = count * max(shapes - 1, 1)
+        self._factor = 0.5 * (shapes - 1) * count
+        self._common = 1.0 / (shapes * regularization)
+        matrix = covariance(self._rows.reshape(shapes, -1)) + regularization * np.eye(shapes)
+        self._inverse = np.linalg.inv(matrix)
+
+    def least(self, shape: int, pairs: IntArray, steps: FloatArray) -> FloatArray:
+        """Return a lower bound of `change`, which it reaches where d is a sum of rows."""
+        pulled = np.tensordot(self._inverse[shape], self._rows, axes=1)
+        mixed = np.einsum("pki,pki->p", pulled[pairs], steps)
+        return np.asarray(2.0 * self._factor * np.log(np.maximum(1.0 + mixed / self._c, 1e-300)))
+
+    def change(self, shape: int, pairs: IntArray, steps: FloatArray) -> FloatArray:
+        """Return by how much the entropy changes, summed up over all particles."""
+        across, squared = self._across(pairs, steps), np.square(steps).sum(axis=(1, 2))
+        pulled = self._inverse @ across
+        own, c, mixed = self._inverse[shape, shape] - self._common, self._c, pulled[shape]
+        both = np.einsum("mp,mp->p", across, pulled)
+        determinant = (c + squared * own + mixed) * (c + mixed) - own * (squared * mixed + both)
+        return np.asarray(self._factor * np.log(determinant / c**2))
+
+    def add(self, shape: int, pair: IntArray, step: FloatArray) -> None:
+        """Change the rows (Woodbury's identity)."""
+        unit = -np.full(len(self._rows), 1.0 / len(self._rows))
+        unit[shape] += 1.0
+        changed = np.stack([unit, self._across(pair[None], step[None])[:, 0]], axis=1)
+        pulled = self._inverse @ changed
+        core = self._c * np.array([[0.0, 1.0], [1.0, -np.square(step).sum()]]) + changed.T @ pulled
+        self._inverse -= pulled @ np.linalg.solve(core, pulled.T)
+        self._rows[shape, pair] += step
+        self._rows[:, pair] -= self._rows[:, pair].mean(axis=0)
+
+    def _across(self, pairs: IntArray, steps: FloatArray) -> FloatArray:
+        """Return y = Y d, (M, P)."""
+        return np.asarray(np.einsum("mpki,pki->mp", self._rows[:, pairs], steps))
+
+
+def _sums(gains: FloatArray) -> FloatArray:
+    """Return the gains (P,) of exchanges, 0 where H(Z) would not fall."""
+    return np.where(gains[:, 0] > 0.0, gains.sum(axis=1), 0.0)
+
+
+def _logs(normals: FloatArray, means: FloatArray) -> FloatArray:
+    """Return the Logs of unit normals (..., 3) at means (..., 3)."""
+    cosine = np.clip(np.sum(normals * means, axis=-1, keepdims=True), -1.0 + 1e-9, 1.0)
+    return np.asarray((normals - cosine * means) / np.sinc(np.arccos(cosine) / np.pi))
+
+
+def _near_pairs(points: FloatArray) -> IntArray:
+    count = len(points)
+    near = np.asarray(cKDTree(points).query(points, k=min(NEAREST + 1, count))[1])
+    lower, upper = np.minimum(near[:, :1], near[:, 1:]), np.maximum(near[:, :1], near[:, 1:])
+    return np.stack(np.divmod(np.unique(lower * count + upper), count), axis=1)

@@ -1,0 +1,89 @@
+"""Exchanges of two particles of one shape, and how far they lower the entropies across the shapes."""
+
+import numpy as np
+import pytest
+
+from homolog.correspondence.entropy.dual import covariance, entropy
+from homolog.correspondence.exchanges import EnsembleRows, Exchanges
+
+SHAPES, COUNT = 6, 60
+WEIGHTS, REGULARIZATIONS = (0.02, 0.15), (5e-4, 0.01)
+
+
+def unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def placed(order, values):
+    return np.stack([value[own] for value, own in zip(values, order, strict=True)])
+
+
+@pytest.fixture
+def rows():
+    """Return noisy particles on a sphere, each in its own place on every shape."""
+    random = np.random.default_rng(0)
+    k = np.arange(COUNT) + 0.5
+    polar, azimuth = np.arccos(1 - 2 * k / COUNT), np.pi * (1 + 5**0.5) * k
+    places = np.stack(
+        [np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)], axis=1
+    )
+    normals = unit(places + 0.05 * random.normal(size=(SHAPES, COUNT, 3)))
+    positions = 10.0 * places + 0.3 * random.normal(size=(SHAPES, COUNT, 3))
+    openings = 0.05 * random.normal(size=(SHAPES, COUNT))
+    return EnsembleRows(positions, normals, unit(normals.mean(axis=0)), openings, WEIGHTS, REGULARIZATIONS)
+
+
+def after(rows, order):
+    parts = (placed(order, item) for item in (rows.positions, rows.normals))
+    return EnsembleRows(*parts, rows.means, placed(order, rows.openings), WEIGHTS, REGULARIZATIONS)
+
+
+def objective(rows):
+    """Return the weighted entropies, summed up over all particles."""
+    parts = zip(WEIGHTS, (rows.positions, rows.of_normals()), REGULARIZATIONS, strict=True)
+    return sum(
+        weight * entropy(covariance((item - item.mean(axis=0)).reshape(SHAPES, -1)), regularization)
+        for weight, item, regularization in parts
+    ) * (SHAPES * COUNT)
+
+
+def test_the_gain_of_an_exchange_is_the_change_of_the_objective(rows):
+    exchanges = Exchanges(rows)
+    before = objective(rows)
+    for shape, pair in ((2, [3, 7]), (2, [3, 11]), (5, [40, 1])):
+        gain = exchanges.gains(shape, np.array([pair])).sum()
+        exchanges.make(shape, np.array(pair))
+        changed = objective(after(rows, exchanges.order))
+        assert gain == pytest.approx(before - changed, abs=1e-9)
+        before = changed
+
+
+def test_exchanged_particles_go_back_and_others_stay(rows):
+    order = np.tile(np.arange(COUNT), (SHAPES, 1))
+    for shape in (1, 4):
+        pair = [
+            8,
+            int(np.argsort(np.linalg.norm(rows.positions[shape] - rows.positions[shape, 8], axis=1))[1]),
+        ]
+        order[shape, pair] = pair[::-1]
+    exchanges = Exchanges(after(rows, order))
+    exchanges.make_all(np.ones((SHAPES, COUNT), dtype=bool))
+    np.testing.assert_array_equal(placed(exchanges.order, order), np.tile(np.arange(COUNT), (SHAPES, 1)))
+
+
+def test_particles_that_may_not_move_are_not_exchanged(rows):
+    spoiled = after(rows, np.stack([np.arange(COUNT)] * 5 + [np.roll(np.arange(COUNT), 1)]))
+    exchanges = Exchanges(spoiled)
+    exchanges.make_all(np.arange(COUNT) >= 30 * np.ones((SHAPES, 1)))
+    np.testing.assert_array_equal(exchanges.order[:, :30], np.tile(np.arange(30), (SHAPES, 1)))
+    assert objective(after(spoiled, exchanges.order)) < objective(spoiled)
+
+
+def test_where_only_normals_would_agree_better_particles_stay(rows):
+    near = int(np.argsort(np.linalg.norm(rows.positions[0] - rows.positions[0, 8], axis=1))[1])
+    normals = rows.normals.copy()
+    normals[0, [8, near]] = normals[0, [near, 8]]
+    odd = EnsembleRows(rows.positions, normals, rows.means, rows.openings, (1e-6, 1.0), REGULARIZATIONS)
+    pair = np.array([8, near])
+    assert Exchanges(odd).gains(0, pair[None])[0, 1] > 1.0
+    assert not Exchanges(odd).lower(0, pair)
