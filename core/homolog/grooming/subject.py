@@ -253,7 +253,7 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
         volume = source.volume
         field, further, loose = _field_of_voxels(clean.segmentation, settings)
         if filled:
-            notes.append(f"{filled} enclosed {'cavity was' if filled == 1 else 'cavities were'} filled")
+            notes.append(f"enclosed cavities were filled: {filled}")
         if borders:
             notes.append("touches the border of its image and may be cut off there; it was padded")
     else:
