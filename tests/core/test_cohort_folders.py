@@ -302,6 +302,37 @@ def test_headings_may_be_in_another_language(tmp_path, heading):
     ]
 
 
+@pytest.mark.parametrize("times", [("baseline", "followup"), ("2019-03-01", "2020-04-02")])
+def test_folders_of_points_in_time_are_not_subjects_of_many_structures(tmp_path, times):
+    names = [f"P{n}/{time}/{item}.nii.gz" for n in (1, 2, 3) for time in times for item in ("seg", "t1")]
+    found = cohort_of(tmp_path, *names)
+    assert files_of(found) == {f"P{n}_{time}": f"P{n}/{time}/seg.nii.gz" for n in (1, 2, 3) for time in times}
+
+
+def test_folders_whose_names_differ_by_the_side_are_sides(tmp_path):
+    found = cohort_of(tmp_path, *(f"femur_{side}/{n:02d}.stl" for side in "LR" for n in (1, 2)))
+    assert {subject.name: subject.columns["side"] for subject in found.subjects} == {
+        "01_L": "L", "02_L": "L", "01_R": "R", "02_R": "R",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("mask", "scan"),
+    [
+        ("{}/Segmentierung.nii.gz", "{}/MRT.nii.gz"),
+        ("Masken/{}.nii.gz", "Bilder/{}.nii.gz"),
+        ("{}_Maske.nii.gz", "{}.nii.gz"),
+        ("{}/masque.nii.gz", "{}/IRM_t1.nii.gz"),
+        ("mascaras/{}.nii.gz", "imagenes/{}.nii.gz"),
+    ],
+)
+def test_masks_beside_scans_may_be_named_in_another_language(tmp_path, mask, scan):
+    found = cohort_of(tmp_path, *(text.format(n) for n in ("a1", "a2", "a3") for text in (mask, scan)))
+    assert [subject.path for subject in found.subjects] == [
+        tmp_path / mask.format(n) for n in ("a1", "a2", "a3")
+    ]
+
+
 def test_columns_of_a_table_may_have_other_names(tmp_path):
     (tmp_path / "cohort.csv").write_text("Subject_ID;File;group\nx;a.nrrd;A\n", encoding="utf-8")
     (first,) = cohort_of(tmp_path, "a.nrrd").subjects

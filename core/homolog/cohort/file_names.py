@@ -26,6 +26,7 @@ __all__ = [
     "scans_beside",
     "structure_in",
     "structures_in_names",
+    "times_among",
     "words_but_times",
 ]
 
@@ -34,14 +35,16 @@ _SEPARATED = re.compile(r"[^\W_]+")
 _MASKS = frozenset([
     "dseg", "gt", "groundtruth", "label", "labelmap", "labelmaps", "labels", "manual", "mask", "masks", "msk",
     "roi", "seg", "segmentation", "segmentations", "segs", "truth",
+    "maske", "masken", "segmentierung", "segmentierungen", "masque", "masques", "mascara", "mascaras",
+    "segmentacion", "segmentaciones", "maschera", "maschere", "segmentazione", "segmentazioni",
 ])
 """Words that say that a file is a label map."""
 _MODALITIES = frozenset([
-    "4d", "adc", "bold", "cbct", "cine", "ct", "cta", "dicom", "dwi", "flair", "mr", "mri", "pd", "pdw",
-    "pet", "probseg", "swi", "t1", "t1c", "t1ce", "t1gd", "t1n", "t1w", "t2", "t2f", "t2star", "t2w",
+    "4d", "adc", "bold", "cbct", "cine", "ct", "cta", "dicom", "dwi", "flair", "mr", "mri", "mrt", "pd",
+    "pdw", "pet", "probseg", "swi", "t1", "t1c", "t1ce", "t1gd", "t1n", "t1w", "t2", "t2f", "t2star", "t2w",
 ])
 # fmt: on
-_PICTURES = _MODALITIES | {"brain", "image", "imaging", "img", "norm", "nu", "orig", "scan", "volume"}
+_PICTURES = _MODALITIES | {"bild", "brain", "image", "imaging", "img", "norm", "nu", "orig", "scan", "volume"}
 """What pictures are called that lie next to label maps."""
 _NORMALIZED = {"norm", "nu", "orig"}
 """Last words of FreeSurfer's pictures."""
@@ -57,8 +60,9 @@ _GROUPS = frozenset([
 """Words of folders that say which subjects are in them."""
 _TIME = re.compile(
     r"(day|frame|month|phase|ses|session|time|timepoint|tp|visit|week|year)\d{1,4}"
-    r"|baseline|diastole|ed|es|followup|post|postop|pre|preop|systole"
+    r"|(19|20)\d\d[01]\d[0-3]\d|baseline|diastole|ed|es|followup|post|postop|pre|preop|systole"
 )
+_DATE = re.compile(r"(?<!\d)((?:19|20)\d\d)[-_.]([01]\d)[-_.]([0-3]\d)(?!\d)")
 _OTHER_GIFTI = re.compile(
     r"\.(shape|func|label|time|tensor|vector|coord|topo|rgba|dset|annot)\.gii$"
     r"|(^|[^a-z])((very_?)?inflated|sphere|flat)([^a-z].*)?\.gii$",
@@ -111,7 +115,7 @@ def name_within(kind: str, name: str) -> str:
 
 
 def _words(text: str) -> list[str]:
-    return [word.casefold() for word in _SEPARATED.findall(text)]
+    return [word.casefold() for word in _SEPARATED.findall(_DATE.sub(r"\1\2\3", text))]
 
 
 def is_picture(structure: str) -> bool:
@@ -183,8 +187,19 @@ def best_label_maps(files: Mapping[str, Path]) -> dict[str, Path]:
 
 def are_times(structures: Iterable[str]) -> bool:
     """Return whether several files of a subject are the same at several times: ``frame01_gt``, ``ED``."""
-    rest = [[word for word in _words(item) if word not in _MASKS] for item in structures]
-    return len(rest) > 1 and all(tokens and all(map(_TIME.fullmatch, tokens)) for tokens in rest)
+    names = list(structures)
+    return len(names) > 1 and all(map(_is_time, names))
+
+
+def times_among(names: Iterable[str]) -> list[str]:
+    """Return the folders of a subject that are points in time: ``baseline`` and ``2020-04-02``."""
+    times = [name for name in names if _is_time(name)]
+    return times if len(times) > 1 else []
+
+
+def _is_time(name: str) -> bool:
+    tokens = [word for word in _words(name) if word not in _MASKS]
+    return bool(tokens) and all(map(_TIME.fullmatch, tokens))
 
 
 def words_but_times(text: str) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from homolog.cohort.file_names import (
     structures_in_names,
 )
 from homolog.cohort.pictures import picture_cohort
-from homolog.cohort.sides import SIDE_COLUMN, is_side
+from homolog.cohort.sides import SIDE_COLUMN, sides_among
 from homolog.cohort.subject import (
     IMAGE_SUFFIXES,
     MESH_SUFFIXES,
@@ -41,9 +41,13 @@ _NAMED = 5
 """Files or folders that a message names, at most."""
 _PART = r"([-_.]?(tr|ts|va|train|training|test|testing|val|validation))?"
 _LABEL_FOLDER = re.compile(
-    rf"(segmentation|seg|label|mask|structure|annotation|gt|ground[-_ ]?truth)s?{_PART}", re.IGNORECASE
+    rf"((segmentation|seg|label|mask|structure|annotation|gt|ground[-_ ]?truth|masque|mascara)s?"
+    rf"|masken?|segmentierung(en)?|segmentacion(es)?|mascher[ae]|segmentazion[ei]){_PART}",
+    re.IGNORECASE,
 )
-_IMAGE_FOLDER = re.compile(rf"(image|img|scan|volume|picture)s?{_PART}", re.IGNORECASE)
+_IMAGE_FOLDER = re.compile(
+    rf"((image|img|scan|volume|picture)s?|bild(er)?|imagen(es)?|immagin[ei]){_PART}", re.IGNORECASE
+)
 _MESH_FOLDER = re.compile(r"(mesh|meshe|surface|model)s?", re.IGNORECASE)
 """Names of folders that say what is in them, not of whom it is."""
 _DERIVATIVES = "derivatives"
@@ -150,7 +154,7 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
         return read_folder(several[0])
     if several and (labels := _label_folders(by_folder)):
         return _of_label_folders(folder, labels, [item for item in by_folder if item not in labels])
-    if several and (all(is_side(item.name) for item in by_place) or not _are_subjects(by_folder)):
+    if several and (sides_among([item.name for item in by_place]) or not _are_subjects(by_folder)):
         return _of_parts(folder, list(by_folder))
     if not by_place:
         above = [item for item in below if holds_files(item)]
@@ -251,8 +255,8 @@ def _describe_contents(folders: Iterable[Path]) -> bool:
 
 def _of_parts(folder: Path, parts: Sequence[Path]) -> Cohort:
     """Return the cohort of folders with several subjects each: sides, groups, or structures."""
-    if all(is_side(item.name) for item in parts):
-        return _of_sides(folder, parts)
+    if sides := sides_among([item.name for item in parts]):
+        return _of_sides(folder, {item: sides[item.name] for item in parts})
     if all(is_group(item.name) for item in parts):
         return _of_groups(folder, parts)
     owned = {item: owned_files(item) for item in parts}
@@ -293,16 +297,20 @@ def _are_structures(owned: Mapping[Path, Mapping[str, Path]]) -> bool:
     return 2 * sum(count > 1 for count in counts.values()) > len(counts)
 
 
-def _of_sides(folder: Path, below: Sequence[Path]) -> Cohort:
+def _of_sides(folder: Path, sides: Mapping[Path, str]) -> Cohort:
     """Return the cohort of a folder for each side of the body, whose subjects may have the same names."""
-    cohorts = {item.name: read_folder(item) for item in below}
+    cohorts = {item: read_folder(item) for item in sides}
     subjects = [
-        replace(subject, name=f"{subject.name}_{side}", columns={**subject.columns, SIDE_COLUMN: side})
-        for side, cohort in cohorts.items()
+        replace(
+            subject,
+            name=f"{subject.name}_{sides[item]}",
+            columns={**subject.columns, SIDE_COLUMN: sides[item]},
+        )
+        for item, cohort in cohorts.items()
         for subject in cohort.subjects
     ]
-    notes = [f"the folders {_listed(list(cohorts))} were taken as sides"]
-    notes += [f"{side}: {note}" for side, cohort in cohorts.items() for note in cohort.notes]
+    notes = [f"the folders {_listed([item.name for item in sides])} were taken as sides"]
+    notes += [f"{item.name}: {note}" for item, cohort in cohorts.items() for note in cohort.notes]
     return Cohort(tuple(subjects), folder, tuple(notes))
 
 

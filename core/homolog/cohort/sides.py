@@ -1,6 +1,7 @@
 """Which side of the body a subject's structure is from, as a table or the files' names say."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from homolog.cohort.subject import Cohort, Subject, suffix_of
@@ -15,6 +16,7 @@ __all__ = [
     "Sides",
     "is_side",
     "other_side",
+    "sides_among",
     "sides_of",
 ]
 
@@ -51,6 +53,15 @@ class Sides:
 def is_side(word: str) -> bool:
     """Return whether a word means left or right."""
     return word.casefold() in _CODES
+
+
+def sides_among(names: Sequence[str]) -> dict[str, str]:
+    """Return the word for the side in each name, if nothing else differs: ``femur_L`` and ``femur_R``."""
+    words = {name: re.findall(r"[^\W_]+", name) for name in names}
+    sides = {name: [word for word in parts if is_side(word)] for name, parts in words.items()}
+    others = {tuple(word.casefold() for word in parts if not is_side(word)) for parts in words.values()}
+    alike = len(others) == 1 and all(len(item) == 1 for item in sides.values())
+    return {name: item[0] for name, item in sides.items()} if alike else {}
 
 
 def other_side(side: str) -> str:
