@@ -43,6 +43,11 @@ def test_tables_may_be_in_another_language(read):
     assert (found.subjects[0].group, found.subjects[0].columns) == ("krank", {"age": "61", "Alter": "62,5"})
 
 
+def test_files_name_the_subjects_where_their_names_differ_from_the_tables(read):
+    found = read("Kennung;Datei;Gruppe\nProband 1;heart10.nii.gz;krank\n")
+    assert (found.matched, found.subjects[2].group) == (("p10_ED",), "krank")
+
+
 def test_a_row_of_types_declares_categories_and_checks_numbers(read):
     cohort = read("name,age,site\ntype,number,category\np01_ED,62,1\np02_ED,NA,2\n")
     assert cohort.subjects[0].columns == {"age": "62", "site:c": "1"}

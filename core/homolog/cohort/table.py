@@ -91,8 +91,8 @@ class TableChanges:
 def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     """Read groups and covariates of known subjects from a table.
 
-    The column called name, subject, id, … (the one that fits most subjects), else the first one, names the
-    subject: by its name, by its file's name, with or without suffix, or by the beginning of its name up to a
+    The column called name, subject, id, path, … (the one that fits most subjects), else the first one, names
+    the subject: by its name, by the name of its file, with or without suffix, or by the beginning up to a
     sign that is no letter or digit (``acdc004`` means ``acdc004_ED_myo``). A beginning that several names
     share means all of them if they are one subject's sides or points in time (``sub-01`` means
     ``sub-01_ses-01`` and ``sub-01_ses-02``) and have no row of their own. Columns for paths and landmarks
@@ -115,21 +115,23 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
         If the file can't be read, names no subject, or has two rows of one subject.
     """
     columns, lines = read_typed_rows(path, (*_KEYS, *_NOT_TAKEN, _GROUP, *OTHER_NAMES[_GROUP], _IMAGE))
-    groups = [column for column, own in own_columns(columns).items() if own == _GROUP]
+    own = own_columns(columns)
+    groups, paths = ([column for column in own if own[column] == kind] for kind in (_GROUP, "path"))
     named = [column for column in columns if column]
     if not lines or not named:
         raise InputError(f"{path}: contains no rows; choose another table")
     rows = [row for _, row in lines]
     wanted = [item for key in _KEYS for item in named if item.casefold() == key]
-    keys = wanted or [item for item in named if item.casefold() == "path"] or named[:1]
+    keys = [*wanted, *paths] or named[:1]
     candidates = {key: [_named(subjects, row[key]) for row in rows] for key in keys}
     key = max(keys, key=lambda item: sum(map(bool, candidates[item])))
     named_by = candidates[key]
     if not any(named_by):
         raise InputError(f"{path}: its column {key!r} names none of the subjects, such as {subjects[0].name}")
-    own = {names[0] for names in named_by if len(names) == 1}
+    single = {names[0] for names in named_by if len(names) == 1}
     named_by = [
-        names if len(names) == 1 else tuple(name for name in names if name not in own) for names in named_by
+        names if len(names) == 1 else tuple(name for name in names if name not in single)
+        for names in named_by
     ]
     twice = [name for name, count in Counter(chain.from_iterable(named_by)).items() if count > 1]
     if twice:
