@@ -327,8 +327,7 @@ class OptimizationLoop:
             If there are so many that a subject's surface and distance field must disagree.
         """
         # Particles lie on the zero level, from which a coarse mesh deviates.
-        edges = np.array([[mesh.mean_edge] for mesh in self.engine.surface_set.meshes])
-        limits = np.maximum(LOST_DISTANCE, 2.0 * edges)
+        limits = [[max(LOST_DISTANCE, 2.0 * mesh.mean_edge)] for mesh in self.engine.surface_set.meshes]
         lost = (self.engine.surface_distances() >= limits) & self.free
         if lost.any():
             self.engine.find_faces()  # the walk over the mesh may have been trapped
