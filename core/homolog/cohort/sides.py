@@ -57,9 +57,9 @@ def is_side(word: str) -> bool:
 
 def sides_among(names: Sequence[str]) -> dict[str, str]:
     """Return the word for the side in each name, if nothing else differs: ``femur_L`` and ``femur_R``."""
-    words = {name: re.findall(r"[^\W_]+", name) for name in names}
-    sides = {name: [word for word in parts if is_side(word)] for name, parts in words.items()}
-    others = {tuple(word.casefold() for word in parts if not is_side(word)) for parts in words.values()}
+    word_lists = {name: re.findall(r"[^\W_]+", name) for name in names}
+    sides = {name: [word for word in parts if is_side(word)] for name, parts in word_lists.items()}
+    others = {tuple(word.casefold() for word in parts if not is_side(word)) for parts in word_lists.values()}
     alike = len(others) == 1 and all(len(item) == 1 for item in sides.values())
     return {name: item[0] for name, item in sides.items()} if alike else {}
 
