@@ -1,4 +1,4 @@
-"""How often each test raises a false alarm on the user's own cohort, when the labels mean nothing.
+"""Type I error rate of each test on the user's own cohort, estimated with permuted labels.
 
 Labels are exchanged, so every subject is as likely in one group as in another. The rows of permutation tests
 are therefore 5 % by construction: they show that the computation is right. Only the rows of parametric tests

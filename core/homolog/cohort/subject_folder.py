@@ -31,14 +31,14 @@ _FREESURFER = tuple(
 )
 """Where FreeSurfer and FastSurfer keep a subject's structures, the fewest first."""
 _LABELS = ("segmentation", "label", "mask", "structure")
-"""How folders of label maps begin, in any case and number."""
+"""Beginnings of names of folders with label maps, singular or plural, in any case."""
 _KINDS_OF_SCAN = ("anat", "ct", "dwi", "func", "perf", "t1", "t1w")
 _SESSION = re.compile(r"ses-.+", re.IGNORECASE)
 """Folders within a subject's folder, of BIDS."""
 _OWNERS = 3
-"""Folders above a file whose names may begin its own."""
+"""Levels of folders above a file whose names its own may begin with."""
 _DEPTH = 5
-"""Folders below one in which files are looked for."""
+"""Levels of folders that are searched."""
 
 
 def subjects_in(folder: Path, name: str = "") -> dict[str, dict[str, Path]]:

@@ -331,7 +331,7 @@ class Engine:
         self._project(only_free=True)
 
     def count_iteration(self) -> None:
-        """Go on to the parameters of the next iteration."""
+        """Advance to the parameters of the next iteration."""
         wp.launch(step_kernels.next_iteration, dim=1, inputs=[self.iteration], device=self.launch.device)
 
 

@@ -33,14 +33,14 @@ class MirrorImages:
     mirrored: BoolArray
 
     def points(self, local: FloatArray) -> FloatArray:
-        """Return points (M, n, 3) of the files in the coordinates of the shapes, and the other way about."""
+        """Convert points (M, n, 3) from coordinates of the files to those of the shapes, or back."""
         signs = np.where(self.mirrored, -1.0, 1.0)
         changed = local.copy()
         changed[:, :, 0] *= signs[:, None]
         return changed
 
     def initial_particles(self, initial_particles: InitialParticles | None) -> InitialParticles | None:
-        """Return particles to begin with in the coordinates of the shapes, and the other way about."""
+        """Convert initial particles from coordinates of the files to those of the shapes, or back."""
         return (
             None
             if initial_particles is None
@@ -52,7 +52,7 @@ class MirrorImages:
         return np.where(self.mirrored[:, None, None], alignments @ MIRROR, alignments)
 
     def observer(self, observe: FrameCallback | None) -> FrameCallback | None:
-        """Return what takes frames of the shapes and hands on frames of the files."""
+        """Return a callback for frames of the shapes that passes them on as frames of the files."""
         if observe is None:
             return None
 

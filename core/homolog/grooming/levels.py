@@ -21,35 +21,35 @@ __all__ = ["MAX_NODES", "USUAL_NODES", "Level", "level_of_mesh", "level_of_solid
 PADDING = 6
 """Nodes between the structure and the border of the grid."""
 MAX_NODES = 2**26
-"""Larger grids are refused: they ask for several gigabytes per subject."""
+"""Larger grids are refused: they need several gigabytes per subject."""
 USUAL_NODES = 2**24
-"""Where the user gives no spacing, it is chosen so that the grid is not larger."""
+"""Largest grid where the spacing is automatic."""
 MANY_NODES = 2_000_000
 """A larger grid is made coarser, as far as the thinnest parts of the structure allow."""
 NEAR = 4
-"""Nodes: how far from the surface distances are those of the eikonal equation."""
-FINEST_PART = 4.0
-"""Nodes across these parts."""
-LOOKED_AT = 250_000
-"""Voxels by which this is judged."""
-LOST = 0.005
-"""Of the volume: parts that are thinner than that many nodes may have so much of it."""
-OF_VOXELS = 1.15
-"""Of the finest spacing: a large grid is made so coarse, or as the cube root of a voxel, whatever is thin."""
-NODES_ACROSS = 2.5
-"""Nodes across the thin parts of a mesh: less and its walls would have holes on the grid …"""
-WALL = 1.8
-"""Nodes across a wall of a mesh: thinner ones are thickened to that …"""
-RIM_SHARE = 0.01
-"""… unless no more than this part of the surface is thinner."""
+"""Distances are exact up to so many nodes from the surface (eikonal equation)."""
+NODES_ACROSS_VOXELS = 4.0
+"""A part of a label map is resolved if so many nodes lie across it."""
+SAMPLED_VOXELS = 250_000
+"""Thickness of a label map is measured on about so many of its voxels."""
+UNRESOLVED_SHARE = 0.005
+"""Largest share of a label map's volume that need not be resolved."""
+LEAST_COARSENING = 1.15
+"""Spacing of a large grid over the finest voxel spacing, at least; the cube root of a voxel if smaller."""
+NODES_ACROSS_MESH = 2.5
+"""A thin part of a mesh is resolved if so many nodes lie across it: with fewer its walls get holes."""
 THIN_SHARE = 0.05
-"""… where this part of the surface is thinner …"""
+"""Share of a mesh's surface whose thickness is not considered: rims are thin on every shape."""
 THIN_NODES = 2**22
-"""… and as far as the grid does not get larger than this."""
-STACK_FROM = 2.0
-"""Slices this many times further apart than the pixels are interpolated as outlines."""
-THINNEST = 2.0
-"""Nodes across the wall around a hole between slices: less would be lost on the grid."""
+"""Largest grid that is chosen for the thin parts of a mesh."""
+WALL_NODES = 1.8
+"""Walls of a mesh with fewer nodes across are thickened to so many."""
+RIM_SHARE = 0.01
+"""Walls are not thickened if this share of the surface or less is thinner."""
+STACK_RATIO = 2.0
+"""Slices are interpolated as outlines if their distance exceeds so many pixels."""
+HOLE_WALL_NODES = 2.0
+"""Nodes across the wall around a hole between slices: thinner walls would be lost on the grid."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +101,7 @@ def level_of_voxels(segmentation: Segmentation, spacing: float | None, sigma: fl
     segmentation = _turned(_coarsened(segmentation, step, is_large))
     margin = np.maximum(0.5 * (segmentation.spacing - step), 0.0)
     shape, start = _grid((np.array(segmentation.mask.shape) - 1) * segmentation.spacing, margin, step)
-    is_stack = segmentation.spacing[2] > STACK_FROM * segmentation.spacing[:2].max()
+    is_stack = segmentation.spacing[2] > STACK_RATIO * segmentation.spacing[:2].max()
     make = _from_stack if is_stack else _from_volume
     values, further = make(segmentation, step, shape, start, sigma)
     affine = np.eye(4)
@@ -126,7 +126,7 @@ def level_of_mesh(mesh: TriangleMesh, spacing: float | None) -> Level:
         If the grid would be too large.
     """
     shape, start, step, affine = _grid_around(mesh, spacing)
-    thicker, notes = _thickened(mesh, WALL * step)
+    thicker, notes = _thickened(mesh, WALL_NODES * step)
     return Level(mesh_level(thicker, start, step, shape), affine, step, notes)
 
 
@@ -166,7 +166,7 @@ def _grid_around(
     step = spacing or float(np.clip(0.75 * mesh.mean_edge, diagonal / 250.0, diagonal / 120.0))
     if not spacing:
         finest = float(((high - low).prod() / THIN_NODES) ** (1 / 3))
-        step = min(step, max(_thin_part(mesh) / NODES_ACROSS, finest))
+        step = min(step, max(_thin_part(mesh) / NODES_ACROSS_MESH, finest))
     shape, start = _grid(high - low, np.zeros(3), step)
     affine = np.diag([step, step, step, 1.0])
     affine[:3, 3] = low + start
@@ -182,26 +182,26 @@ def _closed_at_border(values: Array) -> Array:
 
 
 def _count(extent: FloatArray, step: float) -> float:
-    """Return the number of nodes of a grid around a structure, about."""
+    """Return the approximate number of nodes of a grid around a structure."""
     return float(np.prod(extent / step + 2 * PADDING))
 
 
 def _sparing_step(segmentation: Segmentation) -> float:
-    """Return the distance of nodes for many voxels: as few nodes as the thinnest parts allow [mm]."""
+    """Return the largest spacing [mm] of nodes that resolves the thinnest parts of a large label map."""
     spacing = segmentation.spacing
     extent = np.array(segmentation.mask.shape) * spacing
     finest = float(spacing.min())
-    of_voxel = float(min(spacing.prod() ** (1 / 3), OF_VOXELS * finest))
+    of_voxel = float(min(spacing.prod() ** (1 / 3), LEAST_COARSENING * finest))
     step = least = max(of_voxel, float((extent.prod() / USUAL_NODES) ** (1 / 3)))
     while _count(extent, step) > MANY_NODES:
         step *= 1.02
-    every = max(1, round((segmentation.mask.size / LOOKED_AT) ** (1 / 3)))
+    every = max(1, round((segmentation.mask.size / SAMPLED_VOXELS) ** (1 / 3)))
     some = np.pad(segmentation.mask[::every, ::every, ::every], 1)
     depth = ndimage.distance_transform_edt(some, every * spacing)
     while step > least:
-        radius = 0.5 * FINEST_PART * step
+        radius = 0.5 * NODES_ACROSS_VOXELS * step
         opened = ndimage.distance_transform_edt(depth < radius, every * spacing) <= radius
-        if np.count_nonzero(some & ~opened) <= LOST * np.count_nonzero(some):
+        if np.count_nonzero(some & ~opened) <= UNRESOLVED_SHARE * np.count_nonzero(some):
             return step
         step *= 0.8
     return least
@@ -227,7 +227,7 @@ def _thickened(mesh: TriangleMesh, least: float) -> tuple[TriangleMesh, tuple[st
 
 
 def _thin_part(mesh: TriangleMesh) -> float:
-    """Return the thickness [mm] that all but a twentieth of the surface has: rims are thin on every shape."""
+    """Return the thickness [mm] that the surface has everywhere but on `THIN_SHARE` of its area."""
     through, areas = thickness(mesh), mesh.face_areas
     order = np.argsort(through)
     share = np.cumsum(areas[order]) / max(float(areas.sum()), 1e-300)
@@ -311,7 +311,7 @@ def _from_stack(
     outline = _resampled(stack.outline, *place)
     level = np.maximum(outline, stack.ends)
     if stack.hole is not None:
-        wall = redistanced(outline, reach=NEAR) + THINNEST
+        wall = redistanced(outline, reach=NEAR) + HOLE_WALL_NODES
         level = np.maximum(level, -np.maximum(_resampled(stack.hole, *place), wall))
     notes = [f"slices {spacing[2]:g} mm apart were interpolated as outlines"]
     if stack.closed:

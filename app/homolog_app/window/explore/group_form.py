@@ -1,4 +1,4 @@
-"""The question: which column, from which group to which, or what number, and what is allowed for."""
+"""The question: which column, which groups or which number, and the covariates that are adjusted for."""
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction, QStandardItemModel
@@ -157,7 +157,7 @@ class GroupForm(QWidget):
 
     @property
     def covariates(self) -> tuple[str, ...]:
-        """The columns that are allowed for."""
+        """The covariates: columns that are adjusted for."""
         return tuple(action.data() for action in self.covariate_menu.actions() if action.isChecked())
 
     def offer(self) -> None:
