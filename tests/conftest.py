@@ -120,6 +120,11 @@ def _open_display():
     return close
 
 
+def pytest_collection_modifyitems(items):
+    """Check types first: as the last long test it would leave the other processes without work."""
+    items.sort(key=lambda item: item.path.name != "test_repository.py")
+
+
 def pytest_collection_finish():
     """Exempt modules and tests from garbage collection: each run collects, as the tests of windows do."""
     gc.collect()
