@@ -37,7 +37,13 @@ SIZE_TEXTS = {
 }
 
 
-_REFERENCES = ("control", "controls", "healthy", "normal", "nor", "hc", "cn", "ctrl", "reference", "baseline")
+# fmt: off
+_REFERENCES = frozenset([
+    "baseline", "cn", "control", "controls", "ctrl", "hc", "healthy", "nor", "normal", "reference",
+    "gesund", "gesunde", "kontrolle", "kontrollen", "sain", "sains", "témoin", "témoins", "sano", "sanos",
+    "controlli", "controllo", "sani",
+])
+# fmt: on
 
 
 def names_reference(value: str) -> bool:
