@@ -1,4 +1,4 @@
-"""Sixty random anatomies, others in each run; HOMOLOG_ANATOMY_SEED=NUMBER draws those of a run again."""
+"""A hundred random anatomies, others in each run; HOMOLOG_ANATOMY_SEED=NUMBER draws those of a run again."""
 
 import os
 
@@ -17,7 +17,7 @@ NODES = 48  # of the grids of all meshes but one: by default a grid has up to tw
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("number", range(60))
+@pytest.mark.parametrize("number", range(100))
 def test_a_random_anatomy_is_groomed_or_refused_with_a_reason(number, tmp_path, request):
     family = FAMILIES[number % len(FAMILIES)]
     is_mesh = family in MESHES
