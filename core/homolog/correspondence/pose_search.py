@@ -23,7 +23,7 @@ from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["SurfacePoints", "Term", "search_poses"]
 
-_TURNS = np.radians(np.arange(-24.0, 25.0, 3.0))
+_TURNS = np.radians(np.arange(-24.0, 25.0, 4.0))
 """About the axis of least resistance."""
 _BEGUN = 2
 """Minima along the turns that are followed up."""
@@ -161,11 +161,13 @@ class _Search:
         value, pose, targets = self._descend(pose, targets)
         axis = self._softest(pose, targets)
         turned = [_moved(pose, axis * angle, centre) for angle in _TURNS]
-        values = [self._value(item, targets) for item in turned]
+        # Each with its own targets: those of the first pose hold the turned ones back.
+        there = [self._expected(item, self.ensemble.mean) for item in turned]
+        values = [self._value(*both) for both in zip(turned, there, strict=True)]
         inner = [np.inf, *values, np.inf]
         minima = [k for k in range(len(values)) if inner[k + 1] <= min(inner[k], inner[k + 2])]
         begun = sorted(minima, key=lambda k: values[k])[:_BEGUN]
-        return [(value, pose, targets), *(self._descend(turned[k], targets) for k in begun)]
+        return [(value, pose, targets), *(self._descend(turned[k], there[k]) for k in begun)]
 
     def _expected(self, pose: FloatArray, targets: FloatArray) -> FloatArray:
         """Return what the modes explain of the points nearest to the targets."""
