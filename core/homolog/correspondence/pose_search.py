@@ -161,13 +161,21 @@ class _Search:
         value, pose, targets = self._descend(pose, targets)
         axis = self._softest(pose, targets)
         turned = [_moved(pose, axis * angle, centre) for angle in _TURNS]
-        # Each with its own targets: those of the first pose hold the turned ones back.
-        there = [self._expected(item, self.ensemble.mean) for item in turned]
-        values = [self._value(*both) for both in zip(turned, there, strict=True)]
+        # With the first pose's targets and with their own: either may hold a turned pose back.
+        own = [self._expected(item, self.ensemble.mean) for item in turned]
+        begun = [
+            (turned[k], goals[k])
+            for goals in ([targets] * len(turned), own)
+            for k in self._lowest_minima(turned, goals)
+        ]
+        return [(value, pose, targets), *(self._descend(*item) for item in begun)]
+
+    def _lowest_minima(self, turned: Sequence[FloatArray], goals: Sequence[FloatArray]) -> list[int]:
+        """Return the numbers of the lowest minima along turned poses, each with its targets."""
+        values = [self._value(*both) for both in zip(turned, goals, strict=True)]
         inner = [np.inf, *values, np.inf]
         minima = [k for k in range(len(values)) if inner[k + 1] <= min(inner[k], inner[k + 2])]
-        begun = sorted(minima, key=lambda k: values[k])[:_BEGUN]
-        return [(value, pose, targets), *(self._descend(turned[k], there[k]) for k in begun)]
+        return sorted(minima, key=lambda k: values[k])[:_BEGUN]
 
     def _expected(self, pose: FloatArray, targets: FloatArray) -> FloatArray:
         """Return what the modes explain of the points nearest to the targets."""
