@@ -295,7 +295,10 @@ def _discriminants(study: Study) -> Iterator[str]:
     )
 
 
-_SCALED = "Before permutation the groups were scaled to one dispersion, and afterwards to their own"
+_SCALED = (
+    "Before permutation the groups were scaled to one dispersion, and afterwards to their own; the mean that "
+    "centring took was drawn at random"
+)
 
 
 def _statistic(study: Study) -> str:
