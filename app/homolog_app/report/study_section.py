@@ -72,7 +72,10 @@ def _results(page: Page, study: Study) -> None:
     ]
     tested = list(_tested(study))
     if any(comparison is not None for _, comparison in tested if comparison not in study.comparisons):
-        sentences.append("Where subjects lie far from the rest, all results are given without them, too.")
+        sentences.append(
+            "Where subjects lie far from the rest, whole shape, particles, size and classification are given "
+            "without them, too."
+        )
     page.paragraph(" ".join(sentences))
     page.table(
         [

@@ -147,11 +147,17 @@ def _effects(study: Study, comparison: Comparison, finding: Finding, carrier: Su
     count = "One region" if len(regions) == 1 else f"{len(regions)} regions, the largest"
     per = f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
     low, high = region.outward_range
-    several = f"; outward {low:+.2g} to {high:+.2g} mm{per}" if len(region.particles) > 1 else ""
-    largest = (
-        f"{count}: {region.area:.0f} mm², {region.where}, on average {abs(region.mean_outward):.2g} mm{per} "
-        f"{region.direction(region.mean_outward)}{several}."
-    )
+    on_wall = f" of the {region.wall}" if region.wall else ""
+    if len(region.particles) == 1:
+        largest = f"{count}: {region.area:.0f} mm²{on_wall}, {region.place}"
+    else:
+        largest = (
+            f"{count}: {region.area:.0f} mm²{on_wall}, on average {abs(region.mean_outward):.2g} mm{per} "
+            f"{region.direction(region.mean_outward)}; outward {low:+.2g} to {high:+.2g} mm{per}. "
+            f"The peak is {region.place}"
+        )
+    peak = region.outward.value
+    largest += f", where the surface moves {abs(peak):.2g} mm{per} {region.direction(peak)}."
     return " ".join([*finding.effects[:2], largest, *finding.effects[2:]])
 
 
@@ -171,8 +177,9 @@ def _model_section(
     area = result.mean_surface.area
     each = area / record.particles
     page.paragraph(
-        f"{len(result.names)} shapes, {pose_text(record)}. The mean surface has {area:.0f} mm²; a particle "
-        f"stands for {each:.3g} mm² of it on average, so that particles are about {each**0.5:.2g} mm apart. "
+        f"{len(result.names)} shapes, {pose_text(record)}. The mean surface has an area of {area:.0f} mm²; "
+        f"a particle stands for {each:.3g} mm² of it on average, so that particles are about "
+        f"{each**0.5:.2g} mm apart. "
         "The modes below are those of all subjects; tests use modes of the subjects and the alignment of "
         "each comparison."
     )
