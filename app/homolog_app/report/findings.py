@@ -88,11 +88,12 @@ def corrections_text(study: Study) -> str:
     )
 
 
-def tested_text(study: Study) -> str:
-    """Return what else than size was tested: whole shape, particles, and the discriminant if there is one."""
+def tested_text(study: Study, *further: str) -> str:
+    """Return what was tested, and what else is given: "whole shape, of particles and of the discriminant"."""
+    parts = ["whole shape", "of particles", *further]
     if any(comparison.discriminant is not None for comparison in study.comparisons):
-        return "whole shape, of particles and of the discriminant"
-    return "whole shape and of particles"
+        parts.insert(2, "of the discriminant")
+    return f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
 def _least_text(study: Study) -> str:

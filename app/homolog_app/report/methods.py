@@ -244,10 +244,7 @@ def _adjustments(study: Study) -> Iterator[str]:
         )
     else:
         yield "P-values were not corrected for other questions."
-    tested = (
-        tested_text(study).replace(" and of the", ", of the").replace(" and of particles", ", of particles")
-    )
-    yield f"The tests of the {tested} and of size were not corrected for each other."
+    yield f"The tests of the {tested_text(study, 'of size')} were not corrected for each other."
 
 
 def _further_measures(study: Study) -> Iterator[str]:

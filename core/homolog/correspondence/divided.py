@@ -177,7 +177,7 @@ def _positions(particles: Particles | FloatArray) -> FloatArray:
 class _PartEngine(Engine):
     """The particles of the shapes on one device, whose gradients are given."""
 
-    def _tie(self, *, any_fixed: bool, second: str | None = None) -> None:
+    def _tie(self, *, any_fixed: bool) -> None:
         self.stiffness = wp.zeros(1, dtype=float, device=self.launch.device)
 
 
@@ -211,7 +211,8 @@ class DividedEngine(Engine):
             positions, cohort.surface_set(positions.shape[1]), free,
             geodesic=cohort.geodesic, area=MEAN_AREA, launcher=launcher,
         )  # fmt: skip
-        self._tie(any_fixed=free is not None, second=cohort.parts[1].device)
+        self.second = cohort.parts[1].device
+        self._tie(any_fixed=free is not None)
         super().set_poses(poses)
         self._gather_surface()
         if isinstance(particles, Particles):

@@ -61,7 +61,14 @@ class Engine:
         Similarities that align the shapes with each other; the identity by default.
     free : (M, n) bool array, optional
         Particles that may move; all by default. The others keep their positions.
+
+    Attributes
+    ----------
+    second : str or None
+        Another CUDA device, that computes H(V).
     """
+
+    second: str | None = None
 
     positions: DeviceArray
     means: DeviceArray
@@ -125,9 +132,9 @@ class Engine:
         flags = np.ones(self.total) if free is None else free.ravel()
         self.free = wp.array(flags, dtype=int, device=launcher.device)
 
-    def _tie(self, *, any_fixed: bool, second: str | None = None) -> None:
+    def _tie(self, *, any_fixed: bool) -> None:
         """Make what ties the shapes together."""
-        self.coupling = coupling(self.layout, self.free, any_fixed, self.launch, second)
+        self.coupling = coupling(self.layout, self.free, any_fixed, self.launch, self.second)
         self.stiffness = self.coupling.stiffness
         self._compare = (Means if self.launch.device == "cpu" else DeviceMeans)(self.layout, self.launch)
 

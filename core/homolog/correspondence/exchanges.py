@@ -87,7 +87,7 @@ class Exchanges:
         """Return whether an exchange lowers H(Z) and the objective clearly."""
         return bool(_sums(self.gains(shape, pair[None]))[0] > LEAST_GAIN)
 
-    def make_all(self, allowed: BoolArray) -> None:
+    def make_all(self, allowed: BoolArray, poll_cancel: Callable[[], None] = lambda: None) -> None:
         """Exchange near particles until no exchange lowers H(Z) and the objective any more.
 
         Where only normals would agree better, as they do by chance in noise, particles stay.
@@ -96,9 +96,15 @@ class Exchanges:
         ----------
         allowed : (M, N) bool array
             Particles that may be exchanged.
+        poll_cancel : callable
+            Called before each shape; it may raise to stop the work.
         """
-        while sum(self._make_best(shape, allowed[shape]) for shape in range(len(allowed))):
-            pass
+        made = True
+        while made:
+            made = False
+            for shape in range(len(allowed)):
+                poll_cancel()
+                made |= self._make_best(shape, allowed[shape])
 
     def _make_best(self, shape: int, allowed: BoolArray) -> bool:
         """Make the exchanges on a shape, the best one first; return whether there were any."""

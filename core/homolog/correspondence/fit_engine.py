@@ -29,15 +29,18 @@ class EnsembleCoupling(HostCoupling):
         self._ensemble, self._is_in_it = ensemble, is_in_it
         return self
 
-    def solve(
-        self, stage: DeviceArray, iteration: DeviceArray, centred: DeviceArray, logs: DeviceArray
+    def gradients(
+        self,
+        stage: DeviceArray,
+        iteration: DeviceArray,
+        vectors: tuple[DeviceArray, DeviceArray],
+        out: tuple[DeviceArray, DeviceArray],
     ) -> None:
-        """Compute both gradients for this iteration's parameters."""
+        """Write the gradients of both entropies."""
         parameters = stage.numpy()[int(iteration.numpy()[0])]
         a, b = (float(parameters[name]) for name in ("regularization", "normals_regularization"))
         self._regularization = a
-        positions = np.asarray(self._rows(centred)[0], np.float64)
-        normals = np.asarray(self._rows(logs)[0], np.float64)
+        positions, normals = (np.asarray(self._rows(item)[0], np.float64) for item in vectors)
         rests = (
             self._ensemble.rest_of_positions(positions, a) / a,
             self._ensemble.rest_of_normals(normals, b) / b,
@@ -47,16 +50,10 @@ class EnsembleCoupling(HostCoupling):
             for row, rest in zip((positions, normals), rests, strict=True)
         ]
         self._step = float(parameters["step"] * parameters["ensemble_weight"]) / (1.0 + leverages[0])
-        self._gradients = [rest / (1.0 + h) for rest, h in zip(rests, leverages, strict=True)]
+        for rest, h, target in zip(rests, leverages, out, strict=True):
+            self._rows(target)[0] = rest / (1.0 + h)
         self._entropies = 0.5 * self._ensemble.subjects[0] * np.log1p(leverages)
         self.stiffness.numpy()[0] = 1.0 / (b * (1.0 + leverages[1]))
-
-    def directions(
-        self, centred: DeviceArray, logs: DeviceArray, ensemble: DeviceArray, normals: DeviceArray
-    ) -> None:
-        """Write the gradients of H(Z) by positions and of H(V) by Logs."""
-        self._rows(ensemble)[0] = self._gradients[0]
-        self._rows(normals)[0] = self._gradients[1]
 
     def damp(
         self, stage: DeviceArray, iteration: DeviceArray, steps: DeviceArray, damped: DeviceArray
@@ -102,7 +99,7 @@ class FitEngine(Engine):
         )  # fmt: skip
         self.means = wp.array(ensemble.normals, dtype=wp.vec3, device=launcher.device)
 
-    def _tie(self, *, any_fixed: bool, second: str | None = None) -> None:
+    def _tie(self, *, any_fixed: bool) -> None:
         self._own_coupling = EnsembleCoupling(self.layout, self.free, True, self.launch).of(
             self._ensemble, is_in_it=self._is_in_it
         )

@@ -7,12 +7,12 @@ import numpy as np
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.correspondence.divided import make_engine
 from homolog.correspondence.engine import Engine, Particles, rotations
-from homolog.correspondence.entropy.dual import covariance, entropy
+from homolog.correspondence.entropy.dual import ensemble_entropy
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
 from homolog.correspondence.initialization.registration import InitialRegistration
 from homolog.correspondence.initialization.splitting import split
 from homolog.correspondence.launcher import Launcher
-from homolog.correspondence.misplaced import exchange, relocate, relocate_misplaced
+from homolog.correspondence.misplaced import exchange, relocate, relocate_misplaced, repairs_text
 from homolog.correspondence.poses import (
     alignments_of_particles,
     entropy_step,
@@ -135,10 +135,9 @@ class OptimizationLoop:
                     if index > 0:
                         self._checkpoint(index - 1, self.stages[index - 1].iterations)
                     raise
+            begun = self.log.iteration - done
             reason = self._stage(index, done)
-            self._relocate_lost()
-            if index == len(self.stages) - 1:
-                self._exchange()
+            self._repair(index, self.log.iteration - begun)
             self.log.emit_frame(plan.stage, self.engine, ends_stage=index < len(self.stages) - 1)
             done = 0
         return reason
@@ -163,15 +162,15 @@ class OptimizationLoop:
         if not self.aligns or largest_turn(self.poses) < DOUBTFUL_TURN:
             return
         # The surface of a shape that differs much from the mean may lie nearest when it is turned over.
-        turned, engine, most = self.poses, self.engine, CLEARLY_LOWER * self._ensemble_entropy()
+        turned, engine = self.poses, self.engine
         self.poses, self.log.tangential_weight = start, 1.0
         self._register(registration, 1.0, part_of(tick, first, 1.0))
-        if self._ensemble_entropy() > most:
+        before, after = (
+            ensemble_entropy(item.aligned_positions(), MAX_POSE_REGULARIZATION)
+            for item in (engine, self.engine)
+        )
+        if after > CLEARLY_LOWER * before:
             self.poses, self.engine, self.log.tangential_weight = turned, engine, TANGENTIAL_WEIGHT
-
-    def _ensemble_entropy(self) -> float:
-        rows = self.engine.aligned_positions().reshape(len(self.poses), -1)
-        return entropy(covariance(rows - rows.mean(axis=0)), MAX_POSE_REGULARIZATION)
 
     def _register(self, registration: InitialRegistration, tangential_weight: float, progress: Tick) -> None:
         """Place particles by registration, and align the shapes by them."""
@@ -272,11 +271,8 @@ class OptimizationLoop:
 
     def _has_converged(self, plan: StagePlan, done: int) -> bool:
         """Return whether the objective has converged or only fluctuates, at the newest record."""
-        if (
-            not plan.until_converged
-            or done < 2 * RECORD_INTERVAL
-            or (done % RECORD_INTERVAL and done < plan.iterations)
-        ):
+        is_recorded = done % RECORD_INTERVAL == 0 or done >= plan.iterations
+        if not (plan.until_converged and is_recorded and done >= 2 * RECORD_INTERVAL):
             return False
         return self.log.objective_change() < self.tolerance or (
             done >= 2 * PLATEAU_RECORDS * RECORD_INTERVAL
@@ -318,6 +314,19 @@ class OptimizationLoop:
             )
         self.log.record(parts)
 
+    def _repair(self, index: int, done: int) -> None:
+        """Relocate lost particles at the end of a stage, and exchange some after the last one."""
+        plan, before, repaired = self.stages[index], self.engine.particles(), self.repaired.copy()
+        try:
+            self._relocate_lost()
+            if index == len(self.stages) - 1 and self.settings.method.uses_normals:
+                moved = exchange(self.engine, plan.weights(plan.iterations), self.free)
+                self.repaired[moved] = max(self.log.iteration, 1)
+        except Cancelled:
+            self.repaired = repaired
+            self._checkpoint(index, done, before)
+            raise
+
     def _relocate_lost(self) -> None:
         """Move particles that have left their surfaces back onto them.
 
@@ -343,12 +352,6 @@ class OptimizationLoop:
         relocate(self.engine, lost)
         self.repaired[lost] = max(self.log.iteration, 1)
 
-    def _exchange(self) -> None:
-        """Exchange particles where that lowers the objective; nothing moves afterwards."""
-        if self.settings.method.uses_normals:
-            moved = exchange(self.engine, self.stages[-1].weights(self.stages[-1].iterations), self.free)
-            self.repaired[moved] = max(self.log.iteration, 1)
-
     def _report(self, index: int, done: int) -> None:
         """Emit a frame, a checkpoint and the progress, when they are due."""
         self.log.emit_frame(self.stages[index].stage, self.engine)
@@ -361,17 +364,13 @@ class OptimizationLoop:
             expected = RECORD_INTERVAL * (done // RECORD_INTERVAL + left)
         self._progress = (
             self._done(index, done / expected),
-            f"{plan.stage.value}: {plan.count} particles{self._repairs()}",
+            f"{plan.stage.value}: {plan.count} particles{repairs_text(self.repaired)}",
         )
         try:
             self.tick(*self._progress)
         except Cancelled:
             self._checkpoint(index, done)
             raise
-
-    def _repairs(self) -> str:
-        count, shapes = np.count_nonzero(self.repaired), np.count_nonzero(self.repaired.any(axis=1))
-        return f", {count} repaired on {shapes} shape{'s' if shapes > 1 else ''}" if count else ""
 
     def _checkpoint(self, index: int, done: int, particles: Particles | None = None) -> None:
         self.log.save(self.engine, len(self.stages) - 1 - index, done, self.repaired, particles)

@@ -28,6 +28,7 @@ __all__ = [
     "predict_positions",
     "relocate",
     "relocate_misplaced",
+    "repairs_text",
 ]
 
 MIN_ANGLE = np.radians(45.0)  # between a misplaced particle's normal and the mean normal
@@ -109,12 +110,18 @@ def exchange(engine: Engine, weights: Weights, allowed: BoolArray) -> BoolArray:
     )
     exchanges = Exchanges(rows)
     if len(allowed) >= MIN_SHAPES:
-        exchanges.make_all(np.broadcast_to(allowed, exchanges.order.shape))
+        exchanges.make_all(np.broadcast_to(allowed, exchanges.order.shape), engine.launch.poll_cancel)
     moved: BoolArray = exchanges.order != np.arange(exchanges.order.shape[1])
     if moved.any():
         positions = engine.host_positions().astype(np.float64)
         engine.set_positions(np.take_along_axis(positions, exchanges.order[..., None], axis=1))
     return moved
+
+
+def repairs_text(repaired: IntArray) -> str:
+    """Return how many particles were relocated or exchanged, for the end of a progress message."""
+    count, shapes = np.count_nonzero(repaired), np.count_nonzero(repaired.any(axis=1))
+    return f", {count} repaired on {shapes} shape{'s' if shapes > 1 else ''}" if count else ""
 
 
 def find_swapped(aligned: FloatArray, means: FloatArray) -> IntArray:
@@ -189,7 +196,7 @@ def predict_positions(
         Aligned particles.
     misplaced : (M, N) bool array
         Those to be moved.
-    breathe : callable
+    poll_cancel : callable
         Called before each subject; it may raise to stop the work.
 
     Returns

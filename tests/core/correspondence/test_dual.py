@@ -88,8 +88,7 @@ def test_the_device_coupling_computes_what_the_host_coupling_does(shapes, by_til
     for kind in (HostCoupling, DeviceCoupling):
         coupling = kind(layout, movable, held, launcher)
         out = [wp.zeros(shapes * PARTICLES, dtype=wp.vec3, device="cpu") for _ in range(3)]
-        coupling.solve(stage, iteration, centred, logs)
-        coupling.directions(centred, logs, out[0], out[1])
+        coupling.gradients(stage, iteration, (centred, logs), (out[0], out[1]))
         coupling.damp(stage, iteration, centred, out[2])
         results.append([*(array.numpy() for array in out), coupling.stiffness.numpy(), coupling.entropies()])
     for host, device in zip(*results, strict=True):
@@ -143,7 +142,8 @@ def test_where_all_shapes_may_move_holding_others_changes_nothing(rows):
     results = []
     for held in (False, True):
         coupling = HostCoupling(layout, movable, held, launcher)
-        coupling.solve(stage, iteration, given, given)
+        unused = wp.zeros_like(given)
+        coupling.gradients(stage, iteration, (given, given), (unused, unused))
         out = wp.zeros(SHAPES * PARTICLES, dtype=wp.vec3, device="cpu")
         coupling.damp(stage, iteration, given, out)
         results.append(out.numpy().reshape(SHAPES, PARTICLES, 3))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from homolog.correspondence import InitialParticles, optimize, recorder
+from homolog.correspondence import InitialParticles, loop, optimize, recorder
+from homolog.correspondence.exchanges import EnsembleRows, Exchanges
 from homolog.correspondence.misplaced import exchange, find_misplaced, find_swapped, snap_to_mesh
 from homolog.errors import Cancelled
 from homolog.settings import Method, OptimizeSettings
@@ -145,6 +146,7 @@ def test_an_exchange_puts_two_particles_in_each_others_place():
         host_means=lambda: normals,
         host_openings=lambda: np.zeros((5, 64)),
         set_positions=put.append,
+        launch=SimpleNamespace(poll_cancel=lambda: None),
     )
     weights = SimpleNamespace(ensemble=0.02, normals=0.15, regularization=5e-4, normals_regularization=0.01)
     moved = exchange(engine, weights, np.ones((5, 1), dtype=bool))
@@ -199,3 +201,31 @@ def test_a_run_cancelled_in_the_middle_of_a_repair_ends_bit_identical(discs, spo
     rest = optimize(discs, ON, initial=InitialParticles(spoiled[0]), resume=kept[-1])
     np.testing.assert_array_equal(rest.local, whole.local)
     np.testing.assert_array_equal(rest.energies, whole.energies)
+
+
+def test_a_run_cancelled_while_particles_are_exchanged_resumes_to_the_same_result(discs, monkeypatch):
+    kept = []
+
+    def cancelled(*_):
+        raise Cancelled
+
+    whole = optimize(discs, ON)
+    with monkeypatch.context() as patched:
+        patched.setattr(loop, "exchange", cancelled)
+        with pytest.raises(Cancelled):
+            optimize(discs, ON, checkpoint=kept.append)
+    resumed = optimize(discs, ON, resume=kept[-1])
+    assert resumed.iterations == whole.iterations
+    np.testing.assert_array_equal(resumed.local, whole.local)
+
+
+def test_exchanges_can_be_cancelled_between_shapes():
+    def cancelled():
+        raise Cancelled
+
+    random = np.random.default_rng(1)
+    normals = random.normal(size=(4, 20, 3))
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    rows = EnsembleRows(normals, normals, normals[0], np.zeros((4, 20)), (1.0, 1.0), (0.1, 0.1))
+    with pytest.raises(Cancelled):
+        Exchanges(rows).make_all(np.ones((4, 20), dtype=bool), cancelled)

@@ -30,37 +30,6 @@ class Coupling(ABC):
         self.stiffness = wp.zeros(1, dtype=float, device=launcher.device)
 
     @abstractmethod
-    def solve(
-        self, stage: DeviceArray, iteration: DeviceArray, centred: DeviceArray, logs: DeviceArray
-    ) -> None:
-        """Form and invert the regularized duals for this iteration's parameters.
-
-        Parameters
-        ----------
-        stage : array of StepParameters
-            Of the stage's iterations.
-        iteration : (1,) array
-            The present one.
-        centred : (M n,) array of vec3
-            Aligned positions minus their mean over the shapes.
-        logs : (M n,) array of vec3
-            Logarithms of the normals at their mean, with the opening angles.
-        """
-
-    @abstractmethod
-    def directions(
-        self, centred: DeviceArray, logs: DeviceArray, ensemble: DeviceArray, normals: DeviceArray
-    ) -> None:
-        """Write the gradients of H(Z) by positions and of H(V) by Logs.
-
-        Parameters
-        ----------
-        centred, logs : (M n,) arrays of vec3
-            As in `solve`, which is called before.
-        ensemble, normals : (M n,) arrays of vec3
-            Where the gradients are written.
-        """
-
     def gradients(
         self,
         stage: DeviceArray,
@@ -68,17 +37,20 @@ class Coupling(ABC):
         vectors: tuple[DeviceArray, DeviceArray],
         out: tuple[DeviceArray, DeviceArray],
     ) -> None:
-        """Solve for the gradients of both entropies.
+        """Invert the regularized duals, and write the gradients of H(Z) by positions and of H(V) by Logs.
 
         Parameters
         ----------
-        stage, iteration : arrays
-            As in `solve`.
-        vectors, out : pairs of (M n,) arrays of vec3
-            Those of `solve`, and where their gradients are written.
+        stage : array of StepParameters
+            Of the stage's iterations.
+        iteration : (1,) array
+            The present one.
+        vectors : pair of (M n,) arrays of vec3
+            Aligned positions minus their mean over the shapes; logarithms of the normals at their mean, with
+            the opening angles.
+        out : pair of (M n,) arrays of vec3
+            Where the two gradients are written.
         """
-        self.solve(stage, iteration, *vectors)
-        self.directions(*vectors, *out)
 
     def damp(
         self, stage: DeviceArray, iteration: DeviceArray, steps: DeviceArray, damped: DeviceArray
@@ -88,7 +60,7 @@ class Coupling(ABC):
         Parameters
         ----------
         stage, iteration : arrays
-            As in `solve`.
+            As in `gradients`.
         steps : (M n,) array of vec3
             Explicit steps of the particles in the aligned frame.
         damped : (M n,) array of vec3
@@ -117,26 +89,26 @@ class Coupling(ABC):
 class HostCoupling(Coupling):
     """numpy on the arrays of the CPU device, without a copy."""
 
-    def solve(
-        self, stage: DeviceArray, iteration: DeviceArray, centred: DeviceArray, logs: DeviceArray
+    def gradients(
+        self,
+        stage: DeviceArray,
+        iteration: DeviceArray,
+        vectors: tuple[DeviceArray, DeviceArray],
+        out: tuple[DeviceArray, DeviceArray],
     ) -> None:
-        """Form and invert the regularized duals for this iteration's parameters."""
+        """Invert the duals, and write the gradients of both entropies."""
         parameters = stage.numpy()[int(iteration.numpy()[0])]
+        centred, logs = (self._rows(item) for item in vectors)
         self._duals = solve_duals(
-            covariance(self._rows(centred)),
-            covariance(self._rows(logs)),
+            covariance(centred),
+            covariance(logs),
             float(parameters["regularization"]),
             float(parameters["normals_regularization"]),
             float(parameters["step"] * parameters["ensemble_weight"]),
         )
         self.stiffness.numpy()[0] = np.diag(self._duals.normals).max()
-
-    def directions(
-        self, centred: DeviceArray, logs: DeviceArray, ensemble: DeviceArray, normals: DeviceArray
-    ) -> None:
-        """Write the gradients of H(Z) by positions and of H(V) by Logs."""
-        np.matmul(self._duals.gradient, self._rows(centred), out=self._rows(ensemble))
-        np.matmul(self._duals.normals, self._rows(logs), out=self._rows(normals))
+        np.matmul(self._duals.gradient, centred, out=self._rows(out[0]))
+        np.matmul(self._duals.normals, logs, out=self._rows(out[1]))
 
     def _damp_free(self, steps: DeviceArray, damped: DeviceArray) -> None:
         np.matmul(self._duals.damping, self._rows(steps), out=self._rows(damped))
@@ -166,18 +138,17 @@ class DeviceCoupling(Coupling):
         self._duals = make_duals(0, N_MATRICES, self.shapes, self.count, launcher.device)
         self.stiffness = self._duals.stiffness
 
-    def solve(
-        self, stage: DeviceArray, iteration: DeviceArray, centred: DeviceArray, logs: DeviceArray
+    def gradients(
+        self,
+        stage: DeviceArray,
+        iteration: DeviceArray,
+        vectors: tuple[DeviceArray, DeviceArray],
+        out: tuple[DeviceArray, DeviceArray],
     ) -> None:
-        """Form and invert the regularized duals for this iteration's parameters."""
-        self._duals.solve(stage, iteration, centred, logs)
-
-    def directions(
-        self, centred: DeviceArray, logs: DeviceArray, ensemble: DeviceArray, normals: DeviceArray
-    ) -> None:
-        """Write the gradients of H(Z) by positions and of H(V) by Logs."""
-        self._duals.multiply(0, centred, ensemble)
-        self._duals.multiply(int(NORMALS), logs, normals)
+        """Invert the duals, and write the gradients of both entropies."""
+        self._duals.solve(stage, iteration, *vectors)
+        self._duals.multiply(0, vectors[0], out[0])
+        self._duals.multiply(int(NORMALS), vectors[1], out[1])
 
     def _damp_free(self, steps: DeviceArray, damped: DeviceArray) -> None:
         self._duals.multiply(1, steps, damped)
@@ -215,7 +186,7 @@ class DividedCoupling(DeviceCoupling):
         vectors: tuple[DeviceArray, DeviceArray],
         out: tuple[DeviceArray, DeviceArray],
     ) -> None:
-        """Solve for the gradients of both entropies (see `Coupling.gradients`), at the same time."""
+        """Invert the duals, and write the gradients of both entropies, at the same time."""
         centred, logs = vectors
         if stage is not self._stage:
             self._capture(stage, iteration, centred, out[0])

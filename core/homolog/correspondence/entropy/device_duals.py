@@ -54,7 +54,7 @@ class DeviceDuals:
         centred: DeviceArray | None = None,
         logs: DeviceArray | None = None,
     ) -> None:
-        """Form and invert the matrices of those rows that are given (see `Coupling.solve`)."""
+        """Form and invert the matrices of those rows that are given (see `Coupling.gradients`)."""
         divisor = float(self.count * max(self.shapes - 1, 1))
         for rows, out in zip((centred, logs), self._covariances, strict=True):
             if rows is not None:

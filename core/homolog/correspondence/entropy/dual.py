@@ -12,7 +12,7 @@ import numpy as np
 
 from homolog.arrays import Float32Array, FloatArray
 
-__all__ = ["Duals", "covariance", "entropy", "inverse_dual", "solve_duals"]
+__all__ = ["Duals", "covariance", "ensemble_entropy", "entropy", "inverse_dual", "solve_duals"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +53,12 @@ def entropy(matrix: FloatArray, regularization: float) -> float:
     shapes = len(matrix)
     _, logdet = np.linalg.slogdet(matrix / regularization + np.eye(shapes))
     return 0.5 * (shapes - 1) / shapes * float(logdet)
+
+
+def ensemble_entropy(points: FloatArray, regularization: float) -> float:
+    """Return H(Z) of aligned particles (M, n, 3) (see `entropy`)."""
+    rows = points.reshape(len(points), -1)
+    return entropy(covariance(rows - rows.mean(axis=0)), regularization)
 
 
 def inverse_dual(matrix: FloatArray, regularization: float) -> FloatArray:
