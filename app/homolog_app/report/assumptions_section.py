@@ -1,5 +1,6 @@
 """The part of a study's report on what its tests assume, and what they find where there is nothing."""
 
+from homolog.analysis.cautions import p_number
 from homolog.analysis.comparison import Comparison
 from homolog_app.report.findings import p_text
 from homolog_app.report.page import Page
@@ -71,13 +72,13 @@ def _row(study: Study, comparison: Comparison) -> tuple[str, ...]:
     tested = ("–", "–", "–")
     if dispersion is not None:
         means = ", ".join(f"{name} {value:.2f}" for name, value in dispersion.by_group.items()) or "–"
-        tested = (means, f"{dispersion.f:.2f}", _p(dispersion.p, dispersion.permutations))
+        tested = (means, f"{dispersion.f:.2f}", p_number(dispersion.p, dispersion.permutations))
     return (
         comparison.title,
         str(comparison.test.modes),
         *tested,
         "–" if skewness is None else f"{skewness.value:.2f} ({p_text(skewness.p)})",
-        "–" if skewness is None else _p(skewness.shape_p),
+        "–" if skewness is None else p_number(skewness.shape_p),
         ", ".join(study.names[index] for index in comparison.outliers) or "none",
     )
 
@@ -105,7 +106,3 @@ def add_false_positives(page: Page, study: Study) -> None:
         "assumed. The table can't show what differences in dispersion do; see Assumptions."
     )
     page.table(["comparison", "test", "type I error (%)", "95 % bounds"], rows, as_text=True)
-
-
-def _p(p: float, permutations: int | None = None) -> str:
-    return p_text(p, permutations).removeprefix("p ").removeprefix("= ")

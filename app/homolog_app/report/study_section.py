@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from homolog.analysis.cautions import p_number
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.design import lookalikes
 from homolog.analysis.effects import Effect
@@ -17,7 +18,6 @@ from homolog_app.report.findings import (
     LEVEL,
     classified_text,
     corrections_text,
-    p_text,
     size_variance_text,
 )
 from homolog_app.report.page import Page
@@ -155,12 +155,12 @@ def _whole_shape_row(study: Study, title: str, comparison: Comparison) -> tuple[
         title,
         str(test.modes),
         _effect(study, comparison.distance) if comparison.distance is not None else "–",
-        _p(comparison.p_adjusted, test.permutations),
-        _p(test.p_permutation, test.permutations),
+        p_number(comparison.p_adjusted, test.permutations),
+        p_number(test.p_permutation, test.permutations),
         f"{test.studentized:.2f}",
         f"T² {test.t_squared:.1f}" if test.t_squared is not None else f"Λ {test.wilks:.3f}",
         f"{test.f:.2f} ({test.dof[0]:g}, {test.dof[1]:.4g})",
-        _p(test.p),
+        p_number(test.p),
     )
 
 
@@ -173,9 +173,9 @@ def _particles_row(study: Study, title: str, comparison: Comparison) -> tuple[st
         f"{np.count_nonzero(significant)} of {len(significant)}",
         f"{area:.0f}",
         f"{100.0 * area / max(whole, 1e-300):.1f}",
-        _p(float(comparison.p_fwe.min()), local.permutations),
+        p_number(float(comparison.p_fwe.min()), local.permutations),
         f"{np.count_nonzero(local.q <= LEVEL)} of {len(significant)}",
-        _p(float(local.q.min())),
+        p_number(float(local.q.min())),
     )
 
 
@@ -185,7 +185,7 @@ def _separation_row(study: Study, title: str, comparison: Comparison) -> tuple[s
     if size is not None and size_p is not None:
         between = comparison.size_variance
         effect = _effect(study, size) if between is None else size_variance_text(between)
-        sizes = [effect, _p(size_p, size.permutations)]
+        sizes = [effect, p_number(size_p, size.permutations)]
     if line is None:
         return (title, *sizes, *["–"] * 5)
     return (
@@ -217,7 +217,7 @@ def _digits(study: Study, width: float) -> int:
 
 
 def _known(p: float | None, permutations: int) -> str:
-    return "–" if p is None else _p(p, permutations)
+    return "–" if p is None else p_number(p, permutations)
 
 
 def _where(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
@@ -232,7 +232,7 @@ def _where(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
             f"{_effect(study, region.outward)}, {region.direction(region.outward.value)}",
             f"{region.length:.{_digits(study, region.outward.high - region.outward.low)}f}",
             _outward(study, region),
-            _p(region.p, comparison.pointwise.permutations),
+            p_number(region.p, comparison.pointwise.permutations),
         )
         for comparison in study.comparisons
         for number, region in enumerate(significant_regions(study, comparison, carrier), start=1)
@@ -278,10 +278,6 @@ def _outward(study: Study, region: Region) -> str:
     low, high = (f"{value:.{digits}f}" for value in region.outward_range)
     mean = f"{region.mean_outward:.{digits}f}"
     return mean if len(region.particles) == 1 else f"{mean} ({low} to {high})"
-
-
-def _p(p: float, permutations: int | None = None) -> str:
-    return p_text(p, permutations).removeprefix("p ").removeprefix("= ")
 
 
 def _mean_text(mean: float, spread: float) -> str:

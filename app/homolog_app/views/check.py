@@ -38,9 +38,9 @@ _LIGHT, _DARK = np.array([(236, 231, 220), (38, 110, 140)], float)
 _ROUND = (1.0, 1.2, 1.6, 2.0, 2.4, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # their quarters are short numbers
 _SIDES = 28
 _RING, _LIFT = 0.5, 0.15
-_NAMED = 8
-"""As many marked particles have their numbers beside them."""
 """Radius of the ring around a marked particle and its height over the surface, in spacings."""
+_NAMED = 8
+"""Most marked particles that have their numbers beside them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -33,13 +33,13 @@ class Stop:
     ----------
     step : str
         The step that it belongs to.
-    title, words : str
+    title, text : str
         What it says.
     offer : str
         The command that it offers.
     opens : str
         The command that is given when it is shown, such as to open a page.
-    alignment : Compared, optional
+    alignment : ShapeAlignment, optional
         What groups are aligned by from then on.
     """
 
@@ -63,6 +63,8 @@ class Sample:
         Writes its files.
     stops : tuple of Stop
         The tour.
+    truth : str
+        A file beside the subjects that only samples of this kind have.
     groom, optimize : dict
         Settings other than the defaults.
     """
@@ -70,6 +72,7 @@ class Sample:
     name: str
     write: Callable[[Path, Tick], object]
     stops: tuple[Stop, ...]
+    truth: str
     groom: dict[str, object] = field(default_factory=dict)
     optimize: dict[str, object] = field(default_factory=dict)
 
@@ -197,17 +200,19 @@ _STOPS = (
     ),
 )
 
-HEARTS = Sample(f"hearts-{_HEARTS}", _write_hearts, _HEART_STOPS, optimize={"particles": 256})
+HEARTS = Sample(
+    f"hearts-{_HEARTS}", _write_hearts, _HEART_STOPS, "truth/heart_01.ply", optimize={"particles": 256}
+)
 
 # Half turned a bean fits, too: alignment would turn some.
-BEANS = Sample("coffee-beans", _write_beans, _BEAN_STOPS, groom={"alignment": Alignment.NONE})
+BEANS = Sample("coffee-beans", _write_beans, _BEAN_STOPS, "truth.csv", groom={"alignment": Alignment.NONE})
 
 
 def stops_for(study: Study) -> tuple[Stop, ...]:
     """Return the tour of a study: its own if it is a sample, else that of any study."""
-    names = [member.name for member in study.members]
-    for stem, sample in (("heart_", HEARTS), ("bean_", BEANS)):
-        if names and all(name.startswith(stem) for name in names):
+    folders = {member.subject.path.parent for member in study.members}
+    for sample in (HEARTS, BEANS):
+        if len(folders) == 1 and (next(iter(folders)) / sample.truth).is_file():
             return sample.stops
     return _STOPS
 

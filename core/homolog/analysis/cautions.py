@@ -11,7 +11,15 @@ from homolog.arrays import IntArray
 if TYPE_CHECKING:
     from homolog.analysis.comparison import Comparison
 
-__all__ = ["LEVEL", "cautions_of", "dispersion_caution", "outlier_caution", "p_text", "size_caution"]
+__all__ = [
+    "LEVEL",
+    "cautions_of",
+    "dispersion_caution",
+    "outlier_caution",
+    "p_number",
+    "p_text",
+    "size_caution",
+]
 
 LEVEL = 0.05
 """Corrected p-values up to this are called significant."""
@@ -134,7 +142,13 @@ _FAR = {
 
 
 def p_text(p: float, permutations: int | None = None) -> str:
-    """Return a p-value as papers print it, such as ``"p = 0.034"`` or ``"p < 0.001"``.
+    """Return a p-value as papers print it, such as ``"p = 0.034"`` or ``"p < 0.001"`` (see `p_number`)."""
+    number = p_number(p, permutations)
+    return f"p {number}" if number[0] in "<>" else f"p = {number}"
+
+
+def p_number(p: float, permutations: int | None = None) -> str:
+    """Return a p-value for a cell of a table, such as ``"0.034"`` or ``"< 0.001"``.
 
     Parameters
     ----------
@@ -144,15 +158,15 @@ def p_text(p: float, permutations: int | None = None) -> str:
         Permutations that it was counted over: no more digits are given than these can tell.
     """
     if p < 0.001:
-        return "p < 0.001"
+        return "< 0.001"
     digits = 3 if p < 0.0995 else 2
     if permutations is not None:
         digits = min(digits, max(1, ceil(log10(permutations + 1))))
     if round(p, digits) >= 1.0:
-        return f"p > {1.0 - 10.0**-digits:.{digits}f}"
+        return f"> {1.0 - 10.0**-digits:.{digits}f}"
     if round(p, digits) == 0.0:
-        return f"p < {10.0**-digits:.{digits}f}"
-    return f"p = {p:.{digits}f}"
+        return f"< {10.0**-digits:.{digits}f}"
+    return f"{p:.{digits}f}"
 
 
 def _unlike(values: Sequence[float]) -> bool:

@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 
+from homolog.cohort import Subject
 from homolog.settings import OptimizeSettings
+from homolog_app.studies.study import Member, Study
+from homolog_app.window.start_page import BEANS, HEARTS, stops_for
 
 pytestmark = pytest.mark.window
 
@@ -150,3 +153,12 @@ def test_the_tour_of_a_study_that_is_no_sample_speaks_of_any_study(beans):
     while beans.tour.card.go_on.isEnabled():
         beans.tour.card.go_on.click()
     assert beans.workspace.session.step == "groom"
+
+
+def test_only_the_folder_of_a_sample_has_the_tour_of_the_sample(tmp_path):
+    path = tmp_path / "heart_01.nrrd"
+    hearts = Study((Member(Subject("heart_01", path)),))
+    assert stops_for(hearts) not in (HEARTS.stops, BEANS.stops)
+    (tmp_path / "truth").mkdir()
+    (tmp_path / "truth" / "heart_01.ply").touch()
+    assert stops_for(hearts) is HEARTS.stops

@@ -7,6 +7,7 @@ import numpy as np
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTreeWidget, QTreeWidgetItem
 
+from homolog.analysis.cautions import p_number
 from homolog_app.rendering.text import short, signed, typeset
 from homolog_app.report.findings import LEVEL, correction_text, p_text
 from homolog_app.report.request import SIZE_TEXTS
@@ -137,7 +138,7 @@ def _values(study: "Study", comparison: "Comparison") -> tuple[str, str, str, st
         effect = f"{distance.value:{form}} ({distance.low:{form}} to {distance.high:{form}})"
     p = "–"
     if comparison.test.modes:
-        p = p_text(comparison.p_adjusted, comparison.test.permutations).removeprefix("p ").removeprefix("= ")
+        p = p_number(comparison.p_adjusted, comparison.test.permutations)
     significant = comparison.p_fwe <= LEVEL
     share = (
         100.0 * float(study.areas[significant].sum()) / max(float(study.areas.sum()), np.finfo(float).tiny)
