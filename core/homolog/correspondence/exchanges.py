@@ -6,7 +6,7 @@ unit vector of the shape, centred, and y = Y d. So log det(C + aI) changes by th
 determinant.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,15 +14,19 @@ from scipy.spatial import cKDTree
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.correspondence.entropy.dual import covariance
+from homolog.device import cores
+from homolog.threads import in_threads
 
 __all__ = ["EnsembleRows", "Exchanges"]
-
-_Change = Callable[[int, IntArray, FloatArray], FloatArray]
 
 NEAREST = 12
 """Particles next to one on a shape that it may be exchanged with."""
 LEAST_GAIN = 0.05
 """By which an exchange has to lower the objective, summed up over all particles; less decides nothing."""
+TOGETHER = 64
+"""Shapes whose pairs are judged together, as most of them are pairs of all shapes."""
+PAIRS_TOGETHER = 256
+"""Pairs whose rows are multiplied at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +85,9 @@ class Exchanges:
 
         Summed up over all particles, as the other values here.
         """
-        return self._gains(shape, pairs, [part.change for part in self._entropies])
+        steps = zip(self._entropies, self._steps(shape, pairs), strict=True)
+        changed = [part.change(shape, pairs, step) for part, step in steps]
+        return -np.stack(changed, axis=1) * self._rows.weights
 
     def lower(self, shape: int, pair: IntArray) -> bool:
         """Return whether an exchange lowers H(Z) and the objective clearly."""
@@ -101,17 +107,41 @@ class Exchanges:
         """
         made = True
         while made:
+            surveys = [part.survey() for part in self._entropies]
             made = False
-            for shape in range(len(allowed)):
-                poll_cancel()
-                made |= self._make_best(shape, allowed[shape])
+            for first in range(0, len(allowed), TOGETHER):
+                shapes = range(first, min(first + TOGETHER, len(allowed)))
+                for shape, pairs in zip(shapes, self._candidates(shapes, allowed, surveys), strict=True):
+                    poll_cancel()
+                    made |= self._make_best(shape, pairs)
 
-    def _make_best(self, shape: int, allowed: BoolArray) -> bool:
-        """Make the exchanges on a shape, the best one first; return whether there were any."""
-        pairs = _near_pairs(self._rows.positions[shape, self.order[shape]])
-        pairs = pairs[allowed[pairs].all(axis=1)]
-        bounds = self._gains(shape, pairs, [part.least for part in self._entropies])
-        pairs = pairs[_sums(bounds) > LEAST_GAIN]
+    def _candidates(
+        self, shapes: Sequence[int], allowed: BoolArray, surveys: Sequence["_Survey"]
+    ) -> Iterator[IntArray]:
+        """Yield for each shape the near pairs (P, 2) whose exchange lowers both when a pass begins."""
+        count = allowed.shape[1]
+
+        def near_codes(shape: int) -> IntArray:
+            pairs = _near_pairs(self._rows.positions[shape, self.order[shape]])
+            return pairs[allowed[shape, pairs].all(axis=1)] @ np.array([count, 1])
+
+        codes = list(in_threads(near_codes, shapes, cores()))
+        distinct = np.unique(np.concatenate(codes))
+        products = [survey.products(_pairs_of(distinct, count)) for survey in surveys]
+
+        def promising(item: tuple[int, IntArray]) -> IntArray:
+            shape, own = item
+            pairs, rows = _pairs_of(own, count), np.searchsorted(distinct, own)
+            changed = [
+                survey.change(shape, pairs, step, product[rows])
+                for survey, product, step in zip(surveys, products, self._steps(shape, pairs), strict=True)
+            ]
+            return pairs[_sums(-np.stack(changed, axis=1) * self._rows.weights) > LEAST_GAIN]
+
+        yield from in_threads(promising, zip(shapes, codes, strict=True), cores())
+
+    def _make_best(self, shape: int, pairs: IntArray) -> bool:
+        """Make exchanges of some pairs of a shape, the best one first; return whether there were any."""
         count = len(pairs)
         while len(pairs):
             gains = _sums(self.gains(shape, pairs))
@@ -127,11 +157,6 @@ class Exchanges:
         for part, step in zip(self._entropies, self._steps(shape, pair[None]), strict=True):
             part.add(shape, pair, step[0])
         self.order[shape, pair] = self.order[shape, pair[::-1]]
-
-    def _gains(self, shape: int, pairs: IntArray, changes: Sequence[_Change]) -> FloatArray:
-        steps = self._steps(shape, pairs)
-        changed = [change(shape, pairs, step) for change, step in zip(changes, steps, strict=True)]
-        return -np.stack(changed, axis=1) * self._rows.weights
 
     def _steps(self, shape: int, pairs: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return what exchanges add to the rows of H(Z) and H(V) at the two particles, (P, 2, 3) each."""
@@ -155,18 +180,21 @@ class _Entropy:
         matrix = covariance(self._rows.reshape(shapes, -1)) + regularization * np.eye(shapes)
         self._inverse = np.linalg.inv(matrix)
 
-    def least(self, shape: int, pairs: IntArray, steps: FloatArray) -> FloatArray:
-        """Return a lower bound of `change`, which it reaches where d is a sum of rows."""
-        pulled = np.tensordot(self._inverse[shape], self._rows, axes=1)
-        mixed = np.einsum("pki,pki->p", pulled[pairs], steps)
-        return np.asarray(2.0 * self._factor * np.log(np.maximum(1.0 + mixed / self._c, 1e-300)))
+    def survey(self) -> "_Survey":
+        """Return what the changes by all pairs of all shapes have in common."""
+        pulled = np.tensordot(self._inverse, self._rows, axes=1)
+        return _Survey(self, self._rows.transpose(1, 2, 0).copy(), pulled)
 
     def change(self, shape: int, pairs: IntArray, steps: FloatArray) -> FloatArray:
         """Return by how much the entropy changes, summed up over all particles."""
-        across, squared = self._across(pairs, steps), np.square(steps).sum(axis=(1, 2))
+        across = self._across(pairs, steps)
         pulled = self._inverse @ across
-        own, c, mixed = self._inverse[shape, shape] - self._common, self._c, pulled[shape]
-        both = np.einsum("mp,mp->p", across, pulled)
+        return self.logarithm(shape, steps, pulled[shape], np.einsum("mp,mp->p", across, pulled))
+
+    def logarithm(self, shape: int, steps: FloatArray, mixed: FloatArray, both: FloatArray) -> FloatArray:
+        """Return the change from the component of C^-1 y at the shape, and y' C^-1 y, (P,) each."""
+        own, c = self._inverse[shape, shape] - self._common, self._c
+        squared = np.square(steps).sum(axis=(1, 2))
         determinant = (c + squared * own + mixed) * (c + mixed) - own * (squared * mixed + both)
         return np.asarray(self._factor * np.log(determinant / c**2))
 
@@ -186,6 +214,34 @@ class _Entropy:
         return np.asarray(np.einsum("mpki,pki->mp", self._rows[:, pairs], steps))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Survey:
+    """Changes by many pairs of many shapes at one state: y' C^-1 y is quadratic in d, by products of rows."""
+
+    entropy: _Entropy
+    rows: FloatArray  # (N, 3, M)
+    pulled: FloatArray  # (M, N, 3), C^-1 times the rows
+
+    def products(self, pairs: IntArray) -> FloatArray:
+        """Return Y' C^-1 Y of the coordinates of pairs (P, 2), (P, 2, 3, 2, 3)."""
+        result = np.empty((len(pairs), 2, 3, 2, 3))
+        for first in range(0, len(pairs), PAIRS_TOGETHER):
+            some = slice(first, first + PAIRS_TOGETHER)
+            left, right = self.rows[pairs[some]], self.pulled[:, pairs[some]]
+            result[some] = np.matmul(
+                left.reshape(len(left), 6, -1),
+                right.transpose(1, 2, 3, 0).reshape(len(left), 6, -1).swapaxes(1, 2),
+            ).reshape(-1, 2, 3, 2, 3)
+        return result
+
+    def change(self, shape: int, pairs: IntArray, steps: FloatArray, products: FloatArray) -> FloatArray:
+        """Return by how much the entropy changes by each of the pairs of a shape."""
+        mixed = np.einsum("pki,pki->p", self.pulled[shape, pairs], steps)
+        flat = steps.reshape(-1, 6)
+        both = np.einsum("pa,pab,pb->p", flat, products.reshape(-1, 6, 6), flat, optimize=True)
+        return self.entropy.logarithm(shape, steps, mixed, both)
+
+
 def _sums(gains: FloatArray) -> FloatArray:
     """Return the gains (P,) of exchanges, 0 where H(Z) would not fall."""
     return np.where(gains[:, 0] > 0.0, gains.sum(axis=1), 0.0)
@@ -201,4 +257,8 @@ def _near_pairs(points: FloatArray) -> IntArray:
     count = len(points)
     near = np.asarray(cKDTree(points).query(points, k=min(NEAREST + 1, count))[1])
     lower, upper = np.minimum(near[:, :1], near[:, 1:]), np.maximum(near[:, :1], near[:, 1:])
-    return np.stack(np.divmod(np.unique(lower * count + upper), count), axis=1)
+    return _pairs_of(np.unique(lower * count + upper), count)
+
+
+def _pairs_of(codes: IntArray, count: int) -> IntArray:
+    return np.stack(np.divmod(codes, count), axis=1)
