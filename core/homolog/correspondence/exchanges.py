@@ -123,7 +123,8 @@ class Exchanges:
 
         def near_codes(shape: int) -> IntArray:
             pairs = _near_pairs(self._rows.positions[shape, self.order[shape]])
-            return pairs[allowed[shape, pairs].all(axis=1)] @ np.array([count, 1])
+            codes: IntArray = pairs[allowed[shape, pairs].all(axis=1)] @ np.array([count, 1])
+            return codes
 
         codes = list(in_threads(near_codes, shapes, cores()))
         distinct = np.unique(np.concatenate(codes))
