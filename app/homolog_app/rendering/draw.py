@@ -3,10 +3,12 @@
 import atexit
 import logging
 import os
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, suppress
+from pathlib import Path
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -27,6 +29,11 @@ _EMULATED = ("llvmpipe", "softpipe", "swrast")
 """OpenGL of Mesa without a graphics card: half as fast as what draws without OpenGL."""
 PATIENCE_S = 120.0
 """A driver that needs longer to begin doesn't work."""
+
+_FAULTS = (RuntimeError, ImportError, TimeoutError)
+"""Of a process that begins OpenGL; `BrokenProcessPool` is a RuntimeError."""
+_CARDS = ("dri/card*", "dri/renderD*", "nvidia[0-9]*", "dxg")
+"""Devices of graphics cards on Linux; the last one is Windows' in WSL."""
 
 _log = logging.getLogger(__name__)
 
@@ -87,6 +94,7 @@ class RendererChoice:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._drawer: _Drawer | None = None
+        self._emulated: OpenGLProcess | None = None  # started only for what needs OpenGL
 
     @property
     def name(self) -> str:
@@ -105,25 +113,33 @@ class RendererChoice:
     def with_opengl(self, function: Callable[..., _T], *arguments: object) -> _T:
         try:
             with self._lock:
-                drawer = self._chosen()
-                if isinstance(drawer, OpenGLProcess):
-                    return drawer.call(function, *arguments)
-        except BrokenProcessPool as error:
+                return self._process().call(function, *arguments)
+        except _FAULTS as error:
             raise InputError(_NO_OPENGL) from error
-        raise InputError(_NO_OPENGL)
+
+    def _process(self) -> "OpenGLProcess":
+        drawer = self._chosen()
+        if isinstance(drawer, OpenGLProcess):
+            return drawer
+        if os.environ.get(RENDERER) == "software":
+            raise InputError(_NO_OPENGL)
+        self._emulated = self._emulated or OpenGLProcess()
+        return self._emulated
 
     def _chosen(self) -> _Drawer:
         if self._drawer is None:
             wanted = os.environ.get(RENDERER, "")
             if wanted not in _WANTED:
                 raise InputError(f"{RENDERER}={wanted}: use {' or '.join(filter(None, _WANTED))}")
-            self._drawer = _software() if wanted == "software" else self._opengl(wanted == "opengl")
+            needed = wanted == "opengl"
+            uses_opengl = needed or (wanted != "software" and _may_have_graphics_card())
+            self._drawer = self._opengl(needed) if uses_opengl else _software()
         return self._drawer
 
     def _opengl(self, needed: bool) -> _Drawer:
         try:
             return OpenGLProcess(draws_emulated=needed)
-        except (BrokenProcessPool, RuntimeError, ImportError, TimeoutError) as error:
+        except _FAULTS as error:
             if needed:
                 raise InputError(f"{RENDERER}=opengl: this machine has no OpenGL that works") from error
             return _software()
@@ -169,6 +185,11 @@ def _draw(scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
     from homolog_app.rendering import opengl
 
     return opengl.draw(scene, frame, width)
+
+
+def _may_have_graphics_card() -> bool:
+    """Return False where OpenGL could only be emulated: to look saves a process that loads VTK."""
+    return sys.platform != "linux" or any(any(Path("/dev").glob(card)) for card in _CARDS)
 
 
 def _software() -> _Drawer:

@@ -19,7 +19,7 @@ __all__ = ["Software", "hollows", "openness", "shaded", "warp_mesh", "warp_vecto
 
 _DEVICE = "cpu"
 _OCCLUSION_RAYS = 48
-_OCCLUSION_SETS = 4
+_OCCLUSION_SETS = 8
 _SMOOTHING_ROUNDS = 2
 _OCCLUSION_DEPTH = 0.45
 _OCCLUSION_REACH = 0.25
@@ -39,7 +39,7 @@ def hollows(mesh: TriangleMesh) -> FloatArray:
 def openness(mesh: TriangleMesh, reach: float) -> FloatArray:
     """Return the share of directions in which each vertex does not see the surface within reach [mm], (V,).
 
-    A vertex casts a quarter of the rays; averaging over its neighbours, which cast others, removes the noise.
+    A vertex casts an eighth of the rays; averaging over its neighbours, which cast others, removes the noise.
     """
     index = (np.arange(_OCCLUSION_RAYS) + 0.5) / _OCCLUSION_RAYS
     turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(_OCCLUSION_RAYS)
