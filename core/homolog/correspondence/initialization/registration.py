@@ -43,6 +43,7 @@ MIN_LANDMARKS = 6  # for a thin-plate map; four points determine an affine map
 FIRST_SMOOTHING, LAST_SMOOTHING = 1e3, 10.0  # of the thin-plate map in the first and last round
 N_MATCHES, MATCH_WIDTH = 8, 4.0  # vertices averaged for a closest point; width of weights [optimizer lengths]
 N_CANDIDATES, N_SAMPLES = 40, 200  # for the reference; points of each shape that are compared
+FEWEST_CANDIDATES, MAX_COMPARED = 10, 8000  # of large cohorts; pairs of shapes that are compared
 MIN_NORMAL_COSINE = 0.5  # between normals on the same wall
 NORMAL_LENGTH = 20.0  # distance [optimizer lengths] equivalent to one radian between normals
 
@@ -310,7 +311,10 @@ def features(vertices: FloatArray, normals: FloatArray) -> FloatArray:
 
 
 def shape_distances(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> tuple[IntArray, FloatArray]:
-    """Return at most 40 shapes (K,) and their mean distances to all shapes, both ways, shape (K, M)."""
+    """Return at most 40 shapes (K,) and their mean distances to all shapes, both ways, shape (K, M).
+
+    Of more than 200 shapes fewer are candidates for the reference, as comparing takes K M.
+    """
     trees = [cKDTree(mesh.vertices) for mesh in meshes]
     points = []
 
@@ -328,7 +332,8 @@ def shape_distances(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> tup
         both: FloatArray = forward.mean(axis=1) + np.array(back)
         return both
 
-    candidates = np.arange(0, len(meshes), max(1, len(meshes) // N_CANDIDATES))
+    count = min(N_CANDIDATES, max(FEWEST_CANDIDATES, MAX_COMPARED // len(meshes)))
+    candidates = np.arange(0, len(meshes), max(1, len(meshes) // count))
     distances = np.empty((len(candidates), len(meshes)))
     for row, row_distances in enumerate(in_threads(to_all, candidates.tolist(), cores())):
         tick(0.5 + 0.5 * row / len(candidates), "most typical shape")
