@@ -16,7 +16,16 @@ from homolog.surfaces.mesh_level import REACH, mesh_level, mesh_sides
 from homolog.surfaces.redistance import redistanced
 from homolog.surfaces.solid import Solid
 
-__all__ = ["MAX_NODES", "USUAL_NODES", "Level", "level_of_mesh", "level_of_solid", "level_of_voxels"]
+__all__ = [
+    "MANY_CROSSED",
+    "MAX_NODES",
+    "USUAL_NODES",
+    "Level",
+    "edges_crossed",
+    "level_of_mesh",
+    "level_of_solid",
+    "level_of_voxels",
+]
 
 PADDING = 6
 """Nodes between the structure and the border of the grid."""
@@ -24,6 +33,8 @@ MAX_NODES = 2**26
 """Larger grids are refused: they need several gigabytes per subject."""
 USUAL_NODES = 2**24
 """Largest grid where the spacing is automatic."""
+MANY_CROSSED = 1_000_000
+"""Largest number of grid edges that the surface crosses, where the spacing is automatic."""
 MANY_NODES = 2_000_000
 """A larger grid is made coarser, as far as the thinnest parts of the structure allow."""
 NEAR = 4
@@ -110,6 +121,15 @@ def level_of_voxels(segmentation: Segmentation, spacing: float | None, sigma: fl
     return Level(_closed_at_border(values), affine, step, notes + further)
 
 
+def edges_crossed(segmentation: Segmentation, step: float) -> float:
+    """Return how many edges of a grid a structure's surface crosses, for a distance between nodes [mm]."""
+    area = 0.0
+    for axis in range(3):
+        along = np.moveaxis(np.pad(segmentation.mask, 1), axis, 0)
+        area += np.count_nonzero(along[1:] != along[:-1]) * np.delete(segmentation.spacing, axis).prod()
+    return float(area / step**2)
+
+
 def level_of_mesh(mesh: TriangleMesh, spacing: float | None) -> Level:
     """Return the distance to a closed mesh, as far as it is needed.
 
@@ -192,7 +212,8 @@ def _sparing_step(segmentation: Segmentation) -> float:
     extent = np.array(segmentation.mask.shape) * spacing
     finest = float(spacing.min())
     of_voxel = float(min(spacing.prod() ** (1 / 3), LEAST_COARSENING * finest))
-    step = least = max(of_voxel, float((extent.prod() / USUAL_NODES) ** (1 / 3)))
+    of_surface = float(np.sqrt(edges_crossed(segmentation, 1.0) / MANY_CROSSED))
+    step = least = max(of_voxel, of_surface, float((extent.prod() / USUAL_NODES) ** (1 / 3)))
     while _count(extent, step) > MANY_NODES:
         step *= 1.02
     every = max(1, round((segmentation.mask.size / SAMPLED_VOXELS) ** (1 / 3)))

@@ -11,7 +11,7 @@ from homolog.files.meshes import read_mesh
 from homolog.grooming.clean import cleaned
 from homolog.grooming.fields import distance_field, volume_inside
 from homolog.grooming.images import Segmentation, read_segmentation
-from homolog.grooming.levels import USUAL_NODES, level_of_voxels
+from homolog.grooming.levels import MANY_CROSSED, USUAL_NODES, edges_crossed, level_of_voxels
 from homolog.grooming.structures import mask_of, masks_of
 from homolog.grooming.triangles import check_triangles, deviation, level_of_triangles
 from homolog.memory import Store
@@ -303,7 +303,8 @@ def _field_of_voxels(
     """Return `distance_field` of one piece; on nodes half as far apart where much would be lost."""
     level = level_of_voxels(segmentation, settings.spacing, settings.smoothing)
     result = distance_field(level, settings.smoothing, settings.tunnels)
-    if 8 * level.values.size > USUAL_NODES:
+    crossed = edges_crossed(segmentation, 0.5 * level.step)
+    if 8 * level.values.size > USUAL_NODES or crossed > MANY_CROSSED:
         return result
     held = volume_inside(result[0]) / segmentation.volume
     if held < _MUCH_LOST and settings.spacing is None:

@@ -11,6 +11,7 @@ from homolog.surfaces.kernels import distances as kernels
 __all__ = ["redistanced"]
 
 _TOLERANCE = 1e-3  # voxels
+_ROUNDS = 4
 _EVERY = 3  # nodes between those where rough distances are computed
 
 
@@ -88,7 +89,9 @@ def _propagate(signed: wp.array, state: wp.array, reach: float, second_order: bo
         lists[0][: len(start)].assign(start)
     turns = wp.zeros_like(state)
     count, total = len(start), wp.zeros(1, dtype=wp.int32)
-    while count:
+    for _ in range(_ROUNDS * sum(signed.shape)):  # a front crosses the grid in as many; mostly in far fewer
+        if not count:
+            break
         total.zero_()
         wp.launch(
             kernels.relax, count, [signed, state, turns, *lists, total, reach, _TOLERANCE, second_order]

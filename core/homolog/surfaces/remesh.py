@@ -20,7 +20,7 @@ Sizes = Callable[[FloatArray], FloatArray]
 
 _LONG, _SHORT = 4.0 / 3.0, 3.0 / 4.0  # of the target edge length
 _SWEEPS = 5
-_COLLAPSES, _FLIPS = 8, 3  # rounds of a sweep, at most
+_SPLITS, _COLLAPSES, _FLIPS = 20, 8, 3  # rounds of a sweep, at most
 _FEW = 0.003  # of the vertices: a round that would change less is left out
 _SLIDE = 0.6
 
@@ -59,7 +59,7 @@ def remeshed(mesh: TriangleMesh, field: DistanceField, sizes: float | Sizes) -> 
 
 def _split(edges: HalfEdges) -> None:
     """Halve edges that are too long until there are few."""
-    while True:
+    for _ in range(_SPLITS):
         sides, lengths = edges.lengths()
         if edges.split(_sorted(sides, -lengths, lengths > 1.0)) <= _FEW * len(edges.vertices):
             return

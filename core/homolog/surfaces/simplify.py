@@ -11,6 +11,7 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = ["levels_of_detail", "simplified"]
 
 _SHARE = 1.0 / 3.0  # of the edges, the cheapest, that are merged in one round
+_ROUNDS = 60  # at most: where topology leaves little to merge, rounds merge hardly any
 
 
 def simplified(mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
@@ -66,7 +67,9 @@ def levels_of_detail(mesh: TriangleMesh, counts: Sequence[int]) -> list[Triangle
 def _merge(edges: HalfEdges, most: int) -> int:
     """Merge so many of the cheapest edges, or as many as the topology allows, and return how many."""
     left, share = most, _SHARE
-    while left > 0:
+    for _ in range(_ROUNDS):
+        if left <= 0:
+            break
         sides, costs = edges.costs()
         cheap = np.flatnonzero(costs <= np.quantile(costs, share))
         done = edges.merge(sides[cheap[np.argsort(costs[cheap], kind="stable")]], left)

@@ -5,6 +5,7 @@ Inside-Outside Segmentation using Generalized Winding Numbers, SIGGRAPH 2013; Ba
 Numbers for Soups and Clouds, SIGGRAPH 2018), see `mesh_level`.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +35,9 @@ _PLACES = np.array([[1.0, 1.0, 1.0], [2.4, 0.3, 0.3], [0.3, 2.4, 0.3], [0.3, 0.3
 _ASIDE = 0.02
 """Of the mean edge: how far before and behind."""
 LARGE = 100_000
-"""Faces: of larger meshes two of each group are asked, and all where groups differ."""
+"""Faces: of larger meshes two of each group are asked, and more where groups differ."""
+_MOST_ASKED = 100_000
+"""Faces of a large mesh that are asked one by one, at most; others follow their neighbours."""
 _CELL = 4.0
 """Roots of the mean area of a patch's faces along the sides of the cells that make groups."""
 _MANY = 3000
@@ -147,12 +150,29 @@ def _bounding(mesh: TriangleMesh, patches: IntArray) -> BoolArray:
         result = bounds(first, _PLACES[0])[groups]
         is_open = _uneven(mesh, groups, result != bounds(last, _PLACES[0])[groups], result)
         result &= ~is_open
+        if (every := -(-np.count_nonzero(is_open) // _MOST_ASKED)) > 1:
+            some = np.flatnonzero(is_open)[::every]
+            result[some] = bounds(some, _PLACES[0])
+            return _with_neighbours(mesh, result, is_open, math.ceil(math.sqrt(2.0 * every)))
     for place in _PLACES:
         left = np.flatnonzero(~result & is_open & met[mesh.faces].any(axis=1))
         result[left] = bounds(left, place)
         met[:] = False
         met[mesh.faces[result]] = True  # at further places only the neighbours of such faces
     return result
+
+
+def _with_neighbours(mesh: TriangleMesh, bounding: BoolArray, other: BoolArray, steps: int) -> BoolArray:
+    """Return faces and those of others that are within so many steps over vertices.
+
+    Of large meshes, where faces are small: one too many beside the boundary changes the distance to it by a
+    few edges at most, and one that was not asked is not left out.
+    """
+    for _ in range(steps):
+        met = np.zeros(len(mesh.vertices), dtype=bool)
+        met[mesh.faces[bounding]] = True
+        bounding = bounding | (other & met[mesh.faces].any(axis=1))
+    return bounding
 
 
 def _groups(mesh: TriangleMesh, patches: IntArray) -> IntArray:

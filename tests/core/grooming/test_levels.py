@@ -4,7 +4,7 @@ from scipy import ndimage
 
 from homolog.grooming import levels
 from homolog.grooming.fields import distance_field
-from homolog.grooming.levels import level_of_voxels
+from homolog.grooming.levels import edges_crossed, level_of_voxels
 from homolog.grooming.volumes import Segmentation
 from homolog.surfaces.isosurface import marching_cubes
 from homolog.surfaces.mesh import TriangleMesh
@@ -43,6 +43,14 @@ def test_a_thin_shell_keeps_the_grid_of_its_voxels(grid, of_mask, monkeypatch):
     shell = (radius < 24.0) & (radius > 22.0) & (grid(26.0)[..., 2] < 10.0)
     monkeypatch.setattr(levels, "MANY_NODES", 50_000)
     assert level_of_voxels(of_mask(shell), None, 1.0).step == 1.0
+
+
+def test_a_structure_with_a_large_surface_gets_a_grid_that_it_crosses_less_often(grid, of_mask, monkeypatch):
+    radius = np.linalg.norm(grid(30.0, (1.0, 1.0, 1.0)), axis=-1)
+    shells = of_mask((radius < 28.0) & (radius % 4.0 < 2.0))
+    monkeypatch.setattr(levels, "MANY_NODES", 30_000)
+    monkeypatch.setattr(levels, "MANY_CROSSED", edges_crossed(shells, 1.0) / 2.0)
+    assert level_of_voxels(shells, None, 1.0).step == pytest.approx(np.sqrt(2.0))
 
 
 def test_a_structure_of_few_nodes_is_not_made_coarser(grid, of_mask):

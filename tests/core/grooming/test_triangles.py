@@ -224,6 +224,17 @@ def test_walls_within_large_meshes_are_told_from_groups_of_faces(egg, monkeypatc
     assert np.array_equal(solid_of(pieces).bounds, expected.bounds)
 
 
+def test_of_many_doubtful_faces_some_are_asked_and_no_bounding_one_is_left_out(egg, monkeypatch):
+    pieces = joined(egg, moved(egg, [16.0, 3.0, 1.0], 0.6), moved(egg, [0.0, 0.0, 0.0], 0.5))
+    expected = solid_of(pieces).bounds
+    monkeypatch.setattr("homolog.surfaces.solid.LARGE", 0)
+    monkeypatch.setattr("homolog.surfaces.solid._MOST_ASKED", 2000)
+    monkeypatch.setattr("homolog.surfaces.solid._uneven", lambda mesh, *_: np.ones(len(mesh.faces), bool))
+    bounds = solid_of(pieces).bounds
+    assert bounds[expected].all()
+    assert bounds.mean() < expected.mean() + 0.2
+
+
 def test_pieces_apart_make_one_surface_only_if_the_largest_is_kept(egg, tmp_path):
     path = tmp_path / "two.ply"
     write_mesh(path, joined(egg, moved(egg, [60.0, 0.0, 0.0], 0.5)))

@@ -175,6 +175,13 @@ def test_edges_that_ask_for_millions_of_vertices_are_refused(torus):
         isosurface(torus, 0.01)
 
 
+def test_a_surface_that_crosses_too_many_edges_of_the_grid_is_refused_with_a_spacing(torus, monkeypatch):
+    crossed = len(marching_cubes(torus.values)[0])
+    monkeypatch.setattr("homolog.surfaces.isosurface._MOST_CROSSED", crossed // 4)
+    with pytest.raises(InputError, match="set the grid spacing to 2 mm or more"):
+        isosurface(torus)
+
+
 def test_a_mesh_that_is_not_closed_is_an_error(torus, mesh):
     with pytest.raises(NumericalError, match="open or pinched"):
         remeshed(TriangleMesh(mesh.vertices, mesh.faces[1:]), torus, 1.0)

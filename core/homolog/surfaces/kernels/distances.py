@@ -13,6 +13,8 @@ wp.set_module_options({"enable_backward": False})
 
 FAR = 1.0e6
 _FAR = wp.constant(FAR)
+_ACCURACY = wp.constant(1.2)
+"""Winding numbers: radii of a group of faces, from which distance on it counts as one dipole."""
 _TRIALS = wp.constant(10)
 _FREE_TURNS = wp.constant(500)
 
@@ -299,7 +301,7 @@ def distances_of_points(
 @wp.kernel
 def find_sides(mesh: wp.uint64, points: wp.array(dtype=wp.vec3), inside: wp.array(dtype=wp.bool)) -> None:
     """Whether a mesh winds around points at least half, however far away it is."""
-    query = wp.mesh_query_point_sign_winding_number(mesh, points[wp.tid()], _FAR)
+    query = wp.mesh_query_point_sign_winding_number(mesh, points[wp.tid()], _FAR, _ACCURACY)
     inside[wp.tid()] = query.result and query.sign < 0.0
 
 
