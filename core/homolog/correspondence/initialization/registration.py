@@ -38,7 +38,8 @@ __all__ = [
 
 N_CONTROL_POINTS = 400  # of the thin-plate map, on the reference
 N_ROUNDS = 12  # of closest points
-N_TOGETHER = 8  # shapes that are registered in one piece of work, on any number of cores
+N_TOGETHER, N_TOGETHER_OF_MANY = 8, 32  # shapes registered in one piece of work, on any number of cores
+MANY_SHAPES = 128  # from which larger pieces pay
 MIN_LANDMARKS = 6  # for a thin-plate map; four points determine an affine map
 FIRST_SMOOTHING, LAST_SMOOTHING = 1e3, 10.0  # of the thin-plate map in the first and last round
 N_MATCHES, MATCH_WIDTH = 8, 4.0  # vertices averaged for a closest point; width of weights [optimizer lengths]
@@ -125,19 +126,22 @@ class Registration:
             Cancelling.
         """
         trees = [cKDTree(features(target.vertices, target.vertex_normals)) for target in targets]
+        vertices = np.concatenate([target.vertices for target in targets])
+        counts = np.array([len(target.vertices) for target in targets])
+        starts = (np.cumsum(counts) - counts)[:, None, None]
         deformed = np.stack(guesses, axis=1)  # (V, targets, 3)
         for smoothing in np.geomspace(FIRST_SMOOTHING, LAST_SMOOTHING, N_ROUNDS):
-            normals = self._control_normals(deformed)
-            matched = np.empty((len(self.control), len(targets), 3))
-            for index, (target, tree) in enumerate(zip(targets, trees, strict=True)):
+            wanted = features(deformed[self.control], self._control_normals(deformed))
+            distances = np.empty((len(targets), len(self.control), N_MATCHES))
+            rows = np.empty(distances.shape, dtype=np.int64)
+            for index, tree in enumerate(trees):
                 tick(0.0, "first particles")
-                wanted = features(deformed[self.control, index], normals[:, index])
-                distances, vertices = (np.asarray(item) for item in tree.query(wanted, k=N_MATCHES))
-                squared = np.square(distances)
-                weights = np.exp(-0.5 * (squared - squared[:, :1]) / MATCH_WIDTH**2)
-                weights /= weights.sum(axis=1, keepdims=True)
-                matched[:, index] = np.einsum("nk,nkd->nd", weights, target.vertices[vertices])
-            moved = self.maps.apply(matched.reshape(len(matched), -1), float(smoothing))
+                distances[index], rows[index] = tree.query(wanted[:, index], k=N_MATCHES)
+            squared = np.square(distances)
+            weights = np.exp(-0.5 * (squared - squared[..., :1]) / MATCH_WIDTH**2)
+            weights /= weights.sum(axis=-1, keepdims=True)
+            matched = np.einsum("tnk,tnkd->ntd", weights, vertices[rows + starts])
+            moved = self.maps.apply(matched.reshape(len(self.control), -1), float(smoothing))
             deformed = moved.reshape(deformed.shape)
         return [TriangleMesh(deformed[:, index].copy(), self.source.faces) for index in range(len(targets))]
 
@@ -246,7 +250,8 @@ class InitialRegistration:
             targets = [meshes[index] for index in chosen[some]]
             return self._registration.deform(targets, guesses[some], inner)
 
-        works = [partial(deform, slice(k, k + N_TOGETHER)) for k in range(0, len(chosen), N_TOGETHER)]
+        size = N_TOGETHER if len(chosen) < MANY_SHAPES else N_TOGETHER_OF_MANY
+        works = [partial(deform, slice(k, k + size)) for k in range(0, len(chosen), size)]
         deformed = chain(*run_in_threads(works, tick, "first particles", cores()))
         return dict(zip(chosen, deformed, strict=True))
 
@@ -306,8 +311,8 @@ def _guess_of_landmarks(
 
 
 def features(vertices: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the features for closest points: positions and weighted normals, shape (V, 6)."""
-    return np.hstack([vertices, NORMAL_LENGTH * normals])
+    """Return the features for closest points: positions and weighted normals, shape (..., 6)."""
+    return np.concatenate([vertices, NORMAL_LENGTH * normals], axis=-1)
 
 
 def shape_distances(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> tuple[IntArray, FloatArray]:
@@ -324,20 +329,25 @@ def shape_distances(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> tup
     for index, chosen in enumerate(in_threads(spread_points, meshes, cores())):
         tick(0.5 * index / len(meshes), "most typical shape")
         points.append(chosen)
-    together = np.concatenate(points)
-
-    def to_all(k: int) -> FloatArray:
-        forward = np.asarray(trees[k].query(together)[0]).reshape(len(meshes), -1)
-        back = [np.mean(np.asarray(tree.query(points[k])[0])) for tree in trees]
-        both: FloatArray = forward.mean(axis=1) + np.array(back)
-        return both
-
     count = min(N_CANDIDATES, max(FEWEST_CANDIDATES, MAX_COMPARED // len(meshes)))
     candidates = np.arange(0, len(meshes), max(1, len(meshes) // count))
-    distances = np.empty((len(candidates), len(meshes)))
-    for row, row_distances in enumerate(in_threads(to_all, candidates.tolist(), cores())):
-        tick(0.5 + 0.5 * row / len(candidates), "most typical shape")
-        distances[row] = row_distances
+    together, chosen_points = np.concatenate(points), np.concatenate([points[k] for k in candidates])
+
+    def from_candidate(k: int) -> FloatArray:
+        return np.asarray(trees[k].query(together)[0]).reshape(len(meshes), -1).mean(axis=1)
+
+    def from_shape(tree: cKDTree) -> FloatArray:
+        return np.asarray(tree.query(chosen_points)[0]).reshape(len(candidates), -1).mean(axis=1)
+
+    forward = in_threads(from_candidate, candidates.tolist(), cores())
+    back = in_threads(from_shape, trees, cores())
+    distances = np.zeros((len(candidates), len(meshes)))
+    for row, row_distances in enumerate(forward):
+        tick(0.5 + 0.25 * row / len(candidates), "most typical shape")
+        distances[row] += row_distances
+    for column, column_distances in enumerate(back):
+        tick(0.75 + 0.25 * column / len(meshes), "most typical shape")
+        distances[:, column] += column_distances
     return candidates, distances
 
 
