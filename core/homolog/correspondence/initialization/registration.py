@@ -331,16 +331,15 @@ def shape_distances(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> tup
         points.append(chosen)
     count = min(N_CANDIDATES, max(FEWEST_CANDIDATES, MAX_COMPARED // len(meshes)))
     candidates = np.arange(0, len(meshes), max(1, len(meshes) // count))
-    together, chosen_points = np.concatenate(points), np.concatenate([points[k] for k in candidates])
+    chosen_points = [points[k] for k in candidates]
 
-    def from_candidate(k: int) -> FloatArray:
-        return np.asarray(trees[k].query(together)[0]).reshape(len(meshes), -1).mean(axis=1)
+    def means(tree: cKDTree, points: Sequence[FloatArray]) -> FloatArray:
+        nearest = np.asarray(tree.query(np.concatenate(points))[0])
+        result: FloatArray = nearest.reshape(len(points), -1).mean(axis=1)
+        return result
 
-    def from_shape(tree: cKDTree) -> FloatArray:
-        return np.asarray(tree.query(chosen_points)[0]).reshape(len(candidates), -1).mean(axis=1)
-
-    forward = in_threads(from_candidate, candidates.tolist(), cores())
-    back = in_threads(from_shape, trees, cores())
+    forward = in_threads(lambda k: means(trees[k], points), candidates.tolist(), cores())
+    back = in_threads(lambda tree: means(tree, chosen_points), trees, cores())
     distances = np.zeros((len(candidates), len(meshes)))
     for row, row_distances in enumerate(forward):
         tick(0.5 + 0.25 * row / len(candidates), "most typical shape")
