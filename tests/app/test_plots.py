@@ -82,14 +82,14 @@ def test_plots_of_reports_have_the_ground_of_the_pictures_beside_them(theme):
     assert figure.get_facecolor()[:3] == pytest.approx(theme.background, abs=0.003)
 
 
-def test_the_scree_plot_draws_shares_and_marks_the_modes_above_chance():
+def test_the_scree_plot_draws_shares_and_marks_the_retained_modes():
     axes = _axes()
     draw_scree(axes, np.array([6.0, 3.0, 1.0]), np.array([4.0, 2.0, 2.0]), 2, 95.0, COLOURS)
     assert [bar.get_height() for bar in axes.patches] == pytest.approx([60.0, 30.0, 10.0])
     first, second, third = (bar.get_facecolor() for bar in axes.patches)
     assert first == second != third
     assert axes.lines[0].get_ydata() == pytest.approx([40.0, 20.0, 20.0])
-    assert axes.get_title(loc="left") == "2 modes above chance"
+    assert axes.get_title(loc="left") == "2 modes retained"
 
 
 def test_the_score_plot_shows_each_group_once_with_its_size():

@@ -169,7 +169,7 @@ def test_a_graphics_driver_that_hangs_is_ended_and_replaced_by_software(monkeypa
 def test_opengl_that_was_asked_for_and_does_not_work_is_an_input_error(monkeypatch):
     monkeypatch.setattr("homolog_app.rendering.draw.begin", os.abort)
     monkeypatch.setenv(RENDERER, "opengl")
-    with pytest.raises(InputError, match="no OpenGL that works"):
+    with pytest.raises(InputError, match="OpenGL"):
         _ = RendererChoice().name
 
 

@@ -1,9 +1,9 @@
 """The command line: the same pipeline as the window's.
 
-Each command is two functions of one module here: ``add_NAME(subparsers)`` declares its options and
+Each command is two functions of one module: ``add_NAME(subparsers)`` declares its options and
 ``run_NAME(arguments)`` does the work and returns the exit code. Only the module of the given command is
-imported, and what is slow to import (warp, SimpleITK, VTK, matplotlib) inside ``run_NAME``, so that help
-answers at once.
+imported, and heavy packages (warp, SimpleITK, VTK, matplotlib) only inside ``run_NAME``, so that help
+responds at once.
 """
 
 import argparse
@@ -34,15 +34,15 @@ _COMMANDS = {
     "beans": ("samples", "generate the paper's coffee-bean cohort"),
     "analyze": ("analysis", "compare groups, regress on a variable, compare pairs"),
     "check": ("analysis", "list places where the correspondence may be wrong, and repair them"),
-    "report": ("analysis", "write one HTML page about a project's model and studies"),
+    "report": ("analysis", "write a report on a project's model and studies (HTML, PDF)"),
     "reference": ("patient", "freeze a project's controls as a reference for single patients"),
     "patient": ("patient", "compare a patient's shape with a reference: how unusual, and where"),
     "import": ("project", "import a ShapeWorks project or a folder of particles"),
     "export": ("export", "films, pictures, plots, meshes, tables and particles for other programs"),
     "geodesics": ("analysis", "compute geodesic distances on a surface"),
-    "worker": ("run", "work for a Dask scheduler, for runs with --cluster"),
+    "worker": ("run", "run a worker for a Dask scheduler (homolog run --cluster)"),
 }
-"""Module and purpose of each command, for ``homolog --help``, which imports none of them."""
+"""Module and purpose of each command, for ``homolog --help``, which imports none."""
 
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
 
@@ -95,12 +95,12 @@ def open_window(paths: Sequence[str] | None = None) -> int:
 def command_parser(
     commands: Collection[str] = tuple(_COMMANDS),
 ) -> tuple[argparse.ArgumentParser, dict[str, ModuleType]]:
-    """Return the parser of the command line, and the modules of those commands whose options it knows.
+    """Return the command-line parser, and the modules of the commands whose options it knows.
 
     Parameters
     ----------
     commands : collection of str
-        All by default. Of the others the parser knows names and purposes only.
+        All by default. For others the parser knows only name and purpose.
     """
     parser = argparse.ArgumentParser(
         prog="homolog",
@@ -131,6 +131,6 @@ class _Subparsers:
 
 
 def _complain(message: str) -> None:
-    """Print one line for each thing that is wrong."""
+    """Print one line for each error."""
     for line in message.splitlines():
         sys.stderr.write(f"homolog: {line}\n")

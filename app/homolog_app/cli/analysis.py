@@ -1,4 +1,4 @@
-"""Questions to a project (``homolog analyze``, ``check``, ``report``), and distances on a surface."""
+"""Analysis of a project (``homolog analyze``, ``check``, ``report``), and geodesic distances."""
 
 import argparse
 import sys
@@ -56,7 +56,7 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
     parser.add_argument(
         "--pairs",
         metavar="COLUMN",
-        help="column that names the pairs of two groups; --between A B where there are more",
+        help="column that identifies the pairs of two groups; with more groups, add --between A B",
     )
     parser.add_argument(
         "--covariates",
@@ -117,8 +117,8 @@ def run_analyze(arguments: argparse.Namespace) -> int:
     lines, folders = [], []
     if arguments.size == "with":
         lines.append(
-            "Note: --size with aligns shapes rigidly; versions before 0.2 did what --alignment as-it-lies "
-            "does."
+            "Note: --size with aligns shapes rigidly; versions before 0.2 behaved "
+            "like --alignment as-it-lies."
         )
     with project.locked(new=False), show_progress(arguments.progress) as progress:
         result = read_result(project)
@@ -216,7 +216,7 @@ def add_check(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
 
 
 def run_check(arguments: argparse.Namespace) -> int:
-    """List the suspects; returns the exit code."""
+    """List the suspects; return the exit code."""
     from homolog.progress import part_of
     from homolog_app.studies.suspects import inspect_project, rows, write_suspects
 
@@ -256,7 +256,7 @@ def run_check(arguments: argparse.Namespace) -> int:
 def _repair(
     project: ProjectFolder, result: "Result", inspection: "Inspection", count: int, tick: "Tick"
 ) -> "tuple[Inspection, list[str]]":
-    """Repair the most severe suspects one after another; keep what gets better."""
+    """Repair the most severe suspects one after another; keep improvements."""
     from homolog.progress import part_of
     from homolog.run.repair import write_repaired
     from homolog_app.studies.suspects import repaired
@@ -316,7 +316,7 @@ def add_geodesics(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the
     )
     parser.add_argument("mesh", type=Path, help="closed surface: .vtp, .vtk, .ply, .stl or .obj")
     parser.add_argument(
-        "--d-max", type=float, required=True, metavar="MM", help="greatest distance to compute; inf for all"
+        "--d-max", type=float, required=True, metavar="MM", help="largest distance to compute; inf for all"
     )
     parser.add_argument(
         "--out", type=Path, metavar="FILE.npz", help="write a SciPy sparse matrix (scipy.sparse.load_npz)"
@@ -383,7 +383,7 @@ def _say(line: str) -> None:
 
 
 def _write(path: Path, table: Any) -> int:  # noqa: ANN401 - a GeodesicTable, slow to import
-    """Write the matrix whole or not at all; return how many entries it has."""
+    """Write the matrix atomically; return its number of entries."""
     import scipy.sparse
 
     from homolog.files.atomic import atomic_write

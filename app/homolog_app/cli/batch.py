@@ -43,7 +43,7 @@ def add_labels(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 
 
 def run_labels(arguments: argparse.Namespace) -> int:
-    """List what there is; returns the exit code."""
+    """List the structures; return the exit code."""
     from homolog.grooming.structures import list_structures
     from homolog.progress import run_in_background
 

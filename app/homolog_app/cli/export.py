@@ -1,4 +1,4 @@
-"""``homolog export``: a project's result for talks, papers and other programs.
+"""``homolog export``: a project's result for presentations, papers and other programs.
 
 The window's exports are this command in a child process, so that both give the same files.
 """
@@ -155,7 +155,7 @@ def add_particles(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type
     parser = add_kind(
         kinds,
         "particles",
-        "a .particles file a subject",
+        "one .particles file per subject",
         "Write each subject's particles and the mean's: one 'x y z' a line in mm, LPS; the line is the "
         "correspondence.",
         "FOLDER",
@@ -236,7 +236,7 @@ _KINDS: dict[str, tuple[Callable[[Any], None], Callable[[argparse.Namespace], in
     "report": (add_report, run_report),
     "patient": (add_patient_report, run_patient_report),
 }
-"""What declares and what writes each kind."""
+"""Functions that declare and write each kind."""
 
 
 def add_export(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private

@@ -45,7 +45,7 @@ __all__ = [
 
 
 def add_kind(kinds: Any, name: str, summary: str, description: str, out: str) -> argparse.ArgumentParser:  # noqa: ANN401
-    """Declare a kind of export with what each has: project, place of the result, progress."""
+    """Declare a kind of export with its common options: project, output, progress."""
     parser: argparse.ArgumentParser = kinds.add_parser(name, help=summary, description=description)
     parser.add_argument("project", type=Path, help="project folder")
     what = "a new or empty folder" if out == "FOLDER" else f"{out}; replaced if it exists"
@@ -61,7 +61,7 @@ def add_group_option(parser: argparse.ArgumentParser, summary: str) -> None:
 
 @contextmanager
 def exporting(arguments: argparse.Namespace) -> Iterator[Tick]:
-    """Give the tick of an export; says at the end that it is done."""
+    """Yield the tick of an export; report completion at the end."""
     with show_progress(arguments.progress) as progress:
         progress.tick(0.0, "preparing")
         yield progress.tick
@@ -93,7 +93,7 @@ def _direction(text: str) -> str:
 
 
 def chosen_motions(arguments: argparse.Namespace, deviations: float) -> "Sequence[Motion]":
-    """Return what the options name; the mean at rest if they name nothing.
+    """Return the motions of the options; the static mean without any.
 
     Raises
     ------
@@ -264,7 +264,7 @@ def add_plot(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type priv
         "--colour-by",
         metavar="COLUMN",
         default="group",
-        help="column whose values scores show (default group)",
+        help="column for the colours of scores (default group)",
     )
     add_options(parser, PlotSettings)
 

@@ -39,7 +39,7 @@ _OR_NAME = "; or the name of a structure, as homolog labels lists them"
 def add_options(
     parser: argparse.ArgumentParser, model: type[BaseModel], leaving_out: Sequence[str] = ()
 ) -> None:
-    """Declare an option for each setting of the model; an option that isn't given leaves no trace."""
+    """Declare an option for each setting of the model; options not given are absent from the result."""
     group = parser.add_argument_group(_title(model))
     for parameter in parameters(model):
         if parameter.name in leaving_out:
@@ -64,7 +64,7 @@ def add_options(
 
 
 class _FormerName(argparse.Action):
-    """A hidden option that does what the present one does, and says what that is called."""
+    """A hidden alias of an option that prints the option's present name."""
 
     def __init__(self, present: argparse.Action, **kwargs: Any) -> None:  # noqa: ANN401 - argparse's own
         super().__init__(**kwargs)
@@ -83,7 +83,7 @@ class _FormerName(argparse.Action):
 
 
 def add_former_name(parser: argparse.ArgumentParser, former: str, present: argparse.Action) -> None:
-    """Let an option be given by its former name, with a hint on standard error; help does not list it."""
+    """Accept an option's former name with a hint on standard error; help does not list it."""
     parser.add_argument(
         former,
         action=_FormerName,
@@ -97,12 +97,12 @@ def add_former_name(parser: argparse.ArgumentParser, former: str, present: argpa
 
 
 def with_options(settings: _Model, arguments: argparse.Namespace) -> _Model:
-    """Return the settings with those that the command line names put in.
+    """Return the settings, updated from the command line.
 
     Raises
     ------
     InputError
-        One line for each value that is no such value or out of bounds.
+        One line for each invalid or out-of-range value.
     """
     given = {
         parameter.name: None if value == _AUTO and parameter.default is None else value
@@ -120,7 +120,7 @@ def with_options(settings: _Model, arguments: argparse.Namespace) -> _Model:
 
 
 def with_all_options(settings: RunSettings, arguments: argparse.Namespace) -> RunSettings:
-    """Return a run's settings with those that the command line names; ``--label`` takes a name, too.
+    """Return a run's settings, updated from the command line; ``--label`` accepts a name, too.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def with_all_options(settings: RunSettings, arguments: argparse.Namespace) -> Ru
 
 
 def options_of(settings: BaseModel) -> list[str]:
-    """Return the words on a command line that give these settings: those that aren't at their default."""
+    """Return the command-line options for these settings, without defaults."""
     line: list[str] = []
     for parameter in parameters(type(settings)):
         value = getattr(settings, parameter.name)
@@ -184,12 +184,12 @@ def add_progress_option(parser: argparse.ArgumentParser) -> None:
 
 
 def remaining_seconds(fraction: float, elapsed: float) -> float | None:
-    """Seconds left if the work goes on as fast as so far; None while that can't be told."""
+    """Estimated seconds left at the mean pace so far; None while unknown."""
     return elapsed * (1.0 - fraction) / fraction if fraction > 0.01 and elapsed > 1.0 else None
 
 
 class Progress:
-    """Where progress goes. Its `tick` can be handed to whatever takes a `homolog.progress.Tick`."""
+    """Progress output. `tick` is a `homolog.progress.Tick`."""
 
     def __init__(self, mode: str, stream: TextIO) -> None:
         self._mode = mode
@@ -200,13 +200,13 @@ class Progress:
         self._said: str | None = ""
 
     def tick(self, fraction: float, message: str) -> None:
-        """Show the progress of a piece of work that has no phases."""
+        """Show the progress of a task without phases."""
         self.show(fraction, message, remaining_seconds(fraction, time.monotonic() - self._started))
 
     def show(
         self, fraction: float, message: str, eta_s: float | None = None, phase: str | None = None
     ) -> None:
-        """Show a fraction of the whole [0, 1], what is being done and the seconds left, where known."""
+        """Show the fraction done [0, 1], the present step and the seconds left, if known."""
         now = time.monotonic()
         pause = _LINE_S if self._mode == "bar" and not self._moves else _REDRAW_S
         if self._mode == "none" or (now - self._drawn < pause and phase == self._said and fraction < 1.0):
@@ -224,7 +224,7 @@ class Progress:
         self._stream.flush()
 
     def close(self) -> None:
-        """Wipe the bar."""
+        """Clear the bar."""
         if self._moves:
             self._stream.write("\r\x1b[2K")
             self._stream.flush()
@@ -238,7 +238,7 @@ def _line(fraction: float, message: str, eta_s: float | None) -> str:
 
 @contextmanager
 def show_progress(mode: str) -> Iterator[Progress]:
-    """Give the `Progress` of a command and tidy up after it.
+    """Yield the `Progress` of a command and clean up after it.
 
     JSON lines go to standard output, the bar to standard error (a line every ten seconds where that is
     no terminal).
@@ -252,7 +252,7 @@ def show_progress(mode: str) -> Iterator[Progress]:
 
 @contextmanager
 def handling(number: int, handle: Callable[[int, FrameType | None], object]) -> Iterator[None]:
-    """Let a function answer a signal within the block; to be used in the main thread."""
+    """Handle a signal within the block; only in the main thread."""
     before = signal.signal(number, handle)
     try:
         yield

@@ -31,7 +31,7 @@ def add_reference(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the
         "hold for new subjects. The file contains no control's surface, particles or file.",
     )
     parser.add_argument("project", type=Path, help="project folder")
-    parser.add_argument("--group", metavar="VALUE", help="who the controls are (default: all subjects)")
+    parser.add_argument("--group", metavar="VALUE", help="group of the controls (default: all subjects)")
     parser.add_argument(
         "--column", default="group", help="column of the cohort's table for --group (default group)"
     )
@@ -58,7 +58,7 @@ def add_reference(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the
         action="store_true",
         help="keep each control's scores, to tell how near the nearest controls are to a patient",
     )
-    parser.add_argument("--names", action="store_true", help="likewise, with the controls' names")
+    parser.add_argument("--names", action="store_true", help="store scores and names of the controls")
     parser.add_argument("--workers", type=int, help="number of processes (default: one per core)")
     add_progress_option(parser)
 
@@ -132,8 +132,10 @@ def add_patient(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
 
 def add_patient_options(parser: argparse.ArgumentParser) -> None:
     """Declare covariates, side and label of a patient."""
-    parser.add_argument("--age", help="of the patient, if the reference is adjusted for a column age")
-    parser.add_argument("--sex", help="likewise; f is enough for female")
+    parser.add_argument("--age", help="age of the patient, if the reference is adjusted for a column age")
+    parser.add_argument(
+        "--sex", help="sex of the patient, if the reference is adjusted for it; f is enough for female"
+    )
     parser.add_argument(
         "--value",
         action="append",
@@ -142,7 +144,9 @@ def add_patient_options(parser: argparse.ArgumentParser) -> None:
         help="any other covariate of the reference",
     )
     parser.add_argument(
-        "--side", choices=["left", "right"], help="side of the body, mirrored if controls are of the other"
+        "--side",
+        choices=["left", "right"],
+        help="side of the body; mirrored if the controls are of the other side",
     )
     parser.add_argument(
         "--label", help="label value or name of the structure, if it differs from the controls'"
@@ -164,7 +168,7 @@ def given_covariates(arguments: argparse.Namespace) -> dict[str, str]:
 
 
 def run_patient(arguments: argparse.Namespace) -> int:
-    """Compare; returns the exit code."""
+    """Compare; return the exit code."""
     from homolog.files.atomic import replace_folder
     from homolog.patient.reference import Reference
     from homolog_app.report.patient import PatientRequest, write_patients

@@ -1,4 +1,4 @@
-"""What a project contains (``homolog info``), and what is put into it (``table``, ``import``)."""
+"""Contents of a project (``homolog info``), and its input (``table``, ``import``)."""
 
 import argparse
 import json
@@ -43,7 +43,7 @@ def run_info(arguments: argparse.Namespace) -> int:
 
 
 def how_it_ended(result: ResultRecord) -> str:
-    """Say why the optimization ended and when."""
+    """Describe why and when the optimization ended."""
     return _ENDINGS.get(result.ended, result.ended).format(result.iterations)
 
 
@@ -126,11 +126,11 @@ def add_table(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
     )
     parser.add_argument("project", type=Path, help="project folder")
     parser.add_argument("table", type=Path, help="table to read")
-    parser.add_argument("--dry-run", action="store_true", help="show what would change, and change nothing")
+    parser.add_argument("--dry-run", action="store_true", help="only show the changes")
 
 
 def run_table(arguments: argparse.Namespace) -> int:
-    """Say what changes and write it; returns the exit code."""
+    """Print the changes and write them; return the exit code."""
     from homolog.files.project_table import update_table
 
     project = ProjectFolder(arguments.project)

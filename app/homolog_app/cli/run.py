@@ -60,7 +60,7 @@ def read_and_tell(path: Path) -> Cohort:
 
 
 _LISTED = 12
-"""Structures that a message names, at most."""
+"""Largest number of structures in a message."""
 
 
 def add_run(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
@@ -83,7 +83,7 @@ def add_run(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
         "is",
     )  # fmt: skip
     restart = parser.add_argument(
-        "--restart", action="store_true", help="place all particles from the start, whatever the result"
+        "--restart", action="store_true", help="place all particles from the start, even if there is a result"
     )
     skip = parser.add_argument("--skip-invalid", action="store_true", help="skip files that can't be used")
     add_former_name(parser, "--anew", restart)
@@ -151,7 +151,7 @@ def run_run(arguments: argparse.Namespace) -> int:
 
 
 def _check_structure(source: Path, cohort: Cohort, settings: GroomSettings) -> None:
-    """Refuse files of several structures of which none is chosen, in one message for all subjects."""
+    """Refuse files of several structures if none is chosen, in one message for all subjects."""
     if settings.label is not None or settings.segment is not None:
         return
     from homolog.grooming.structures import structures_of_files
@@ -180,7 +180,7 @@ def _start_drawing() -> None:
 
 
 def _with_remedy(error: InputError, job: "Run", count: int) -> InputError:
-    """Return the refusal of some of a cohort's files, with how to go on without them."""
+    """Return the error about some of a cohort's files, with the option that skips them."""
     if not 0 < len(job.notes) < count - 1 or str(error) != "\n".join(job.notes):
         return error
     return InputError(f"{error}\n{len(job.notes)} of {count} files can't be used; --skip-invalid skips them")
@@ -189,7 +189,7 @@ def _with_remedy(error: InputError, job: "Run", count: int) -> InputError:
 def _is_there(
     arguments: argparse.Namespace, project: ProjectFolder, cohort: Cohort, settings: RunSettings
 ) -> bool:
-    """Whether the project has the very result already that is asked for with a folder or table."""
+    """Whether the project already has the requested result of a folder or table."""
     is_explicit = arguments.restart or arguments.resume or arguments.fit or project.folder == arguments.cohort
     if is_explicit or not project.exists:
         return False
@@ -200,7 +200,7 @@ def _is_there(
 
 
 def _use(arguments: argparse.Namespace, project: ProjectFolder, cohort: Cohort) -> int:
-    """Take the cohort's groups and columns into the project that has its result; returns the exit code."""
+    """Update groups and columns of the project that has the result; return the exit code."""
     from homolog.files.project_table import update_table
 
     with project.locked(new=False):
@@ -221,7 +221,7 @@ def _use(arguments: argparse.Namespace, project: ProjectFolder, cohort: Cohort) 
 
 
 def _report_grooming(project: ProjectFolder) -> None:
-    """Say what grooming found in the files and changed, also where nobody looks into the report."""
+    """Print the notes of grooming."""
     result = project.read().result
     if result is None:
         return
@@ -230,7 +230,7 @@ def _report_grooming(project: ProjectFolder) -> None:
 
 
 def _report_cancelled(job: "Run") -> None:
-    """After a cancelled run: keep its particles if there is no better result, and say how to go on."""
+    """After a cancelled run: keep its particles if there is no better result, and print how to continue."""
     project = job.project
     if not project.exists:
         sys.stderr.write("cancelled\n")
@@ -279,7 +279,7 @@ def _what_to_run(arguments: argparse.Namespace) -> tuple[ProjectFolder, Cohort, 
 def _with_new(cohort: Cohort, paths: Sequence[Path], segment: str | None) -> Cohort:
     """Return the cohort with the subjects of further files, folders or tables at its end.
 
-    Those that it has already, from a fit that was refused or broken off, are not added twice.
+    Those that it already has from a refused or interrupted fit are not added twice.
     """
     there = {(subject.name, subject.path.resolve()) for subject in cohort.subjects}
     given = [item for path in paths for item in _subjects_of(path, segment)]
@@ -307,9 +307,9 @@ def _subjects_of(path: Path, segment: str | None) -> tuple[Subject, ...]:
 def _adds_particles(
     arguments: argparse.Namespace, project: ProjectFolder, cohort: Cohort, settings: RunSettings
 ) -> bool:
-    """Whether the project's result is of the same cohort and settings but for fewer particles.
+    """Whether the project's result has the same cohort and settings, but fewer particles.
 
-    Says what becomes of a result that is there.
+    Prints what happens to an existing result.
     """
     if arguments.resume or not project.exists:
         return False
@@ -334,7 +334,7 @@ def _adds_particles(
 
 @contextmanager
 def interrupt_cancels(cancel: Callable[[], None]) -> Iterator[None]:
-    """Let the first Ctrl-C cancel in order and a second one break off."""
+    """Let the first Ctrl-C cancel cleanly and a second one abort."""
 
     def handle(number: int, frame: object) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -351,13 +351,13 @@ def add_worker(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         description="Work for a Dask scheduler, one subject at a time, until the scheduler ends or Ctrl-C. "
         "Start one for each core, on any machine that sees the same files, and run with --cluster ADDRESS.",
     )
-    parser.add_argument("address", help="of the scheduler, such as tcp://node1:8786")
+    parser.add_argument("address", help="address of the scheduler, such as tcp://node1:8786")
 
 
 def run_worker(arguments: argparse.Namespace) -> int:
-    """Serve; returns the exit code."""
+    """Run the worker; return the exit code."""
     from homolog.cluster import serve_as_worker
 
-    sys.stderr.write(f"working for {arguments.address}; Ctrl-C ends it\n")
+    sys.stderr.write(f"working for {arguments.address}; press Ctrl-C to stop\n")
     serve_as_worker(arguments.address)
     return 0

@@ -188,7 +188,7 @@ def run_demo(arguments: argparse.Namespace) -> int:
 
 
 def _check_folder(out: Path) -> None:
-    """Refuse to mix the demo's files with others; those of an earlier demo are replaced."""
+    """Refuse a folder with other files; files of an earlier demo are replaced."""
     own = {"cohort", *_NAMES.values(), "comparison.png", "comparison.csv"}
     if out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file; give a folder with --out")
@@ -241,7 +241,7 @@ _DRAWS = 200
 
 @dataclass(frozen=True, slots=True)
 class ComparisonRow:
-    """One figure of every method.
+    """One figure of merit for every method.
 
     Attributes
     ----------
@@ -266,7 +266,7 @@ class ComparisonRow:
 
 _FIGURES = (
     ("variance outside the first two modes (leakage)", "leak", ".2%"),
-    ("variance that slot position and width explain", "ground_truth_r2", ".2%"),
+    ("variance explained by slot position and width", "ground_truth_r2", ".2%"),
     ("R² of slot position on the first two scores", "r2_position", ".3f"),
     ("R² of slot width on the first two scores", "r2_width", ".3f"),
     ("particles in the slot, of its share of the area", "slot_fill", ".0%"),
@@ -290,7 +290,7 @@ _FIGURES = (
 def write_comparison(
     out: Path, projects: Mapping[str, "ProjectFolder"], beans: Sequence["Bean"], tick: Tick
 ) -> list[ComparisonRow]:
-    """Judge the methods' results and write ``comparison.csv``.
+    """Evaluate the methods' results and write ``comparison.csv``.
 
     Parameters
     ----------
@@ -332,9 +332,9 @@ def _figures_of(project: "ProjectFolder", beans: Sequence["Bean"], tick: Tick) -
 
     result, record = read_result(project), project.read().result
     assert record is not None
-    tick(0.0, "judging the correspondences")
+    tick(0.0, "evaluating the correspondences")
     figures = evaluate(result.local, beans)
-    tick(0.4, "judging the shape model")
+    tick(0.4, "evaluating the shape model")
     shares = figures.mode_shares
     named = {name: getattr(figures, name) for name in figures.__dataclass_fields__ if name != "mode_shares"}
     model = ShapeModel.fit(result.world)

@@ -1,4 +1,4 @@
 """A project's result as plots, meshes and tables for papers and other programs; no Qt.
 
-`settings` is quick to import; the other modules bring statistics, VTK and matplotlib.
+`settings` is quick to import; the other modules import statistics, VTK and matplotlib.
 """

@@ -1,4 +1,4 @@
-"""Films and stills as files: MP4, GIF, a folder of PNG pictures, one PNG; whole or not at all."""
+"""Films and stills as files: MP4, GIF, a folder of PNG pictures, one PNG; written atomically."""
 
 import errno
 import io
@@ -40,7 +40,7 @@ _Picture = NDArray[np.uint8]
 def write_film(
     path: Path, draw: Callable[[int], _Picture], frames: int, fps: int, tick: Tick = no_tick
 ) -> None:
-    """Write a film: H.264 that every player shows, GIF that loops for ever, or numbered pictures.
+    """Write a film: widely supported H.264, an endless GIF, or numbered pictures.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def write_film(
 
 
 def write_still(path: Path, picture: _Picture) -> None:
-    """Write one picture as PNG, whole or not at all; raises InputError if it can't be written."""
+    """Write one picture as PNG, atomically; raises InputError if it can't be written."""
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: pictures are written as .png; use that suffix")
     with atomic_write(path) as part:
@@ -111,7 +111,7 @@ def _rgb(picture: _Picture) -> bytes:
 
 
 def _encode(arguments: list[str], frames: Iterable[bytes], path: Path) -> None:
-    """Pipe frames through FFmpeg; it ends with this function, however that ends."""
+    """Pipe frames through FFmpeg; its process ends with this function in any case."""
     from imageio_ffmpeg import get_ffmpeg_exe
 
     command = [get_ffmpeg_exe(), "-loglevel", "error", "-y", *arguments, str(path)]

@@ -1,4 +1,4 @@
-"""Frames: motions, seen from some sides, with captions and scales, drawn on a page."""
+"""Frames: motions from several directions, with captions and scales, on a page."""
 
 from collections.abc import Sequence
 
@@ -43,7 +43,7 @@ class Board:
         self._still: object | None = None
 
     def text(self, x: float, y: float, content: str, *, room: float, size: float = 1.0) -> Text:
-        """Add a line centred on (x, y), size in em; letters shrink until the line fits into the room."""
+        """Add a line centred on (x, y), size in em; it is reduced to fit the room."""
         points = size * self.em * 72.0 / _DPI
         text = self._figure.text(
             x / self.width, 1.0 - y / self.height, content, ha="center", va="center", color=self._theme.text,
@@ -55,7 +55,7 @@ class Board:
         return text
 
     def changing_text(self, x: float, y: float, content: str, *, room: float, size: float = 1.0) -> Text:
-        """Add a line that is drawn anew in each frame; `words` are its longest."""
+        """Add a line that changes with each frame; `words` is its longest text."""
         text = self.text(x, y, content, room=room, size=size)
         text.set_animated(True)
         self._changing.append(text)
@@ -105,13 +105,13 @@ class Board:
 
 
 def _ends(filled: Array) -> tuple[int, int]:
-    """Return where the first run to the last true value begins and ends."""
+    """Return the first and last index of true values."""
     there = np.flatnonzero(filled)
     return (int(there[0]), int(there[-1]) + 1) if len(there) else (0, 0)
 
 
 def _lay(image: Array, part: NDArray[np.uint8]) -> None:
-    """Lay an image over a part of the page; only its few edge pixels have to be mixed."""
+    """Lay an image over a part of the page; only its edge pixels are blended."""
     opacity = image[..., 3]
     opaque = opacity == 255
     np.copyto(part, image, where=opaque[..., None])
@@ -120,7 +120,7 @@ def _lay(image: Array, part: NDArray[np.uint8]) -> None:
 
 
 def _over(image: Array, page: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Mix pixels (n, 4) of an image and the page, both with straight (not premultiplied) opacity."""
+    """Blend pixels (n, 4) of an image and the page, both with straight (not premultiplied) opacity."""
     front, behind = image[..., 3:] / np.float32(255.0), page.astype(np.float32)
     mixed = behind + front * (image - behind)
     mixed[..., 3:] = behind[..., 3:] + front * (255.0 - behind[..., 3:])
@@ -137,7 +137,7 @@ _THEMES = {Background.LIGHT: LIGHT, Background.DARK: DARK}
 
 
 class Film:
-    """Draws motions at any moment; all share one scale, one view direction each column, one colour scale.
+    """Draws motions at any moment; all share one scale and one colour scale, each column one view.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ class Film:
 
     @property
     def boxes(self) -> tuple[Box, ...]:
-        """Where on the page the pictures are, motion by motion."""
+        """Positions of the pictures on the page, by motion."""
         return tuple(cell.box for cell in self._cells)
 
     def draw(self, share: float, turn: float = 0.0) -> NDArray[np.uint8]:
@@ -237,7 +237,7 @@ class Film:
         )
 
     def _letters_of(self, cell: ViewCell) -> list[Text]:
-        """Return the texts at the left, right, lower and upper edge of a shape."""
+        """Return the letters at the left, right, lower and upper edge of a shape."""
         em, box = self._board.em, cell.box
         x, y = box.x + box.width / 2.0, box.y + box.height / 2.0
         across, along = ((size + _RIM * em) / 2.0 for size in cell.taken)
@@ -245,7 +245,7 @@ class Film:
         return [self._board.changing_text(*place, "LA", room=_RIM * em, size=0.7) for place in places]
 
     def moment(self, index: int, settings: FilmSettings) -> NDArray[np.uint8]:
-        """Return a frame of a film: going smoothly up and, in a loop, down again."""
+        """Return the position of a film's frame: smoothly up and, in a loop, down again."""
         whole = settings.frames if settings.loop else settings.frames - 1
         way = 2.0 * np.pi * index / whole if settings.loop else np.pi * index / whole
         turn = 2.0 * np.pi * index / settings.frames if settings.turntable else 0.0
@@ -266,7 +266,7 @@ class _Actor:
         self._shadows = np.stack([hollows(motion.at(float(amount))) for amount in self._amounts])
 
     def amount(self, share: float) -> float:
-        """Return how far it has moved after a share of its way."""
+        """Return its amount at a share of its way."""
         return self.motion.low + share * (self.motion.high - self.motion.low)
 
     def go(self, share: float) -> None:
@@ -284,7 +284,7 @@ class _Actor:
         return diverging_colours(amount * self._outward, limit)
 
     def _shadow(self, amount: float) -> FloatArray:
-        """Interpolate the hollows' shadows between the ends: casting them takes longer than drawing."""
+        """Interpolate ambient occlusion between the ends: computing it takes longer than drawing."""
         last = len(self._amounts) - 1
         place = float(np.interp(amount, self._amounts, np.arange(last + 1.0)))
         before = min(int(place), max(last - 1, 0))

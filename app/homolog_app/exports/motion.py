@@ -1,4 +1,4 @@
-"""What moves (the mean along a mode, or from one group's mean to another's), and where on the page."""
+"""Motions (the mean along a mode, or from one group's mean to another's), and the layout of the page."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """A surface that moves on straight lines.
+    """A surface that moves linearly.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ def group_means(result: Result, column: str, groups: Sequence[str]) -> list[Floa
 
 
 def group_motion(result: Result, column: str, first: str, second: str) -> Motion:
-    """Return the surface that goes from one group's mean to another's; raises as `group_means` does."""
+    """Return the motion from one group's mean to another's; raises as `group_means` does."""
     start, end = group_means(result, column, [first, second])
     mean = result.world.mean(axis=0)
     aside = f" ({result.mirrored} mirrored)" if result.mirrored else ""
@@ -136,7 +136,7 @@ def standing(result: Result) -> Motion:
 
 
 def _carried(result: Result, displacements: FloatArray) -> FloatArray:
-    """Return how the mean surface's vertices move (K, V, 3) when the mean particles do (K, N, 3) [mm]."""
+    """Return displacements (K, V, 3) of the mean surface for those of the mean particles (K, N, 3) [mm]."""
     mean = result.world.mean(axis=0)
     return warp_surface(mean, result.mean_surface.vertices, displacements, result.smoothing)
 
@@ -167,7 +167,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class ViewCell:
-    """One picture: which motion, seen how, where on the page, and the most that the shape takes [pixels]."""
+    """One picture: motion, view, position on the page, and largest extent of the shape [pixels]."""
 
     motion: int
     frame: Frame
@@ -212,7 +212,7 @@ def make_plan(
     bar: bool = False,
     rim: int = 0,
 ) -> Plan:
-    """Lay a page out: a row for each motion and a column for each view, or whatever grid shows them largest.
+    """Lay out a page: one row per motion and one column per view, or the grid with the largest pictures.
 
     Parameters
     ----------
@@ -278,7 +278,7 @@ def make_plan(
 
 
 def turned(frame: Frame, angle: float) -> Frame:
-    """Return a frame seen from further around the picture's upright axis [radians]."""
+    """Return a frame rotated about the picture's vertical axis [radians]."""
     right, up, back = frame.view.axes
     toward = np.cos(angle) * back + np.sin(angle) * right
     view = View(_triple(toward), _triple(up), frame.view.name)
@@ -300,7 +300,7 @@ class _Grid:
         return max(max(frame.width / self.width, frame.height / self.height) for frame in frames)
 
     def boxes(self, count: int) -> Iterator[Box]:
-        """Yield where the pictures go; a last row that is not full stands in the middle."""
+        """Yield the positions of the pictures; an incomplete last row is centred."""
         for index in range(count):
             row, column = divmod(index, self.columns)
             missing = self.columns - min(self.columns, count - row * self.columns)
@@ -310,7 +310,7 @@ class _Grid:
 
 
 def _extent(motion: Motion, view: View, turntable: bool) -> Frame:
-    """Return the smallest frame that holds a motion all the time."""
+    """Return the smallest frame that contains the whole motion."""
     ends = [motion.at(amount).vertices for amount in sorted({motion.low, motion.high})]
     if not turntable:
         return frame_around(ends, view)

@@ -1,4 +1,4 @@
-"""What exports ask for: pictures, films, meshes, tables and plots; forms and options are made from it."""
+"""Settings of exports: pictures, films, meshes, tables and plots; forms and options derive from them."""
 
 from collections.abc import Sequence
 from enum import StrEnum
@@ -32,19 +32,19 @@ __all__ = [
 
 
 SIGHTS = ("oblique", "opposite", "anterior", "posterior", "left", "right", "superior", "inferior")
-"""From where to look: obliquely at the side that moves most, from opposite, or along a patient axis."""
+"""View directions: oblique at the side that moves most, its opposite, or along a patient axis."""
 
 _CAMERA = "camera:"
 
 
 def camera_direction(toward: Sequence[float], up: Sequence[float]) -> str:
-    """Return a camera as a word of the command line: the directions to the viewer and upwards in LPS."""
+    """Return a camera as a command-line value: the directions to the viewer and upwards in LPS."""
     length = hypot(*toward)
     return _CAMERA + ",".join(f"{value:.4g}" for value in (*(part / length for part in toward), *up))
 
 
 def camera_view(sight: str) -> View | None:
-    """Return the view of such a word; None if it is none, or its directions make no picture."""
+    """Return the view of such a value; None if it is invalid."""
     try:
         x, y, z, right, back, up = map(float, sight.removeprefix(_CAMERA).split(","))
     except ValueError:
@@ -142,7 +142,7 @@ class PictureSettings(CutSettings):
     background: Annotated[Background, Field(description="Light for print, dark for slides.")] = (
         Background.LIGHT
     )
-    caption: Annotated[bool, Field(description="Describe what is shown and how far it has moved.")] = True
+    caption: Annotated[bool, Field(description="Show a caption with content and position.")] = True
     scale_bar: Annotated[bool, Field(description="Draw a scale bar in mm.")] = True
     directions: Annotated[
         bool, Field(description="Letters of the patient's directions: R, L, A, P, S, I.")
@@ -175,7 +175,7 @@ class FilmSettings(PictureSettings):
     loop: Annotated[
         bool, Field(description="Play forward and back, so that the film repeats without a jump.")
     ] = True
-    turntable: Annotated[bool, Field(description="Turn the shape once around its upright axis.")] = False
+    turntable: Annotated[bool, Field(description="Rotate the shape once about its vertical axis.")] = False
 
     @property
     def frames(self) -> int:

@@ -1,4 +1,4 @@
-"""Tables as files: coordinates and scores of the subjects, and what was measured of their shapes."""
+"""Tables as files: scores, modes and measures of the subjects."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -238,7 +238,7 @@ def measure_meshes(
 
 
 def group_lines(result: Result, measures: Measures, first: int, second: int) -> list[str]:
-    """Say mean and standard deviation of each measure by group, and how likely equal means are.
+    """Describe mean and standard deviation of each measure by group, with Welch's p.
 
     One line for each measure; none without groups. See `write_measures` for the parameters.
     """
@@ -269,7 +269,7 @@ def _measured(result: Result, measures: Measures, first: int, second: int) -> di
 
 
 def distances(particles: FloatArray, first: int, second: int) -> FloatArray:
-    """Return the straight distances (M,) of two particles on each shape (M, N, 3) [mm].
+    """Return the Euclidean distances (M,) between two particles on each shape (M, N, 3) [mm].
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Figures of shapes: modes, differences of groups, particles, and those of a finished project."""
+"""Figures of shapes: modes, group differences, particles, and all figures of a project."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -66,7 +66,7 @@ class ModeSurfaces:
     shares: FloatArray
 
     def at(self, mode: int, deviations: float) -> TriangleMesh:
-        """Return the mean moved by so many standard deviations along a mode."""
+        """Return the mean displaced by a number of standard deviations along a mode."""
         return TriangleMesh(self.mean.vertices + deviations * self.displacements[mode], self.mean.faces)
 
 
@@ -81,7 +81,7 @@ def draw_modes(
     theme: Theme = LIGHT,
     width: int = 440,
 ) -> Figure:
-    """Draw a row for each mode: the mean surface and both ends, coloured by outward displacement.
+    """Draw one row per mode: the mean surface and both ends, coloured by outward displacement.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def _view(model: ModeSurfaces) -> View:
 def _frames(
     models: Sequence[ModeSurfaces], modes: Sequence[int], deviations: float, view: View
 ) -> list[Frame]:
-    """Return a frame for each mode, all of one scale, that holds its ends in all the models."""
+    """Return a frame for each mode, all of one scale, that contains its ends in all models."""
     ends = [
         [model.at(mode, sign * deviations).vertices for model in models for sign in (-1.0, 1.0)]
         for mode in modes

@@ -1,4 +1,4 @@
-"""Panels beside one another with captions and colour bars, displacements, and where to look from."""
+"""Layout of panels with captions and colour bars; views of regions."""
 
 import io
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ _GLANCE = 72
 
 
 def view_of_region(mesh: TriangleMesh, vertices: IntArray, centre: int) -> View:
-    """Return the direction from which most of a region is seen, as other walls may hide it.
+    """Return the direction from which most of a region is visible.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def arrange(
 
 
 def draw_displacement_bar(place: Axes, limit: float, theme: Theme, font_pt: float = _FONT_PT) -> None:
-    """Draw the displacement colours with their scale and what the sides mean."""
+    """Draw the displacement colours with their scale and labels."""
     scale = displacement_scale(limit)
     colours = ScalarMappable(Normalize(scale.low, scale.high), ListedColormap(scale.table / 255.0))
     ticks = np.linspace(-limit, limit, 5)
@@ -214,7 +214,7 @@ def draw_displacement_bar(place: Axes, limit: float, theme: Theme, font_pt: floa
 
 
 def write_picture(figure: Figure, path: Path) -> None:
-    """Store a picture as PNG, PDF or SVG, by the path's suffix, whole or not at all.
+    """Store a picture as PNG, PDF or SVG, by the path's suffix, atomically.
 
     The same picture gives the same bytes.
 

@@ -1,4 +1,4 @@
-"""Plots of numbers, drawn on axes of matplotlib: the same for the window, reports and exports.
+"""Plots on matplotlib axes: the same in the window, reports and exports.
 
 A function named `draw_` takes axes, data and the scheme's colours. It needs no display.
 """

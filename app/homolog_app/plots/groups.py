@@ -75,7 +75,7 @@ def draw_slope(
     axes: Axes, values: FloatArray, places: FloatArray, groups: Sequence[str], column: str, slope: float,
     colours: Colours,
 ) -> None:  # fmt: skip
-    """Draw how far subjects lie along the effect of a number, with the line of the regression.
+    """Draw the positions of subjects along the effect of a number, with the regression line.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def draw_boxes(
 
 
 def _widen(axes: Axes) -> None:
-    """Let values that are nearly equal look so."""
+    """Widen the range so that nearly equal values look equal."""
     low, high = axes.get_ylim()
     middle = (low + high) / 2.0
     if high - low < _LEAST_RANGE * abs(middle):
@@ -172,7 +172,7 @@ def draw_measure(axes: Axes, x: FloatArray, y: FloatArray, title: str, label: st
 
 
 def draw_value(axes: Axes, x: float, y: float, text: str, colours: Colours) -> Sequence[Artist]:
-    """Draw and return a dot on a curve, and what it stands for at the upper right corner."""
+    """Draw and return a dot on a curve, and its value at the upper right corner."""
     dot = Line2D([x], [y], marker="o", markersize=7, color=colours.accent, linestyle="none", zorder=6)
     axes.add_artist(dot)
     note = axes.annotate(
@@ -188,7 +188,7 @@ def percentile_rows(
     """Return a patient's numbers: name, value in words, place among the controls, these, and the limit."""
     measures = (
         ("Distance in the modes", "{:.1f} SD", comparison.mahalanobis, reference.mahalanobis, None),
-        ("Distance outside of them", "{:.2f} mm", comparison.outside, reference.outside, None),
+        ("Distance outside the modes", "{:.2f} mm", comparison.outside, reference.outside, None),
         ("Size, of the expected", "{:.2f}", comparison.size, reference.size, None),
         ("Largest |z|", "{:.1f}", comparison.local, reference.maxima, reference.limit),
     )

@@ -1,4 +1,4 @@
-"""Plots of a shape model and of the run that made it."""
+"""Plots of a shape model and of its run."""
 
 from collections.abc import Sequence
 
@@ -52,7 +52,7 @@ def draw_scree(
     percentile: float,
     colours: Colours,
 ) -> None:
-    """Draw the eigenvalues, filled above chance, with the line that chance reaches (parallel analysis).
+    """Draw the eigenvalues, filled if retained, with the threshold of parallel analysis.
 
     Parameters
     ----------
@@ -60,13 +60,13 @@ def draw_scree(
     eigenvalues, threshold : (K,) array
         Eigenvalues of the data, and their percentile under the null [mm²].
     n_retained : int
-        Number of modes above chance.
+        Number of retained modes.
     percentile : float
         Of the null, in percent.
     colours : Colours
     """
     noun = "mode" if n_retained == 1 else "modes"
-    dress(axes, colours, f"{n_retained} {noun} above chance", "mode", "share of variance (%)")
+    dress(axes, colours, f"{n_retained} {noun} retained", "mode", "share of variance (%)")
     shown = min(len(eigenvalues), _MOST_BARS)
     share = 100.0 / eigenvalues.sum()
     bars = axes.bar(np.arange(1, shown + 1), eigenvalues[:shown] * share, width=0.64)
@@ -131,7 +131,7 @@ def draw_scores(
 def draw_subjects(
     axes: Axes, points: FloatArray, names: Sequence[str], selected: Sequence[str], colours: Colours
 ) -> list[Artist]:
-    """Write names beside subjects' points (n, 2), and put a ring around those that are selected.
+    """Write names next to subjects' points (n, 2), and draw a ring around selected ones.
 
     A name that would cover another is left out, unless its subject is selected. The axes keep their limits.
     """
@@ -163,7 +163,7 @@ def draw_subjects(
 
 
 def draw_place(axes: Axes, x: float, y: float | None, colours: Colours) -> Line2D:
-    """Draw and return where the shape that is shown lies: a cross, or a line where the height means nothing.
+    """Draw and return the position of the shown shape: a cross, or a line if the height has no meaning.
 
     The axes keep their limits.
     """
@@ -177,9 +177,9 @@ def draw_place(axes: Axes, x: float, y: float | None, colours: Colours) -> Line2
 
 
 def draw_energies(places: Sequence[Axes], rows: FloatArray, colours: Colours) -> None:
-    """Draw the three parts of the objective along a run, each on axes of its own.
+    """Draw the three terms of the objective during a run, each on its own axes.
 
-    Leaps of the first iterations may leave the frame. A part that does not count says so.
+    Jumps of the first iterations may leave the frame. A term that is not part of the method says so.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def draw_energies(places: Sequence[Axes], rows: FloatArray, colours: Colours) ->
 def draw_energy_frames(
     places: Sequence[Axes], rows: FloatArray, colours: Colours, ahead: float = 0.0
 ) -> None:
-    """Draw all of `draw_energies` but the curves, with room for so large a share of further iterations."""
+    """Draw all of `draw_energies` but the curves, with room for a share of further iterations."""
     figure = places[0].get_figure(root=True)
     assert figure is not None
     note = shortened(_RISES, letters(places[0], figure.bbox.width))

@@ -1,4 +1,4 @@
-"""How plots look: colours and markers of groups, fonts, frames, texts as long as there is room for."""
+"""Style of plots: colours and markers of groups, fonts, frames, texts shortened to the room."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ __all__ = [
 ]  # fmt: skip
 
 DPI = 96
-"""Pixels of an inch on the screen."""
+"""Pixels per inch on the screen."""
 FONT_PT, TICK_PT, LINE_PT = 9.0, 8.0, 1.2
 LETTER = 0.55
 """Mean width of a letter, in sizes of the font."""
@@ -43,7 +43,7 @@ def group_style(index: int, colours: Colours) -> tuple[str, str]:
 
 
 def dress(axes: Axes, colours: Colours, title: str = "", x_label: str = "", y_label: str = "") -> None:
-    """Give axes the scheme's colours, and title and labels as long as there is room for."""
+    """Give axes the scheme's colours, and title and labels shortened to the room."""
     axes.set_facecolor(colours.surface)
     axes.tick_params(labelsize=TICK_PT, color=colours.faint, labelcolor=colours.dim, length=3.0)
     for name, spine in axes.spines.items():
@@ -65,7 +65,7 @@ def points_in(axes: Axes, pixels: float) -> float:
 
 
 def letters(axes: Axes, pixels: float) -> int:
-    """Return how many letters of a tick fit into a length."""
+    """Return the number of letters of a tick label that fit into a length."""
     return int(points_in(axes, pixels) / (LETTER * TICK_PT))
 
 

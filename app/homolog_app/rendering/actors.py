@@ -1,4 +1,4 @@
-"""A scene as VTK draws it, in the window and off screen; what has only moved is moved in place.
+"""Scenes drawn by VTK, in the window and off screen; moved objects are updated in place.
 
 Classes of VTK are named only where pyvista has none: a mapper of surfaces that takes clipping planes and
 depth offsets, one that draws a ball for each point, and filters that follow a moving surface by themselves.
@@ -44,7 +44,7 @@ Vtk = Any  # VTK is untyped
 
 
 class SceneActors:
-    """Draws one scene after another in a renderer of VTK.
+    """Draws scenes in a VTK renderer.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class SceneActors:
             _clip(actor.GetMapper(), self._plane if cut else None)
 
     def lift(self, way: FloatArray) -> None:
-        """Draw the balls elsewhere by a way (3,) [mm], such as off the surface towards the eye."""
+        """Shift the balls by a vector (3,) [mm], such as off the surface towards the eye."""
         self._balls.actor.SetPosition(*way)
 
 
@@ -180,7 +180,7 @@ class RoundBalls:
 
 
 class QuickBalls:
-    """Balls painted as one square each: quick where they move and are many."""
+    """Balls drawn as one shaded square each: fast if many of them move."""
 
     def __init__(self) -> None:
         mapper = PointGaussianMapper(emissive=False)

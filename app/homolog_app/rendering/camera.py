@@ -1,4 +1,4 @@
-"""From where shapes are seen, and the plane that cuts them open, for pictures, films and the window alike."""
+"""Cameras and the cutting plane, for pictures, films and the window."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class View:
     toward : tuple of 3 float
         From the shape to the viewer; any length.
     up : tuple of 3 float
-        What is up in the picture, at least roughly; not parallel to `toward`.
+        Approximate upward direction in the picture; not parallel to `toward`.
     name : str
         Caption of pictures that have several views; may be empty.
     """
@@ -82,7 +82,7 @@ VIEWS = {
 
 
 def three_quarter_view(points: FloatArray, weights: FloatArray | None = None) -> View:
-    """Look at the shape's broad side, from the oblique.
+    """Return an oblique view of the shape's broad side.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def frame_around(
 
 
 def round_length(most: float) -> float:
-    """Return how long a scale bar is: the largest of 1, 2, 5, 10, … that is not more than so much."""
+    """Return the length of a scale bar: the largest of 1, 2, 5, 10, … up to a limit."""
     power = 10.0 ** np.floor(np.log10(most))
     return float(power * max(length for length in (1.0, 2.0, 5.0) if length * power <= most * (1.0 + 1e-9)))
 
@@ -167,7 +167,7 @@ Cut = tuple[FloatArray, FloatArray]
 
 
 class ClipPlane(StrEnum):
-    """How the cutting plane lies, in the common LPS coordinates."""
+    """Orientation of the cutting plane, in the common LPS coordinates."""
 
     AXIAL = "axial"
     CORONAL = "coronal"
@@ -225,7 +225,7 @@ class Clip(BaseModel):
 
 
 def cut_of(clip: Clip | None, points: FloatArray, toward: FloatArray) -> Cut | None:
-    """Return the plane that cuts a shape with such points (n, 3), seen from a direction; None without one."""
+    """Return the plane that cuts points (n, 3), seen from a direction; None without a clip."""
     return None if clip is None else clip.cut(extent_of(points), -toward)
 
 
@@ -249,7 +249,7 @@ _Pixels = Annotated[int, Field(ge=1, le=10_000)]
 
 
 class CameraState(BaseModel):
-    """From where a view looks, in parallel projection [mm]."""
+    """Camera of a view, in parallel projection [mm]."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -260,14 +260,14 @@ class CameraState(BaseModel):
 
     @classmethod
     def of(cls, camera: Any) -> "CameraState":  # noqa: ANN401 - VTK is untyped
-        """Return what a camera of VTK does."""
+        """Return the state of a VTK camera."""
         return cls(
             at=camera.GetFocalPoint(), eye=camera.GetPosition(), up=camera.GetViewUp(),
             height=2.0 * camera.GetParallelScale(),
         )  # fmt: skip
 
     def set(self, camera: Any) -> None:  # noqa: ANN401
-        """Let a camera of VTK do this."""
+        """Apply this state to a VTK camera."""
         camera.SetFocalPoint(*self.at)
         camera.SetPosition(*self.eye)
         camera.SetViewUp(*self.up)

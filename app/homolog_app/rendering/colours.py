@@ -115,9 +115,9 @@ def colours_by_place(mean: FloatArray) -> Array:
 
 
 _FAINT = 0.35
-"""What remains of a colour's strength where a difference is within the limit."""
+"""Remaining saturation of a colour where a difference is within the limit."""
 GREY = (150, 150, 150)
-"""What has no value, or none that counts: neutral, and unlike every colour of the scales."""
+"""Colour of missing or ignored values: neutral, and not part of any scale."""
 
 # Viridis (Smith and van der Walt 2015) at nine places.
 _VIRIDIS = np.array(
@@ -128,7 +128,7 @@ _VIRIDIS = np.array(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ColourScale:
-    """From numbers to colours.
+    """A map from numbers to colours.
 
     Attributes
     ----------
@@ -200,7 +200,7 @@ def displacement_scale(
 
 
 def viridis() -> Array:
-    """Return the colours of numbers that go from low to high, (256, 3) uint8."""
+    """Return a sequential colour map, (256, 3) uint8."""
     stops = np.linspace(0.0, 1.0, len(_VIRIDIS))
     fine = [np.interp(np.linspace(0.0, 1.0, 256), stops, channel) for channel in _VIRIDIS.T]
     table: Array = np.rint(np.stack(fine, axis=1)).astype(np.uint8)
@@ -216,7 +216,7 @@ def outward_displacement(mesh: TriangleMesh, displacement: FloatArray) -> FloatA
 
 
 def common_limit(values: Sequence[FloatArray]) -> float:
-    """Return a round value [mm] that 99 % of all the given values stay below."""
+    """Return a round value [mm] above 99 % of all given values."""
     reach = float(np.percentile(np.abs(np.concatenate(values)), 99.0))
     if reach <= 0.0:
         return 1.0

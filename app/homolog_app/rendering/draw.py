@@ -1,4 +1,4 @@
-"""What draws scenes here: VTK where there is OpenGL, software elsewhere. Chosen once in a process."""
+"""Choice of the renderer, once per process: VTK with OpenGL, or software."""
 
 import atexit
 import logging
@@ -67,13 +67,13 @@ def draw(scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
 
 
 def start_renderer() -> None:
-    """Choose and start what draws, so that the first picture need not wait; faults are raised with it."""
+    """Choose and start the renderer in advance; errors are raised with the first picture."""
     with suppress(InputError):
         _ = _CHOICE.name
 
 
 def with_opengl(function: Callable[..., _T], *arguments: object) -> _T:
-    """Return what a function of a module returns in the process that has OpenGL.
+    """Call a function of a module in the process with OpenGL and return its result.
 
     Raises
     ------
@@ -84,12 +84,12 @@ def with_opengl(function: Callable[..., _T], *arguments: object) -> _T:
 
 
 def renderer_name() -> str:
-    """Return what draws here, for people."""
+    """Return the name of the renderer."""
     return _CHOICE.name
 
 
 class RendererChoice:
-    """Begins when something is drawn first; other threads wait."""
+    """The renderer of this process, chosen with the first picture; other threads wait."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -141,12 +141,12 @@ class RendererChoice:
             return OpenGLProcess(draws_emulated=needed)
         except _FAULTS as error:
             if needed:
-                raise InputError(f"{RENDERER}=opengl: this machine has no OpenGL that works") from error
+                raise InputError(f"{RENDERER}=opengl: this machine has no working OpenGL") from error
             return _software()
 
 
 class OpenGLProcess:
-    """VTK in a process of its own: it ends its process where it finds no OpenGL, and has one thread only.
+    """VTK in a separate process, because it ends its process without OpenGL and has only one thread.
 
     Parameters
     ----------

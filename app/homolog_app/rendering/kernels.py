@@ -1,4 +1,4 @@
-"""Drawing triangles without OpenGL, and the light in their hollows."""
+"""Drawing triangles without OpenGL, and ambient occlusion."""
 
 import warp as wp
 
@@ -62,7 +62,7 @@ def shade(scene: Triangles, face: int, u: float, v: float) -> wp.vec3:
 
 @wp.func
 def edges(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec4:
-    """Return how the shares of a triangle's first two corners grow along rows and columns."""
+    """Return the gradients of a triangle's first two barycentric coordinates along rows and columns."""
     area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     return wp.vec4(b[1] - c[1], c[0] - b[0], c[1] - a[1], a[0] - c[0]) / area
 
@@ -155,7 +155,7 @@ def occlude(
     sets: int,
     openness: wp.array(dtype=float),
 ):
-    """Share of the directions (a half sphere around z) in which the surface does not see itself.
+    """Share of directions (hemisphere around z) that are not occluded by the surface.
 
     Every vertex looks along one of so many interleaved sets of the directions.
     """

@@ -1,4 +1,4 @@
-"""Scenes drawn off screen by pyvista, with whatever OpenGL this machine has, in a process of its own.
+"""Scenes drawn off screen by pyvista, with the machine's OpenGL, in a separate process.
 
 VTK ends its process where it finds no OpenGL, and is not meant for several threads.
 """
@@ -24,7 +24,7 @@ SMOOTH = 8
 
 
 def begin() -> str:
-    """Begin in a new process: return what draws, such as ``"llvmpipe"``, or end the process without OpenGL.
+    """Return the OpenGL renderer of a new process, such as ``"llvmpipe"``; end a process without OpenGL.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def begin() -> str:
 
 
 def need_no_display() -> None:
-    """Let VTK use EGL where there is no display, before its first window."""
+    """Let VTK use EGL without a display; call before its first window."""
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
 
@@ -68,7 +68,7 @@ def draw(scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
 
 
 def pixels_of(window: Any) -> NDArray[np.uint8]:  # noqa: ANN401 - VTK is untyped
-    """Return what a window of VTK has drawn, (height, width, 4), the first row on top."""
+    """Return the pixels of a VTK window, (height, width, 4), the first row on top."""
     width, height = window.GetSize()
     held = vtkUnsignedCharArray()
     window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, held)

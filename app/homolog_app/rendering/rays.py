@@ -1,4 +1,4 @@
-"""Rays cast by Warp on the processor: the light that reaches hollows, and pictures without OpenGL."""
+"""Ray casting with Warp on the CPU: ambient occlusion, and pictures without OpenGL."""
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -31,13 +31,13 @@ def shaded(mesh: TriangleMesh, colours: FloatArray) -> Surface:
 
 
 def hollows(mesh: TriangleMesh) -> FloatArray:
-    """Return the share of light that reaches each vertex, (V,): less where the surface sees itself nearby."""
+    """Return the share of ambient light at each vertex, (V,): less where the surface occludes itself."""
     light = openness(mesh, float(_OCCLUSION_REACH * np.ptp(mesh.vertices, axis=0).max()))
     return np.asarray(1.0 - _OCCLUSION_DEPTH * (1.0 - light))
 
 
 def openness(mesh: TriangleMesh, reach: float) -> FloatArray:
-    """Return the share of directions in which each vertex does not see the surface within reach [mm], (V,).
+    """Return the share of unoccluded directions within a reach [mm] of each vertex, (V,).
 
     A vertex casts an eighth of the rays; averaging over its neighbours, which cast others, removes the noise.
     """

@@ -1,4 +1,4 @@
-"""What is drawn: coloured surfaces, balls, a cut and the light. Arrays only, which any process can draw."""
+"""Scenes: coloured surfaces, balls, arrows, lines, a cut, lights. Arrays only, for any process."""
 
 from dataclasses import dataclass
 
@@ -84,7 +84,7 @@ class Arrows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """Everything in a picture but its texts. Software draws surfaces and balls only.
+    """Everything in a picture except texts. The software renderer draws only surfaces and balls.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Scene:
 
     @property
     def balls_left(self) -> Balls | None:
-        """The balls that the cut leaves: none is cut in two."""
+        """The balls that the cut leaves; no ball is cut in two."""
         if self.balls is None or self.cut is None:
             return self.balls
         normal, origin = self.cut
@@ -140,7 +140,7 @@ def surface(mesh: TriangleMesh, colours: FloatArray, light: FloatArray | None = 
 
 
 def ball_radius(extent: Box, count: int) -> float:
-    """Return the radius [mm] of the balls of so many particles: half of the surface stays free.
+    """Return the radius [mm] of balls for a number of particles, which leave half of the surface free.
 
     Parameters
     ----------

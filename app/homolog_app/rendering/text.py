@@ -1,4 +1,4 @@
-"""Words in pictures: fonts with all their signs, numbers in short, and anatomical letters at the edges."""
+"""Text in pictures: fonts for all characters, short numbers, and anatomical letters at the edges."""
 
 import importlib.util
 import math
@@ -43,7 +43,7 @@ _ODD = ("bold", "italic", "oblique", "black", "light", "thin", "mono", "serif")
 
 @cache
 def font_file(text: str = "") -> Path:
-    """Return the first font that has all signs of a text, or else most: DejaVu Sans before others."""
+    """Return the first font with all characters of a text, or else most: DejaVu Sans before others."""
     best, fewest = usual_file(), signs_lacking(usual_file(), text)
     for path in system_files() if fewest else ():
         if len(missing := signs_lacking(path, text)) < len(fewest):
@@ -54,13 +54,13 @@ def font_file(text: str = "") -> Path:
 
 
 def written(text: str, font: Path) -> str:
-    """Return text with a box for each sign that a font lacks: VTK would leave out the whole line."""
+    """Return text with a box for each character that a font lacks: VTK would omit the whole line."""
     missing = signs_lacking(font, text)
     return "".join(_BOX if sign in missing else sign for sign in text)
 
 
 def legible(text: str) -> str:
-    """Return text with a box for each sign that no font has."""
+    """Return text with a box for each character that no font has."""
     return "".join(written(sign, font_file(sign)) for sign in text)
 
 
@@ -77,14 +77,14 @@ _TYPESET = (
 
 
 def typeset(text: str) -> str:
-    """Return words with minus signs, and with numbers that stay beside their units and intervals."""
+    """Return text with minus signs, and with numbers kept next to their units and intervals."""
     for pattern, instead in _TYPESET:
         text = pattern.sub(instead, text)
     return text
 
 
 def complete_texts(figure: "Figure") -> None:
-    """Let all that a figure says be `complete_text`."""
+    """Apply `complete_text` to all texts of a figure."""
     from matplotlib.text import Text
 
     for text in figure.findobj(Text):
@@ -92,7 +92,7 @@ def complete_texts(figure: "Figure") -> None:
 
 
 def complete_text(text: "Text") -> None:
-    """Let matplotlib write a text as it is: no part is a formula, each sign has a font or is a box."""
+    """Let matplotlib draw a text literally: without formulas, and with a font or box for each character."""
     text.set_parse_math(False)
     content = legible(text.get_text())
     fonts = {font_file(sign) for sign in content} - {usual_file()}
@@ -154,7 +154,7 @@ def parse_number(text: str) -> float:
 
 
 def duration(seconds: float) -> str:
-    """Return a time for people, no more exact than it is known: ``"about 3 min"``."""
+    """Return a duration in words, rounded to its precision: ``"about 3 min"``."""
     if seconds < 60:
         return f"about {max(5, round(seconds / 5) * 5)} s"
     if seconds < 5400:
@@ -169,7 +169,7 @@ def signed(value: float, digits: int = 2) -> str:
 
 
 def shortened(text: str, most: int) -> str:
-    """Return a text of at most so many letters; where it is longer, its middle is left out."""
+    """Return a text of at most a number of letters; longer ones lose their middle."""
     if len(text) <= most:
         return text
     kept = max(most - 1, 2)
@@ -177,20 +177,20 @@ def shortened(text: str, most: int) -> str:
 
 
 def short(value: float) -> str:
-    """Return a number with three digits or all those before the point, and a true minus."""
+    """Return a number with three significant digits, or all digits before the point, and a true minus."""
     if abs(value) <= 1e-12:
         return "0"
     return (f"{value:.0f}" if 1000.0 <= abs(value) < 1e6 else f"{value:.3g}").replace("-", "−")
 
 
 def millilitres(volume: float) -> str:
-    """Return a volume with three digits or all those before the point: ``"96.0 ml"``, ``"1532 ml"``."""
+    """Return a volume with three or more significant digits: ``"96.0 ml"``, ``"1532 ml"``."""
     digits = 2 - math.floor(math.log10(volume)) if volume > 0.0 else 0
     return f"{volume:.{min(max(digits, 0), 6)}f} ml"
 
 
 def tick_labels(values: Sequence[float]) -> list[str]:
-    """Return the words of evenly spaced ticks, all with as many digits as tell them apart."""
+    """Return the labels of evenly spaced ticks, with enough digits to distinguish them."""
     step = values[1] - values[0] if len(values) > 1 else 1.0
     digits = next(
         digits for digits in range(10) if digits == 9 or abs(round(step, digits) - step) < 1e-3 * step

@@ -1,4 +1,4 @@
-"""Questions about groups or a number: asked, repeated, kept, and their answers carried to the surface."""
+"""Questions about groups or a number: computed, repeated, stored, and their answers mapped to the surface."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -41,7 +41,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroupMap:
-    """A way from the first group to the second on the mean surface of both.
+    """The displacement from the first group to the second on the mean surface of both.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class GroupMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroupAnswer:
-    """What was found for two groups, or along a number, in the model of one run.
+    """The answer for two groups, or for a number, in the model of one run.
 
     Attributes
     ----------
@@ -108,14 +108,14 @@ class GroupAnswer:
 
     @property
     def ends(self) -> tuple[str, str]:
-        """What stands at both ends of the way, in words."""
+        """Labels of both ends of the morph."""
         if self.values is None:
             return f"mean of {self.first}", f"mean of {self.second}"
         column = self.study.request.column
         return f"{column} {self.first}", f"{column} {self.second}"
 
     def at(self, way: float) -> str:
-        """Return the words for a place on the way, 0 at the first and 1 at the second."""
+        """Return the label of a position on the morph, 0 at the first and 1 at the second."""
         if self.values is None:
             return f"{self.first} to {self.second} at {100 * way:.0f} %"
         low, high = float(self.values.min()), float(self.values.max())
@@ -156,7 +156,7 @@ def carried_answer(shape: ModelShape, result: Result, study: Study, index: int, 
     InputError
         If the study has no such pair.
     """
-    tick(0.0, "carrying the difference to the surface")
+    tick(0.0, "mapping the difference to the surface")
     pairs, request = study.pairwise or (study.overall,), study.request
     if index >= len(pairs):
         raise InputError(f"there is no pair {index} of groups; there are {len(pairs)}")
@@ -234,7 +234,7 @@ def _paired(result: Result, study: Study) -> IntArray:
 def _along(
     result: Result, request: StudyRequest, pair: Comparison, subjects: IntArray, effect: FloatArray
 ) -> FloatArray:
-    """Return how far each subject lies along an effect (N, 3), as RMS over the particles [mm]."""
+    """Return the position of each subject along an effect (N, 3), as RMS over the particles [mm]."""
     own = compared_shapes(result, request.alignment)[subjects]
     shapes = prepare_shapes(own, study_options(request)) - pair.mean
     length = max(float(np.linalg.norm(effect)), np.finfo(float).tiny)
@@ -243,7 +243,7 @@ def _along(
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What is asked at once, and of what.
+    """Requests that are answered together, and their data.
 
     Attributes
     ----------
@@ -258,12 +258,12 @@ class Question:
 
     @property
     def titles(self) -> frozenset[str]:
-        """What tells the requests from others, however precisely they are answered."""
+        """Identifiers of the requests, regardless of the precision of their answers."""
         return frozenset(request.question for request in self.requests)
 
     @property
     def arguments(self) -> list[str]:
-        """The options of ``homolog analyze`` that ask it."""
+        """The equivalent options of ``homolog analyze``."""
         return [*self.requests[0].arguments, *(request.alignment.value for request in self.requests[1:])]
 
 
@@ -291,7 +291,7 @@ class Answers:
 
 
 def question_of(requests: Sequence[StudyRequest], result: Result, cohort: Cohort) -> Question:
-    """Return a question with what the table holds of it now, so that a later change can be told."""
+    """Return a question with the table's present values, so that later changes can be detected."""
     present = with_present_table(result, cohort)
     known = {name for columns in present.columns for name in columns}
     used = [request.column for request in requests]
@@ -358,7 +358,7 @@ def save_answers(project: ProjectFolder, answers: Answers, cohort: Cohort, tick:
     """Write the tables of all answers into the project, as ``homolog analyze`` does; return their folders."""
     from homolog_app.report.tables import save_study
 
-    tick(0.0, "keeping the answer")
+    tick(0.0, "storing the answer")
     result = with_present_table(answers.models[0].result, cohort)
     return [save_study(project, study, result) for study in answers.own]
 
@@ -366,7 +366,7 @@ def save_answers(project: ProjectFolder, answers: Answers, cohort: Cohort, tick:
 def repeat_by_seed(
     project: ProjectFolder, answers: Answers, cohort: Cohort, seeds: int, tick: Tick
 ) -> list[str]:
-    """Answer with other seeds of the correspondence too, as ``--seeds`` does; keep what spreads."""
+    """Answer with other seeds of the correspondence too, as ``--seeds`` does; store the answers."""
     from homolog_app.report.seeds import answer_by_seed, spread_text, write_spread
     from homolog_app.report.tables import save_study
 

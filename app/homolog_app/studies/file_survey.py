@@ -1,4 +1,4 @@
-"""A first look at a subject's file: its labels, volume, a small picture and its surface as it is."""
+"""A preview of a subject's file: labels, volume, thumbnail and original surface."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -54,7 +54,7 @@ class LabelSummary:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FileSurvey:
-    """What a subject's file holds.
+    """The preview of a subject's file.
 
     Attributes
     ----------
@@ -91,12 +91,12 @@ class FileSurvey:
 
     @property
     def awaits_choice(self) -> bool:
-        """Whether the file is good, but which of its overlapping structures is meant has not been said."""
+        """Whether the file is valid, but one of its overlapping structures must be chosen."""
         return bool(self.problem and self.labels) and self.label is None and self.segment is None
 
 
 def survey_subject(subject: Subject, label: int | None, segment: str | None = None) -> FileSurvey:
-    """Look into a subject's file. Bad files make a survey with a problem, not an error.
+    """Preview a subject's file. An unusable file gives a preview with a problem, not an error.
 
     A file whose structures can't be taken together, because they overlap, has a problem and its labels.
     """
@@ -174,7 +174,7 @@ def _of_masks(subject: Subject, masks: Mapping[str, Path]) -> tuple[LabelSummary
 
 
 def _unpacked_bytes(path: Path) -> int:
-    """Return how large a file is when it is unpacked; gzip keeps that at its end."""
+    """Return the unpacked size of a file; gzip stores it at the end."""
     size = path.stat().st_size
     if not path.name.endswith(".gz") or size < _GZIP_END:
         return size
@@ -184,14 +184,14 @@ def _unpacked_bytes(path: Path) -> int:
 
 
 def _framed(segmentation: Segmentation) -> Segmentation:
-    """Return the voxels of a structure with some more around them, for slices to show."""
+    """Return the voxels of a structure with a margin, for slices."""
     mask = np.pad(segmentation.mask, _MARGIN)
     origin = segmentation.origin - segmentation.rotation @ (_MARGIN * segmentation.spacing)
     return Segmentation(mask, segmentation.rotation, segmentation.spacing, origin)
 
 
 def _surface(voxels: Segmentation) -> tuple[TriangleMesh, int]:
-    """Return the border of the voxels as they are; coarser if there are so many that it would take long."""
+    """Return the voxel surface; coarser for large numbers of voxels."""
     from skimage.measure import marching_cubes
 
     every = int(np.ceil((voxels.mask.size / _MOST_VOXELS) ** (1 / 3)))
@@ -227,7 +227,7 @@ def _mesh_thumbnail(mesh: TriangleMesh) -> Array:
 
 
 def _shaded(depth: FloatArray, down: float, across: float) -> Array:
-    """Light a depth map (nan where nothing is) and fit it into a square picture."""
+    """Shade a depth map (nan in the background) and fit it into a square picture."""
     size = max(depth.shape[0] * down, depth.shape[1] * across) / (THUMBNAIL - 4)
     rows = ((np.arange(THUMBNAIL) - THUMBNAIL / 2) * size / down + depth.shape[0] / 2).astype(int)
     columns = ((np.arange(THUMBNAIL) - THUMBNAIL / 2) * size / across + depth.shape[1] / 2).astype(int)

@@ -42,7 +42,7 @@ _FILE = "window.json"
 
 
 class ViewRecord(BaseModel):
-    """How the window looked.
+    """The state of the window's views.
 
     Attributes
     ----------
@@ -71,13 +71,13 @@ class ViewRecord(BaseModel):
     scale_bar: bool = True
 
     def of_canvas(self, canvas: Canvas) -> "ViewRecord":
-        """Return a copy with how a canvas is looked at."""
+        """Return a copy with the display state of a canvas."""
         same = {name: getattr(canvas, name) for name in ("layout", "opacity", "letters", "scale_bar")}
         return self.model_copy(update={**same, "camera": canvas.cameras[0]})
 
 
 class StudyRecord(BaseModel):
-    """All subjects in order, the names of those left out, and the settings."""
+    """All subjects in order, the names of excluded ones, and the settings."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -89,7 +89,7 @@ class StudyRecord(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """A project as it was found."""
+    """An opened project."""
 
     study: Study
     view: ViewRecord
@@ -128,7 +128,7 @@ def study_of(record: StudyRecord, folder: Path) -> Study:
 
 
 def save_project(project: ProjectFolder, study: Study, view: ViewRecord) -> None:
-    """Write a study into its project; the result there stays.
+    """Write a study into its project; its result is not changed.
 
     Raises
     ------
@@ -144,12 +144,12 @@ def save_project(project: ProjectFolder, study: Study, view: ViewRecord) -> None
 
 
 def save_view(project: ProjectFolder, study: Study, view: ViewRecord) -> None:
-    """Write how a study that is saved was looked at; raises InputError if that can't be written."""
+    """Write the view state of a saved study; raises InputError if that can't be written."""
     write_text(project.folder / _FILE, record_of(study, project, view).model_dump_json(indent=2) + "\n")
 
 
 def open_project(project: ProjectFolder) -> Opened:
-    """Read a project's study. What the command line changed since the window saved it counts.
+    """Read a project's study, including later changes by the command line.
 
     Raises
     ------
@@ -186,7 +186,7 @@ _RECORD, _LOCK, _DRAFT = "journal.json", "lock", "draft"
 
 
 class JournalRecord(BaseModel):
-    """What was open: the project's folder (None for a study never saved), the study, and whether it ran."""
+    """The open study: project folder (None if never saved), study, and whether a run was in progress."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -214,16 +214,16 @@ class Journal:
         write_text(self._folder / _RECORD, record.model_dump_json())
 
     def clear_record(self) -> None:
-        """Forget what was open: it is saved."""
+        """Delete the record of the open study after it was saved."""
         (self._folder / _RECORD).unlink(missing_ok=True)
 
     def clear(self) -> None:
-        """Forget what was open, and the draft: it is given up, or saved elsewhere."""
+        """Delete record and draft: the study was discarded, or saved elsewhere."""
         self.clear_record()
         shutil.rmtree(self.draft.folder, ignore_errors=True)
 
     def adopt(self, lost: "InterruptedSession") -> None:
-        """Take over the draft of a window that is gone."""
+        """Take over the draft of a terminated window."""
         draft = lost.folder / _DRAFT
         if draft.is_dir():
             shutil.rmtree(self.draft.folder, ignore_errors=True)
@@ -231,21 +231,21 @@ class Journal:
         lost.discard()
 
     def close(self) -> None:
-        """Remove everything; the window closed in good order."""
+        """Remove everything; the window was closed normally."""
         self._lock.release()
         shutil.rmtree(self._folder, ignore_errors=True)
 
 
 @dataclass(frozen=True, slots=True)
 class InterruptedSession:
-    """The journal of a window that is gone."""
+    """The journal of a terminated window."""
 
     folder: Path
     record: JournalRecord
 
     @property
     def base(self) -> Path:
-        """Where the relative paths of its study start."""
+        """The folder to which the study's paths are relative."""
         return Path(self.record.folder) if self.record.folder else self.folder / _DRAFT
 
     def discard(self) -> None:
@@ -254,9 +254,9 @@ class InterruptedSession:
 
 
 def find_lost(sessions: Path) -> list[InterruptedSession]:
-    """Return the journals of windows that are gone, newest first; folders without one are removed.
+    """Return the journals of terminated windows, newest first; folders without one are removed.
 
-    A lock tells who is alive: the system lets go of it when a process ends, however it ends.
+    Running windows hold a lock, which the system releases when the process ends for any reason.
     """
     journals: list[tuple[float, InterruptedSession]] = []
     for folder in sessions.iterdir() if sessions.is_dir() else ():
@@ -276,7 +276,7 @@ def find_lost(sessions: Path) -> list[InterruptedSession]:
 
 
 def interrupted_text(checkpoint: Path, particles: int) -> str:
-    """Return how far a run got whose checkpoint is there.
+    """Describe the progress of an interrupted run.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def _read(checkpoint: Path, _changed: int) -> tuple[int, int]:
 
 
 def copy_project(old: Path, new: Path) -> None:
-    """Copy a project's folder, whole or not at all; the first error ends it."""
+    """Copy a project's folder atomically; stop at the first error."""
     failed: list[OSError] = []
 
     def copy(source: str, target: str) -> None:

@@ -1,6 +1,6 @@
-"""The long jobs of the window. Their functions run in the computing thread and know no Qt.
+"""The long jobs of the window. Their functions run in the computing thread, without Qt.
 
-What they need of the core is slow to import, so they do it themselves.
+They import slow modules of the core themselves.
 """
 
 import sys
@@ -39,14 +39,14 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """The machine's devices: alias and name, and the one that automatic takes."""
+    """The machine's devices: alias and name, and the one that *automatic* selects."""
 
     names: dict[str, str]
     automatic: str
 
 
 def prepare(tick: Tick) -> Devices:
-    """Import what is heavy and compile the kernels, so that the first run starts at once."""
+    """Import heavy modules and compile the kernels, so that the first run starts without delay."""
     tick(0.0, "preparing compute kernels (first start only)")
     import matplotlib.font_manager  # noqa: F401 - lists the system's fonts, for names of other scripts
     import warp
@@ -73,7 +73,7 @@ def prepare(tick: Tick) -> Devices:
 def read_files(
     subjects: Sequence[Subject], groom: GroomSettings, arrived: "Callable[[FileSurvey], None]", tick: Tick
 ) -> None:
-    """Look into each file and hand over what is found, one by one."""
+    """Preview files and hand over the results one by one."""
     from homolog_app.studies.file_survey import survey_subject
 
     for number, subject in enumerate(subjects):
@@ -82,7 +82,7 @@ def read_files(
 
 
 def import_model(source: Path, folder: Path, domain: str, tick: Tick) -> list[str]:
-    """Make a project of another program's model; return what is to be said of it."""
+    """Create a project from another program's model; return remarks on it."""
     from homolog import exchange
 
     return exchange.import_model(source, ProjectFolder(folder), domain=domain, tick=tick)
@@ -91,7 +91,7 @@ def import_model(source: Path, folder: Path, domain: str, tick: Tick) -> list[st
 def groom(
     cohort: Cohort, settings: RunSettings, project: ProjectFolder, tick: Tick
 ) -> "tuple[list[GroomedSubject], FloatArray]":
-    """Groom and align a cohort; what was groomed before comes from the project."""
+    """Groom and align a cohort; unchanged subjects come from the project's cache."""
     from homolog.cluster import subject_executor
     from homolog.device import cores
     from homolog.grooming import align_cohort, groom_cohort
@@ -112,7 +112,7 @@ def groom_again(
     project: ProjectFolder,
     tick: Tick,
 ) -> "GroomedSubject":
-    """Groom one subject of a cohort again, and note what its place among the others says of it."""
+    """Groom one subject of a cohort again, with notes from the comparison with the others."""
     from homolog.cluster import subject_executor
     from homolog.grooming import align_cohort, groom_cohort
 
@@ -136,7 +136,7 @@ def groom_again(
 def groomed_before(
     cohort: Cohort, settings: RunSettings, project: ProjectFolder, tick: Tick
 ) -> "tuple[list[GroomedSubject], FloatArray] | None":
-    """Return what a project keeps of its grooming, aligned; None unless each subject is kept as it is now."""
+    """Return a project's cached groomed subjects, aligned; None unless all are up to date."""
     from homolog.grooming import align_cohort
     from homolog.grooming.cache import content_key, load_groomed
     from homolog.grooming.subject import read_source
@@ -186,7 +186,7 @@ class RunJob:
 
     @property
     def keeps(self) -> bool:
-        """Whether it has particles that can be kept when it is cancelled; a result it began with stays."""
+        """Whether it has particles that can be saved when it is cancelled; an initial result remains."""
         return self._run.can_be_kept
 
     @property
@@ -196,7 +196,7 @@ class RunJob:
 
     @property
     def status(self) -> "RunStatus":
-        """Where the run is; another object also when there is another preliminary model."""
+        """Status of the run; a new object also for each new preliminary model."""
         latest = (self._run.status, self._fits.newest)
         if any(now is not before for now, before in zip(latest, self._latest, strict=True)):
             self._latest, self._status = latest, replace(latest[0])
@@ -208,16 +208,16 @@ class RunJob:
         return self._run.frame
 
     def cancel(self) -> None:
-        """End as soon as possible; a checkpoint stays."""
+        """Stop as soon as possible; a checkpoint remains."""
         self._run.cancel()
 
     def set_paused(self, paused: bool) -> None:
-        """Wait, or go on."""
+        """Pause or resume."""
         self._run.set_paused(paused)
 
     def keep(self, tick: Tick) -> LoadedResult | None:
-        """Make the particles of a cancelled run the result and read it; None if there are too few."""
-        tick(0.0, "keeping the particles")
+        """Save the particles of a cancelled run as the result and read it; None if there are too few."""
+        tick(0.0, "saving the particles")
         return self._finished() if self._run.keep() else None
 
     def execute(self) -> LoadedResult:

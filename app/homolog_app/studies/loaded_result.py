@@ -1,4 +1,4 @@
-"""A project's result as the window shows it, and the frames that led there."""
+"""A project's result as the window shows it, and the recorded frames of its run."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,7 +47,7 @@ class LoadedResult:
     summary : str
         One line for people.
     record : ResultRecord
-        How it came about.
+        The record of the result.
     """
 
     result: Result
@@ -69,7 +69,7 @@ class LoadedResult:
 
 
 class Recorder:
-    """Keeps moments of a run: all at first, ever fewer the longer it lasts."""
+    """Records frames of a run: all at first, fewer the longer it lasts."""
 
     def __init__(self) -> None:
         self.frames: list[RecordedFrame] = []
@@ -78,7 +78,7 @@ class Recorder:
         self._seen = 0
 
     def take(self, iteration: int, particles: FloatArray, energies: FloatArray) -> None:
-        """Take a moment in."""
+        """Add a frame."""
         sampling, ensemble, normals = (float(energy) for energy in energies)
         self.energies.append((float(iteration), sampling, ensemble, normals))
         self._seen += 1
@@ -99,7 +99,7 @@ class Recorder:
 
 
 def load_result(project: ProjectFolder) -> LoadedResult:
-    """Read a project's result with everything that the window shows of it.
+    """Read a project's result with all data that the window shows.
 
     Raises
     ------
@@ -130,14 +130,14 @@ def load_result(project: ProjectFolder) -> LoadedResult:
 def write_from_memory(
     project: ProjectFolder, loaded: LoadedResult, cohort: Cohort, tick: Tick = no_tick
 ) -> None:
-    """Write a result into a project from memory alone, for one whose own folder is gone.
+    """Write a result into a project from memory, if its own folder is gone.
 
     Parameters
     ----------
     project : ProjectFolder
         Without a result.
     loaded : Loaded
-        What is held of it; volumes of grooming are not.
+        The result in memory, without groomed volumes.
     cohort : Cohort
         The subjects of the project.
     tick : Tick
@@ -177,7 +177,7 @@ def write_from_memory(
 
 
 def _remarks(record: ResultRecord) -> str:
-    """Say what can't be shown of an imported model as it was."""
+    """Describe the limitations of an imported model."""
     noted = [subject for subject in record.subjects if subject.notes]
     return f". {len(noted)} of them: {noted[0].notes[0]}" if noted else ""
 

@@ -45,12 +45,12 @@ __all__ = [
 _ARROWS = 240
 _METHODS = {Method.GEODESIC_NORMALS: "geodesics and normals", Method.EUCLIDEAN: "Euclidean"}
 _LIMIT_AT = 2.0
-"""Standard deviations of the strongest mode that the colours reach to."""
+"""Limit of the colour scale in standard deviations of the first mode."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelShape:
-    """The mean surface of a result and how it follows the modes. Arrays are read-only.
+    """The mean surface of a result and its displacement by the modes. Arrays are read-only.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class ModelShape:
     result : Result
     model : ShapeModel
     parallel : ParallelAnalysis
-        Which modes are above chance.
+        The retained modes.
     mean : TriangleMesh
         The mean surface, V vertices.
     mean_normals : (V, 3) float32 array
@@ -102,7 +102,7 @@ class ModelShape:
         return f"{self.name} ({self.result.mirrored} mirrored)" if self.result.mirrored else self.name
 
     def title_among(self, models: "Sequence[ModelShape]") -> str:
-        """Return the title; with the method, where it is compared with another model."""
+        """Return the title; with the method, if another model is compared."""
         method = _METHODS.get(self.method, self.method.value.replace("-", " "))
         return f"{self.title} ({method})" if len(models) > 1 else self.title
 
@@ -161,7 +161,7 @@ def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_t
 
     model = ShapeModel.fit(result.world, names=result.names)
     parallel = parallel_analysis(result.world, tick=part_of(tick, 0.0, 0.6))
-    tick(0.6, "carrying the modes to the mean surface")
+    tick(0.6, "mapping the modes to the mean surface")
     mesh = result.mean_surface
     moves = _carried(result, model.components * model.standard_deviations[:, None, None])
     tick(0.9, "normals of the mean surface")
@@ -186,9 +186,9 @@ def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_t
 
 
 def facing(of: ModelShape, beside: ModelShape) -> ModelShape:
-    """Return a model with modes turned about where they go against another's: their sign is arbitrary.
+    """Return a model with the signs of its modes matched to another's (signs are arbitrary).
 
-    Judged by the scores of the subjects that both have; modes beyond the other's stay.
+    Signs follow from the scores of common subjects; further modes are not changed.
     """
     pairs = [
         (index, beside.result.names.index(name))
@@ -209,7 +209,7 @@ def facing(of: ModelShape, beside: ModelShape) -> ModelShape:
 
 
 def placement(of: ModelShape, beside: ModelShape) -> FloatArray:
-    """Return the rigid motion (4, 4) that puts a model beside another as their common subjects lie.
+    """Return the rigid motion (4, 4) that aligns a model with another by their common subjects.
 
     The identity if they have no subject in common.
     """
@@ -273,7 +273,7 @@ class PreliminaryModel:
     ----------
     shape : ModelShape
     particles, wanted : int
-        Particles on each shape, and how many the run places in the end.
+        Particles on each shape, now and at the end of the run.
     iteration : int
     """
 
@@ -284,12 +284,12 @@ class PreliminaryModel:
 
     @property
     def description(self) -> str:
-        """How far the run was."""
+        """The progress of the run."""
         return f"preliminary: {self.particles} of {self.wanted} particles, iteration {self.iteration}"
 
 
 class PreliminaryFits:
-    """Fits a model at each stage that a run completes, in a thread beside the run.
+    """Fits a model at each completed stage of a run, in a parallel thread.
 
     Parameters
     ----------
@@ -314,7 +314,7 @@ class PreliminaryFits:
         self._closed = threading.Event()
 
     def look(self) -> None:
-        """Begin a fit if the run has completed a stage and none is in progress."""
+        """Start a fit if the run has completed a stage and none is in progress."""
         frame = self._run.preliminary
         if frame is None or frame is self._seen or (self._thread is not None and self._thread.is_alive()):
             return
@@ -325,7 +325,7 @@ class PreliminaryFits:
         self._thread.start()
 
     def close(self) -> None:
-        """End the fit in progress; `newest` stays."""
+        """Stop the fit in progress; `newest` remains."""
         self._closed.set()
         if self._thread is not None:
             self._thread.join()

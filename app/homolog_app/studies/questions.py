@@ -1,4 +1,4 @@
-"""What questions about groups or a number can be about, and the words of their tests."""
+"""Possible questions about groups or a number, and the texts of their tests."""
 
 from collections import Counter
 from typing import TYPE_CHECKING
@@ -46,7 +46,7 @@ _MOST_CATEGORIES = 12
 
 
 def size_name(study: Study) -> str:
-    """Return what the shapes' own size is called: ``size``, unless the table has a column of that name."""
+    """Return the name of the shapes' own size: ``size``, unless the table has a column of that name."""
     return SHAPE_SIZE if SIZE in study.columns else SIZE
 
 
@@ -57,9 +57,9 @@ def values_of(study: Study, column: str) -> list[str]:
 
 
 def numbers_of(study: Study, *, complete: bool = False) -> dict[str, str]:
-    """Return the columns that hold numbers, not all alike, and what speaks against each, or nothing.
+    """Return the columns of different numbers, each with the reason why it can't be used, or an empty text.
 
-    Size is among them; those that can't be used come last. With `complete`, missing values are no fault.
+    Size is included; unusable ones come last. With `complete`, missing values are allowed.
     """
     own = size_name(study)
     problems = {own: ""}
@@ -77,7 +77,7 @@ def numbers_of(study: Study, *, complete: bool = False) -> dict[str, str]:
 
 
 def covariates_of(study: Study, column: str, *, complete: bool = False) -> dict[str, str]:
-    """Return the columns that can be adjusted for beside one, and what speaks against each, or nothing.
+    """Return the possible covariates for a column, each with why it can't be used, or an empty text.
 
     Numbers with few values are offered as codes of categories too (``site:c``).
     """
@@ -98,7 +98,7 @@ def covariates_of(study: Study, column: str, *, complete: bool = False) -> dict[
 
 
 def _unusable(cells: list[str]) -> str:
-    """Say why values can't be adjusted for: all alike, or as many words as there are subjects."""
+    """Return why values can't be adjusted for: all equal, or too many categories."""
     several = len(set(cells))
     if several == 1:
         return "The same for all subjects"
@@ -107,7 +107,7 @@ def _unusable(cells: list[str]) -> str:
     except InputError as error:
         return str(error)
     return (
-        f"{several} different texts, too many for categories"
+        f"{several} different values, too many for categories"
         if categorical and several > len(cells) / 2
         else ""
     )
@@ -139,7 +139,7 @@ def _are_codes(cells: list[str]) -> bool:
 
 
 def _missing(study: Study, column: str) -> str:
-    """Say which subjects have no value, if any."""
+    """Name the subjects without a value, if any."""
     cells = _cells(study, column)
     gone = [subject.name for subject, cell in zip(study.included, cells, strict=True) if not cell]
     return f"No value for {', '.join(gone[:3])}{' …' * (len(gone) > 3)}" if gone else ""
@@ -155,10 +155,10 @@ def _cells(study: Study, column: str) -> list[str]:
 
 
 def effect_line(answer: "GroupAnswer") -> str:
-    """Return p of the whole shape and the size of the effect, as they stand below the headline."""
+    """Return p of the whole shape and the effect size, for the line below the headline."""
     pair, test = answer.pair, answer.pair.test
     if not test.modes:
-        return "No mode has more variance than chance gives; nothing was tested."
+        return "No mode exceeds chance (parallel analysis); nothing was tested."
     corrected = ", corrected" if correction_text(answer.study) else ""
     parts = [f"{p_text(pair.p_adjusted, test.permutations)}{corrected}"]
     if pair.distance is not None:
@@ -169,7 +169,7 @@ def effect_line(answer: "GroupAnswer") -> str:
 
 
 def question_text(request: StudyRequest) -> str:
-    """Return alignment, covariates and who is left out, as they stand below the headline."""
+    """Return alignment, covariates and exclusions, for the line below the headline."""
     how = SIZE_TEXTS[request.alignment]
     parts = [f"{how[0].upper()}{how[1:]}"]
     parts += [f"paired by {request.pairs}"] if request.pairs else []
@@ -179,7 +179,7 @@ def question_text(request: StudyRequest) -> str:
 
 
 def number_rows(answers: "list[GroupAnswer]") -> list[tuple[str, ...]]:
-    """Return what stands in the table: a name and a value for each answer."""
+    """Return the rows of the table: a name and a value for each answer."""
     columns = [dict(_rows(answer)) for answer in answers]
     names = list(dict.fromkeys(name for column in columns for name in column))
     return [(name, *(column.get(name, "–") for column in columns)) for name in names]

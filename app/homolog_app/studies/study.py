@@ -1,4 +1,4 @@
-"""A study as one immutable value, and how a result of it can be extended."""
+"""A study as one immutable value, and extensions of its result."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -45,7 +45,7 @@ FILES = f"Segmentations and surfaces ({' '.join(f'*{suffix}' for suffix in IMAGE
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """A subject on the list, taken into the run or left out."""
+    """A subject of the list, included in the run or excluded."""
 
     subject: Subject
     included: bool = True
@@ -70,13 +70,13 @@ class Study:
 
     @property
     def cohort(self) -> Cohort:
-        """The included subjects as the core takes them."""
+        """The included subjects as a cohort of the core."""
         folder = self.members[0].subject.path.parent if self.members else Path()
         return Cohort(self.included, folder)
 
     @property
     def whole(self) -> Cohort:
-        """All subjects, also those left out, as the core takes them."""
+        """All subjects, including excluded ones, as a cohort of the core."""
         return Cohort(tuple(member.subject for member in self.members), Path())
 
     @property
@@ -111,7 +111,7 @@ class Study:
         return replace(self, members=(*self.members, *added))
 
     def relocated(self, folder: Path) -> "Study":
-        """Return the study with the files that are gone looked for, by name, in another folder."""
+        """Return the study with missing files located, by name, in another folder."""
         values = {
             member.name: replace(member, subject=_relocated(member.subject, folder))
             for member in self.members
@@ -126,12 +126,12 @@ class Study:
 
 
 def is_there(subject: Subject) -> bool:
-    """Return whether a subject's file or files are where they were."""
+    """Return whether a subject's file or files exist."""
     return subject.path.exists() or bool(mask_files(subject.path))
 
 
 def _relocated(subject: Subject, folder: Path) -> Subject:
-    """Return a subject with its file in another folder, and its scan if that is gone and there, too."""
+    """Return a subject with its file, and its missing scan, located in another folder."""
     image = subject.image
     if image is not None and not image.exists() and (folder / image.name).exists():
         image = folder / image.name
@@ -139,7 +139,7 @@ def _relocated(subject: Subject, folder: Path) -> Subject:
 
 
 def read_subjects(paths: Iterable[Path]) -> Cohort:
-    """Return the subjects of folders, tables and single files, as they were dropped or chosen, with notes.
+    """Return the subjects of folders, tables and single files, with notes.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def read_subjects(paths: Iterable[Path]) -> Cohort:
 
 
 def with_table(study: Study, path: Path) -> tuple[Study, TableChanges]:
-    """Read groups and covariates from a table; return the study with them, and what changes.
+    """Read groups and covariates from a table; return the updated study and the changes.
 
     Raises
     ------
@@ -185,16 +185,16 @@ _CANCELLED = "cancelled"
 
 @dataclass(frozen=True, slots=True)
 class Extension:
-    """What a run can add to a result.
+    """Possible extension of a result by a run.
 
     Attributes
     ----------
     particles : int
-        How many more, if that is what the study asks for.
+        Number of particles to add, if requested.
     subjects : tuple of str
         New ones that can be fitted to it.
     message : str
-        What would happen, or what to do so that something can.
+        What the run would do, or what is required.
     """
 
     particles: int
@@ -203,7 +203,7 @@ class Extension:
 
 
 def extension_of(study: Study, result: ResultRecord) -> Extension:
-    """Return what a run of a study can add to a result."""
+    """Return the possible extension of a result by a run of a study."""
     known = [subject.name for subject in result.subjects]
     names = [subject.name for subject in study.included]
     fresh = tuple(name for name in names if name not in known)
@@ -243,7 +243,7 @@ def extension_of(study: Study, result: ResultRecord) -> Extension:
 
 
 def outdated_text(study: Study, result: ResultRecord) -> str:
-    """Say in what cohort and settings have changed since a result was computed; nothing if they have not."""
+    """Describe changes of cohort and settings since a result was computed; empty without changes."""
     known = [subject.name for subject in result.subjects]
     names = [subject.name for subject in study.included]
     gone, fresh = [name for name in known if name not in names], [name for name in names if name not in known]
@@ -279,7 +279,7 @@ def _them(names: list[str]) -> str:
 
 
 def with_present_table(result: Result, study: Study) -> Result:
-    """Return a result with groups and columns as the study's table has them now, by subject."""
+    """Return a result with the present groups and columns of the study's table."""
     present = {member.name: member.subject for member in study.members}
     groups, columns = [], []
     for name, group, values in zip(result.names, result.groups, result.columns, strict=True):

@@ -1,4 +1,4 @@
-"""Suspects of a project's result: found, written as a table, mended; for window and command line."""
+"""Suspects of a project's result: inspection, table, repair; for window and command line."""
 
 import json
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ __all__ = ["COLUMNS", "inspect_project", "repaired", "rows", "write_suspects"]
 
 
 COLUMNS = ("kind", "subject", "severity", "particles", "x_mm", "y_mm", "z_mm", "area_mm2", "words")
-"""Of the table; x, y and z say where to look in the coordinates of the subject's file."""
+"""Columns of the table; x, y and z are the location in the coordinates of the subject's file."""
 
 Row = tuple[str, str, float, str, float, float, float, float, str]
 
@@ -49,8 +49,8 @@ def _check_surfaces(names: Sequence[str], meshes: Sequence[TriangleMesh]) -> Non
             check_mesh(mesh, name)
         except InputError as error:
             raise InputError(
-                f"{name}: came without a surface, on which suspects are looked for; import the model with "
-                "its surfaces"
+                f"{name}: was imported without a surface, which the check needs; import the model with its "
+                "surfaces"
             ) from error
 
 
@@ -62,7 +62,7 @@ def repaired(
     Returns
     -------
     Inspection
-        Of the particles as they are then: ``located.local`` and ``located.world``.
+        Of the new particles: ``located.local`` and ``located.world``.
     """
     from homolog.inspection import Kind
     from homolog.run.repair import read_inputs, repair_result
@@ -84,7 +84,7 @@ def repaired(
 
 
 def rows(inspection: Inspection, suspects: Sequence[Suspect], names: Sequence[str]) -> list[Row]:
-    """Return what the table says of some suspects, one row each in the order of `COLUMNS`."""
+    """Return the table rows of suspects, in the order of `COLUMNS`."""
     table: list[Row] = []
     for suspect in suspects:
         inverse = np.linalg.inv(inspection.located.alignments[suspect.subject])
@@ -121,4 +121,4 @@ def write_suspects(path: Path, table: Sequence[Row]) -> None:
         objects = [dict(zip(COLUMNS, row, strict=True)) for row in table]
         write_text(path, json.dumps(objects, indent=2, ensure_ascii=False) + "\n")
     else:
-        raise InputError(f"{path}: the list is written as .csv or .json; name the file so")
+        raise InputError(f"{path}: use a name that ends in .csv or .json")

@@ -1,1 +1,1 @@
-"""What the views of the window show, drawn on a screen, or aside for pictures and the command line; no Qt."""
+"""The window's views, drawn on screen, or off screen for pictures and the command line; no Qt."""

@@ -1,4 +1,4 @@
-"""What is written in views: names, letters, numbers at particles, the scale bar, the scale of colours."""
+"""Texts in views: names, letters, particle numbers, scale bar, colour scale."""
 
 from functools import cache
 from pathlib import Path
@@ -45,7 +45,7 @@ class Caption:
             renderer.AddViewProp(actor)
 
     def show(self, lines: list[str], size: int, *, small: bool, letters: bool) -> None:
-        """Write a caption of so many lines, or nothing, so many pixels high.
+        """Show a caption with text of a height in pixels, or hide it.
 
         Small views leave out the letter at the top, where the name is; its opposite is at the bottom.
         """
@@ -59,7 +59,7 @@ class Caption:
             actor.GetTextProperty().SetFontSize(size)
 
     def face(self, axes: FloatArray, right: FloatArray, up: FloatArray) -> None:
-        """Before each drawing: the letters of a patient's axes (3, 3) as seen now, and the caption's room."""
+        """Before each drawing: update the letters for a patient's axes (3, 3), and fit the caption."""
         for actor, text in zip(self._letters, edge_letters(axes, right, up), strict=True):
             if actor.GetInput() != text:
                 actor.SetInput(text)
@@ -69,7 +69,7 @@ class Caption:
             self._fit(width)
 
     def paint(self, colours: Colours) -> None:
-        """Take the colours of the scheme; in close-ups texts are read over shapes."""
+        """Apply the scheme's colours; in close-ups texts lie over shapes."""
         self.caption.GetTextProperty().SetColor(*rgb(colours.text))
         for actor in self._letters:
             actor.GetTextProperty().SetColor(*rgb(colours.accent))
@@ -78,7 +78,7 @@ class Caption:
             actor.GetTextProperty().SetBackgroundOpacity(_PLATE)
 
     def _fit(self, width: int) -> None:
-        """Shorten lines that the view has no room for; leave out the letter that the caption would touch."""
+        """Shorten lines to the view; omit a letter that the caption would touch."""
         text = "\n".join(self._lines)
         font = font_file(text + _CUT)
         self.caption.GetTextProperty().SetFontFile(str(font))
@@ -90,7 +90,7 @@ class Caption:
         self._letters[-1].SetVisibility(bool(lines) and self._lettered and not self._small and free)
 
     def _shortened(self, line: str, length: float, room: float) -> str:
-        """Return a line, so many pixels long, without so much of its middle that it fits into the room."""
+        """Return a line, shortened in the middle to fit the room."""
         short, keep = line, len(line)
         while length > room and keep > _LEAST:
             keep = max(_LEAST, min(keep - 1, int(keep * room / length)))
@@ -107,7 +107,7 @@ class Caption:
 
 
 class NumberLabels:
-    """Numbers next to places, each on a plate, so that it is read on any shape."""
+    """Numbers next to points, each on a plate for contrast."""
 
     def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
         self._renderer = renderer
@@ -116,7 +116,7 @@ class NumberLabels:
         self._plate = (1.0, 1.0, 1.0)
 
     def show(self, numbers: Numbers | None, size: int) -> None:
-        """Write these numbers, so many pixels high."""
+        """Show numbers of a height in pixels."""
         self._numbers = numbers
         values = [] if numbers is None else numbers.values.tolist()
         while len(self._texts) < len(values):
@@ -137,7 +137,7 @@ class NumberLabels:
                 look.SetColor(*(numbers.colours[index] / 255.0).tolist())
 
     def face(self, right: FloatArray) -> None:
-        """Before each drawing: put them beside their places as they are seen now, outward of each other."""
+        """Before each drawing: place them next to their points, outward of each other."""
         if self._numbers is not None:
             places = self._numbers.places
             outward = np.where((places - places.mean(axis=0)) @ right < 0.0, -1.0, 1.0)
@@ -147,7 +147,7 @@ class NumberLabels:
                 text.prop.justification_horizontal = "left" if side > 0.0 else "right"
 
     def paint(self, colours: Colours) -> None:
-        """Take the colours of the scheme; `show` follows."""
+        """Apply the scheme's colours; call `show` afterwards."""
         self._plate = rgb(colours.scene)
 
 
@@ -186,13 +186,13 @@ class ScaleBar:
             renderer.AddViewProp(actor)
 
     def show(self, shown: bool, size: int) -> None:
-        """Show the bar, its words so many pixels high, or hide it."""
+        """Show the bar with text of a height in pixels, or hide it."""
         self._size = size
         for actor in (self._line, self._text):
             actor.SetVisibility(shown)
 
     def paint(self, colours: Colours) -> None:
-        """Take the colours of the scheme; in close-ups the length is read over shapes."""
+        """Apply the scheme's colours; in close-ups the label lies over shapes."""
         self._line.GetProperty().SetColor(*rgb(colours.text))
         look = self._text.GetTextProperty()
         look.SetColor(*rgb(colours.text))
@@ -200,7 +200,7 @@ class ScaleBar:
         look.SetBackgroundOpacity(_PLATE)
 
     def face(self) -> None:
-        """Before each drawing: be as long as the camera shows so many millimetres."""
+        """Before each drawing: adapt the length to the camera."""
         width, height = self._renderer.GetSize()
         wanted = width, height, self._size, self._renderer.GetActiveCamera().GetParallelScale()
         if not self._line.GetVisibility() or not width * height or wanted == self._drawn:

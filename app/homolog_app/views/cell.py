@@ -1,4 +1,4 @@
-"""One view of the grid, and where the views look from: one camera for all of them, or one each."""
+"""One view of the grid, and the cameras: one for all views, or one each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -29,15 +29,15 @@ VIEWS = {
     "head": ANATOMICAL["superior"],
     "corner": View((-0.45, -1.0, 0.75), (0.0, 0.0, 1.0)),
 }
-"""From where the window's commands look."""
+"""View directions of the window's commands."""
 
 _FREE = 0.6
-"""Share of a view that shapes may always take."""
+"""Share of a view that is always available to shapes."""
 
 
 @dataclass(frozen=True, slots=True)
 class ViewMargins:
-    """A view and the rim of it that shapes leave to texts; lengths in pixels.
+    """A view and its margins for texts; lengths in pixels.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class ViewMargins:
     above: float
 
     def scale(self, across: float, along: float) -> float:
-        """Return the parallel scale that shows shapes so many millimetres from the middle at most."""
+        """Return the parallel scale that shows shapes up to a distance from the middle [mm]."""
         free = max(self.width - 2.0 * self.beside, _FREE * self.width)
         free_along = max(self.height - 2.0 * self.above, _FREE * self.height)
         return self.height * max(across / free, along / free_along)
@@ -77,13 +77,13 @@ class Cameras:
         return [cell.renderer.GetActiveCamera() for cell in self._first(self._cells)]
 
     def link(self, linked: bool) -> None:
-        """Turn all views together, or each alone."""
+        """Rotate all views together, or each alone."""
         self._linked = linked
         for cell in self._cells[1:]:
             self.add(cell.renderer)
 
     def add(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
-        """Let a view look from where the first one does, with its camera or one of its own."""
+        """Add a view with the first one's direction, with a common or its own camera."""
         camera = self._cells[0].renderer.GetActiveCamera()
         camera.ParallelProjectionOn()
         if self._linked:
@@ -94,7 +94,7 @@ class Cameras:
             renderer.SetActiveCamera(alone)
 
     def turn(self, view: str) -> None:
-        """Look from one of `VIEWS`."""
+        """Set the direction to one of `VIEWS`."""
         look = VIEWS[view]
         for camera in self.each:
             camera.SetFocalPoint(0.0, 0.0, 0.0)
@@ -102,7 +102,7 @@ class Cameras:
             camera.SetViewUp(*look.up)
 
     def fit(self, count: int, room: ViewMargins) -> bool:
-        """Show the whole shapes of the first views, as large as the largest allows.
+        """Zoom so that the whole shapes of the first views are visible.
 
         Parameters
         ----------
@@ -123,7 +123,7 @@ class Cameras:
         return len(points) > 0
 
     def widen(self, count: int, room: ViewMargins) -> None:
-        """Zoom out where shapes of the first views would be cut; parameters as for `fit`."""
+        """Zoom out if shapes of the first views would be cut off; parameters as for `fit`."""
         cells = self._cells[:count]
         points = np.concatenate([cell.points for cell in cells])
         for cell in self._first(cells) if len(points) else ():
@@ -140,7 +140,7 @@ _SURFACES = ("raw", "groomed", "coarse")
 
 
 class ViewCell:
-    """One renderer and its actors; made once and filled again and again."""
+    """One renderer and its actors, reused for different contents."""
 
     def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
         self.renderer = renderer
@@ -157,13 +157,13 @@ class ViewCell:
         self.texts, self._bar, self._numbers = Caption(renderer), ScaleBar(renderer), NumberLabels(renderer)
 
     def place(self, viewport: tuple[float, float, float, float] | None) -> None:
-        """Give the view a part of the window, or none."""
+        """Set the view's part of the window, or none."""
         self.renderer.SetViewport(*(viewport or (0.0, 0.0, 0.0, 0.0)))
         self.renderer.SetDraw(viewport is not None)
         self.renderer.SetInteractive(viewport is not None)
 
     def fill(self, content: Content | None) -> None:
-        """Show a content, or nothing; surfaces that only moved are moved in place."""
+        """Show a content, or nothing; moved surfaces are updated in place."""
         if content is self.content:
             return
         before, self.content = self.content, content
@@ -185,9 +185,9 @@ class ViewCell:
         self._update()
 
     def show(self, raw: bool, groomed: bool, quick: bool, opacity: float) -> None:
-        """Switch the surfaces; the raw one is drawn as a shell where both are shown.
+        """Show or hide the surfaces; the raw one is drawn as a shell if both are shown.
 
-        Quick drawing takes the light surface, but where colours belong to the vertices of the full one.
+        Fast drawing uses the light surface, unless colours belong to the vertices of the full one.
         """
         overlaid = self.content is not None and self.content.overlaid
         raw = raw or overlaid
@@ -201,7 +201,7 @@ class ViewCell:
         self._update()
 
     def cut(self, clip: Clip | None, box: Box) -> None:
-        """Before each drawing: cut the shapes open, as the camera sees them now, or leave them whole."""
+        """Before each drawing: cut the shapes open for the present camera, or leave them whole."""
         cut = None if clip is None else clip.cut(box, self.axes[2])
         if cut is None or self._cut is None:
             changed = cut is not self._cut
@@ -234,7 +234,7 @@ class ViewCell:
         )
 
     def _surface(self, name: str) -> Surface | None:
-        """Return a surface that is shown; the same one as long as nothing of it changes."""
+        """Return the shown surface; the same object while it does not change."""
         content = self.content
         if content is None or name not in self._placed or name not in self._shown:
             return None
@@ -252,7 +252,7 @@ class ViewCell:
         return self._surfaces[name]
 
     def show_caption(self, size: int, *, small: bool, letters: bool, bar: bool) -> None:
-        """Write the subject's name and note, the letters and a scale bar, so many pixels high."""
+        """Show the subject's name and note, the letters and a scale bar, with a text height in pixels."""
         lines = self.content.caption if self.content is not None else []
         self.texts.show(lines, size, small=small, letters=letters)
         self._bar.show(bar and self.content is not None, round(0.85 * size))
@@ -270,7 +270,7 @@ class ViewCell:
         self._update()
 
     def face_camera(self, bounds: tuple[float, ...]) -> None:
-        """Before each drawing: depth range, letters, and particles lifted off the surface towards the eye."""
+        """Before each drawing: update depth range and letters, and lift particles towards the viewer."""
         self.renderer.ResetCameraClippingRange(bounds)
         right, up, ahead = self.axes
         self._actors.lift(-(self._balls.radius if self._balls is not None else 0.0) * ahead)
@@ -281,7 +281,7 @@ class ViewCell:
 
     @property
     def axes(self) -> FloatArray:
-        """What is to the right, upwards and ahead in the view as it is seen now, (3, 3)."""
+        """Directions to the right, upwards and ahead in the present view, (3, 3)."""
         camera = self.renderer.GetActiveCamera()
         ahead = np.array(camera.GetDirectionOfProjection())
         right = np.cross(ahead, camera.GetViewUp())
@@ -294,7 +294,7 @@ class ViewCell:
         return np.concatenate([np.empty((0, 3)), *(placed[::_SPARSE] for placed in self._placed.values())])
 
     def fit(self, points: FloatArray, room: ViewMargins) -> None:
-        """Let points (n, 3) fill the room of the view as it is seen now."""
+        """Zoom so that points (n, 3) fill the present view."""
         camera, axes = self.renderer.GetActiveCamera(), self.axes
         low, high = (pick(points @ axes.T, axis=0) for pick in (np.min, np.max))
         middle = axes.T @ ((low + high) / 2.0)
@@ -304,9 +304,9 @@ class ViewCell:
         camera.SetParallelScale(max(room.scale(across, along), 1e-6))
 
     def widen(self, points: FloatArray, room: ViewMargins) -> None:
-        """Zoom out if points (n, 3) would reach the letters at the edges; the view's middle stays.
+        """Zoom out if points (n, 3) would reach the letters at the edges, with the same centre.
 
-        So what moves is seen to move.
+        Motion therefore remains visible.
         """
         camera = self.renderer.GetActiveCamera()
         across, along, _ = np.abs((points - camera.GetFocalPoint()) @ self.axes.T).max(axis=0)
@@ -316,7 +316,7 @@ class ViewCell:
 
     @property
     def surface_actors(self) -> list[Any]:
-        """What of the surfaces can be clicked, shown or not: caps hide what is behind them."""
+        """Clickable actors of the surfaces, shown or not: caps hide what is behind them."""
         return self._actors.clickable
 
     def is_cap(self, actor: Any) -> bool:  # noqa: ANN401 - VTK is untyped

@@ -1,4 +1,4 @@
-"""What the page Check computes and shows in the views."""
+"""Computations and views of the page *Check*."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -40,12 +40,12 @@ _SIDES = 28
 _RING, _LIFT = 0.5, 0.15
 """Radius of the ring around a marked particle and its height over the surface, in spacings."""
 _NAMED = 8
-"""Most marked particles that have their numbers beside them."""
+"""Largest number of marked particles with labels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Distances:
-    """Distances [mm] of every vertex of a subject's surface from a place on it: along it, and straight.
+    """Distances [mm] of all vertices of a subject's surface from a point on it: geodesic and Euclidean.
 
     Place and surface normal there, (3,) each, are in aligned coordinates.
     """
@@ -59,7 +59,7 @@ class Distances:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Marks:
-    """What is to be seen.
+    """Content of the views.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Marks:
 
     @property
     def pair(self) -> tuple[int, int] | None:
-        """The two particles of a suspect, such as of an exchange: they are marked on every shape."""
+        """The two particles of a suspect, such as an exchange, which are marked on every shape."""
         pair = tuple(int(number) for number in self.others)
         return (pair[0], pair[1]) if len(pair) == 2 and self.particle in pair else None
 
@@ -147,7 +147,7 @@ def _neighbours(
     ]
     limit = max(float(row.max()) for row in rows)
     title = f"Distance from particle {particle} along the surface"
-    scale = _distance_scale(title, limit, "grey: farther than the table reaches")
+    scale = _distance_scale(title, limit, "grey: beyond the range of the table")
     tints = {}
     for name, row in zip(names, rows, strict=True):
         tint = np.full((len(row), 3), _PALE, np.uint8)
@@ -175,7 +175,7 @@ def _distances(
     if own is None:
         return ViewContents(subjects)
     limit = float(distances.along.max())
-    scale = _distance_scale("Distance from the place", limit, "one scale for both")
+    scale = _distance_scale("Distance from the point", limit, "one scale for both")
     ring = _circles(inspection, distances.subject, distances.place[None], distances.normal[None])
     contents = [
         replace(
@@ -193,7 +193,7 @@ def _distances(
 
 
 def _marked(inspection: "Inspection", m: int, marks: Marks) -> dict[str, Any]:
-    """Return rings and numbers of the chosen particle, and of those that are marked on this subject only."""
+    """Return rings and numbers of the chosen particle, and of those marked on this subject only."""
     chosen = [] if marks.particle is None else [marks.particle]
     if marks.pair is not None:
         chosen = list(marks.pair)
@@ -241,7 +241,7 @@ def _distance_scale(title: str, limit: float, note: str) -> ColourScale:
 def distances_on(
     inspection: "Inspection", subject: int, place: FloatArray, name: str, tick: Tick
 ) -> Distances:
-    """Return the distances of a subject's surface from a place (3,) on it, in aligned coordinates."""
+    """Return the distances of a subject's surface from a point (3,) on it, in aligned coordinates."""
     from homolog.geodesics import distances_from
     from homolog.inspection.located_particles import closest_points_on
 
@@ -258,7 +258,7 @@ def distances_on(
 
 
 def energies_of(inspection: "Inspection", project: ProjectFolder, tick: Tick) -> "ParticleEnergies":
-    """Return what each particle adds to the energies, by the settings of the project's result."""
+    """Return the contribution of each particle to the energies, by the settings of the project's result."""
     from homolog.inspection import particle_energies
 
     tick(0.0, "energies of particles")

@@ -1,4 +1,4 @@
-"""What the views show, as values that can be kept in a file."""
+"""Contents of the views, as values that can be stored in a file."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ from homolog_app.rendering.scene import Arrows
 __all__ = ["KEPT", "MOST", "Content", "Numbers", "ViewContents", "read_shown", "write_shown"]
 
 MOST = 16
-"""Views that there can be."""
+"""Largest number of views."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Numbers:
-    """Numbers that stand next to places, such as those of particles.
+    """Numbers next to points, such as particle numbers.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Numbers:
 class Content:
     """One view: a subject's surfaces, or a shape of the model as its `groomed` surface.
 
-    A content whose surface has the faces of the one shown before is moved in place, which is quick: so a
+    A content whose surface has the same faces as the previous one is moved in place, which is fast: a
     shape is animated by handing over one content after the other.
 
     Attributes
@@ -107,7 +107,7 @@ class Content:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewContents:
-    """Everything that the views show at a time.
+    """All contents of the views.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class _Scale(BaseModel):
 
 
 class _Texts(BaseModel):
-    """All that is no array: names and notes of the contents, columns, scale, canvas."""
+    """Data other than arrays: names and notes of the contents, columns, scale, canvas."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -169,7 +169,7 @@ class _Texts(BaseModel):
 
 
 def write_shown(path: Path, shown: ViewContents, canvas: Canvas) -> None:
-    """Write what is on the open page of the views, and how it is looked at.
+    """Write the contents of the views' open page, with the canvas.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ def read_shown(path: Path) -> tuple[ViewContents, Canvas]:
         contents = [_content(*content) for content in zip(texts.names, texts.notes, parts, strict=True)]
         balls = dict(zip(texts.names, map(_particles, parts), strict=True))
     except (KeyError, ValueError, np.linalg.LinAlgError) as error:  # pydantic's errors are ValueErrors
-        raise InputError(f"{path}: contains no views of Homolog; take the picture again") from error
+        raise InputError(f"{path}: is not a views file of Homolog; save the screenshot again") from error
     particles = {name: points for name, (points, _) in balls.items() if len(points)}
     tints = {name: colours for name, (_, colours) in balls.items() if len(colours)}
     return ViewContents(contents, texts.columns, scale, particles, tints), texts.canvas

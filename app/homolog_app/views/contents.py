@@ -45,9 +45,9 @@ class Groomed:
 
 
 def moment_of(loaded: LoadedResult, index: int) -> tuple[dict[str, FloatArray], Array]:
-    """Return the particles (N, 3) [mm] of each subject at a stored moment of the run, and their colours.
+    """Return the particles (N, 3) [mm] of each subject in a recorded frame of the run, and their colours.
 
-    All moments with as many particles have the same colours: those of the last one of them.
+    All frames with the same number of particles have the colours of the last of them.
     """
     names, final = loaded.result.names, loaded.result.world
     particles = loaded.frames[index].particles
@@ -63,7 +63,7 @@ def subject_contents(
     groomed: Mapping[str, Groomed],
     result: LoadedResult | None,
 ) -> list[Content]:
-    """Return what can be seen of each subject.
+    """Return the contents of all subjects.
 
     A result shows its own surfaces; before there is one, the groomed surfaces where they are, the input
     elsewhere. Subjects without an alignment are shown about their own centre.
@@ -98,14 +98,14 @@ _FACTORS = (1.0, 2.0, 5.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisplayOptions:
-    """How displacements are shown.
+    """Display options of displacements.
 
     Attributes
     ----------
     scale : ColourScale or None
         Colours; plain surfaces without.
     arrows : float
-        How many times their length arrows are drawn; 0 draws none.
+        Magnification of arrows; 0 draws none.
     from_middle : bool
         Whether values count as positive away from the middle of the shape, not out of the tissue.
     """
@@ -173,7 +173,7 @@ def outward_sign(vertices: Array, normals: Array) -> Array:
 
 
 def untitled(content: Content, models: "Sequence[ModelShape]") -> Content:
-    """Return a shape of a model without the project's name, unless another project's is beside it."""
+    """Return a shape of a model without the project's name, unless another project is shown, too."""
     if len(models) > 1:
         return content
     mirrored = models[0].result.mirrored
@@ -182,12 +182,12 @@ def untitled(content: Content, models: "Sequence[ModelShape]") -> Content:
 
 
 def single_subject(subject: Content) -> Content:
-    """Return a subject with its groomed surface only, which the caption names."""
+    """Return a subject with only its groomed surface, and a caption that says so."""
     return replace(subject, raw=None, note="groomed surface")
 
 
 def arrow_factor(shape: "ModelShape", limit: float) -> float:
-    """Return a round factor that makes arrows of a displacement (limit, mm) well visible; at least 1."""
+    """Return a round factor that makes arrows of a displacement (limit, mm) visible; at least 1."""
     wanted = _ARROW_SHARE * float(np.ptp(shape.mean.vertices, axis=0).mean()) / limit
     if wanted <= 1.0:
         return 1.0

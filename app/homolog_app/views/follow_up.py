@@ -1,4 +1,4 @@
-"""What the page Patient computes and shows of later times of a patient."""
+"""Computations and views of the page *Patient* for later times."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -100,7 +100,7 @@ def with_file(
 
 
 def change_text(times: PatientTimes) -> str:
-    """Say what changed, and what is known of the error of measuring."""
+    """Describe the change and the measurement error."""
     from homolog_app.report.follow_up import change_sentence, error_text, expected_sentence
 
     if times.follow_up is None:

@@ -1,4 +1,4 @@
-"""A grid of views in a window of VTK, drawn on a screen or aside as a picture of any size; knows no Qt."""
+"""A grid of views in a VTK window, drawn on screen or off screen at any size; no Qt."""
 
 import sys
 from collections.abc import Collection, Mapping, Sequence
@@ -29,9 +29,9 @@ _ASIDE = 0.35  # share of a view's width that a caption beside shapes may take
 
 
 class Grid:
-    """Shows a page of contents, one a view.
+    """Shows a page of contents, one per view.
 
-    Subjects are paged through in the user's layout; shapes of the model come in columns of their own.
+    Subjects are paged in the user's layout; shapes of the model have their own columns.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class Grid:
         return self._contents[self.page * self.count : (self.page + 1) * self.count]
 
     def take(self, shown: ViewContents) -> None:
-        """Have other contents; `show_page` follows."""
+        """Set the contents; call `show_page` afterwards."""
         self._contents, self.columns = shown.contents, shown.columns or 0
         if shown.particles is not None:
             self.set_particles(shown.particles, shown.tints)
@@ -106,7 +106,7 @@ class Grid:
     def set_particles(
         self, particles: Mapping[str, FloatArray], tints: Array | Mapping[str, Array] | None
     ) -> None:
-        """Have other particles, each coloured by its place if no colours are given."""
+        """Set the particles, coloured by position unless colours are given."""
         if particles and tints is None:
             tints = colours_by_place(np.mean([np.asarray(points) for points in particles.values()], axis=0))
         self.particles, self.tints = particles, tints
@@ -124,7 +124,7 @@ class Grid:
             self._boxed, self._box = names, self.bounds
 
     def refresh(self) -> None:
-        """Show surfaces, particles and words as they are to be seen now."""
+        """Update surfaces, particles and texts."""
         size = self._text_px * self.ratio
         for index, cell in enumerate(self.cells[: self.count]):
             cell.show(self.raw, self.groomed, self.quick, self.opacity)
@@ -140,20 +140,20 @@ class Grid:
             cell.show_particles(self.particles_of(cell)[0], self._tints_of(cell), self.radius)
 
     def particles_of(self, cell: ViewCell) -> tuple[FloatArray | None, float]:
-        """Return the particles that a view shows, and how large."""
+        """Return the particles of a view, and their radius."""
         content = cell.content if self.balls else None
         return self.particles.get(content.name) if content is not None else None, self.radius
 
     def fit(self, width: float, height: float) -> bool:
-        """Show the whole shapes as large as the largest allows; return whether there is anything to show."""
+        """Zoom to the whole shapes; return whether there is anything to show."""
         return self.cameras.fit(self.count, self._room(width, height))
 
     def widen(self, width: float, height: float) -> None:
-        """Zoom out where shapes would be cut."""
+        """Zoom out if shapes would be cut off."""
         self.cameras.widen(self.count, self._room(width, height))
 
     def _room(self, width: float, height: float) -> ViewMargins:
-        """Return the room of a view: shapes stay below captions that reach over them, clear of letters."""
+        """Return the room of a view: shapes stay below wide captions and clear of letters."""
         rows, columns = self.shape
         wide, high = max(1.0, width / columns), max(1.0, height / rows)
         longest = max((len(line) for item in self.shown for line in item.caption), default=0)
@@ -174,11 +174,11 @@ class Grid:
             cell.paint(colours)
 
     def show_backdrop(self, shown: bool) -> None:
-        """Draw what is behind the views, the lines between them, or not."""
+        """Show or hide the background of the views and the lines between them."""
         self._backdrop.SetDraw(shown)
 
     def place_cells(self) -> None:
-        """Give each view its part of the window; make those that are missing."""
+        """Place the views in the window; create missing ones."""
         rows, columns = self.shape
         while len(self.cells) < rows * columns:
             self._add_cell()
@@ -196,7 +196,7 @@ class Grid:
         self.cameras.add(renderer)
 
     def close(self) -> None:
-        """Let go of the graphics."""
+        """Release the graphics."""
         self._window.RemoveObserver(self._observer)
         self.cells.clear()  # the picker holds the same list
 
@@ -284,7 +284,7 @@ def drawn(
 
 
 def _release_context_of_qt() -> None:
-    """Let Qt know that its context won't be current any more, if this process has windows of Qt.
+    """Tell Qt that its context is no longer current, if this process has Qt windows.
 
     VTK makes its own context the thread's without telling. Qt would go on to believe that that of the views
     were current, and free objects of OpenGL in none or in another one, when a window is deleted.

@@ -1,4 +1,4 @@
-"""What the page Patient computes and shows in the views."""
+"""Computations and views of the page *Patient*."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -42,7 +42,7 @@ __all__ = [
 
 
 def verdict_text(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
-    """Say what was found; empty without a patient."""
+    """Describe the findings; empty without a patient."""
     if comparison is None or reference is None:
         return ""
     from homolog_app.report.patient_texts import detectable_text, verdict
@@ -51,7 +51,7 @@ def verdict_text(comparison: "PatientComparison | None", reference: "Reference |
 
 
 def nearest_text(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
-    """Name the nearest controls; empty without a patient or if they are not kept."""
+    """Name the nearest controls; empty without a patient or stored scores."""
     if comparison is None or reference is None:
         return ""
     from homolog_app.report.patient_texts import nearest_controls_text
@@ -60,7 +60,7 @@ def nearest_text(comparison: "PatientComparison | None", reference: "Reference |
 
 
 def about_text(reference: "Reference | None") -> str:
-    """Describe the reference, or say how to get one."""
+    """Describe the reference, or how to get one."""
     if reference is None:
         return "No reference yet. Make one from this result or open a file."
     from homolog_app.report.patient_texts import reference_text
@@ -74,7 +74,7 @@ EXPECTED, MEAN, Z = "expected", "mean", "z"
 
 @dataclass(frozen=True, slots=True)
 class PatientDisplay:
-    """How a patient is looked at.
+    """Display options of a patient.
 
     Attributes
     ----------
@@ -130,13 +130,13 @@ def patient_scene(
     plain = [
         on_patient(comparison, "Mean", "of the reference, at the patient's covariates", comparison.mean),
         Content("Patient", None, comparison.mesh, None, comparison.placement, comparison.name),
-        on_patient(comparison, "Expected", "by the reference, of this patient", comparison.expected),
+        on_patient(comparison, "Expected", "by the reference, for this patient", comparison.expected),
     ]
     return ViewContents([*plain, mapped], 2, scale, {})
 
 
 _Step = tuple[str, FloatArray]
-"""What is added on the way from the mean to the patient, and the vertices (V, 3) after it."""
+"""A step from the mean to the patient: its title, and the vertices (V, 3) after it."""
 
 
 def _straight(comparison: "PatientComparison") -> list[_Step]:
@@ -155,11 +155,11 @@ def _steps(comparison: "PatientComparison", reference: "Reference") -> list[_Ste
         steps.append((f"of mode {mode + 1} ({signed(deviations, 1)} SD)", vertices))
     if len(scores) > reference.modes:
         steps.append(("of further modes", comparison.expected.vertices))
-    return [*steps, ("of the difference outside of the modes", comparison.matched.vertices)]
+    return [*steps, ("of the difference outside the modes", comparison.matched.vertices)]
 
 
 def _point_on_path(start: FloatArray, steps: Sequence[_Step], way: float) -> _Step:
-    """Return where a part of the way leads, each step being as long as another."""
+    """Return the vertices at a share of the path, with steps of equal length."""
     if way in (0.0, 1.0):
         return ("the mean", start) if way == 0.0 else ("", steps[-1][1])
     index = min(int(way * len(steps)), len(steps) - 1)
@@ -220,7 +220,7 @@ def compared(reference: "Reference", path: Path, values: Mapping[str, str], tick
 
 
 def patient_slices(compared: ComparedPatient, reference: "Reference") -> "SliceScene":
-    """Return what slices show of a patient: scan, segmentation, and the map of z as a contour."""
+    """Return the slices of a patient: scan, segmentation, and the map of z as a contour."""
     from homolog_app.views.slices import Outline, SliceScene
 
     comparison = compared.comparison
@@ -258,7 +258,7 @@ def on_patient(
     colours: Array | None = None,
     beyond: BoolArray | None = None,
 ) -> Content:
-    """Return a shape in the reference's frame, which letters name in the patient's directions."""
+    """Return a shape in the reference's frame, with letters for the patient's directions."""
     back = inverse_matrices(comparison.placement)
     lines = None
     if beyond is not None and beyond.any():

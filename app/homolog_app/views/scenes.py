@@ -1,4 +1,4 @@
-"""What the pages Modes, Groups and Measure show in the views."""
+"""Views of the pages *Modes*, *Groups* and *Measure*."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -128,8 +128,8 @@ def _caption(deviations: FloatArray, model: "ModelShape", subject: Content | Non
 
 GREY_LABELS = {
     "difference": f"p > {LEVEL:g}, corrected over the surface",
-    "discriminant": "95 % bootstrap interval holds 0, or no difference found",
-    "both": f"difference: corrected p > {LEVEL:g}; discriminant: 95 % interval holds 0",
+    "discriminant": "95 % bootstrap interval includes 0, or no difference found",
+    "both": f"difference: corrected p > {LEVEL:g}; discriminant: 95 % interval includes 0",
 }
 """What grey means on each map."""
 _GREY, _LEFT_OF_COLOUR = 150.0, 0.2
@@ -192,7 +192,7 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
 
 
 def _pale(table: Array) -> Array:
-    """Return colours near grey, for what is no answer to the question any more."""
+    """Return pale colours, for an answer to a previous question."""
     return np.rint(_GREY + _LEFT_OF_COLOUR * (table - _GREY)).astype(np.uint8)
 
 
@@ -218,7 +218,7 @@ def _mapped(
     if chosen is None:
         note = "parallel analysis retains no mode: no discriminant"
         if answer.values is not None:
-            note = "a number has no discriminant; look at the difference"
+            note = "a number has no discriminant; choose the difference"
         return model_content(shape, title or "mean", note, answer.start, DisplayOptions(), alignment=placed)
     place = answer.at(view.way)
     slope = answer.values is not None
@@ -256,7 +256,7 @@ _NEARLY_ALL, _ROOM = 95.0, 1.25  # subjects differ from the mean shape
 
 
 def deviations_of(view: MeasureView) -> FloatArray:
-    """Return how far the shape is along each of the first modes [SD]."""
+    """Return the shape's position along each of the first modes [SD]."""
     deviations = np.zeros(view.mode + 1)
     deviations[-1] = view.at
     return deviations
@@ -327,7 +327,7 @@ def _thickness_scale(thickness: FloatArray) -> ColourScale:
 
 
 def _with_pins(content: Content, ends: FloatArray) -> Content:
-    """Mark two places of a surface with pins from outside, and the straight way between them."""
+    """Mark two points of a surface with pins from outside, and the line between them."""
     assert content.groomed is not None
     assert content.normals is not None
     vertices = content.groomed.vertices

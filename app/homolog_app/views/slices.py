@@ -102,7 +102,7 @@ class Outline:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SliceScene:
-    """What the planes show.
+    """Content of the planes.
 
     Attributes
     ----------
@@ -132,7 +132,7 @@ class SliceScene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grid:
-    """Where voxels lie: the (4, 4) matrix from indices to LPS [mm], and their number along each axis."""
+    """A voxel grid: the (4, 4) matrix from indices to LPS [mm], and the number of voxels along each axis."""
 
     matrix: FloatArray
     shape: tuple[int, ...]
@@ -246,7 +246,7 @@ def planes_of(grid: Grid) -> tuple[Plane, Plane, Plane]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Section:
-    """What a plane cuts out of a surface: line segments (S, 2, 3) as indices, and their colours (S, 3)."""
+    """The intersection of a plane and a surface: segments (S, 2, 3) as indices, and their colours (S, 3)."""
 
     segments: FloatArray
     colours: Array | None

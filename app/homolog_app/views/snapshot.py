@@ -1,4 +1,4 @@
-"""What the views showed, made again from the project: the same as in the window, without one."""
+"""Restores the contents of views from the project, without a window."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -27,7 +27,7 @@ __all__ = ["view_contents_of"]
 
 
 def view_contents_of(project: ProjectFolder, wanted: Snapshot, tick: Tick) -> ViewContents:
-    """Return what the views showed.
+    """Return the contents of the views.
 
     Parameters
     ----------

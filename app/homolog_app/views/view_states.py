@@ -1,4 +1,4 @@
-"""What the user chose to see on each page, as a value that window and command line draw from."""
+"""The display state of each page, as a value from which window and command line draw."""
 
 import json
 from math import inf
@@ -27,12 +27,12 @@ class _View(BaseModel):
 
 
 class ColouredView(_View):
-    """A view whose colours mean numbers.
+    """A view with a colour scale.
 
     Attributes
     ----------
     colour_range : (float, float) or None
-        Lowest and highest value, set by hand; automatic if None.
+        Lowest and highest value, set by the user; automatic if None.
     from_middle : bool
         Whether displacements count as positive away from the middle of the shape, as on the inner wall of a
         hollow organ whose cavity becomes larger. Otherwise they do out of the tissue.
@@ -166,7 +166,7 @@ View = Annotated[SubjectsView | ModesView | GroupsView | MeasureView | CheckView
 
 
 class Snapshot(_View):
-    """All that a picture of the views takes, besides the project.
+    """Everything that a picture of the views needs besides the project.
 
     Attributes
     ----------
@@ -185,7 +185,7 @@ class Snapshot(_View):
 
     @property
     def as_json(self) -> str:
-        """The JSON text that it can be read from again, without default values."""
+        """The JSON text from which it can be read, without default values."""
         fields = self.model_dump(mode="json", exclude_defaults=True)
         fields["view"] = {"page": self.view.page, **fields["view"]}
         return json.dumps(fields, ensure_ascii=False, separators=(",", ":"))

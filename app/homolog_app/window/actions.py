@@ -30,7 +30,7 @@ _STANDARD = {
 
 
 def shortcuts(entry: Command) -> list[QKeySequence]:
-    """Return a command's keys: those of the platform, where it has a convention, or its own."""
+    """Return a command's shortcuts: the platform's convention, or its own."""
     own = [QKeySequence(entry.shortcut)] if entry.shortcut else []
     standard = _STANDARD.get(entry.id)
     return (QKeySequence.keyBindings(standard) if standard is not None else []) or own
@@ -88,12 +88,12 @@ class Actions(QObject):
         return self._actions[identifier]
 
     def connect_handlers(self, handlers: Mapping[str, Handler]) -> None:
-        """Connect commands to what they do."""
+        """Connect commands to their handlers."""
         for identifier, handler in handlers.items():
             self._actions[identifier].triggered.connect(lambda _, handler=handler: handler())
 
     def enable(self, available: Mapping[str, bool], read_only: str = "") -> None:
-        """Enable exactly the commands whose needs are met; tool tips of the others say what is missing.
+        """Enable exactly the commands whose requirements are met; tooltips of the others give the reason.
 
         Parameters
         ----------

@@ -19,7 +19,7 @@ _Index = QModelIndex | QPersistentModelIndex
 _HEADS = ("Subject", "Group", "Volume", "Status")
 NAME, GROUP, VOLUME, STATUS = range(len(_HEADS))
 _PICTURE = 32
-_VOLUME_TIP = "Volume of the input file; Explore > Measure has that of the groomed surface"
+_VOLUME_TIP = "Volume in the input file; Explore > Measure shows that of the groomed surface"
 
 
 def thumbnail(shade: Array, colour: str, size: int = _PICTURE) -> QPixmap:
@@ -37,7 +37,7 @@ def thumbnail(shade: Array, colour: str, size: int = _PICTURE) -> QPixmap:
 
 
 class CohortModel(QAbstractTableModel):
-    """What the session knows of each subject. Edits go through the session, so that they can be undone."""
+    """The session's subjects as a table. Edits go through the session, so that they can be undone."""
 
     def __init__(self, session: Session, theme: Theme, parent: QObject) -> None:
         super().__init__(parent)
@@ -72,7 +72,7 @@ class CohortModel(QAbstractTableModel):
         return heads[section] if section < len(heads) else None
 
     def flags(self, index: _Index) -> Qt.ItemFlag:
-        """Say what can be ticked and edited."""
+        """Return which cells can be ticked and edited."""
         result = super().flags(index)
         if index.column() == NAME:
             result |= Qt.ItemFlag.ItemIsUserCheckable
@@ -81,7 +81,7 @@ class CohortModel(QAbstractTableModel):
         return result
 
     def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> object:
-        """Return what a cell shows."""
+        """Return the content of a cell."""
         member = self._members[index.row()]
         match role:
             case Qt.ItemDataRole.DisplayRole | Qt.ItemDataRole.EditRole:
@@ -157,7 +157,7 @@ class CohortModel(QAbstractTableModel):
             return text.casefold()
 
     def _status(self, member: Member) -> tuple[str, str]:
-        """Return the words and the icon of a subject's state."""
+        """Return text and icon of a subject's status."""
         survey = self._session.surveys.get(member.name)
         groomed = self._session.groomed.get(member.name)
         if survey is None:

@@ -40,10 +40,10 @@ _MEASURED_ROWS = 100  # beyond those in sight, whose names are looked at for the
 
 
 class _Table(QTableView):
-    """Its names take what width is free."""
+    """A table whose names take the free width."""
 
     def fit_names(self) -> None:
-        """Make the column of names as wide as they are, if there is room, and then that of the status."""
+        """Fit the column of names to its content, if there is room, and then that of the status."""
         head = self.horizontalHeader()
         head.setResizeContentsPrecision(_MEASURED_ROWS)
         head.resizeSection(VOLUME, max(scaled(_VOLUME_PX), self.sizeHintForColumn(VOLUME)))
@@ -57,7 +57,7 @@ class _Table(QTableView):
         head.resizeSection(STATUS, max(scaled(_STATUS_PX), min(least + left, self.sizeHintForColumn(STATUS))))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Give free width to the names."""
+        """Give the free width to the names."""
         super().resizeEvent(event)
         if self.model() is not None:
             self.fit_names()
@@ -135,7 +135,7 @@ class CohortPanel(Panel):
         return table
 
     def subject_at(self, place: QPoint) -> str:
-        """Return the subject whose row is at a place of the screen; nothing if there is none."""
+        """Return the subject at a position of the screen; empty if there is none."""
         view = self.table.viewport()
         at = view.mapFromGlobal(place)
         row = self.table.indexAt(at)
@@ -202,9 +202,9 @@ _QUESTION = "The files contain several structures. Choose one, or type part of i
 
 
 class LabelPicker(QFrame):
-    """Shown where a subject has several structures: a list with name, picture, volume and how many have it.
+    """Choice among several structures: a list with name, thumbnail, volume and number of subjects.
 
-    What is typed is looked for anywhere in the names.
+    Typed text is searched for anywhere in the names.
     """
 
     def __init__(self, session: Session, theme: Theme) -> None:
@@ -301,7 +301,7 @@ class LabelPicker(QFrame):
 
 
 def _text(structure: "Structure", subjects: int) -> str:
-    """Return what the list says of a structure."""
+    """Return the list entry of a structure."""
     median = structure.volumes[1]
     parts = [structure.title, *([millilitres(median)] if median else [])]
     parts.append(f"in {len(structure.by_subject)} of {subjects} subjects")

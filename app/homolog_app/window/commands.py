@@ -1,4 +1,4 @@
-"""The commands of the window as data, and what each needs to be possible."""
+"""The commands of the window as data, with their requirements."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -14,16 +14,16 @@ MENUS = ("File", "Edit", "View", "Run", "Explore", "Help")
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One order.
+    """One command.
 
     Attributes
     ----------
     id : str
         ``area.name``; its handler is looked up by it.
     title : str
-        As it stands in the menu.
+        Text in the menu.
     help : str
-        One sentence: the tool tip and the palette's second line.
+        One sentence: tooltip and second line in the palette.
     menu : str
         One of `MENUS`; ``Menu/Submenu`` nests.
     shortcut : str
@@ -31,7 +31,7 @@ class Command:
     icon : str
         File name without suffix in the resources, or nothing.
     needs : str
-        What must hold for it to be possible: a name that `available` returns.
+        Requirement: a name that `available` returns.
     checkable : bool
         Whether it switches something on and off.
     choice : str
@@ -39,7 +39,7 @@ class Command:
     ends_section : bool
         Whether a line follows in the menu.
     writes : bool
-        Whether it writes into the project's folder: not possible where that is open to be read only.
+        Whether it writes into the project's folder, which is not possible in read-only mode.
     """
 
     id: str
@@ -65,7 +65,7 @@ COMMANDS = (
             "Generate twenty left ventricles, half of them after an infarct, and show the tour.",
             "File", "", "heart", "idle"),
     Command("file.sample", "Sample study: coffee beans",
-            "Generate the beans of the method's publication and show the tour.",
+            "Generate ten coffee beans and show the tour.",
             "File", "", "bean", "idle", ends_section=True),
     Command("file.save", "Save", "Save the project.", "File", "Ctrl+S", "save", "unsaved", writes=True),
     Command("file.save_as", "Save as…", "Save the project to another folder.",
@@ -162,12 +162,12 @@ COMMANDS = (
             "View", "", "range", "coloured"),
     Command("view.screenshot", "Screenshot…", "Save a picture of the views, up to four times as large.",
             "View", "Ctrl+Alt+S", "screenshot", "picture"),
-    Command("view.copy", "Copy picture", "Put a picture of the views on the clipboard.",
+    Command("view.copy", "Copy picture", "Copy a picture of the views to the clipboard.",
             "View", "Ctrl+Shift+C", "copy", "picture", ends_section=True),
     Command("view.theme", "Light or dark", "Change between the light and the dark scheme.",
             "View", "Ctrl+Shift+D", "theme"),
     Command("view.log", "Log", "Show the program's messages.", "View", "Ctrl+L", "log", checkable=True),
-    Command("run.groom", "Groom", "Make smooth surfaces of the included subjects.",
+    Command("run.groom", "Groom", "Compute smooth surfaces of the included subjects.",
             "Run", "Ctrl+Shift+G", "groom", "cohort", writes=True),
     Command("run.regroom", "Groom selected again", "Groom only the selected subject.",
             "Run", "", "redo_one", "groomed_selection", ends_section=True, writes=True),
@@ -182,7 +182,7 @@ COMMANDS = (
             "Run", "", "correspond", "more", writes=True),
     Command("run.fit", "Fit new subjects", "Give new subjects the result's particles; others keep theirs.",
             "Run", "", "correspond", "fit", ends_section=True, writes=True),
-    Command("run.keep", "Keep particles", "Make the particles of the cancelled run the result.",
+    Command("run.keep", "Keep particles", "Save the particles of the cancelled run as the result.",
             "Run", "Ctrl+K", "done", "cancelled", writes=True),
     Command("run.play", "Play", "Play the finished run from its stored frames, or the open page's mode.",
             "Run", "Space", "play", "frames"),
@@ -196,7 +196,7 @@ COMMANDS = (
             "Explore", "F9", "", "result"),
     Command("explore.patient", "Patient", "One shape against the controls: how unusual, and where.",
             "Explore", "F10", "", "result", ends_section=True),
-    Command("explore.mean", "Mean shape", "Put all modes to zero.", "Explore", "M", "", "model"),
+    Command("explore.mean", "Mean shape", "Set all modes to zero.", "Explore", "M", "", "model"),
     Command("explore.test", "Compare groups", "Test the chosen groups for a difference.",
             "Explore", "Ctrl+T", "", "idle_result"),
     Command("explore.keep", "Add to report", "Store the tables of this comparison in the project.",
@@ -220,7 +220,7 @@ COMMANDS = (
             "Explore/Suspects", "", "export", "result"),
     Command("patient.reference", "Make reference", "Make a reference model of the chosen controls.",
             "Explore/Patient", "", "", "idle_result"),
-    Command("patient.open_reference", "Open reference…", "Open a reference that was saved.",
+    Command("patient.open_reference", "Open reference…", "Open a saved reference.",
             "Explore/Patient", "", "open", "idle_result"),
     Command("patient.keep_reference", "Save reference…",
             "Save the reference to a file without the controls' shapes.",
@@ -256,7 +256,7 @@ def command(identifier: str) -> Command:
 
 
 LAYOUTS = (1, 4, 9, 16)
-"""Numbers of views that there are commands for."""
+"""Numbers of views that have commands."""
 
 _NO_STUDY = "nothing is open"
 _NO_RESULT = "there is no result yet; run first"
@@ -298,7 +298,7 @@ REASONS: Mapping[str, str] = {
     "coloured": "the views show no colours of a model",
     **{f"grid{count}": "the open page has no such number of views" for count in LAYOUTS},
 }
-"""Why a command is not possible, by what it needs: ends the sentence "Not now: …"."""
+"""Reasons why a command is disabled, by requirement: the end of the sentence "Not now: …"."""
 
 
 def available(
@@ -321,7 +321,7 @@ def available(
     coloured: bool,
     preliminary: bool,
 ) -> Mapping[str, bool]:
-    """Return whether each need of the command table is met.
+    """Return whether each requirement of the command table is met.
 
     Parameters
     ----------

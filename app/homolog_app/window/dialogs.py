@@ -56,13 +56,13 @@ def ask(
     ----------
     parent : QWidget
     title, details : str
-        What is asked, and what to know for it.
+        The question, and further information.
     answers : tuple of str
-        On the buttons; closing the box means the last one.
+        Labels of the buttons; closing the box means the last one.
     default : int
-        Which answer Enter gives.
+        Index of the answer for Enter.
     settled : callable, optional
-        Whether the question no longer matters: the box is then closed.
+        Whether the question has become obsolete: the box is then closed.
 
     Returns
     -------
@@ -92,9 +92,9 @@ def ask(
 
 
 def waited(parent: QWidget, text: str, work: Callable[[], _Result]) -> _Result:
-    """Do something that takes a while in another thread; until it is done only the waiting is shown.
+    """Run a slow function in another thread and show a busy dialog meanwhile.
 
-    Returns what `work` returns, raises what it raises.
+    Returns or raises as `work` does.
     """
     dialog = QProgressDialog(text, "", 0, 0, parent)
     dialog.setCancelButton(None)
@@ -122,7 +122,7 @@ _LEVELS = {
 
 
 class LogMemory(logging.Handler):
-    """Keeps the last records; any thread may log, the window looks when it has time."""
+    """Keeps the last log records of all threads for the window."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -131,13 +131,13 @@ class LogMemory(logging.Handler):
         self.count = 0
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Take a record."""
+        """Add a record."""
         self.lines.append((record.levelno, self.format(record)))
         self.count += 1
 
 
 class LogPane(QWidget):
-    """The lines of a `LogMemory`, from a level on."""
+    """The lines of a `LogMemory` from a minimum level."""
 
     def __init__(self, memory: LogMemory) -> None:
         super().__init__()
@@ -166,12 +166,12 @@ class LogPane(QWidget):
         self._timer.timeout.connect(self._look)
 
     def showEvent(self, event: object) -> None:
-        """Look for new lines while visible."""
+        """Poll for new lines while visible."""
         self._look()
         self._timer.start()
 
     def hideEvent(self, event: object) -> None:
-        """Rest while hidden."""
+        """Stop polling while hidden."""
         self._timer.stop()
 
     def _look(self) -> None:
@@ -233,7 +233,7 @@ def _without_names(text: str, session: Session) -> str:
 
 
 def _secrets(session: Session) -> Iterator[tuple[str, str]]:
-    """Yield everything that could tell who somebody is, with what to say instead."""
+    """Yield all texts that could identify a person, with their placeholders."""
     yield str(Path.home()), "HOME"
     if session.folder:
         yield str(session.folder), "PROJECT"

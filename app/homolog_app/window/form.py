@@ -1,4 +1,4 @@
-"""A form made from a settings model: one row a setting, with its unit, and help for the one in hand."""
+"""A form generated from a settings model: one row per setting, with unit, and help for the active one."""
 
 from enum import Enum
 from typing import Any
@@ -54,7 +54,7 @@ _LABELS = {
 
 
 class _Help(QLabel):
-    """The help of the setting that the pointer is on or that has the focus; its height stays as it is."""
+    """The help of the setting under the pointer or with focus; its height is fixed."""
 
     def __init__(self) -> None:
         super().__init__(_HINT)
@@ -118,7 +118,7 @@ class SettingsForm(QWidget):
 
 
 class SettingsPair(QWidget):
-    """The settings that matter most, and the others folded below them."""
+    """The main settings, and the others folded below them."""
 
     edited = Signal(str, object)
 
@@ -156,7 +156,7 @@ class SettingsPair(QWidget):
 
 
 class _Row(QWidget):
-    """Label, editor and unit in one line; below it what is wrong with the value, if anything is."""
+    """Label, editor and unit in one line; an error message below."""
 
     entered = Signal(str, object)
     helped = Signal(str)
@@ -185,12 +185,12 @@ class _Row(QWidget):
         grid.setColumnStretch(3, 1)
 
     def enterEvent(self, event: QEnterEvent) -> None:
-        """Show the help of what the pointer is on."""
+        """Show the help of the setting under the pointer."""
         super().enterEvent(event)
         self.helped.emit(_help(self._parameter))
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Show the help of what has the focus."""
+        """Show the help of the setting with focus."""
         if event.type() == QEvent.Type.FocusIn:
             self.helped.emit(_help(self._parameter))
         return super().eventFilter(watched, event)
@@ -211,12 +211,12 @@ class _Row(QWidget):
         self.accept()
 
     def refuse(self) -> None:
-        """Mark what was typed as no such value, and say what is."""
+        """Mark the text as invalid, and show the bounds."""
         bounds = self._parameter.bounds
         self._mark(f"Must be {bounds} {self._parameter.unit}".strip() if bounds else "Invalid value")
 
     def accept(self) -> None:
-        """Say nothing more of a value that is fine."""
+        """Clear the error message."""
         self._mark("")
 
     def _mark(self, problem: str) -> None:

@@ -1,4 +1,4 @@
-"""What explains: errors, reports, palette, preferences, and the guided tour."""
+"""Errors, problem reports, palette, preferences, and the tour."""
 
 import traceback
 from collections.abc import Callable
@@ -45,14 +45,14 @@ _REFUSED, _BUG = "This can't be done", "Unexpected error"
 
 
 class HelpController(Controller):
-    """Everything that explains."""
+    """Handlers of the help commands."""
 
     def __init__(self, window: QMainWindow, workspace: Workspace, commands: Actions) -> None:
         super().__init__(window, workspace)
         self._commands = commands
 
     def handlers(self) -> dict[str, Callable[[], object]]:
-        """Return what the commands of help do."""
+        """Return the handlers of the help commands."""
         return {
             "help.palette": self.show_palette,
             "help.shortcuts": self.show_shortcuts,
@@ -64,7 +64,7 @@ class HelpController(Controller):
 
     @Slot(str, object)
     def show_error(self, kind: str, error: BaseException) -> None:
-        """Show what happened and what to do; a defect of the program asks for a report."""
+        """Show an error with its remedy; a defect of the program asks for a report."""
         said = user_message(error)
         title = _TITLES.get(kind, _REFUSED if said else _BUG)
         text = said or "This is a bug in Homolog. Please save a problem report and attach it to an issue."
@@ -75,7 +75,7 @@ class HelpController(Controller):
         ).open()
 
     def _remedies(self, kind: str, message: str) -> dict[str, Callable[[], object]]:
-        """Return what can be done about the subject that an error of grooming or a run names."""
+        """Return remedies for the subject named in an error of grooming or a run."""
         session, commands = self._workspace.session, self._commands
         names = [
             subject.name for subject in session.study.included if message.startswith(f"{subject.name}: ")
@@ -96,7 +96,7 @@ class HelpController(Controller):
         return {f"Show {name}": show, "Exclude it and continue": leave_out}
 
     def show_palette(self) -> None:
-        """Let the user find a command by typing."""
+        """Open the command palette."""
         palette = CommandPalette(self._window, self._commands)
         place = self._window.rect().center()
         palette.move(self._window.mapToGlobal(place) - palette.rect().center() - palette.rect().topLeft() / 2)
@@ -111,7 +111,7 @@ class HelpController(Controller):
         ShortcutSheet(self._window).open()
 
     def show_preferences(self) -> None:
-        """Let the user change preferences."""
+        """Open the preferences."""
         preferences = self._workspace.preferences
         dialog = PreferencesDialog(self._window, preferences)
         if dialog.exec() == QDialog.DialogCode.Accepted:
@@ -153,7 +153,7 @@ class HelpController(Controller):
 
 
 class Tour(QObject):
-    """Cards over the views, one after the other."""
+    """A sequence of cards over the views."""
 
     def __init__(
         self, workspace: Workspace, commands: Actions, projects: ProjectController, groups: GroupsPage
@@ -175,7 +175,7 @@ class Tour(QObject):
             commands[offer].changed.connect(self._refresh)
 
     def handlers(self) -> dict[str, Callable[[], object]]:
-        """Return what the commands of the tour do."""
+        """Return the handlers of the tour's commands."""
         return {
             "help.tour": self.begin,
             "file.sample_hearts": partial(self.open_sample, HEARTS),
@@ -183,7 +183,7 @@ class Tour(QObject):
         }
 
     def open_sample(self, sample: Sample) -> None:
-        """Make a sample study, list its subjects and begin the tour."""
+        """Generate a sample study, list its subjects and start the tour."""
         if self._projects.may_leave():
             self._projects.begin()
             folder = self._workspace.home / "samples" / sample.name
@@ -203,7 +203,7 @@ class Tour(QObject):
         self.show_stop(0)
 
     def show_stop(self, index: int) -> None:
-        """Show a card, and the step that it is about."""
+        """Show a card and its step."""
         if index >= len(self._stops):
             self.card.hide()
             return
@@ -221,7 +221,7 @@ class Tour(QObject):
         self._commands[self._stops[self._at].offer].trigger()
 
     def _follow(self) -> None:
-        """Go on to the card of the step that was opened in another way."""
+        """Go to the card of a step that was opened otherwise."""
         step = self._workspace.session.step
         if not self.card.isHidden() and self._stops[self._at].step != step:
             self._at = next(index for index, stop in enumerate(self._stops) if stop.step == step)
@@ -242,7 +242,7 @@ class Tour(QObject):
 
 
 class _Card(QFrame):
-    """One stop's title and text, with its buttons."""
+    """Title and text of one stop, with buttons."""
 
     def __init__(self) -> None:
         super().__init__()

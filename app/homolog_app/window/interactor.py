@@ -1,4 +1,4 @@
-"""The widget that VTK draws into, what a click in it meets, and the colour bar below."""
+"""The VTK widget, picking by clicks, and the colour bar below."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -48,12 +48,12 @@ class Interactor(QtInteractor):  # type: ignore[misc] # pyvistaqt is untyped
 
     @property
     def smoothing(self) -> int:
-        """Samples a pixel that this machine can afford: none where the processor does the drawing."""
+        """Antialiasing samples per pixel: none with software rendering."""
         capabilities = str(self.ren_win.ReportCapabilities()).lower()
         return 0 if any(name in capabilities for name in _SOFTWARE) else SMOOTH
 
     def paintGL(self) -> None:
-        """Draw, and remember how long that took."""
+        """Draw, and measure the time."""
         began = time.perf_counter()
         self._painting = True
         self._vtk.EnableRenderOn()
@@ -64,7 +64,7 @@ class Interactor(QtInteractor):  # type: ignore[misc] # pyvistaqt is untyped
         self.draw_ms = self.last_ms if not self.draw_ms else 0.8 * self.draw_ms + 0.2 * self.last_ms
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Leave the keys to the window's commands; VTK's own would turn surfaces to wires."""
+        """Leave the keys to the window's commands instead of VTK's."""
         event.ignore()
 
     def keyReleaseEvent(self, event: QKeyEvent) -> None:
@@ -72,7 +72,7 @@ class Interactor(QtInteractor):  # type: ignore[misc] # pyvistaqt is untyped
         event.ignore()
 
     def close(self) -> None:
-        """Let go of the graphics."""
+        """Release the graphics."""
         if getattr(self, "_vtk", None) is not None:
             self._vtk.RemoveObserver(self._observer)
             self._vtk = None
@@ -84,15 +84,15 @@ class Interactor(QtInteractor):  # type: ignore[misc] # pyvistaqt is untyped
 
 
 _STILL = 4.0
-"""Pixels that the mouse may move between press and release of a click."""
+"""Largest movement of a click [pixels]."""
 _BUTTONS = (Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton)
 _CLOSE = 2.0
-"""Radii of a ball from the place that was clicked, within which the particle is meant."""
+"""Largest distance of a clicked point from its particle, in ball radii."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pick:
-    """What was clicked.
+    """A clicked point.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class Pick:
 
 
 class Picker(QObject):
-    """Watches the mouse for clicks that are no drags and tells what they met."""
+    """Detects clicks (not drags) and emits what was hit."""
 
     picked = Signal(object)
     menu_wanted = Signal(str, QPoint)
@@ -124,7 +124,7 @@ class Picker(QObject):
         plot.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Remember where the button went down, and pick where it comes up close by."""
+        """Pick where the button is released close to where it was pressed."""
         if isinstance(event, QMouseEvent) and event.button() in _BUTTONS:
             button = event.button()
             if event.type() == QEvent.Type.MouseButtonPress:
@@ -140,19 +140,19 @@ class Picker(QObject):
         return False
 
     def pick_at(self, at: QPointF) -> None:
-        """Tell what is at a place of the widget, if anything."""
+        """Emit the object at a position of the widget, if any."""
         cell = self._cell_at(at)
         pick = None if cell is None else self._pick_in(cell, *self._pixel(at))
         if pick is not None:
             self.picked.emit(pick)
 
     def _pixel(self, at: QPointF) -> tuple[float, float]:
-        """Return a place of the widget in VTK's pixels."""
+        """Return a position of the widget in VTK's pixels."""
         ratio = self.plot.devicePixelRatioF()
         return at.x() * ratio, (self.plot.height() - 1 - at.y()) * ratio
 
     def _cell_at(self, at: QPointF) -> "ViewCell | None":
-        """Return the view at a place of the widget that shows something."""
+        """Return the non-empty view at a position of the widget."""
         x, y = (int(value) for value in self._pixel(at))
         for cell in self._cells:
             shown = cell.content is not None and cell.renderer.GetDraw()
@@ -183,7 +183,7 @@ class Picker(QObject):
 
 
 def aim(camera: Any, place: FloatArray, normal: FloatArray, height: float) -> None:  # noqa: ANN401 - VTK is untyped
-    """Look at a place of a surface from outside, so that the view is so many millimetres high."""
+    """Look at a point of a surface from outside, with a view height in millimetres."""
     up = np.array(camera.GetViewUp())
     if abs(np.dot(up, normal)) > 0.9:
         up = np.array((0.0, 1.0, 0.0) if abs(normal[1]) < 0.7 else (0.0, 0.0, 1.0))
@@ -196,7 +196,7 @@ def aim(camera: Any, place: FloatArray, normal: FloatArray, height: float) -> No
 
 
 class ColourBar(QWidget):
-    """Shows what is put below saved pictures as well. A click asks for another range."""
+    """Shows the colour scale, as below saved pictures. A click asks for another range."""
 
     clicked = Signal()
 
@@ -212,7 +212,7 @@ class ColourBar(QWidget):
 
     @property
     def scale(self) -> ColourScale | None:
-        """What is shown; None hides the bar."""
+        """The scale; None hides the bar."""
         return self._scale
 
     def show_scale(self, scale: ColourScale | None) -> None:
@@ -253,7 +253,7 @@ class ColourBar(QWidget):
         painter.end()
 
     def _picture(self, scale: ColourScale) -> QImage:
-        """Return the scale's picture, kept as long as nothing of it changes."""
+        """Return the cached picture of the scale."""
         ratio, text = self.devicePixelRatioF(), text_scale()
         wanted = scale, self._colours, self.width(), ratio, text
         if self._drawn is None or self._drawn[0] != wanted:

@@ -1,4 +1,4 @@
-"""The window: its parts, where they are docked, and which command finds which handler."""
+"""The main window: its parts, docks, and handlers of commands."""
 
 import logging
 from collections.abc import Callable
@@ -45,9 +45,9 @@ __all__ = ["Docks", "Inspector", "MainWindow"]
 _log = logging.getLogger(__name__)
 _INSPECTOR, _NARROWEST, _FLATTEST = 452, 376, 192  # pixels
 _WIDTH_SHARE, _HEIGHT_SHARE = 0.2, 0.22
-"""What inspector and plots have at least of a large window."""
+"""Smallest share of inspector and plots in a large window."""
 _SIZE, _FRAME = QSize(1440, 900), QSize(8, 40)
-"""Size at the first start, and what the system's frame takes of the screen [pixels]."""
+"""Size at the first start, and the size of the system's frame [pixels]."""
 
 
 class Inspector(QFrame):
@@ -80,11 +80,11 @@ class Inspector(QFrame):
         workspace.session.devices_changed.connect(self._show_devices)
 
     def show_step(self, step: str) -> None:
-        """Turn to the page of a step."""
+        """Show the page of a step."""
         self._pages.setCurrentIndex(STEPS.index(step))
 
     def show_job(self, *, is_further: bool = False) -> None:
-        """Show how far the job is on the page that ordered it; if it is only further, the other one stays."""
+        """Show the progress of the job on the page that started it."""
         job = self._session.job
         for kind, panel in (("groom", self.groom), ("run", self.correspond)):
             if job.kind == kind or not is_further:
@@ -98,7 +98,7 @@ class Inspector(QFrame):
 
 
 class Docks(QObject):
-    """Rail left, inspector right, both full height; below energies or plots, and the log if wanted."""
+    """Rail left, inspector right, both full height; energies, plots and log below."""
 
     def __init__(
         self, window: QMainWindow, workspace: Workspace, commands: Actions, rail: Rail, inspector: Inspector
@@ -127,16 +127,16 @@ class Docks(QObject):
         workspace.session.result_changed.connect(self._show_result)
 
     def handlers(self) -> dict[str, Callable[[], object]]:
-        """Return what the commands of the docks do."""
+        """Return the handlers of the docks' commands."""
         return {"view.log": self.show_or_hide_log}
 
     def show_or_hide_log(self) -> None:
-        """Bring the log up, or put it away."""
+        """Show or hide the log."""
         self._log_dock.setVisible(self._log_dock.isHidden())
         self._log_dock.raise_()
 
     def show_for(self, open_: bool) -> None:
-        """Show the plots of the open page of Explore, or energies in the steps that they belong to."""
+        """Show the plots of the open page of *Explore*, or the energies in steps with energies."""
         for bar in self._window.findChildren(QTabBar, options=Qt.FindChildOption.FindDirectChildrenOnly):
             bar.setAccessibleName("Below the views")  # Qt makes it when it needs it
         session = self._workspace.session
@@ -154,7 +154,7 @@ class Docks(QObject):
         self._curves_dock.setVisible(wanted and (session.job.run is not None or session.result is not None))
 
     def follow_size(self, size: QSize) -> None:
-        """Let inspector and plots have their share of a large window."""
+        """Resize inspector and plots with a large window."""
         self._inspector.setMinimumWidth(max(scaled(_NARROWEST), round(_WIDTH_SHARE * size.width())))
         for plots in (self._plots, self.curves):
             plots.setMinimumHeight(max(_FLATTEST, round(_HEIGHT_SHARE * size.height())))
@@ -180,7 +180,7 @@ def _dropped_paths(data: QMimeData) -> list[Path]:
 
 
 class MainWindow(QMainWindow):
-    """Puts the parts together and lets each command find its handler."""
+    """Assembles the parts and connects commands to handlers."""
 
     views_ready = Signal()
 
@@ -212,7 +212,7 @@ class MainWindow(QMainWindow):
 
     @Slot()
     def load_views(self) -> None:
-        """Make the 3-D views: their import is what takes long at the start."""
+        """Create the 3-D views, whose import takes long."""
         from homolog_app.window.stage import Stage
         from homolog_app.window.views import Views
 
@@ -244,7 +244,7 @@ class MainWindow(QMainWindow):
 
     @Slot()
     def refresh(self) -> None:
-        """Show what is possible now."""
+        """Update enabled states."""
         workspace, views = self.workspace, self.views
         page, pages = views.pages if views else (0, 1)
         self.commands.enable(
@@ -282,7 +282,7 @@ class MainWindow(QMainWindow):
 
     @Slot()
     def _show_progress(self) -> None:
-        """Show how far the work is; what is possible stays."""
+        """Show the progress of the job; enabled states do not change."""
         workspace = self.workspace
         if not workspace.session.is_open:
             self.start_page.show_busy(workspace.session.job.status if workspace.session.job.is_busy else None)
@@ -291,7 +291,7 @@ class MainWindow(QMainWindow):
             self.inspector.show_job(is_further=True)
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Ask, stop the work, let go of the graphics, then close."""
+        """Ask, stop jobs, release the graphics, then close."""
         if not (self.exporting.may_close() and self.projects.may_leave()):
             event.ignore()
             return
@@ -306,7 +306,7 @@ class MainWindow(QMainWindow):
         event.accept()
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
-        """Take files and folders while nothing is going on."""
+        """Accept files and folders while no job is running."""
         if (
             _dropped_paths(event.mimeData())
             and not self.workspace.session.job.is_busy
@@ -324,18 +324,18 @@ class MainWindow(QMainWindow):
             self.projects.open_paths(paths)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Share the room out."""
+        """Distribute the space."""
         super().resizeEvent(event)
         self.docks.follow_size(event.size())
 
     def changeEvent(self, event: QEvent) -> None:
-        """Rest the drawing while minimized."""
+        """Stop drawing while minimized."""
         super().changeEvent(event)
         if event.type() == QEvent.Type.WindowStateChange and self.views is not None:
             self.views.rest(self.isMinimized())
 
     def _restore_geometry(self) -> None:
-        """Have the size, place and panel widths of the last time."""
+        """Restore size, position and panel widths."""
         known = self.workspace.preferences.geometry
         if known is not None:
             geometry, state = known

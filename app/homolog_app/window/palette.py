@@ -53,7 +53,7 @@ def _distance(query: str, command: Command) -> int:
 
 
 class CommandPalette(QDialog):
-    """A list of every command that is possible now, narrowed by what is typed."""
+    """A list of all enabled commands, filtered by the typed text."""
 
     def __init__(self, parent: QWidget, actions: Actions) -> None:
         super().__init__(parent, Qt.WindowType.Popup)

@@ -35,22 +35,22 @@ __all__ = ["ProjectController"]
 
 _TABLES, _READ = "Tables (*.csv)", "Tables (*.csv *.tsv *.txt *.xlsx)"
 _NOT_HELD = (
-    "Subjects, settings, particles, surfaces and the shape model were saved. Groomed volumes, kept answers, "
-    "figures and reports were only there and could not be saved."
+    "Subjects, settings, particles, surfaces and the shape model were saved. Groomed volumes, stored "
+    "answers, figures and reports existed only there and could not be saved."
 )
 _ANSWERS = ("Open read-only", "Cancel")
-_IN_USE = "the project is open in another Homolog, and here to be read only"
+_IN_USE = "the project is open in another Homolog, and read-only here"
 _UNWRITABLE = "the project's folder can't be written to"
 _MODELS = "ShapeWorks projects, particles (*.swproj *.xlsx *.particles *.pts)"
 
 
 class ProjectController(Controller):
-    """Opens and saves; asks before anything is lost.
+    """Opens and saves projects; asks before data are lost.
 
     Attributes
     ----------
     views : Views or None
-        How they are looked at is saved with a project.
+        Their state is saved with a project.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class ProjectController(Controller):
         self.show_recent()
 
     def handlers(self) -> dict[str, Callable[[], object]]:
-        """Return what the commands of files do."""
+        """Return the handlers of the file commands."""
         return {
             "file.new": self._new, "file.add": self._add, "file.open": self._open, "file.save": self.save,
             "file.save_as": self.save_as, "file.import": self._import,
@@ -79,7 +79,7 @@ class ProjectController(Controller):
 
     @reported
     def open_paths(self, paths: Sequence[Path]) -> None:
-        """Open a project, or add what was dropped or chosen to the study."""
+        """Open a project, or add files to the study."""
         if len(paths) == 1 and ProjectFolder(paths[0]).exists:
             if self.may_leave():
                 self.open(paths[0])
@@ -146,7 +146,7 @@ class ProjectController(Controller):
 
     @reported
     def save_to(self, folder: Path) -> None:
-        """Save the study, and what was computed for it, to a folder."""
+        """Save the study and its results to a folder."""
         session, before = self._workspace.session, self._workspace.project
         if folder != session.folder and folder.exists() and any(folder.iterdir()):
             raise InputError(f"{folder}: is not empty; choose a new name for the project")
@@ -178,7 +178,7 @@ class ProjectController(Controller):
             ask(self._window, "Saved from memory", f"{before.folder} {why}. {_NOT_HELD}", ("Close",))
 
     def _write_from_memory(self, folder: Path) -> None:
-        """Write what is in memory of a result whose folder is gone, whole or not at all."""
+        """Write the data in memory of a result whose folder is missing, atomically."""
         loaded, cohort = self._workspace.session.result, self._workspace.session.study.whole
         assert loaded is not None, "there is nothing to write otherwise"
 
@@ -189,7 +189,7 @@ class ProjectController(Controller):
         waited(self._window, f"Saving to {folder.name}…", write)
 
     def may_leave(self) -> bool:
-        """Ask about a run that goes on and about unsaved edits; return whether to go on."""
+        """Ask about a run in progress and unsaved edits; return whether to continue."""
         if not self._is_agreed():
             return False
         self._workspace.keep_view(self._view())
@@ -212,7 +212,7 @@ class ProjectController(Controller):
         if not workspace.is_changed:
             return True
         title, saved = workspace.session.title, workspace.session.folder is not None
-        lost = "Changes since it was last saved are lost otherwise." if saved else "It is lost otherwise."
+        lost = "Otherwise, changes since it was last saved are lost." if saved else "Otherwise it is lost."
         question = f"Save {title if saved else 'the study'}?"
         answer = ask(self._window, question, lost, ("Save", "Don't save", "Cancel"))
         if answer == "Save":
@@ -226,7 +226,7 @@ class ProjectController(Controller):
             self.begin()
 
     def begin(self) -> None:
-        """Give up what is open and begin with an empty study."""
+        """Discard the open study and start an empty one."""
         self._workspace.work.forget()
         self._workspace.journal.clear()
         self._workspace.lock_project(None)
@@ -243,7 +243,7 @@ class ProjectController(Controller):
 
     @reported
     def offer_recovery(self) -> None:
-        """Offer what windows that are gone left behind; the newest first."""
+        """Offer to recover the studies of terminated windows, the newest first."""
         for lost in find_lost(self._workspace.sessions):
             name = Path(lost.record.folder).name if lost.record.folder else "a study that was never saved"
             text = f"{len(lost.record.study.subjects)} subjects" + (
@@ -303,7 +303,7 @@ class ProjectController(Controller):
 
     @reported
     def import_table(self, path: Path) -> None:
-        """Read groups and covariates, once the user has seen what changes."""
+        """Read groups and covariates after the user has confirmed the changes."""
         study, changes = with_table(self._workspace.session.study, path)
         answers = ("Close",) if changes.is_empty else ("Import", "Cancel")
         if ask(self._window, f"Import {path.name}?", "\n".join(changes.lines), answers) != "Import":
@@ -316,7 +316,7 @@ class ProjectController(Controller):
     @reported
     def _import_model(self) -> None:
         path, _ = QFileDialog.getOpenFileName(
-            self._window, "Import model (any particles of a folder)", "", _MODELS
+            self._window, "Import model (choose any particle file of a folder)", "", _MODELS
         )
         if not path or not self.may_leave():
             return
@@ -330,7 +330,7 @@ class ProjectController(Controller):
 
     @reported
     def import_model(self, source: Path, folder: Path) -> None:
-        """Make a project of another program's model and open it."""
+        """Create a project from another program's model and open it."""
         from homolog.exchange import domains_of
 
         domains = domains_of(source)
@@ -369,7 +369,7 @@ class ProjectController(Controller):
             session.set_group(name.strip() or None)
 
     def _ask_location(self, study: Study) -> Path | None:
-        """Ask where input files are that have moved; None if none has, or nobody knows."""
+        """Ask for the folder of moved input files; None if none has moved, or the answer is cancelled."""
         missing = [member.name for member in study.members if not is_there(member.subject)]
         if not missing:
             return None
@@ -381,7 +381,7 @@ class ProjectController(Controller):
         return Path(path) if path else None
 
     def _show_as(self, view: ViewRecord) -> None:
-        """Show a result as it was looked at when the project was saved."""
+        """Restore the view state of the saved project."""
         explore, views = self._explore, self.views
         self._workspace.session.show_step("explore")
         for page in explore.pages:

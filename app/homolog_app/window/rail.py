@@ -28,7 +28,7 @@ _WIDTH, _HEIGHT = 96, 104
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """How far a step is: reachable, done, the one to do next, and its status."""
+    """State of a step: reachable, done, next, and its status text."""
 
     enabled: bool
     done: bool
@@ -52,7 +52,7 @@ class Rail(QFrame):
         layout.addStretch()
 
     def show_steps(self, steps: dict[str, Step], current: str) -> None:
-        """Show how far each step is and which one is open."""
+        """Show the state of the steps and the open one."""
         for name, button in self.buttons.items():
             button.show_step(steps[name], name == current)
 
@@ -130,7 +130,7 @@ class _StepButton(QAbstractButton):
 
 
 def steps_of(session: Session) -> dict[str, Step]:
-    """Return the state of the steps, with a few words each; exactly one open one is next."""
+    """Return the state of the steps; exactly one reachable step is next."""
     included = len(session.study.included)
     groomed = len(session.groomed_names)
     result = session.result
@@ -198,12 +198,12 @@ class StatusBar(QObject):
         self._show_memory()
 
     def say(self, text: str) -> None:
-        """Show a word for some seconds."""
+        """Show a message for some seconds."""
         self._bar.showMessage(text, 6000)
 
     @Slot()
     def _show_busy(self) -> None:
-        """Show how far what the user waits for is, if no page shows it."""
+        """Show the progress of a job that no page shows."""
         job = self._session.job
         shown = job.is_busy and job.kind not in _ON_PAGE and self._session.is_open
         for widget in (self.bar, self.cancel):

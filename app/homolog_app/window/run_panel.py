@@ -22,7 +22,7 @@ _GROOM_MAIN = ("label", "smoothing", "alignment", "pieces")
 
 
 class GroomPanel(Panel):
-    """Settings of grooming, its button, and what it did to the selected subject."""
+    """Settings of grooming, its button, and its report on the selected subject."""
 
     settings_edited = Signal(str, object)
 
@@ -54,7 +54,7 @@ class GroomPanel(Panel):
         self._show()
 
     def show_busy(self, status: Status | None) -> None:
-        """Show the progress of grooming, or that nothing goes on."""
+        """Show the progress of grooming, or hide it."""
         was_busy = status is not None and self.go.isHidden()
         self.progress.show_status(status)
         if not was_busy:
@@ -153,7 +153,7 @@ class RunPanel(Panel):
         return result
 
     def _make_further(self) -> QWidget:
-        """Return what is offered beside a new run."""
+        """Return the controls that extend a result."""
         further = QWidget()
         column = QVBoxLayout(further)
         column.setContentsMargins(0, 0, 0, 0)
@@ -187,7 +187,7 @@ class RunPanel(Panel):
         self.refresh_device()
 
     def show_busy(self, status: Status | None) -> None:
-        """Show the progress of a run, or that none goes on."""
+        """Show the progress of a run, or hide it."""
         was_busy = status is not None and self.go.isHidden()
         self.progress.show_status(status)
         self.pause.setText("Resume" if status is not None and status.paused else "Pause")
@@ -198,7 +198,7 @@ class RunPanel(Panel):
             self.refresh()
 
     def refresh(self) -> None:
-        """Show the settings in force and what can be done."""
+        """Update settings and buttons."""
         session = self._session
         idle = not self.progress.isVisibleTo(self)
         self.form.show_values(session.study.settings.optimize)
@@ -219,7 +219,7 @@ class RunPanel(Panel):
         self.summary.setText(text)
 
     def _interrupted(self) -> str:
-        """Say how far the unfinished run got."""
+        """Describe the progress of the unfinished run."""
         folder = self._session.folder
         if folder is None:
             return _STOPPED
@@ -227,7 +227,7 @@ class RunPanel(Panel):
         return interrupted_text(ProjectFolder(folder).checkpoint, particles)
 
     def _show_further(self) -> None:
-        """Say what a run could add to the result."""
+        """Show how the result can be extended."""
         possible = self._session.extension_of
         self.from_result.setVisible(possible is not None)
         if possible is None:

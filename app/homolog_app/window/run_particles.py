@@ -1,4 +1,4 @@
-"""A run as it is seen: its particles, live, played again or as the result has them, and its energies."""
+"""The display of a run: its particles (live, replayed or final), and its energies."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -30,7 +30,7 @@ _AHEAD = 0.25  # share of further iterations of a run for which there is room
 
 
 class RunParticles(QObject):
-    """Knows what is to be seen of a run. A timer looks at its newest frame; `moved` tells whether it is live.
+    """Particles of a run for the views. A timer polls its newest frame; `moved` tells whether it is live.
 
     Attributes
     ----------
@@ -60,24 +60,24 @@ class RunParticles(QObject):
 
     @property
     def moment(self) -> int | None:
-        """Index of the stored frame that is seen; None at the end of the run."""
+        """Index of the recorded frame shown; None at the end of the run."""
         time = self._stage.footer.time
         return time.value() if time.value() < time.maximum() else None
 
     @property
     def is_playing(self) -> bool:
-        """Whether stored frames follow each other."""
+        """Whether recorded frames are being replayed."""
         return self._player.isActive()
 
     def set_result(self) -> None:
-        """Have the particles of the session's result, unless a run is seen."""
+        """Show the particles of the session's result, unless a run is shown."""
         if self._session.job.run is None:
             result = self._session.result
             self.particles, self.tints = (result.particles if result else {}), None
             self._stage.footer.show_frames(len(result.frames) if result else 0)
 
     def play_or_stop(self) -> None:
-        """Play from the first moment, or hold."""
+        """Play from the first frame, or pause."""
         if self.is_playing:
             self.stop()
             return
@@ -88,7 +88,7 @@ class RunParticles(QObject):
         self._play.setText("Pause")
 
     def stop(self) -> None:
-        """Hold."""
+        """Stop."""
         self._player.stop()
         self._play.setText("Play")
 
@@ -112,7 +112,7 @@ class RunParticles(QObject):
 
     @Slot()
     def _show_newest_frame(self) -> None:
-        """Show the newest frame if there is one, then rest at least twice as long as drawing took."""
+        """Show the newest frame if there is one, then pause for at least twice the drawing time."""
         job = self._session.job.run
         frame = job.frame if job is not None else None
         if job is not None and frame is not None and frame is not self.frame:
@@ -147,7 +147,7 @@ class RunParticles(QObject):
 
 
 class EnergyCurves(Plot):
-    """The parts of the objective over the iterations."""
+    """The terms of the objective over the iterations."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__(
@@ -158,11 +158,11 @@ class EnergyCurves(Plot):
 
     @property
     def is_empty(self) -> bool:
-        """Whether there are no two iterations."""
+        """Whether there are fewer than two iterations."""
         return len(np.unique(self._rows[:, 0])) < 2
 
     def show_rows(self, rows: FloatArray | Sequence[Sequence[float]], *, is_live: bool = False) -> None:
-        """Show energies (T, 4): iteration and the three parts. Further ones follow if they are live."""
+        """Show energies (T, 4): iteration and three terms; live ones leave room for further iterations."""
         table = np.asarray(rows, dtype=np.float64).reshape(-1, 4)
         every = max(1, len(table) // _MOST_POINTS)
         self._rows = np.concatenate([table[::every], table[-1:]]) if len(table) else table

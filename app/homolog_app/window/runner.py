@@ -1,4 +1,4 @@
-"""The computing thread, and Python's garbage, which only the thread of the window may collect."""
+"""The computing thread, and garbage collection in the GUI thread."""
 
 import gc
 import os
@@ -24,7 +24,7 @@ _NICENESS = 10
 
 
 class Status(Protocol):
-    """Status of a job: the part of `homolog.run.RunStatus` that every job has."""
+    """Status of a job: the common part of `homolog.run.RunStatus`."""
 
     @property
     def fraction(self) -> float:
@@ -123,10 +123,10 @@ class JobOutcome:
 
 
 class Runner(QObject):
-    """Owns the computing thread. Everything it emits, it emits in the window's thread.
+    """Owns the computing thread. Its signals are emitted in the GUI thread.
 
-    A timer looks at what the thread left: no signal crosses threads, and a slow window misses frames instead
-    of queueing them. What an abandoned job leaves is dropped.
+    A timer polls the thread's results: no signal crosses threads, and a slow window drops frames instead
+    of queueing them. Results of an abandoned job are dropped.
     """
 
     progressed = Signal(object)
@@ -145,11 +145,11 @@ class Runner(QObject):
 
     @property
     def job(self) -> Job | None:
-        """What is being done, or None."""
+        """The present job, or None."""
         return self._job
 
     def start(self, job: Job) -> None:
-        """Begin a job; there must be none."""
+        """Start a job; none may be running."""
         if self._job is not None:
             raise RuntimeError("a job is in progress")
         self._job, self._shown = job, None
@@ -158,12 +158,12 @@ class Runner(QObject):
         self._look()
 
     def cancel(self) -> None:
-        """Ask the present job to end; `ended` follows."""
+        """Cancel the present job; `ended` follows."""
         if self._job is not None:
             self._job.cancel()
 
     def close(self, seconds: float = 3.0) -> bool:
-        """End the thread; return whether it did so in time. Nothing is emitted any more."""
+        """Stop the thread; return whether it ended in time. No more signals are emitted."""
         self._timer.stop()
         self.cancel()
         self._orders.put(None)
@@ -195,18 +195,18 @@ class Runner(QObject):
 
 
 def _step_back() -> None:
-    """Let the window's thread go first where threads have priorities of their own."""
+    """Lower the thread's priority where the system supports it."""
     if hasattr(os, "setpriority"):
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
 
 
 _EVERY_MS = 500
 REST = 100.0
-"""After a collection of everything there is none for so many times as long as it took."""
+"""Pause after a full collection, relative to its duration."""
 
 
 class GarbageCollector(QObject):
-    """Collects garbage in place of Python's own collector, which is off until `close`."""
+    """Replaces Python's automatic garbage collection until `close`."""
 
     def __init__(self, parent: QObject) -> None:
         super().__init__(parent)
@@ -217,11 +217,11 @@ class GarbageCollector(QObject):
         self._timer.start()
 
     def settle(self) -> None:
-        """Leave what there is by now out of all further collections, which are short then."""
+        """Exclude present objects from further collections to keep these short."""
         gc.freeze()
 
     def close(self) -> None:
-        """Hand over to Python's own collector."""
+        """Enable Python's automatic collection again."""
         self._timer.stop()
         gc.enable()
 

@@ -1,4 +1,4 @@
-"""Slices in place of the views or beside them: of which subject, and with which scan behind them."""
+"""Slices in place of the views or next to them: their subject and scan."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -26,7 +26,7 @@ _FILES = f"Scans ({' '.join(f'*{suffix}' for suffix in IMAGE_SUFFIXES)})"
 
 
 def sliced_subject(session: Session, name: str) -> SliceScene:
-    """Return what slices show of a subject: scan, segmentation, and groomed surface or the result's."""
+    """Return the slices of a subject: scan, segmentation, and groomed surface or that of the result."""
     subject = next(member.subject for member in session.study.members if member.name == name)
     survey, groomed, result = session.surveys.get(name), session.groomed.get(name), session.result
     outlines: list[Outline] = []
@@ -59,14 +59,14 @@ class ScanController(Controller):
 
     @reported
     def choose(self, name: str) -> None:
-        """Ask for the scan of what the slices show."""
+        """Ask for the scan of the subject shown in slices."""
         path, _ = QFileDialog.getOpenFileName(self._window, f"Scan of {name}", "", _FILES)
         if path:
             file = Path(path)
             self.give(name, file.parent if file.suffix.lower() == ".dcm" else file)
 
     def give(self, name: str, path: Path) -> None:
-        """Make a file, or the folder of a DICOM series, the scan of a subject or of the patient."""
+        """Set a file, or the folder of a DICOM series, as the scan of a subject or of the patient."""
         session, page = self._workspace.session, self._explore.page
         if session.step == "explore" and page.set_scan(name, path):
             return
@@ -78,7 +78,7 @@ class ScanController(Controller):
         session.edit("Set scan", session.study.with_members(members))
 
     def offer(self, paths: Sequence[Path], at: QPoint) -> bool:
-        """Ask what an image is that was dropped on a subject: its scan, or another subject.
+        """Ask whether an image dropped on a subject is its scan or another subject.
 
         Parameters
         ----------
@@ -118,12 +118,12 @@ class ScanController(Controller):
             self._slices.show_subject(scene)
 
     def point(self, name: str, shown: Content, place: FloatArray) -> None:
-        """Put the crosshair to a place that was clicked or is looked at in the views."""
+        """Move the crosshair to a point that was clicked or is looked at in the views."""
         local = transform_points(inverse_matrices(shown.alignment), np.asarray(place)[None])[0]
         self._slices.go_to(name, local)
 
     def _subject_at(self, at: QPoint) -> str:
-        """Return the subject whose row or slices are at a place of the window; nothing if there is none."""
+        """Return the subject at a position of the window; empty if there is none."""
         slices = self._slices
         if slices.isVisible() and slices.rect().contains(slices.mapFrom(self._window, at)):
             return slices.name

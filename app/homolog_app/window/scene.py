@@ -1,4 +1,4 @@
-"""The views as the window shows them: turned, paged, drawn as quickly as the machine can."""
+"""The views in the window: rotation, paging, drawing speed."""
 
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
@@ -26,7 +26,7 @@ _CLOSE_UP, _CLOSE_UP_BALLS = 0.6, 36.0
 
 
 class Scene(QWidget):
-    """A grid of views, all turned together unless unlinked, and below it what colours mean."""
+    """A grid of views, rotated together unless unlinked, and the colour scale below it."""
 
     page_changed = Signal()
 
@@ -65,7 +65,7 @@ class Scene(QWidget):
 
     @property
     def draw_ms(self) -> float:
-        """How long a drawing takes [ms], smoothed."""
+        """Drawing time [ms], smoothed."""
         return self.plot.draw_ms
 
     @property
@@ -80,7 +80,7 @@ class Scene(QWidget):
 
     @property
     def columns(self) -> int:
-        """Columns of a grid of the contents' own; 0 in the user's layout."""
+        """Columns of the contents' own grid; 0 in the user's layout."""
         return self.grid.columns
 
     @property
@@ -94,7 +94,7 @@ class Scene(QWidget):
         return self.grid.layout
 
     def set_layout(self, count: int) -> None:
-        """Show 1, 4, 9 or 16 views of subjects; the first one stays in sight."""
+        """Show 1, 4, 9 or 16 views of subjects; the first one remains visible."""
         first = self.grid.page * self.grid.layout
         self.grid.layout = count
         if not self.grid.columns:
@@ -134,7 +134,7 @@ class Scene(QWidget):
             self.fitted = self.looks
 
     def begin_anew(self) -> None:
-        """Let the next contents be seen from the usual side, whole, from their first page."""
+        """Reset camera, zoom and page for the next contents."""
         self._fitted, self._left_at, self.grid.page = False, 0, 0
 
     def show_page(self, page: int) -> None:
@@ -147,12 +147,12 @@ class Scene(QWidget):
             self.page_changed.emit()
 
     def turn_page(self, step: int) -> None:
-        """Show the page before (-1) or after (1), as whole shapes."""
+        """Show the previous (-1) or next (1) page, with whole shapes."""
         self.show_page(self.grid.page + step)
         self._keep_whole()
 
     def show_name(self, name: str) -> None:
-        """Turn to the page with a subject."""
+        """Show the page with a subject."""
         for index, content in enumerate(self.grid.contents):
             if content.name == name and index // self.grid.count != self.grid.page:
                 self.show_page(index // self.grid.count)
@@ -161,7 +161,7 @@ class Scene(QWidget):
         self, *, raw: bool | None = None, groomed: bool | None = None, particles: bool | None = None,
         opacity: float | None = None, letters: bool | None = None, scale_bar: bool | None = None,
     ) -> None:  # fmt: skip
-        """Show or hide surfaces, particles, directions and scale bar; set how opaque surfaces are."""
+        """Show or hide surfaces, particles, directions and scale bar; set the opacity of surfaces."""
         grid = self.grid
         grid.raw = grid.raw if raw is None else raw
         grid.groomed = grid.groomed if groomed is None else groomed
@@ -182,7 +182,7 @@ class Scene(QWidget):
     ) -> None:
         """Show particles by subject, (N, 3) [mm] each in common coordinates.
 
-        If no colours (N, 3) are given, they are made anew when the number of particles changes, and when a
+        Without colours (N, 3), they are computed again when the number of particles changes, and when a
         run has ended. Live particles may be drawn on lighter surfaces.
         """
         count = len(next(iter(particles.values()))) if particles else 0
@@ -198,29 +198,29 @@ class Scene(QWidget):
             self._refresh()
 
     def set_linked(self, linked: bool) -> None:
-        """Turn all views together, or each alone."""
+        """Rotate all views together, or each alone."""
         self.grid.cameras.link(linked)
         self._refresh()
 
     def look(self, view: str) -> None:
-        """Look from one of `VIEWS` and fit the shapes."""
+        """Set the direction to one of `VIEWS` and fit the shapes."""
         self.grid.cameras.turn(view)
         self.fit()
 
     def set_camera(self, state: CameraState) -> None:
-        """Look from where a camera was, at the whole shapes."""
+        """Set the direction of a camera, and fit the shapes."""
         for camera in self.grid.cameras.each:
             state.set(camera)
         self.fit()
 
     def fit(self) -> None:
-        """Show the whole shapes, as large as the largest allows."""
+        """Zoom to the whole shapes."""
         self._fitted = self.grid.fit(self.plot.width(), self.plot.height()) or self._fitted
         self.fitted = self.looks
         self.plot.update()
 
     def _keep_whole(self) -> None:
-        """Zoom out where shapes that have come into view would be cut, unless the user has zoomed."""
+        """Zoom out if new shapes would be cut off, unless the user has zoomed."""
         if self.fitted != self.looks:
             return
         cameras = self.grid.cameras.each
@@ -232,17 +232,17 @@ class Scene(QWidget):
 
     @property
     def looks(self) -> list[object]:
-        """Where each camera looks to, and how much it sees: the same as after `fit` unless the user zooms."""
+        """Focal point and scale of each camera: those of `fit` unless the user zooms."""
         return [(camera.GetFocalPoint(), camera.GetParallelScale()) for camera in self.grid.cameras.each]
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Keep whole shapes whole."""
+        """Keep whole shapes visible."""
         super().resizeEvent(event)
         if self.fitted == self.looks:
             self.fit()
 
     def go_to(self, name: str, place: FloatArray, normal: FloatArray) -> None:
-        """Show a subject's page and look at a place of its surface from outside, close enough to see it."""
+        """Show a subject's page and a close-up of a point of its surface from outside."""
         self.show_name(name)
         bounds = self.grid.bounds
         if bounds is not None:
@@ -262,7 +262,7 @@ class Scene(QWidget):
 
     @property
     def canvas(self) -> Canvas:
-        """How the views are looked at now, in words that a picture can be drawn from again."""
+        """The canvas of the views, from which a picture can be drawn again."""
         grid = self.grid
         return Canvas(
             width=self.plot.width(), height=self.plot.height(), ratio=self.devicePixelRatioF(),
@@ -275,20 +275,20 @@ class Scene(QWidget):
 
     @property
     def shown_now(self) -> ViewContents:
-        """What the views show, with particles and their colours; it stays as it is when they go on."""
+        """A copy of the views' contents, with particles and their colours."""
         grid = self.grid
         return ViewContents(
             grid.contents, grid.columns or None, self.displayed.scale, grid.particles, grid.tints
         )
 
     def picture(self, scale: int = 1, *, transparent: bool = False) -> QImage:
-        """Return what is shown, up to four times as large."""
+        """Return a picture of the views, up to four times as large."""
         pixels = np.ascontiguousarray(drawn(self.shown_now, self.canvas, scale, transparent=transparent))
         height, width, _ = pixels.shape
         return QImage(pixels.tobytes(), width, height, 4 * width, QImage.Format.Format_RGBA8888).copy()
 
     def close_scene(self) -> None:
-        """Let go of everything of VTK; the last thing before the window closes."""
+        """Release all VTK objects before the window closes."""
         self.refine_timer.stop()
         self.plot.removeEventFilter(self.picker)  # which would hear of the widget's end, half destroyed
         window: Any = self.plot.ren_win
@@ -308,10 +308,10 @@ class Scene(QWidget):
         self.plot.update()
 
     def _refresh_some(self) -> None:
-        """Move the particles of a few views, and draw only these: as many as are drawn fast enough.
+        """Move and draw the particles of as many views as can be drawn fast enough.
 
-        What is not drawn keeps its last picture, as each renderer clears its own part of the window only. A
-        slow machine so updates the views in turn instead of keeping the user's clicks waiting.
+        Other views keep their last picture, because each renderer clears only its own part of the window. A
+        slow machine therefore updates the views in turn and remains responsive.
         """
         spent, count = self.plot.last_ms, self.grid.count
         if spent > _LIVE_MS[1]:

@@ -1,4 +1,4 @@
-"""The open study: the one object that the panels talk to."""
+"""The open study: the observable state of the window."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -25,27 +25,27 @@ __all__ = ["BACKGROUND", "Job", "Session"]
 
 
 BACKGROUND = ("read", "restore", "prepare")
-"""Kinds of jobs that nobody waits for."""
+"""Kinds of background jobs."""
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What is computed now.
+    """The present job.
 
     Attributes
     ----------
     kind : str
-        Names it; empty if nothing is computed.
+        Kind of the job; empty without a job.
     following : str
-        What begins after it, because the user waits for it.
+        The job that is queued next.
     status : Status or None
-        How far what the user waits for is.
+        Progress of the job that the user waits for.
     background : str
-        What is done in the background, or beside grooming and runs, in words.
+        Description of background work.
     run : RunJob or None
-        The run that goes on.
+        The run in progress.
     kept : RunJob or None
-        The run that was cancelled last, whose particles can still become the result.
+        The last cancelled run, whose particles can still be saved as the result.
     """
 
     kind: str = ""
@@ -62,16 +62,16 @@ class Job:
 
     @property
     def is_saving(self) -> bool:
-        """Whether a result is being written, or is about to be."""
+        """Whether a result is being written, or is queued for it."""
         return "keep" in (self.kind, self.following)
 
 
 class Session(QObject):
-    """What is open, computed, selected and seen: a signal for each. Only the GUI thread touches it.
+    """State of the open study, with a signal for each part. Used only in the GUI thread.
 
     `project_changed` is about the folder and whether everything is saved in it, `job_changed` about a job
     that begins, ends, pauses, or has a first or another preliminary model; `job_progressed` says only that
-    its status is newer. `noticed` is a word for the status bar, `failed` an error with its kind.
+    its status has changed. `noticed` is a message for the status bar, `failed` an error with its kind.
     """
 
     study_changed = Signal()
@@ -96,7 +96,7 @@ class Session(QObject):
         self.generation = 0
         self.folder: Path | None = None
         self.read_only = ""
-        """Why nothing can be written to the folder; empty if it can."""
+        """Why the folder is read-only; empty if it is not."""
         self.surveys: dict[str, FileSurvey] = {}
         self.groomed: dict[str, Groomed] = {}
         self.result: LoadedResult | None = None
@@ -104,14 +104,14 @@ class Session(QObject):
         """The result in the project's folder."""
         self.selection: tuple[str, ...] = ()
         self.step = "cohort"
-        """The step of the study that is seen."""
+        """The open step."""
         self.page = ""
-        """Title of the page of *Explore* that is open."""
+        """Title of the open page of *Explore*."""
         self.pages: tuple[str, ...] = ()
-        """Titles of all of these pages, in the order of their tabs."""
+        """Titles of all pages, in the order of their tabs."""
         self.job = Job()
         self.devices: Devices | None = None
-        """Those of this machine; None until they are known."""
+        """Devices of this machine; None until they are known."""
         self.undo.cleanChanged.connect(self.project_changed)
 
     @property
@@ -139,23 +139,23 @@ class Session(QObject):
 
     @property
     def extension_of(self) -> Extension | None:
-        """What a run can add to the result; None without one."""
+        """Possible extension of the result by a run; None without a result."""
         return extension_of(self.study, self.result.record) if self.result is not None else None
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """What of the open study is not in the project's folder, in words."""
+        """Data of the open study that are not in the project's folder, as texts."""
         edits = self.folder is not None and not self.undo.isClean()
         cautions = {"Unsaved edits": edits, "Changed particles": not self.is_result_written}
         return tuple(text for text, given in cautions.items() if given)
 
     def show_step(self, step: str) -> None:
-        """Turn to one of the four steps."""
+        """Open one of the four steps."""
         self.step = step
         self.step_changed.emit()
 
     def show_page(self, page: str | int, step: str = "") -> None:
-        """Turn to a page of *Explore*, by title or number, and to a step if one is named."""
+        """Open a page of *Explore*, by title or number, and a step if given."""
         title = self.pages[page] if isinstance(page, int) else page
         if title != self.page:
             self.page = title
@@ -165,27 +165,27 @@ class Session(QObject):
 
     @property
     def preliminary(self) -> PreliminaryModel | None:
-        """The model so far of the run that goes on or was cancelled, while the study has no result."""
+        """The preliminary model of the present or cancelled run, while the study has no result."""
         run = self.job.run or self.job.kept
         return run.preliminary if run is not None and self.result is None else None
 
     def add_surveys(self, surveys: "Mapping[str, FileSurvey]") -> None:
-        """Have what was read of subjects' files."""
+        """Add previews of subjects' files."""
         self.surveys |= surveys
         self.surveys_changed.emit()
 
     def add_groomed(self, groomed: Mapping[str, Groomed]) -> None:
-        """Have groomed subjects, in place of those of the same names."""
+        """Add groomed subjects, replacing those with the same names."""
         self.groomed |= groomed
         self.groomed_changed.emit()
 
     def set_devices(self, devices: Devices) -> None:
-        """Know the devices of this machine."""
+        """Set the devices of this machine."""
         self.devices = devices
         self.devices_changed.emit()
 
     def edit(self, text: str, study: Study, key: str = "") -> None:
-        """Make an edit that can be undone; successive edits with the same key become one."""
+        """Apply an undoable edit; successive edits with the same key are merged."""
         if study != self.study:
             self.undo.push(_Edit(self, text, study, key))
 
@@ -194,7 +194,7 @@ class Session(QObject):
         self.edit(text, Study(self.study.members, settings), key)
 
     def open(self, study: Study, folder: Path | None, read_only: str = "") -> None:
-        """Open another study; nothing of the one before is kept, nor what is still computed for it."""
+        """Open another study; the previous one and its pending jobs are dropped."""
         self.generation += 1
         self.surveys, self.groomed, self.result, self.written, self.selection = {}, {}, None, None, ()
         self.study, self.folder, self.read_only = study, folder, read_only
@@ -209,7 +209,7 @@ class Session(QObject):
 
     @property
     def is_result_written(self) -> bool:
-        """Whether the result that is seen is the one in the project's folder."""
+        """Whether the open result is the one in the project's folder."""
         seen, written = self.result, self.written
         return seen is written or (
             seen is not None
@@ -219,9 +219,9 @@ class Session(QObject):
         )
 
     def set_result(self, loaded: LoadedResult, text: str) -> None:
-        """Have the result that was written to the project; undo shows the one before.
+        """Set the result that was written to the project; undo restores the previous one.
 
-        Not so if shapes were groomed with other settings since: they have taken the place of those before.
+        Undo is not possible if shapes were groomed with other settings since.
         """
         before, self.written = self.result, loaded
         if before is None or before.record.settings.groom != loaded.record.settings.groom:
@@ -233,11 +233,11 @@ class Session(QObject):
             self.undo.setClean()
 
     def exchange_result(self, loaded: LoadedResult, text: str) -> None:
-        """Show another result; undo shows the present one again."""
+        """Replace the result; undo restores the present one."""
         self.undo.push(_Exchange(self, loaded, text))
 
     def show_result(self, loaded: LoadedResult | None) -> None:
-        """Show another result without a trace in the history."""
+        """Replace the result without an entry in the undo history."""
         self.result = loaded
         self.result_changed.emit()
 
@@ -261,7 +261,7 @@ class Session(QObject):
         )
 
     def toggle_included(self) -> None:
-        """Take the selected subjects in, or leave them out if all of them are in."""
+        """Include the selected subjects, or exclude them if all are included."""
         chosen = [member for member in self.study.members if member.name in self.selection]
         included = not all(member.included for member in chosen)
         self._edit_selected(
@@ -270,7 +270,7 @@ class Session(QObject):
         )
 
     def remove_selected(self) -> None:
-        """Take the selected subjects out of the study."""
+        """Remove the selected subjects from the study."""
         self.edit("Remove subjects", self.study.without(self.selection))
 
     def _edit_selected(self, text: str, change: Callable[[Member], Member]) -> None:
@@ -280,21 +280,21 @@ class Session(QObject):
         self.edit(text, self.study.with_members(changed))
 
     def put(self, study: Study) -> None:
-        """Set the study without a trace in the history; for the history itself."""
+        """Set the study without an entry in the undo history."""
         self.study = study
         self._remember()
         self.study_changed.emit()
         self.select(self.selection)
 
     def _remember(self) -> None:
-        """Keep in mind who was ever in a study: the log may speak of them when they are gone."""
+        """Remember all subjects of the session, because the log may mention removed ones."""
         for member in self.study.members:
             subject = member.subject
             self.seen[subject.name, subject.path, subject.group, *subject.columns.values()] = subject
 
 
 class _Exchange(QUndoCommand):
-    """From one result to the next."""
+    """An undoable change of the result."""
 
     def __init__(self, session: Session, after: LoadedResult, text: str) -> None:
         super().__init__(text)
@@ -311,7 +311,7 @@ class _Exchange(QUndoCommand):
 
 
 class _Edit(QUndoCommand):
-    """From one study to the next."""
+    """An undoable change of the study."""
 
     def __init__(self, session: Session, text: str, after: Study, key: str) -> None:
         super().__init__(text)
@@ -320,11 +320,11 @@ class _Edit(QUndoCommand):
         self.key = key
 
     def id(self) -> int:
-        """Say which edits may become one."""
+        """Return which edits can be merged."""
         return hash(self.key) % (2**31 - 1) if self.key else -1
 
     def mergeWith(self, other: QUndoCommand) -> bool:
-        """Take a following edit of the same thing in."""
+        """Merge a following edit of the same object."""
         if not isinstance(other, _Edit) or other.key != self.key:
             return False
         self.after = other.after

@@ -1,4 +1,4 @@
-"""One plane: the slice, contours and the crosshair; tells what the mouse and the keys ask for."""
+"""One plane: slice, contours and crosshair, with mouse and keyboard events."""
 
 import logging
 from collections.abc import Sequence
@@ -64,7 +64,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SliceContent:
-    """All that a plane shows.
+    """Content of a plane.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class SliceContent:
     scale : float
         Pixels per mm.
     centre, cross : tuple of float
-        What is in the middle of the widget, and where the crosshair is, in voxels of the picture.
+        Centre of the widget and position of the crosshair, in voxels of the picture.
     lines : sequence of Line
     letters : tuple of str
         At the left, right, bottom and top.
@@ -97,7 +97,7 @@ class SliceContent:
 
 
 class SliceCanvas(QWidget):
-    """Draws a plane. Places are told in voxels to the right and down from the picture's corner."""
+    """Draws a plane. Positions are in voxels to the right and down from the picture's corner."""
 
     pointed = Signal(float, float)
     stepped = Signal(int)
@@ -119,12 +119,12 @@ class SliceCanvas(QWidget):
         theme.changed.connect(self.update)
 
     def show_plane(self, drawn: SliceContent | None) -> None:
-        """Draw something else."""
+        """Set the content."""
         self.drawn = drawn
         self.update()
 
     def wheelEvent(self, event: QWheelEvent) -> None:
-        """Go through the slices; with Ctrl, zoom."""
+        """Scroll through the slices; with Ctrl, zoom."""
         notches = event.angleDelta().y() / _NOTCH
         if event.modifiers() & Qt.KeyboardModifier.ControlModifier:
             self.zoomed.emit(_ZOOM**notches)
@@ -168,7 +168,7 @@ class SliceCanvas(QWidget):
         self.enlarged.emit()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Let the scale be chosen anew."""
+        """Request a new scale."""
         super().resizeEvent(event)
         self.resized.emit()
 
@@ -182,7 +182,7 @@ class SliceCanvas(QWidget):
         painter.end()
 
     def draw(self, painter: QPainter) -> None:
-        """Draw the plane into its rectangle; nothing beyond it."""
+        """Draw the plane within its rectangle."""
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.setClipRect(self.rect())
         painter.fillRect(self.rect(), QColor(self._theme.colours.scene))
@@ -208,7 +208,7 @@ class SliceCanvas(QWidget):
 
     @staticmethod
     def _pixels(drawn: SliceContent) -> tuple[float, float]:
-        """Return how large a voxel is on the screen."""
+        """Return the size of a voxel on the screen."""
         return drawn.spacing[0] * drawn.scale, drawn.spacing[1] * drawn.scale
 
     def _paint(self, painter: QPainter, drawn: SliceContent) -> None:
@@ -252,7 +252,7 @@ class SliceCanvas(QWidget):
             painter.drawLine(QLineF(*four))
 
     def _paint_texts(self, painter: QPainter, drawn: SliceContent) -> None:
-        """Write title, slice and letters on patches of the background: scans are black or white there."""
+        """Draw title, slice number and letters on patches of the background, for contrast."""
         wide, high = float(self.width()), float(self.height())
         colours = self._theme.colours
         left, right, bottom, top = drawn.letters
@@ -275,7 +275,7 @@ class SliceCanvas(QWidget):
                 painter.drawText(area, Qt.AlignmentFlag.AlignCenter, text)
 
     def _paint_scale_bar(self, painter: QPainter, scale: float) -> None:
-        """Draw a bar of a round length at the lower left, on a patch as the texts are."""
+        """Draw a bar of a round length at the lower left, on a patch of the background."""
         colours, metrics = self._theme.colours, painter.fontMetrics()
         millimetres = round_length(_BAR_SHARE * self.width() / scale)
         text, length = f"{short(millimetres)} mm", millimetres * scale
@@ -291,7 +291,7 @@ class SliceCanvas(QWidget):
 
 
 class ReadScan:
-    """A scan with what is shown of it at first: window and notes."""
+    """A scan with its initial grey-value window and notes."""
 
     def __init__(self, scan: Scan, inside: float) -> None:
         self.scan = scan
@@ -303,7 +303,7 @@ class ReadScan:
 
 
 class ScanReader(QObject):
-    """Holds one scan: that of the newest wish. The one before is let go first."""
+    """Reads the most recently requested scan, after releasing the previous one."""
 
     changed = Signal()
 
@@ -321,7 +321,7 @@ class ScanReader(QObject):
         return self._runner is not None and self._runner.job is not None
 
     def want(self, sliced: SliceScene) -> None:
-        """Read a subject's scan unless it is there already, or being read."""
+        """Read a subject's scan unless it is loaded or being read."""
         wanted = None if sliced.image is None else (sliced.name, sliced.image)
         if wanted == self._wanted:
             return
@@ -340,7 +340,7 @@ class ScanReader(QObject):
             self._next = task
 
     def close(self) -> None:
-        """End the thread."""
+        """Stop the thread."""
         if self._runner is not None:
             self._runner.close()
 

@@ -1,4 +1,4 @@
-"""A subject's scan or segmentation in three linked planes, so that grooming and maps can be trusted."""
+"""A subject's scan or segmentation in three linked planes, to check grooming and maps."""
 
 from collections.abc import Callable
 from functools import partial
@@ -35,15 +35,15 @@ _TITLES = ("Axial", "Coronal", "Sagittal")
 _STRUCTURE, _WHOLE = "Field of view: structure", "Field of view: whole scan"
 _FINER = 2
 _ROOM = 1.3
-"""How much more than the structure is seen around it."""
+"""Margin around the structure."""
 _SEGMENTATION, _GROOMED = "#ffb000", "#00c2ff"
 _LPS = (("R", "L"), ("A", "P"), ("I", "S"))
-_NO_SLICES = "A surface has no slices; give its scan."
+_NO_SLICES = "A surface has no slices; add its scan."
 _NO_SUBJECT = "Choose a subject in the table."
 
 
 class SliceView(QWidget):
-    """Three planes and, in the fourth corner, what is shown and how."""
+    """Three planes and, in the fourth corner, legend and controls."""
 
     scan_wanted = Signal(str)
 
@@ -69,7 +69,7 @@ class SliceView(QWidget):
         self.window_box = choice("Grey values", {f"Window: {name}": name for name in (AUTOMATIC, *PRESETS)})
         self.window_box.setToolTip("Window of grey values; drag with the right button to change it")
         self.field = choice("Field of view", {name: name for name in (_STRUCTURE, _WHOLE)})
-        self.field.setToolTip("Ctrl and the wheel zoom; the middle button moves the picture")
+        self.field.setToolTip("Ctrl and the wheel zoom; the middle button pans")
         self.segmentation, self.contours = QCheckBox("Segmentation"), QCheckBox("Groomed surface")
         self.beside = QCheckBox("Show 3-D views")
         self.choose = button("Choose scan…")
@@ -96,7 +96,7 @@ class SliceView(QWidget):
         self._arrange()
 
     def _arrange(self) -> None:
-        """Lay out three planes and what is said of them, or one plane that takes their places."""
+        """Lay out three planes with legend and controls, or one plane."""
         axial, coronal, sagittal = self.canvases
         for widget in (*self.canvases, self._info):
             self._tiles.removeWidget(widget)
@@ -135,21 +135,21 @@ class SliceView(QWidget):
         self.choose.clicked.connect(lambda: self.scan_wanted.emit(self.sliced.name))
 
     def show_subject(self, sliced: SliceScene) -> None:
-        """Show a subject, its scan as soon as it is read."""
+        """Show a subject, with its scan once it is read."""
         before, self.sliced = self.sliced, sliced
         self.reader.want(sliced)
         same = before.name == sliced.name and before.voxels is sliced.voxels
         self._set_grid(keep=same and self._grid is not None)
 
     def go_to(self, name: str, place: FloatArray) -> None:
-        """Put the crosshair to a place of a subject, LPS [mm], also if it is shown only later."""
+        """Move the crosshair to a point of a subject, LPS [mm], also if it is shown later."""
         self._aim = name, np.array(place, np.float64)
         if name == self.sliced.name:
             self._place = self._aim[1]
             self._draw()
 
     def picture(self) -> QImage:
-        """Return a picture of the planes and of what is shown in them, without the controls."""
+        """Return a picture of the planes and their legend, without the controls."""
         colours, area = self._theme.colours, QRectF(self._info.geometry())
         picture = QImage(self.size() * _FINER, QImage.Format.Format_RGB32)
         picture.setDevicePixelRatio(_FINER)
@@ -176,16 +176,16 @@ class SliceView(QWidget):
 
     @property
     def place(self) -> FloatArray:
-        """Where the crosshair is, LPS [mm], (3,)."""
+        """Position of the crosshair, LPS [mm], (3,)."""
         return self._place
 
     @property
     def name(self) -> str:
-        """Whose slices are shown."""
+        """The subject whose slices are shown."""
         return self.sliced.name
 
     def close_slices(self) -> None:
-        """End the thread that reads scans."""
+        """Stop the thread that reads scans."""
         self.reader.close()
 
     def _receive_scan(self) -> None:
@@ -196,7 +196,7 @@ class SliceView(QWidget):
         self._set_grid(keep=False)
 
     def _set_grid(self, *, keep: bool) -> None:
-        """Take the grid of the scan, else that of the segmentation; the crosshair begins in its middle."""
+        """Use the grid of the scan, else that of the segmentation; the crosshair starts at its centre."""
         read, voxels = self.reader.read, self.sliced.voxels
         self._grid = Grid.of_scan(read.scan) if read else Grid.of_mask(voxels) if voxels else None
         grid = self._grid
@@ -229,7 +229,7 @@ class SliceView(QWidget):
         return np.stack([middle - _ROOM * half, middle + _ROOM * half])
 
     def _scale(self, grid: Grid) -> float:
-        """Return pixels per mm, the same in all planes, so that the field of view fits into each."""
+        """Return pixels per mm, equal in all planes, so that the field of view fits into each."""
         extent = (self._box(grid)[1] - self._box(grid)[0]) * grid.spacing
         shown = [
             (plane, canvas)
@@ -301,7 +301,7 @@ class SliceView(QWidget):
         self._draw()
 
     def _draw(self) -> None:
-        """Draw all planes and say what is shown."""
+        """Draw all planes and the legend."""
         grid = self._grid
         if grid is None:
             for canvas in self.canvases:
@@ -373,7 +373,7 @@ class SliceView(QWidget):
         self.choose.setEnabled(bool(sliced.name))
 
     def _readout(self, grid: Grid | None) -> str:
-        """Return the place of the crosshair, and the grey value there."""
+        """Return the position of the crosshair, and the grey value there."""
         if grid is None:
             return ""
         place = " ".join(

@@ -1,4 +1,4 @@
-"""The stage of the views with its bars: what is shown, the cutting plane, the range of colours, the menu."""
+"""The stage of the views with its bars: display options, cutting plane, colour range, menu."""
 
 from collections.abc import Callable
 
@@ -38,7 +38,7 @@ _PICTURES = ("view.copy", "view.screenshot", "view.range")
 
 
 def view_menu(window: QWidget, actions: Actions) -> QMenu:
-    """Return the menu of a view, without what is about its subject."""
+    """Return the menu of a view, without the entries for its subject."""
     menu = QMenu(window)
     camera = menu.addMenu("Look from")
     for view in VIEWS:
@@ -119,7 +119,7 @@ class ViewFooter(QFrame):
         self.show_frames(0)
 
     def show_frames(self, count: int) -> None:
-        """Offer the frames of a run, or none; the last one is shown."""
+        """Set the number of a run's frames, or none; the last one is shown."""
         self.time.blockSignals(True)
         self.time.setRange(0, max(0, count - 1))
         self.time.setValue(max(0, count - 1))
@@ -128,13 +128,13 @@ class ViewFooter(QFrame):
             widget.setVisible(count > 1)
 
     def show_page(self, first: int, last: int, total: int) -> None:
-        """Say which subjects are shown."""
+        """Show the numbers of the subjects shown."""
         text = f"{first}–{last} of {total}" if last > first else f"{first} of {total}"
         self.page.setText(text if total else "")
 
 
 class RangeDialog(QDialog):
-    """Lowest and highest value of the colours; what is chosen is seen at once.
+    """Lowest and highest value of the colour scale, with immediate effect.
 
     Parameters
     ----------
@@ -142,9 +142,9 @@ class RangeDialog(QDialog):
     scale : ColourScale
         The present range.
     choose : callable
-        Takes the range that is chosen, or None for an automatic one.
+        Receives the chosen range, or None for an automatic one.
     present : callable
-        Returns the range that is then in force, None if colours are no longer shown.
+        Returns the resulting range, None if colours are no longer shown.
     """
 
     def __init__(
@@ -170,7 +170,7 @@ class RangeDialog(QDialog):
         form.addRow("", self.symmetric)
         self.problem = label("", "Problem", wrap=True)
         self.automatic = button("Automatic")
-        self.automatic.setToolTip("Choose the range by the values that are shown")
+        self.automatic.setToolTip("Set the range automatically from the values shown")
         buttons = QDialogButtonBox(
             QDialogButtonBox.StandardButton.Apply | QDialogButtonBox.StandardButton.Close,
             parent=self,  # the style sheet is asked for icons at once
@@ -196,7 +196,7 @@ class RangeDialog(QDialog):
         self.high.setFocus()
 
     def _receive(self, chosen: tuple[float, float] | None) -> None:
-        """Choose a range, and show the one in force."""
+        """Choose a range, and show the resulting one."""
         self._choose(chosen)
         if (scale := self._present()) is not None:
             self.low.setText(short(scale.low))
@@ -239,7 +239,7 @@ _STEPS = 200
 
 
 class ClipBar(QFrame):
-    """Orientation and position of the plane, and which side is removed."""
+    """Orientation and position of the plane, and the removed side."""
 
     changed = Signal()
 
@@ -294,7 +294,7 @@ _NARROWEST = 160
 
 
 class Stage(QWidget):
-    """Holds the scene and the slices; one of them, both, or a hint, are seen."""
+    """Contains scene and slices, of which one, both or a hint are visible."""
 
     def __init__(self, theme: Theme, actions: Actions) -> None:
         super().__init__()
@@ -328,7 +328,7 @@ class Stage(QWidget):
         self._paint()
 
     def show_hint(self, title: str, text: str) -> None:
-        """Show what to do instead of the views."""
+        """Show a hint instead of the views."""
         self._title.setText(title)
         self._text.setText(text)
         self._pages.setCurrentIndex(0)
@@ -347,7 +347,7 @@ class Stage(QWidget):
         self._pages.setCurrentWidget(self._split)
 
     def place_card(self, card: QWidget) -> None:
-        """Put a card between the views and the strip below them."""
+        """Place a card between the views and the strip below them."""
         self._column.insertWidget(self._column.indexOf(self.footer), card)
 
     def _empty(self) -> QWidget:

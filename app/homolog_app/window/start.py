@@ -28,7 +28,7 @@ _LOOK_MS = 50
 
 
 def start(paths: list[str]) -> int:
-    """Open the window, with what the paths name, and stay until it is closed."""
+    """Open the window with files or a project, and return when it is closed."""
     app = make_application()
     home = Path(QStandardPaths.writableLocation(QStandardPaths.StandardLocation.AppDataLocation))
     home.mkdir(parents=True, exist_ok=True)
@@ -68,7 +68,7 @@ def make_application() -> QApplication:
 
 
 def make_window(app: QApplication, home: Path) -> MainWindow:
-    """Return a window that keeps its preferences and sessions in a folder; its views are not loaded yet."""
+    """Return a window with preferences and sessions in a folder; its views are not loaded yet."""
     memory = LogMemory()
     root = logging.getLogger()
     root.addHandler(memory)
@@ -82,10 +82,10 @@ def make_window(app: QApplication, home: Path) -> MainWindow:
 
 @contextmanager
 def interrupt_closes(window: MainWindow) -> Iterator[None]:
-    """Let Ctrl-C close the window as its own button does, and a second one meanwhile end the program.
+    """Let Ctrl-C close the window like its close button, and a second one terminate the program.
 
-    Python's own answer is an exception wherever the interpreter happens to be. In a call from Qt whose
-    arguments are just being made, PySide crashes of it.
+    Python's default is an exception at an arbitrary point. In a call from Qt whose
+    arguments are being converted, this crashes PySide.
     """
 
     def close() -> None:
@@ -101,7 +101,7 @@ def interrupt_closes(window: MainWindow) -> Iterator[None]:
 
 
 def _load_views_soon(window: MainWindow) -> None:
-    """Import what the views need beside the living window, then make them."""
+    """Import the views' packages in the background, then create the views."""
     window.start_page.notice.setText("Loading the 3-D views…")
     imports = threading.Thread(
         target=importlib.import_module, args=["homolog_app.window.scene"], name="homolog-imports"
@@ -120,7 +120,7 @@ def _load_views_soon(window: MainWindow) -> None:
 
 
 def _surface_format() -> QSurfaceFormat:
-    """Return what pyvistaqt installs later: it must be in force before the first window is made."""
+    """Return the surface format of pyvistaqt, which must be set before the first window is created."""
     result = QSurfaceFormat()
     result.setRenderableType(QSurfaceFormat.RenderableType.OpenGL)
     result.setProfile(QSurfaceFormat.OpenGLContextProfile.CoreProfile)
@@ -135,7 +135,7 @@ def _surface_format() -> QSurfaceFormat:
 
 
 def _catch_exceptions(window: MainWindow) -> None:
-    """Show defects of the program instead of printing them where nobody looks."""
+    """Show unhandled exceptions in a dialog."""
 
     def show(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
         _log.critical("unexpected error", exc_info=(kind, error, trace))

@@ -32,15 +32,15 @@ class Stop:
     Attributes
     ----------
     step : str
-        The step that it belongs to.
+        Its step.
     title, text : str
-        What it says.
+        Heading and text.
     offer : str
-        The command that it offers.
+        The command of its button.
     opens : str
-        The command that is given when it is shown, such as to open a page.
+        The command that is triggered when it is shown, such as to open a page.
     alignment : ShapeAlignment, optional
-        What groups are aligned by from then on.
+        Alignment of the group comparison from then on.
     """
 
     step: str
@@ -64,7 +64,7 @@ class Sample:
     stops : tuple of Stop
         The tour.
     truth : str
-        A file beside the subjects that only samples of this kind have.
+        A file next to the subjects that identifies samples of this kind.
     groom, optimize : dict
         Settings other than the defaults.
     """
@@ -77,7 +77,7 @@ class Sample:
     optimize: dict[str, object] = field(default_factory=dict)
 
     def make(self, folder: Path, tick: Tick) -> Path:
-        """Write the study, unless it is there already; return its folder."""
+        """Write the study unless it exists; return its folder."""
         if not (folder / _COMPLETE).is_file():
             self.write(folder, tick)
             (folder / _COMPLETE).touch()
@@ -105,33 +105,33 @@ _HEART_STOPS = (
     Stop(
         "cohort",
         "Left ventricles of the heart",
-        "Half are healthy, half have an infarct: a place where the wall is thin. Group, age and sex are in "
-        "the table. Cut the hearts open with 5 to see their cavity.",
+        "Half are healthy, half have an infarct: a region where the wall is thin. Group, age and sex are in "
+        "the table. Press 5 to cut the hearts open and see their cavity.",
     ),
     Stop(
         "groom",
         "Smooth surfaces",
-        "Grooming fills holes, smooths voxel steps and aligns the hearts. Switch between input and groomed "
-        "surface with 1 and 2, see both in the scan with 4.",
+        "Grooming fills holes, smooths voxel steps and aligns the hearts. Press 1 and 2 to switch between "
+        "input and groomed surface, 4 to see both in the scan.",
         "run.groom",
     ),
     Stop(
         "correspond",
         "Corresponding particles",
-        "Particles spread over all hearts at once and keep to the same places. Distances run along the "
-        "surface: inside and outside of the wall stay apart.",
+        "Particles spread over all hearts at once and stay at corresponding places. Distances are measured "
+        "along the surface, which keeps the inside and outside of the wall apart.",
         "run.start",
     ),
     Stop(
         "explore",
         "What varies",
-        "The modes of variation, the largest first. Move a slider, or play a mode with Space.",
+        "The modes of variation, the largest first. Move a slider, or press Space to play a mode.",
         opens="explore.modes",
     ),
     Stop(
         "explore",
         "What differs",
-        "Compare healthy hearts with infarcts. Hearts differ in size for other reasons, which Shape removes. "
+        "Compare healthy hearts with infarcts. Hearts differ in size for other reasons; Shape removes size. "
         "Colours show where the difference is significant: the wall is thinner in the infarct.",
         "explore.test",
         "explore.groups",
@@ -143,28 +143,28 @@ _BEAN_STOPS = (
     Stop(
         "cohort",
         "Ten beans",
-        "Each is an ellipsoid with a slot. Where the slot sits and how wide it is differ: two things to find "
-        "out. Tick, sort and group subjects in the table.",
+        "Each is an ellipsoid with a slot, whose position and width vary: two modes to find. Tick, sort and "
+        "group subjects in the table.",
     ),
     Stop(
         "groom",
         "Smooth surfaces",
-        "Grooming fills holes and smooths voxel steps. The beans lie alike: no alignment is needed. Switch "
-        "between input and groomed surface with 1 and 2, see slices with 4.",
+        "Grooming fills holes and smooths voxel steps. The beans are aligned already. Press 1 and 2 to "
+        "switch between input and groomed surface, 4 to see slices.",
         "run.groom",
     ),
     Stop(
         "correspond",
         "Corresponding particles",
-        "Particles spread over every bean at once and keep to the same places. Distances run along the "
-        "surface: the two sides of a slot stay apart.",
+        "Particles spread over all beans at once and stay at corresponding places. Distances are measured "
+        "along the surface, which keeps the two sides of a slot apart.",
         "run.start",
     ),
     Stop(
         "explore",
         "The result",
-        "Equal colours mark equal places. Turn the beans with the mouse. The tab Modes shows what varies: "
-        "where the slot sits, then how wide it is. Space plays it.",
+        "Equal colours mark corresponding places. Drag to rotate the beans. The page Modes shows what "
+        "varies: the position of the slot, then its width. Press Space to play a mode.",
     ),
 )
 
@@ -172,21 +172,21 @@ _STOPS = (
     Stop(
         "cohort",
         "Subjects",
-        "The table lists the subjects with their volumes. Tick those to study, and give them groups: type in "
+        "The table lists the subjects with their volumes. Tick those to study, and assign groups: type in "
         "the column, or import a table.",
     ),
     Stop(
         "groom",
         "Smooth surfaces",
-        "Grooming fills holes, smooths voxel steps and aligns the shapes. Switch between input and groomed "
-        "surface with 1 and 2, see slices with 4.",
+        "Grooming fills holes, smooths voxel steps and aligns the shapes. Press 1 and 2 to switch between "
+        "input and groomed surface, 4 to see slices.",
         "run.groom",
     ),
     Stop(
         "correspond",
         "Corresponding particles",
-        "Particles spread over all shapes at once and keep to the same places. Distances run along the "
-        "surface: opposite sides of a thin wall stay apart.",
+        "Particles spread over all shapes at once and stay at corresponding places. Distances are measured "
+        "along the surface, which keeps opposite sides of a thin wall apart.",
         "run.start",
     ),
     _HEART_STOPS[3],
@@ -223,7 +223,7 @@ _TEXT_PX = 240
 
 
 class StartPage(QFrame):
-    """Cards for what can be begun, and the projects opened last."""
+    """Cards to start a study, and the recent projects."""
 
     opened = Signal(str)
     located = Signal(str)
@@ -264,12 +264,12 @@ class StartPage(QFrame):
         self._draw_icons()
 
     def show_busy(self, status: Status | None) -> None:
-        """Show the progress of what was begun here, or that nothing goes on."""
+        """Show the progress of a job that was started here, or hide it."""
         self.progress.show_status(status)
         self.hint.setVisible(status is None)
 
     def show_recent(self, folders: list[Path]) -> None:
-        """List the projects opened last; those that are gone can be located."""
+        """List the recent projects; missing ones can be located."""
         while item := self._recent.takeAt(0):
             if widget := item.widget():
                 widget.deleteLater()

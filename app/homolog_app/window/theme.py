@@ -22,8 +22,8 @@ _SIZES, _USUAL = (12, 15, 17, 32), 12
 class Theme(QObject):
     """The colour scheme in force: the system's, unless the user chose one.
 
-    The window takes `sheet` as its own style sheet. One of the application would style each widget again
-    whenever one around it gets its place, and takes several times as long to change.
+    The window uses `sheet` as its own style sheet. An application-wide sheet would style each widget again
+    whenever its parent changes, and takes several times as long to change.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Theme(QObject):
 
 
 def scaled(size: int) -> int:
-    """Return a size of letters [pixels], given for a system's font of 12 pixels, for the present one."""
+    """Return a font size [pixels], given for a system font of 12 pixels, for the present one."""
     return round(size * text_scale())
 
 

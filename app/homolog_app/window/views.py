@@ -1,4 +1,4 @@
-"""Between session and scene: which subjects are seen, what the open page makes of them, pictures."""
+"""Between session and scene: visible subjects, contents of the open page, pictures."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -34,7 +34,7 @@ __all__ = ["Views"]
 
 
 class Views(QObject):
-    """Drives the stage: subjects and particles of a run, or what the open page of Explore shows."""
+    """Drives the stage: subjects and particles of a run, or the contents of the open page of *Explore*."""
 
     layout_changed = Signal()
     slices_wanted = Signal(object)
@@ -80,7 +80,7 @@ class Views(QObject):
         self.refresh()
 
     def handlers(self) -> dict[str, Callable[[], object]]:
-        """Return what the commands of the views do."""
+        """Return the handlers of the views' commands."""
         commands, scene = self._commands, self.stage.scene
 
         return {
@@ -120,7 +120,7 @@ class Views(QObject):
         self._display()
 
     def choose_range(self) -> None:
-        """Ask for the ends of the colour scale, and show them as they are typed."""
+        """Ask for the ends of the colour scale, with immediate effect."""
         page, scale = self._page, self._bar.scale
         if page is not None and scale is not None:
             dialog = RangeDialog(self._window, scale, page.set_colour_range, lambda: self._bar.scale)
@@ -137,7 +137,7 @@ class Views(QObject):
 
     @property
     def snapshot(self) -> Snapshot | None:
-        """What is seen, in words that a picture can be drawn from again; None if the project lacks it."""
+        """The state of the views, from which a picture can be drawn again; None if the project lacks data."""
         if self._session.job.run is not None or self._session.missing:
             return None
         page = self._page
@@ -150,13 +150,13 @@ class Views(QObject):
         )  # fmt: skip
 
     def copy_picture(self) -> None:
-        """Put a picture of what is seen on the clipboard."""
+        """Copy a picture of the views to the clipboard."""
         slices = self.stage.slices
         picture = slices.picture() if self.shows_slices else self.stage.scene.picture()
         QApplication.clipboard().setImage(picture)
 
     def save_picture(self) -> None:
-        """Ask how and where, and save a picture of the views, or of the slices, as they are now."""
+        """Ask for options, and save a picture of the present views or slices."""
         if self.shows_slices:
             self.slices_wanted.emit(self.stage.slices.picture())
             return
@@ -165,17 +165,17 @@ class Views(QObject):
 
     @property
     def shows_slices(self) -> bool:
-        """Whether slices of a file are seen in place of the views."""
+        """Whether slices of a file are shown."""
         return self._commands["view.slice"].isChecked()
 
     @property
     def hides_views(self) -> bool:
-        """Whether slices have taken the place of the views, rather than lie beside them."""
+        """Whether slices replace the views, rather than being next to them."""
         return self.shows_slices and not self.stage.slices.beside.isChecked()
 
     @property
     def pages(self) -> tuple[int, int]:
-        """The open page, from 0, and how many there are; each subject is one where slices are shown."""
+        """The open page, from 0, and the number of pages; with slices, one per subject."""
         scene = self.stage.scene
         if self.shows_slices:
             return self.scans.index, len(self._session.study.included)
@@ -196,7 +196,7 @@ class Views(QObject):
 
     @Slot(str, QPoint)
     def _open_menu(self, name: str, at: QPoint) -> None:
-        """Open the menu of a view, after VTK has seen the end of the click."""
+        """Open the menu of a view, after VTK has received the end of the click."""
         menu = view_menu(self._window, self._commands)
         if name in {member.name for member in self._session.study.included}:
             first = menu.actions()[0]
@@ -210,11 +210,11 @@ class Views(QObject):
         menu.popup(at)
 
     def noted(self, view: ViewRecord) -> ViewRecord:
-        """Return a record with how the views are looked at now."""
+        """Return a record with the present state of the views."""
         return view.of_canvas(self.stage.scene.canvas)
 
     def restore_view(self, view: ViewRecord) -> None:
-        """Look from where a record says, at whole shapes, with its opacity, letters and scale bar."""
+        """Restore camera direction, opacity, letters and scale bar of a record."""
         for name, shown in (("letters", view.letters), ("scale_bar", view.scale_bar)):
             if self._commands[f"view.{name}"].isChecked() is not shown:
                 self._commands[f"view.{name}"].trigger()
@@ -223,7 +223,7 @@ class Views(QObject):
             self.stage.scene.set_camera(view.camera)
 
     def choose_layout(self, count: int) -> None:
-        """Show so many subjects a page, or so many shapes of the model."""
+        """Set the number of subjects per page, or of shapes of the model."""
         page = self._page
         if page is not None and page.layouts is not None:
             page.choose_layout(count)
@@ -233,7 +233,7 @@ class Views(QObject):
 
     @Slot()
     def refresh(self) -> None:
-        """Show what the session holds now."""
+        """Update the views from the session."""
         session, stage = self._session, self.stage
         if session.generation != self._generation:
             self._generation = session.generation
@@ -274,13 +274,13 @@ class Views(QObject):
 
     @property
     def _page(self) -> "ExplorePage | None":
-        """The page of Explore that says what is shown."""
+        """The page of *Explore* that defines the contents."""
         there = self._session.result is not None or self._explore.fitted.preliminary is not None
         return self._explore.page if self._session.step == "explore" and there else None
 
     @Slot()
     def _display(self) -> None:
-        """Show the subjects, or what the open page of Explore makes of them."""
+        """Show the subjects, or the contents of the open page of *Explore*."""
         page = self._page
         shown = page.shown(self.subjects) if page is not None else ViewContents(self.subjects)
         if shown.particles is None:
@@ -298,7 +298,7 @@ class Views(QObject):
         self._update_layout()
 
     def _update_layout(self) -> None:
-        """Press the button of the present number of views; those that the page lacks can't be pressed."""
+        """Check the button of the present number of views; disable those that the page lacks."""
         page = self._page
         offered = page.layouts if page is not None else None
         count = offered[0] if offered else self.stage.scene.layout_count
@@ -309,7 +309,7 @@ class Views(QObject):
             self.layout_changed.emit()
 
     def _swap_balls(self) -> None:
-        """Remember apart whether particles are seen on subjects and on shapes of the model."""
+        """Store separately whether particles are shown on subjects and on shapes of the model."""
         balls = self._commands["view.particles"]
         self._balls, seen = balls.isChecked(), self._balls
         balls.setChecked(seen)
@@ -317,33 +317,33 @@ class Views(QObject):
 
     @Slot(object)
     def _hand_over_pick(self, pick: Pick) -> None:
-        """Let the open page of Explore answer a click."""
+        """Pass a click to the open page of *Explore*."""
         if self._page is not None:
             self._page.handle_pick(pick)
         self._point_slices(pick.name, pick.place)
 
     @Slot(str, object, object)
     def _point_slices(self, name: str, place: FloatArray, _: object = None) -> None:
-        """Put the crosshair of the slices to a place that was clicked or is looked at in the views."""
+        """Move the crosshair of the slices to a point that was clicked or is looked at in the views."""
         shown = next((content for content in self.stage.scene.shown if content.name == name), None)
         if shown is not None:
             patient = self._page.sliced() if self._page is not None else None
             self.scans.point(patient.name if patient else name, shown, place)
 
     def play_or_stop(self) -> None:
-        """Play the run from its first moment or what the open page of Explore plays, or hold."""
+        """Play the run from its first frame, or the animation of the open page of *Explore*, or pause."""
         if self._page is not None and self._page.play_or_stop():
             return
         self.run.play_or_stop()
 
     def rest(self, minimized: bool) -> None:
-        """Stop playing while nobody sees it."""
+        """Stop playing while the views are hidden."""
         if minimized:
             self.run.stop()
             self._explore.page.stop()
 
     def close(self) -> None:
-        """Stop the timers and let go of the graphics."""
+        """Stop the timers and release the graphics."""
         self.run.close()
         self._explore.page.stop()
         self.stage.slices.close_slices()
@@ -363,7 +363,7 @@ class Views(QObject):
             self._update_page()
 
     def _switch(self, name: str) -> None:
-        """Show or hide surfaces or particles; where slices are seen, leave them for what is asked for."""
+        """Show or hide surfaces or particles; leave slices if necessary."""
         command, slices = self._commands[f"view.{name}"], self._commands["view.slice"]
         if self.hides_views:
             command.setChecked(True)
@@ -373,7 +373,7 @@ class Views(QObject):
 
     @Slot()
     def _cut(self) -> None:
-        """Cut the shapes open as the strip says, or leave them whole."""
+        """Cut the shapes open by the plane of the strip, or leave them whole."""
         bar, cut = self.stage.clip, self._commands["view.clip"].isChecked()
         bar.setVisible(cut and not self.hides_views)
         self.stage.scene.cut(bar.clip if cut else None)

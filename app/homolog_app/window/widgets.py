@@ -1,4 +1,4 @@
-"""Widgets that several parts use: labels and buttons in one grid, numbers, progress."""
+"""Common widgets: labels, buttons, rows, panels, numbers, progress."""
 
 from collections.abc import Callable, Iterable, Mapping
 
@@ -71,7 +71,7 @@ def button(text: str, look: str = "") -> QPushButton:
 
 
 class ActionButton(QPushButton):
-    """Triggers an action, can be pressed when it can, and says as it does what is missing."""
+    """A button with trigger, enabled state and tooltip of an action."""
 
     def __init__(self, text: str, action: QAction, look: str = "") -> None:
         super().__init__(text)
@@ -92,7 +92,7 @@ _DIMMED = 0.4
 
 
 def set_dimmed(widget: QWidget, dimmed: bool) -> None:
-    """Draw a widget pale, or as usual."""
+    """Draw a widget dimmed, or normally."""
     effect = widget.graphicsEffect()
     if effect is None:
         effect = QGraphicsOpacityEffect(widget)
@@ -102,7 +102,7 @@ def set_dimmed(widget: QWidget, dimmed: bool) -> None:
 
 
 def set_primary(target: QPushButton, primary: bool) -> None:
-    """Make a button the one to press next, or an ordinary one."""
+    """Style a button as primary or ordinary."""
     wanted = "true" if primary else "false"
     if target.property("primary") != wanted:
         target.setProperty("primary", wanted)
@@ -111,13 +111,13 @@ def set_primary(target: QPushButton, primary: bool) -> None:
 
 
 def choice(name: str, entries: Mapping[str, object] | None = None) -> QComboBox:
-    """Return a box to choose from, with its accessible name; it gets as narrow as the panel is.
+    """Return a combo box with its accessible name; it can be as narrow as the panel.
 
     Parameters
     ----------
     name : str
     words : mapping of str to object, optional
-        What is offered, and the data behind it.
+        The items, and their data.
     """
     box = QComboBox()
     box.setAccessibleName(name)
@@ -129,7 +129,7 @@ def choice(name: str, entries: Mapping[str, object] | None = None) -> QComboBox:
 
 
 def named_rows(rows: Iterable[tuple[str, QWidget]]) -> QGridLayout:
-    """Return names at the left and what they name at the right, below each other."""
+    """Return rows of labels at the left and widgets at the right."""
     grid = QGridLayout()
     grid.setHorizontalSpacing(GRID)
     grid.setColumnStretch(1, 1)
@@ -142,7 +142,7 @@ def named_rows(rows: Iterable[tuple[str, QWidget]]) -> QGridLayout:
 
 
 def dress_table(table: QTableView, name: str, least_height: int) -> None:
-    """Let a table choose whole rows, without lines and row numbers, with an accessible name."""
+    """Configure a table: selection of rows, no lines or row numbers, an accessible name."""
     table.setAccessibleName(name)
     table.setSelectionBehavior(QTableView.SelectionBehavior.SelectRows)
     table.setAlternatingRowColors(True)
@@ -162,7 +162,7 @@ def rule() -> QFrame:
 
 
 class _Body(QWidget):
-    """What scrolls in a panel: at least as high as its texts need at the present width."""
+    """The scrolling body of a panel: at least as high as its texts need at the present width."""
 
     def __init__(self, body: QVBoxLayout) -> None:
         super().__init__()
@@ -170,12 +170,12 @@ class _Body(QWidget):
         self.setLayout(body)
 
     def minimumSizeHint(self) -> QSize:
-        """Return the least size; that of a layout by itself takes texts to be wider than they may be."""
+        """Return the minimum size; the layout's own assumes texts wider than allowed."""
         least = super().minimumSizeHint()
         return QSize(least.width(), max(least.height(), self._body.minimumHeightForWidth(self.width())))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Ask for another height where the width changes."""
+        """Request another height when the width changes."""
         super().resizeEvent(event)
         if event.size().width() != event.oldSize().width():
             self.updateGeometry()
@@ -217,14 +217,14 @@ class Panel(QWidget):
         outer.addWidget(self.base)
 
     def showEvent(self, event: QShowEvent) -> None:
-        """Watch the wheel over what is chosen from or turned."""
+        """Watch the wheel over combo boxes and sliders."""
         super().showEvent(event)
         for kind in (QComboBox, QAbstractSpinBox, QSlider):
             for widget in self.findChildren(kind):
                 widget.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Let the wheel scroll the panel instead of changing a value that the pointer happens to be on."""
+        """Let the wheel scroll the panel instead of changing the value under the pointer."""
         if event.type() == QEvent.Type.Wheel:
             event.ignore()
             return True
@@ -244,7 +244,7 @@ class NumberBox(QSpinBox):
 
 
 class ValueEdit(QLineEdit):
-    """Shows a value; a number that is typed is kept within bounds, anything else is undone.
+    """Shows a value; typed numbers are clamped to bounds, other input is reverted.
 
     Parameters
     ----------
@@ -253,9 +253,9 @@ class ValueEdit(QLineEdit):
     low, high : float
         Bounds.
     step : float
-        How far the arrow keys go.
+        Step of the arrow keys.
     form : callable
-        Writes a value.
+        Formats a value.
     """
 
     entered = Signal(float)
@@ -273,12 +273,12 @@ class ValueEdit(QLineEdit):
         self.editingFinished.connect(self._receive)
 
     def show_value(self, value: float) -> None:
-        """Show a value; `entered` does not follow."""
+        """Show a value without emitting `entered`."""
         self._value = value
         self.setText(self._form(value))
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Go a step up or down."""
+        """Increase or decrease by a step."""
         steps = {Qt.Key.Key_Up: 1, Qt.Key.Key_Down: -1}.get(Qt.Key(event.key()), 0)
         if steps:
             self._go_to(self._value + steps * self._step)
@@ -304,7 +304,7 @@ class ValueEdit(QLineEdit):
 
 
 class PercentEdit(ValueEdit):
-    """A whole number of percent of a slider's end, beside the slider; each changes the other."""
+    """A percentage next to a slider; each changes the other."""
 
     def __init__(self, name: str, slider: QSlider) -> None:
         lowest = 100.0 * slider.minimum() / slider.maximum()
@@ -316,7 +316,7 @@ class PercentEdit(ValueEdit):
 
 
 class ProgressBar(QProgressBar):
-    """A bar from 0 to 1000 that is painted with the next frame; Qt's own paints the whole window at once."""
+    """A bar from 0 to 1000 that is painted with the next frame; Qt's own repaints the whole window."""
 
     def __init__(self) -> None:
         super().__init__(maximum=1000)
@@ -333,7 +333,7 @@ class ProgressBar(QProgressBar):
 
 
 class Progress(QWidget):
-    """A bar, what is being done, the time left, and Cancel."""
+    """A bar, the present step, the time left, and *Cancel*."""
 
     def __init__(self, actions: Actions) -> None:
         super().__init__()
@@ -353,7 +353,7 @@ class Progress(QWidget):
         self.hide()
 
     def show_status(self, status: Status | None) -> None:
-        """Show how far a job is; hide if there is none."""
+        """Show the progress of a job; hide without one."""
         self.setVisible(status is not None)
         if status is not None:
             self.bar.show_fraction(status.fraction)
@@ -361,7 +361,7 @@ class Progress(QWidget):
 
 
 def progress_text(status: Status) -> str:
-    """Return a status as one line for people."""
+    """Return a status as one line of text."""
     message = status.message[:1].upper() + status.message[1:]
     if status.paused:
         return f"Paused · {message}"

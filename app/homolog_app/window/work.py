@@ -1,4 +1,4 @@
-"""The work of the session: reading, grooming and running, one job at a time."""
+"""The jobs of the session: reading, grooming and running, one at a time."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -44,10 +44,10 @@ _Order = tuple[str, RunJob | Callable[[Tick], Any], str, Callable[[Any], object]
 
 
 class Work(QObject):
-    """Gives jobs to the computing thread and puts what they found into the session.
+    """Passes jobs to the computing thread and stores their results in the session.
 
-    Reading files and preparing kernels go on in the background: they give way to what the user orders.
-    `Session.job` says what goes on.
+    Reading files and compiling kernels are background jobs, which yield to other jobs.
+    `Session.job` describes the present job.
     """
 
     def __init__(self, session: Session, parent: QObject) -> None:
@@ -70,7 +70,7 @@ class Work(QObject):
         session.study_changed.connect(self.go_on)
 
     def _update_job(self, background: str = "") -> None:
-        """Put what goes on into the session."""
+        """Update the session's job."""
         run, following = self.runner.job, self._next
         self.session.job = Job(
             self._kind, following[0] if following is not None else "", self._status, background,
@@ -83,7 +83,7 @@ class Work(QObject):
 
     @Slot()
     def go_on(self) -> None:
-        """Do what waits in the background, if nothing else is done."""
+        """Start waiting background jobs if no other job is running."""
         if self.runner.job is not None or self._next is not None:
             return
         groom = self.session.study.settings.groom
@@ -107,7 +107,7 @@ class Work(QObject):
             self.compute("prepare", prepare, "preparing compute kernels", self._prepare_ended)
 
     def restore_groomed(self, project: ProjectFolder) -> None:
-        """Show what a project keeps of its grooming once its files are read, if it is still good for them."""
+        """Restore a project's cached groomed shapes once its files are read, if they are up to date."""
         self.to_restore = project
 
     def _restore(self, project: ProjectFolder) -> None:
@@ -125,7 +125,7 @@ class Work(QObject):
         self.compute("restore", look, "looking for groomed shapes", take)
 
     def groom(self, cohort: Cohort, project: ProjectFolder) -> None:
-        """Groom the subjects of a cohort with the settings in force."""
+        """Groom the subjects of a cohort with the present settings."""
         settings = self.session.study.settings
 
         def take(groomed: "GroomedCohort") -> None:
@@ -141,7 +141,7 @@ class Work(QObject):
         )
 
     def groom_one(self, name: str, project: ProjectFolder) -> None:
-        """Groom one subject again; its place among the others stays."""
+        """Groom one subject again, with its place in the alignment unchanged."""
         study, others = self.session.study, self.session.groomed
         shapes = {other: item.subject for other, item in others.items()}
 
@@ -157,7 +157,7 @@ class Work(QObject):
         self.compute("groom", work, "grooming", take)
 
     def run(self, project: ProjectFolder, *, resume: bool = False, from_result: bool = False) -> None:
-        """Place the particles, or go on from a checkpoint or from the result."""
+        """Place the particles, or continue from a checkpoint or from the result."""
         study = self.session.study
         self._kept = None
         job = RunJob(
@@ -171,17 +171,17 @@ class Work(QObject):
         self.compute("run", job, "", self._receive_result)
 
     def keep(self) -> None:
-        """Make the particles of the run that was cancelled last the result."""
+        """Save the particles of the last cancelled run as the result."""
         job = self._kept
         if job is not None:
-            self.compute("keep", job.keep, "keeping the particles", self._receive_result)
+            self.compute("keep", job.keep, "saving the particles", self._receive_result)
 
     def compute(
         self, kind: str, work: RunJob | Callable[[Tick], _T], message: str, take: Callable[[_T], object]
     ) -> None:
-        """Call a function in the computing thread with progress and cancel, then hand over what it returns.
+        """Call a function in the computing thread with progress and cancellation, then pass on its result.
 
-        Waits until work in the background has ended. Does nothing if the user waits for something else
+        Waits for background jobs to end. Does nothing if the user waits for another job
         already (`Session.job`). The result is dropped if another study has been opened meanwhile; errors and
         cancelling are told as with any job.
 
@@ -208,7 +208,7 @@ class Work(QObject):
         self._publish()
 
     def open_result(self, project: ProjectFolder, then: Callable[[], None]) -> None:
-        """Read the result of a project, then do something."""
+        """Read the result of a project, then call a function."""
 
         def take(loaded: LoadedResult) -> None:
             self._receive_result(loaded)
@@ -219,17 +219,17 @@ class Work(QObject):
     def import_model(
         self, source: Path, folder: Path, domain: str, take: Callable[[Sequence[str]], None]
     ) -> None:
-        """Make a project of another program's model; `take` gets what is to be said of it."""
+        """Create a project from another program's model; `take` receives remarks on it."""
         self.compute(
             "import", lambda tick: import_model(source, folder, domain, tick), "importing the model", take
         )
 
     def make_sample(self, sample: Sample, folder: Path, take: Callable[[Path], None]) -> None:
-        """Make a sample study."""
+        """Generate a sample study."""
         self.compute("sample", lambda tick: sample.make(folder, tick), f"making {sample.name}", take)
 
     def cancel(self) -> None:
-        """End what the user waits for."""
+        """Cancel the job that the user waits for."""
         if self._next is not None:
             self._next = None
             self._publish()
@@ -237,7 +237,7 @@ class Work(QObject):
             self.runner.cancel()
 
     def forget(self) -> None:
-        """End what is done for the study, which is about to be closed."""
+        """Cancel all jobs of the study, which is about to be closed."""
         self._next = None
         self._kept = self.to_restore = None
         self.awaits_result = False
@@ -245,7 +245,7 @@ class Work(QObject):
         self._update_job()
 
     def toggle_pause(self) -> None:
-        """Hold the run, or let it go on."""
+        """Pause or resume the run."""
         run = self.session.job.run
         if run is not None:
             run.set_paused(not run.status.paused)
@@ -291,7 +291,7 @@ class Work(QObject):
         self._publish()
 
     def _drain(self) -> None:
-        """Put what was read into the session; bad files are left out until the user ticks them again."""
+        """Add previews to the session; subjects with unusable files are excluded until ticked again."""
         arrived: list[FileSurvey] = []
         while not self._arrived.empty():
             arrived.append(self._arrived.get())

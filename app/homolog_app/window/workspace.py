@@ -1,4 +1,4 @@
-"""The state of a window that no widget owns: theme, preferences, session, jobs and journal; controllers."""
+"""The state of a window without widgets: theme, preferences, session, jobs, journal; base of controllers."""
 
 import logging
 import os
@@ -46,7 +46,7 @@ class Preferences:
         self._store = QSettings(str(path), QSettings.Format.IniFormat)
 
     def _put(self, name: str, value: object) -> None:
-        """Store a value at once; preferences that can't be kept are told in the log, and work goes on."""
+        """Store a value immediately; failures are logged only."""
         self._store.setValue(name, value)
         self._store.sync()
         if self._store.status() != QSettings.Status.NoError:
@@ -67,7 +67,7 @@ class Preferences:
 
     @property
     def ask_on_close(self) -> bool:
-        """Whether to ask before unsaved edits or a run are given up."""
+        """Whether to ask before discarding unsaved edits or stopping a run."""
         return str(self._store.value("ask_on_close", "true")) == "true"
 
     @ask_on_close.setter
@@ -87,22 +87,22 @@ class Preferences:
         self._put("recent", [str(path) for path in [folder, *others]][:_MOST_RECENT])
 
     def relocate(self, before: Path, after: Path) -> None:
-        """Put a project that was moved in the place of the one that is gone."""
+        """Replace a missing project by its new location."""
         listed = [after if path == before else path for path in self.recent]
         self._put("recent", [str(path) for path in dict.fromkeys(listed)])
 
     def forget(self) -> None:
-        """Clear the list: folders' names may tell who was a patient."""
+        """Clear the list: folder names may identify patients."""
         self._put("recent", [])
 
     def keep_geometry(self, geometry: QByteArray, state: QByteArray) -> None:
-        """Remember where the window was."""
+        """Store the window's position."""
         self._put("geometry", geometry)
         self._put("state", state)
 
     @property
     def geometry(self) -> tuple[QByteArray, QByteArray] | None:
-        """Where the window was, if that is known."""
+        """Stored position of the window, if known."""
         geometry, state = self._store.value("geometry"), self._store.value("state")
         known = isinstance(geometry, QByteArray) and isinstance(state, QByteArray)
         return (geometry, state) if known else None
@@ -142,7 +142,7 @@ class PreferencesDialog(QDialog):
         layout.addWidget(buttons)
 
     def store(self, preferences: Preferences) -> None:
-        """Write down what was chosen."""
+        """Store the choices."""
         preferences.scheme = self.scheme.currentData()
         preferences.ask_on_close = self.ask.isChecked()
 
@@ -169,12 +169,12 @@ class Workspace(QObject):
 
     @property
     def project(self) -> ProjectFolder:
-        """The folder where grooming and runs are kept: the open project, or a draft until it is saved."""
+        """The folder of grooming and runs: the open project, or a draft until it is saved."""
         return ProjectFolder(self.session.folder) if self.session.folder else self.journal.draft
 
     @property
     def is_changed(self) -> bool:
-        """Whether something would be lost by closing that can be saved."""
+        """Whether there are unsaved data."""
         session = self.session
         if session.read_only:
             return False
@@ -230,14 +230,14 @@ class Workspace(QObject):
         self.write_journal()
 
     def edit_settings(self, part: str, name: str, value: object) -> None:
-        """Put an edited part of the settings in."""
+        """Apply an edited part of the settings."""
         settings = self.session.study.settings
         changed: RunSettings = settings.model_copy(update={part: value})
         self.session.edit_settings(f"{name.replace('_', ' ').capitalize()}", changed, f"{part}.{name}")
 
     @Slot()
     def write_journal(self) -> None:
-        """Record what is open, so that it can be recovered after a crash."""
+        """Record the open study, so that it can be recovered after a crash."""
         running = self.session.job.run is not None
         if not self.is_changed and not running:
             self.journal.clear_record()
@@ -254,7 +254,7 @@ class Workspace(QObject):
             _log.warning("no crash recovery: %s", error)
 
     def keep_view(self, view: ViewRecord) -> None:
-        """Keep how a study is looked at in its project, if there is one and all is saved in it."""
+        """Store the view state in the study's project, if everything is saved there."""
         session = self.session
         if session.folder is None or session.read_only or self.is_changed or not self.project.exists:
             return
@@ -264,7 +264,7 @@ class Workspace(QObject):
             _log.warning("the view is not kept: %s", error)
 
     def close(self) -> None:
-        """Stop the thread and leave nothing behind."""
+        """Stop the thread and remove temporary files."""
         self.closed = True
         self._autosave.stop()
         if not self.work.runner.close():
@@ -275,14 +275,14 @@ class Workspace(QObject):
 
 
 class Controller(QObject):
-    """Base of the controllers: each handles a group of the window's commands, and asks over the window."""
+    """Base of the controllers, which handle a group of the window's commands and show dialogs over it."""
 
     def __init__(self, window: QWidget, workspace: Workspace) -> None:
         super().__init__(window)
         self._window, self._workspace = window, workspace
 
     def show_error(self, kind: str, error: BaseException) -> None:
-        """Tell what went wrong."""
+        """Show an error."""
         self._workspace.session.failed.emit(kind, error)
 
 
@@ -292,7 +292,7 @@ _Method = Callable[Concatenate[_AnyController, _Given], None]
 
 
 def reported(method: "_Method[_AnyController, _Given]") -> "_Method[_AnyController, _Given]":
-    """Show an error of a part's method in the error dialog instead of raising it."""
+    """Decorate a method: show its errors in the error dialog instead of raising them."""
 
     @wraps(method)
     def wrapper(self: _AnyController, *args: _Given.args, **kwargs: _Given.kwargs) -> None:

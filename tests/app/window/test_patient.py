@@ -112,7 +112,7 @@ def test_the_way_leads_mode_by_mode_to_the_patient_and_the_mean_can_lie_over_it(
         notes.append(shown.note)
     assert notes[0] == "the mean"
     assert "of mode 1" in notes[1]
-    assert "outside of the modes" in notes[2]
+    assert "outside the modes" in notes[2]
     assert notes[3] == ""
     patient.overlaid.setChecked(True)
     (shown,) = scene.shown

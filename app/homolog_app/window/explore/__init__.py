@@ -1,1 +1,1 @@
-"""The fourth step: pages that look at the result, from an overview to modes, groups and measures."""
+"""The fourth step: pages on the result, from an overview to modes, groups and measures."""

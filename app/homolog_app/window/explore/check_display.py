@@ -1,4 +1,4 @@
-"""What the page Check shows beside its list, and the sphere of normals."""
+"""The display options of the page *Check*, and the sphere of normals."""
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -37,7 +37,7 @@ _LISTED = 5
 
 
 class NormalSphere(QWidget):
-    """Looks onto the sphere from the Fréchet mean; hollow is what is behind. A click selects a subject."""
+    """The unit sphere seen from the Fréchet mean; markers behind it are hollow. A click selects a subject."""
 
     subject_chosen = Signal(str)
 
@@ -64,7 +64,7 @@ class NormalSphere(QWidget):
         self.update()
 
     def show_nothing(self) -> None:
-        """Ask for a particle."""
+        """Show a hint to choose a particle."""
         self._particle = None
         self.setAccessibleDescription("")
         self.update()
@@ -95,7 +95,7 @@ class NormalSphere(QWidget):
         return nearest if apart[nearest] <= 2 * _DOT else None
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        """Choose the subject that was clicked."""
+        """Select the clicked subject."""
         hit = self._at(event.position())
         if hit is not None:
             self.subject_chosen.emit(self._names[hit])
@@ -191,7 +191,7 @@ def _frame(mean: FloatArray) -> FloatArray:
 
 _HINT = Qt.ItemDataRole.UserRole + 1
 _NOBODY: IntArray = np.empty(0, np.int64)
-_TORN = "A pattern carried by the particles from the average shape; it tears where they are wrong."
+_TORN = "A pattern that the particles transfer from the average shape; it is torn where they are wrong."
 _SHARE = "What each particle adds to this part of the objective: compare places, not absolute values."
 _SHOW = {
     "Particles by place": ("places", "Click a particle in a view: it is ringed on every shape."),
@@ -199,7 +199,7 @@ _SHOW = {
         "neighbours",
         "Click a particle: others are coloured by distance from it.",
     ),
-    "Distance from a place": ("distances", "Click a place on a surface, or choose a particle."),
+    "Distance from a point": ("distances", "Click a point on a surface, or choose a particle."),
     **{f"Energy: {part} ({meaning})": (part, _SHARE) for part, meaning in ENERGIES.items()},
     "Texture: checkerboard": ("checkerboard", _TORN),
     "Texture: stripes": ("stripes", _TORN),
@@ -207,7 +207,7 @@ _SHOW = {
 
 
 class CheckDisplay(QWidget):
-    """What is computed for it comes from the computing thread, when it is first shown."""
+    """Its data are computed in the computing thread when they are first shown."""
 
     changed = Signal()
     wanted = Signal(int, object)
@@ -263,7 +263,7 @@ class CheckDisplay(QWidget):
         )  # fmt: skip
 
     def show_inspection(self, inspection: "Inspection | None", names: tuple[str, ...]) -> None:
-        """Take what is known of a result; particle and subject stay if they can."""
+        """Set the inspection of a result; particle and subject are kept if possible."""
         self._inspection, self._others = inspection, _NOBODY
         self._picked, self._distances, self._energies, self._textures = None, None, None, {}
         if names != self._names:
@@ -284,7 +284,7 @@ class CheckDisplay(QWidget):
         self._refresh()
 
     def handle_pick(self, pick: "Pick") -> None:
-        """Choose what was clicked."""
+        """Choose the clicked particle or point."""
         name = pick.name.removesuffix(f": {ALONG}").removesuffix(f": {STRAIGHT}")
         at = self.subject.findText(name)
         if self._inspection is None or at < 0:
@@ -298,7 +298,7 @@ class CheckDisplay(QWidget):
 
     @property
     def _origin(self) -> tuple[int, FloatArray] | None:
-        """Subject and place that distances are wanted from: what was clicked, or the chosen particle."""
+        """Subject and origin of the distances: the clicked point, or the chosen particle."""
         if self._picked is not None or self._inspection is None or self.chosen is None:
             return self._picked
         m = self.subject.currentIndex()
@@ -306,7 +306,7 @@ class CheckDisplay(QWidget):
 
     @property
     def _is_measured(self) -> bool:
-        """Whether the distances are those that are wanted; others may have been chosen meanwhile."""
+        """Whether the distances are up to date."""
         known, origin = self._distances, self._origin
         if known is None or origin is None:
             return False
@@ -332,7 +332,7 @@ class CheckDisplay(QWidget):
         column.addWidget(self.advice)
 
     def _look(self) -> None:
-        """Show another particle or subject, and go there."""
+        """Show another particle or subject, and look at it."""
         self._others, self._picked = _NOBODY, None
         self._refresh()
         if self._inspection is not None and self.chosen is not None:
@@ -345,7 +345,7 @@ class CheckDisplay(QWidget):
         self._compute()
 
     def _compute(self) -> None:
-        """Have computed what is to be shown and not known yet."""
+        """Start the computation of missing data."""
         inspection, mode, origin = self._inspection, self._mode, self._origin
         if inspection is None or self._workspace.session.job.is_busy or not self.isVisible():
             return

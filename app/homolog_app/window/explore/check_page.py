@@ -39,7 +39,7 @@ _Index = QModelIndex | QPersistentModelIndex
 
 
 class SuspectModel(QAbstractTableModel):
-    """One suspect a row, the most severe first."""
+    """One suspect per row, the most severe first."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -73,7 +73,7 @@ class SuspectModel(QAbstractTableModel):
         return None
 
     def data(self, index: _Index, role: int = 0) -> Any:  # noqa: ANN401 - what Qt's roles ask for
-        """Return what a cell shows."""
+        """Return the content of a cell."""
         suspect = self.suspects[index.row()]
         cells = (suspect.kind.value.capitalize(), self._names[suspect.subject], f"{suspect.severity:.1f}")
         if role == Qt.ItemDataRole.DisplayRole:
@@ -146,7 +146,7 @@ class CheckPage(ExplorePage):
         self.look.handle_pick(pick)
 
     def shown(self, subjects: Sequence[Content]) -> ViewContents:
-        """Return the shapes with what is marked and coloured."""
+        """Return the shapes with marks and colours."""
         inspection = self.checked.inspection
         if inspection is None:
             return ViewContents(subjects)
@@ -154,12 +154,12 @@ class CheckPage(ExplorePage):
 
     @property
     def chosen(self) -> CheckView | None:
-        """What is marked; None until the result is inspected."""
+        """The marks; None until the result is inspected."""
         return self.look.view if self.checked.inspection is not None else None
 
     @property
     def layouts(self) -> tuple[int, ...] | None:
-        """Subjects are paged through, but for the two pictures of distances."""
+        """Subjects are paged, except for the two views of distances."""
         return (1,) if self.look.marks.distances is not None and self.look.view.show == "distances" else None
 
     def go_to_next(self) -> None:
@@ -231,7 +231,7 @@ class CheckPage(ExplorePage):
 
     @Slot()
     def show_state(self) -> None:
-        """Show what is done and what is possible."""
+        """Update status and buttons."""
         inspection, job = self.checked.inspection, self.workspace.session.job
         has_suspects = inspection is not None and bool(inspection.suspects)
         for shown in (self.table, self.export, self.repair, self.mend_all_button):
@@ -289,7 +289,7 @@ class CheckPage(ExplorePage):
             self.place_wanted.emit(self._names[subject], place, inspection.located.normals[subject, nearest])
 
     def _show_repaired(self, suspects: "Sequence[Suspect]") -> None:
-        """Say what came of it, and stay where it was."""
+        """Show the outcome, without moving the view."""
         inspection = self.checked.inspection
         if inspection is None:
             return

@@ -1,4 +1,4 @@
-"""What is known of the open result's correspondence, and particles optimized again, with undo."""
+"""The inspection of the open result, and repairs of its particles, with undo."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 __all__ = ["InspectionState"]
 
 FEWEST = 3
-"""Subjects that the inspection takes."""
+"""Smallest number of subjects for an inspection."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Version:
-    """A result, what the inspection says of it, and what was done to subjects since it was written."""
+    """A result, its inspection, and its unsaved repairs."""
 
     loaded: LoadedResult
     inspection: "Inspection"
@@ -33,7 +33,7 @@ class _Version:
 class InspectionState(QObject):
     """Inspects the session's result in the computing thread while the page that shows that is open.
 
-    An inspection that was cancelled is begun again when the page is opened again, or when it is wanted.
+    A cancelled inspection restarts when the page is opened again or on request.
     """
 
     changed = Signal()
@@ -52,13 +52,13 @@ class InspectionState(QObject):
 
     @property
     def inspection(self) -> "Inspection | None":
-        """What the inspection says of the open result; None until it is done."""
+        """The inspection of the open result; None until it is done."""
         version = self._version
         return version.inspection if version is not None else None
 
     @property
     def is_possible(self) -> bool:
-        """Whether there are enough subjects to say which of them is the odd one."""
+        """Whether there are enough subjects for an inspection."""
         result = self._workspace.session.result
         return result is not None and len(result.result.names) >= FEWEST
 
@@ -115,7 +115,7 @@ class InspectionState(QObject):
         workspace.work.compute("mend", work, "optimizing particles again", take)
 
     def write(self) -> None:
-        """Let the open result take the place of the one in the project's folder."""
+        """Replace the result in the project's folder by the open one."""
         session, project = self._workspace.session, self._workspace.project
         result, written, version = session.result, session.written, self._version
         if result is None or self.is_written:
@@ -156,13 +156,13 @@ class InspectionState(QObject):
 
     @Slot(bool)
     def _follow_save(self, clean: bool) -> None:
-        """Write the particles that were optimized again when the project is saved."""
+        """Write repaired particles when the project is saved."""
         if clean and not self._workspace.closed:  # the history is cleared once more when it is destroyed
             self.write()
 
     @Slot()
     def _follow_job(self) -> None:
-        """Go on once a job has ended; particles that could not be written are still to be saved."""
+        """Continue after a job; particles that could not be written remain unsaved."""
         session = self._workspace.session
         known = self._version is not None
         if known and not session.job.is_busy and session.undo.isClean() and not self.is_written:

@@ -1,4 +1,4 @@
-"""Controls of the pages of Explore."""
+"""Controls of the pages of *Explore*."""
 
 import math
 import time
@@ -50,7 +50,7 @@ class NumbersTable(QWidget):
         self.texts: list[tuple[str, ...]] = []
 
     def show_rows(self, headings: Sequence[str], rows: Sequence[tuple[str, ...]]) -> None:
-        """Show rows of a name and one value for each heading; headings are shown if there are several."""
+        """Show rows of a name and one value per heading; a single heading is hidden."""
         while (item := self._grid.takeAt(0)) is not None:
             widget = item.widget()
             if widget is not None:
@@ -75,7 +75,7 @@ SORTED_BY = Qt.ItemDataRole.UserRole
 
 
 class SubjectTable(QAbstractTableModel):
-    """Rows of texts and numbers; numbers are shown with equal digits a column and sorted as numbers."""
+    """Rows of texts and numbers; a column of numbers has equal decimals and numeric sorting."""
 
     def __init__(self, heads: Sequence[str], parent: QObject) -> None:
         super().__init__(parent)
@@ -84,7 +84,7 @@ class SubjectTable(QAbstractTableModel):
         self._digits: list[int] = []
 
     def show_rows(self, rows: Sequence[tuple[str | float, ...]]) -> None:
-        """Show other rows."""
+        """Set the rows."""
         self.beginResetModel()
         self._rows = list(rows)
         columns = zip(*rows, strict=True) if rows else ()
@@ -109,7 +109,7 @@ class SubjectTable(QAbstractTableModel):
         return self._heads[section] if across and role == Qt.ItemDataRole.DisplayRole else None
 
     def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> object:
-        """Return a cell: its text, its value to sort by, and its place."""
+        """Return the text, sort value or alignment of a cell."""
         value = self._rows[index.row()][index.column()]
         if role == Qt.ItemDataRole.DisplayRole:
             return f"{value:.{self._digits[index.column()]}f}" if isinstance(value, float) else value
@@ -127,7 +127,7 @@ def _digits(values: Sequence[float]) -> int:
 
 
 class CompareBox(QWidget):
-    """Says what is beside the open result, and offers to choose or leave it."""
+    """Shows the model that is compared with the open result, and buttons to choose or remove it."""
 
     def __init__(self, actions: Actions, fitted: ModelCache) -> None:
         super().__init__()
@@ -160,15 +160,15 @@ _SPEEDS = {"½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0}
 
 
 class Player(QWidget):
-    """A button, speed, range and loop. Between two values it rests longer than drawing takes.
+    """Playback: button, speed, range and loop. The interval between two values exceeds the drawing time.
 
     Parameters
     ----------
     actions : Actions
     draw_ms : callable
-        How long a drawing takes now [ms].
+        Present drawing time [ms].
     ranges : mapping of str to float
-        How far it swings, by words; nothing is offered where there is one only.
+        Amplitudes by label; a single one is not offered.
     """
 
     swung = Signal(float)
@@ -197,11 +197,11 @@ class Player(QWidget):
 
     @property
     def is_playing(self) -> bool:
-        """Whether it swings."""
+        """Whether it plays."""
         return self._timer.isActive()
 
     def play_or_stop(self) -> None:
-        """Go on from where it was paused, or pause."""
+        """Resume or pause."""
         if self.is_playing:
             self.stop()
         else:
@@ -210,7 +210,7 @@ class Player(QWidget):
             self.go.setText("Pause")
 
     def stop(self) -> None:
-        """Hold."""
+        """Stop."""
         self._timer.stop()
         self.go.setText("Play")
 
@@ -228,16 +228,16 @@ class Player(QWidget):
 
 
 REACH = 3.0
-"""Standard deviations that sliders go to on both sides."""
+"""Range of sliders in standard deviations."""
 
 _STEPS = 100
 _MORE = 3
 
 
 class ModeSliders(QWidget):
-    """As many sliders as modes are above chance, more on demand; they combine freely.
+    """One slider per retained mode, more on demand; they combine freely.
 
-    One mode is the chosen one: it plays, and the name of its row is pressed.
+    The chosen mode is the one that plays.
     """
 
     moved = Signal()
@@ -254,7 +254,7 @@ class ModeSliders(QWidget):
         self.more = button("Show more modes", "flat")
         self.more.clicked.connect(lambda: self._show_rows(len(self.rows) + _MORE))
         self.reset = button("Mean shape", "flat")
-        self.reset.setToolTip("Put all sliders to zero (M)")
+        self.reset.setToolTip("Set all sliders to zero (M)")
         self.reset.clicked.connect(lambda: self.show_values(np.zeros(0)))
         buttons = QHBoxLayout()
         buttons.addWidget(self.more)
@@ -268,7 +268,7 @@ class ModeSliders(QWidget):
 
     @property
     def values(self) -> FloatArray:
-        """What the sliders say [SD], shape (k,)."""
+        """The values of the sliders [SD], shape (k,)."""
         return np.array([row.value for row in self.rows])
 
     @property
@@ -294,7 +294,7 @@ class ModeSliders(QWidget):
             self.choose(0)
 
     def choose(self, mode: int) -> None:
-        """Choose a mode; its slider is shown if it was not."""
+        """Choose a mode; its slider is shown if hidden."""
         if self._shape is not None and mode < self._shape.modes:
             self._show_rows(mode + 1)
             self.rows[mode].name.setChecked(True)
@@ -334,7 +334,7 @@ class ModeSliders(QWidget):
 
 
 class _Row(QWidget):
-    """One mode: its name, the slider, the value, and below them how much it varies."""
+    """One mode: name, slider, value, and its variance below."""
 
     def __init__(self, mode: int, rms: float, share: float, *, above: bool) -> None:
         super().__init__()
@@ -347,8 +347,8 @@ class _Row(QWidget):
         self.slider.setPageStep(_STEPS // 2)
         self.slider.setAccessibleName(f"Mode {mode + 1} in standard deviations")
         self.typed = ValueEdit(f"Standard deviations of mode {mode + 1}", -REACH, REACH)
-        of, above_chance = (" of variance", "") if above else ("", " · not retained")
-        text = f"{100 * share:.1f} %{of} · {short(rms)} mm at 1 SD{above_chance}"
+        of, retained = (" of variance", "") if above else ("", " · not retained")
+        text = f"{100 * share:.1f} %{of} · {short(rms)} mm at 1 SD{retained}"
         self._about = label(text, "FieldHelp")
         self._about.setToolTip("Root-mean-square displacement of the particles at one standard deviation")
         self.slider.setAccessibleDescription(self._about.text())

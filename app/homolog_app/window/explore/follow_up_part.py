@@ -1,4 +1,4 @@
-"""The part of the Patient page that takes further times and further groups."""
+"""The part of the page *Patient* for further times and groups."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -24,7 +24,7 @@ __all__ = ["FollowUpPart"]
 
 
 class FollowUpPart(QWidget):
-    """Further groups and times of the patient, with what came of them in sentences.
+    """Further groups and times of the patient, with the results in sentences.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class FollowUpPart(QWidget):
         reference: "Reference | None",
         values: Callable[[], Mapping[str, str]],
     ) -> None:
-        """Begin with another patient, or none; `values` returns the covariates that are typed in."""
+        """Set another patient, or none; `values` returns the entered covariates."""
         self._patient = (compared, reference, values) if compared and reference else None
         self.times = PatientTimes((compared.comparison,)) if compared else None
         self.groups = ()
@@ -83,7 +83,7 @@ class FollowUpPart(QWidget):
         self.workspace.work.compute("follow-up", work, "comparing the times", self._receive_times)
 
     def compare_groups(self, paths: list[Path]) -> None:
-        """Read references of further groups and say how typical the patient is of each."""
+        """Read references of further groups and show how typical the patient is of each."""
         from homolog.patient import Reference
 
         if self._patient is None:

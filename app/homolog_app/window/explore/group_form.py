@@ -1,4 +1,4 @@
-"""The question: which column, which groups or which number, and the covariates that are adjusted for."""
+"""The question: column, groups or number, and covariates."""
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction, QStandardItemModel
@@ -32,7 +32,7 @@ _NUMBER, _AS_NUMBER = "number", " (as a number)"
 
 
 class GroupForm(QWidget):
-    """Column, first and second group, and what is taken into account."""
+    """Column, first and second group, covariates and alignment."""
 
     edited = Signal()
 
@@ -41,7 +41,7 @@ class GroupForm(QWidget):
         self._session = session
         self.column = choice("Column of the comparison")
         self.first, self.second = choice("From"), choice("To")
-        self.first.setToolTip("Reference group: the difference is what must be added to it")
+        self.first.setToolTip("Reference group: differences are relative to it")
         self.swap = button("⇄", "flat")
         self.swap.setToolTip("Swap the two groups")
         self.swap.setAccessibleName("Swap the two groups")
@@ -53,8 +53,8 @@ class GroupForm(QWidget):
         )
         self.pairing = choice("Pairs")
         self.pairing.setToolTip(
-            "Column that names the pairs, such as the patient of two scans: the differences within the pairs "
-            "are tested"
+            "Column that identifies the pairs, such as the patient of two scans; tests the differences "
+            "within pairs"
         )
         self.alignment = choice("Alignment", _ALIGNMENTS)
         self.alignment.setToolTip(
@@ -104,19 +104,19 @@ class GroupForm(QWidget):
 
     @property
     def is_possible(self) -> bool:
-        """Whether a number, or two different groups are chosen."""
+        """Whether a number or two different groups are chosen."""
         return self.is_regression or (
             self.first.count() > 1 and self.first.currentText() != self.second.currentText()
         )
 
     @property
     def is_regression(self) -> bool:
-        """Whether the column is taken as a number."""
+        """Whether the column is used as a number."""
         return bool(self.column.count()) and self.column.currentData()[1] == _NUMBER
 
     @property
     def pairs(self) -> str | None:
-        """The column that names the pairs, if they are compared."""
+        """The column that identifies the pairs, if pairs are compared."""
         chosen = None if self.is_regression else self.pairing.currentData()
         return str(chosen) if chosen else None
 
@@ -127,7 +127,7 @@ class GroupForm(QWidget):
 
     @property
     def requests(self) -> tuple[StudyRequest, ...]:
-        """The question, once for each alignment that is asked for."""
+        """The question, once for each requested alignment."""
         column, _ = self.column.currentData()
         chosen = self.alignment.currentData()
         alignments = _BOTH if chosen is None else (chosen,)
@@ -142,7 +142,7 @@ class GroupForm(QWidget):
         )  # fmt: skip
 
     def choose_alignment(self, alignment: Alignment) -> None:
-        """Align shapes so before they are compared."""
+        """Choose the alignment of the comparison."""
         self.alignment.setCurrentIndex(self.alignment.findData(alignment))
         self.edited.emit()
 
@@ -161,7 +161,7 @@ class GroupForm(QWidget):
         return tuple(action.data() for action in self.covariate_menu.actions() if action.isChecked())
 
     def offer(self) -> None:
-        """Offer the columns that make groups, then those that are numbers."""
+        """Offer the columns of groups, then those of numbers."""
         study = self._session.study
         groups = {
             column: (column, "groups")
@@ -188,7 +188,7 @@ class GroupForm(QWidget):
         self._offer_values()
 
     def _swap(self) -> None:
-        """Let the second group be the reference."""
+        """Swap the groups."""
         first, second = self.first.currentIndex(), self.second.currentIndex()
         self.first.setCurrentIndex(second)
         self.second.setCurrentIndex(first)
@@ -228,7 +228,7 @@ class GroupForm(QWidget):
         self.every.setVisible(self.first.count() > 2 and not slope and not self.pairs)
 
     def _offer_covariates(self, column: str) -> None:
-        """Offer the other columns, and size; those that can't be used say why."""
+        """Offer the other columns, and size; unusable ones give the reason."""
         kept = self.covariates
         self.covariate_menu.clear()
         for name, problem in covariates_of(

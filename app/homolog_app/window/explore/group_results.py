@@ -1,4 +1,4 @@
-"""The answer of the page Groups as a card and a table, and the plot of its subjects."""
+"""The answer of the page *Groups* as a table, and the plot of its subjects."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -97,7 +97,7 @@ class GroupResults(QTreeWidget):
 
 
 def correction_sentence(answers: "Answers", others: int) -> str:
-    """Say what p is corrected for, and what not.
+    """Describe the corrections of p.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def _line(answer: "GroupAnswer") -> str:
 
 
 class GroupPlot(ScatterPlot):
-    """Each subject's place between the groups, a line of markers for each; click selects, a drag morphs.
+    """Each subject's position between the groups, one line of markers per group; click selects, drag morphs.
 
     `ends` are the places of the groups' means.
     """
@@ -213,13 +213,13 @@ class GroupPlot(ScatterPlot):
         draw_slope(axes, answer.values, answer.places, self.groups, column, slope, colours)
 
     def draw_mark(self, axes: "Axes") -> "Artist":
-        """Draw a line where the shape that is shown lies."""
+        """Draw a line at the shape shown."""
         from homolog_app.plots import draw_place
 
         return draw_place(axes, self.mark[0], None, self.theme.colours)
 
     def text_of(self, name: str) -> str:
-        """Return a subject's place in words."""
+        """Return a subject's position as text."""
         index = self.names.index(name)
         x, y = self.points[index].tolist()
         if self._answer is None or self._answer.values is None:

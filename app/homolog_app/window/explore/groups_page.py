@@ -1,4 +1,4 @@
-"""What differs: groups, or shapes along a number, tested, and the difference on the mean shape."""
+"""The page *Groups*: tests of group differences or of a number's effect, and their map."""
 
 import shlex
 from collections.abc import Sequence
@@ -68,7 +68,7 @@ class GroupsPage(ExplorePage):
         self._current = True
         self.form = GroupForm(workspace.session)
         self.nothing = label(
-            "Give subjects groups in Cohort (Ctrl+G) or import a table. Two subjects make a group.", wrap=True
+            "Assign groups in Cohort (Ctrl+G) or import a table. A group needs two subjects.", wrap=True
         )
         self.stale = label(
             "The question has changed. Compare again to update the answer.", "Problem", wrap=True
@@ -90,7 +90,7 @@ class GroupsPage(ExplorePage):
         self.significant = QCheckBox("Significant only")
         self.significant.setChecked(True)
         self.to_significant = button("Go to largest")
-        self.to_significant.setToolTip("Look at the largest place where the map is significant")
+        self.to_significant.setToolTip("Show the largest significant region of the map")
         self.arrows = QCheckBox("Arrows")
         self.way = QSlider(Qt.Orientation.Horizontal)
         self.way.setMaximum(_WHOLE)
@@ -177,7 +177,7 @@ class GroupsPage(ExplorePage):
         self.chart.morphed.connect(self._morph)
 
     def play_or_stop(self) -> bool:
-        """Play from group to group, or hold."""
+        """Play from group to group, or pause."""
         if self.answers:
             self.player.play_or_stop()
         return True
@@ -187,7 +187,7 @@ class GroupsPage(ExplorePage):
         self.player.stop()
 
     def test(self, *, turns: bool = True) -> None:
-        """Test the chosen groups in each model that is shown; turn to this page for it."""
+        """Open this page and test the chosen groups in each model shown."""
         if turns:
             self.page_wanted.emit()
         models = self.fitted.both
@@ -200,7 +200,7 @@ class GroupsPage(ExplorePage):
 
     @property
     def is_current(self) -> bool:
-        """Whether the answer that is shown, if any, is to the question that the form asks now."""
+        """Whether the answer shown, if any, belongs to the form's present question."""
         return self._current
 
     def _is_current(self) -> bool:
@@ -220,7 +220,7 @@ class GroupsPage(ExplorePage):
         self.workspace.work.compute(
             "study",
             lambda tick: save_answers(project, answers, cohort, tick),
-            "keeping the answer",
+            "storing the answer",
             lambda folders: self._show_kept(
                 f"Stored in {', '.join(str(folder) for folder in folders)}; Export > Report includes it."
             ),
@@ -240,7 +240,7 @@ class GroupsPage(ExplorePage):
         )
 
     def _show_kept(self, text: str) -> None:
-        """Say what was stored, or nothing, where it is seen at once."""
+        """Show a message on stored tables, or clear it."""
         self.kept.setText(text)
         self.kept.setVisible(bool(text))
 
@@ -251,7 +251,7 @@ class GroupsPage(ExplorePage):
 
     @property
     def chosen(self) -> GroupsView | None:
-        """What the controls say, and the question that was answered; None until the model is fitted."""
+        """The state of the controls, and the answered question; None until the model is fitted."""
         if self.fitted.shape is None:
             return None
         return GroupsView(
@@ -264,7 +264,7 @@ class GroupsPage(ExplorePage):
 
     @property
     def layouts(self) -> tuple[int, ...] | None:
-        """Before there is an answer, one view."""
+        """One view before there is an answer."""
         return (1,) if self.chosen is not None and not self.answers else super().layouts
 
     def _receive(self, answered: "tuple[Answers, list[GroupAnswer]]") -> None:
@@ -276,7 +276,7 @@ class GroupsPage(ExplorePage):
         self._follow_path()
 
     def _choose_pair(self, request: int, pair: int) -> None:
-        """Show another comparison: its numbers, and its map once it is carried to the surface."""
+        """Show another comparison: its numbers, and its map once it is computed."""
         answers, models, cohort = self.all, self.fitted.both, self.workspace.session.study
         if answers is None or (request, pair) == self._mapped or self.workspace.session.job.is_busy:
             return
@@ -323,12 +323,12 @@ class GroupsPage(ExplorePage):
         return answer.discriminant if self.map.currentData() == "discriminant" else answer.difference
 
     def _update_map(self) -> None:
-        """Say what grey means on the chosen map, and whether there is a place to go to."""
+        """Explain grey on the chosen map, and enable the button for the largest region."""
         self.significant.setToolTip(f"Grey: {GREY_LABELS[self.map.currentData()]}")
         self.to_significant.setEnabled(self._map is not None and bool(self._map.significant.any()))
 
     def _go_to_significant(self) -> None:
-        """Have the views look at the largest connected place where the map is significant."""
+        """Show the largest significant region."""
         drawn, (content, *_) = self._map, self.shown(()).contents or (None,)
         if drawn is None or content is None:
             return
@@ -337,7 +337,7 @@ class GroupsPage(ExplorePage):
         self.place_wanted.emit(content.name, place, normal)
 
     def show_state(self) -> None:
-        """Show what is done and what is possible."""
+        """Update status and buttons."""
         job = self.workspace.session.job
         own = job.kind in ("groups", "model", "compare", "study", "seeds")
         for widget in (self.keep, self.seeds):
@@ -351,7 +351,7 @@ class GroupsPage(ExplorePage):
         set_primary(self.go, not (self.answers and self._current))
 
     def show_answers(self) -> None:
-        """Show the answers and whether they fit the settings."""
+        """Show the answers and whether they match the form."""
         answers = self.answers
         self._current = self._is_current()
         for widget in (self.way, self.player, self.map, self.views, self.significant, self.arrows):
@@ -363,7 +363,7 @@ class GroupsPage(ExplorePage):
             footer.setVisible(bool(answers))
         if self.all is not None:
             line = ["homolog", "analyze", str(self.workspace.project.folder), *self.all.question.arguments]
-            self.keep.setToolTip(f"Write its tables into the project, like: {shlex.join(line)}")
+            self.keep.setToolTip(f"Write its tables into the project; equivalent command: {shlex.join(line)}")
         names = (answers[0].first, answers[0].second) if answers else ("", "")
         for end, name in zip((self.first, self.second), names, strict=True):
             end.setText(shortened(name, _END))

@@ -57,10 +57,10 @@ _PLOTS = {"Along the mode": 0, "By group": 1, "Scatter plot": 2}
 
 
 class _SubjectView(QTableView):
-    """Its names take what width is free, and always some."""
+    """A table whose names take the free width, with a minimum."""
 
     def fit_names(self) -> None:
-        """Share the width anew."""
+        """Distribute the width."""
         head = self.horizontalHeader()
         others = sum(head.sectionSize(column) for column in range(1, len(_HEADS)))
         head.resizeSection(0, max(scaled(_NAME_PX), self.viewport().width() - others))
@@ -89,10 +89,10 @@ class MeasurePage(ExplorePage):
         self.particles = (NumberBox(), NumberBox())
         self.mode, self.place = choice("Mode"), QSlider(Qt.Orientation.Horizontal)
         self.at = ValueEdit("Standard deviations", -_REACH, _REACH)
-        self.who, self.map = choice("Shape that is shown"), choice("Map", _MAPS)
-        self.beside = choice("Shape that is shown next to it")
+        self.who, self.map = choice("Shape shown"), choice("Map", _MAPS)
+        self.beside = choice("Shape shown next to it")
         self.kind = choice("Plots", _PLOTS)
-        self.map.setToolTip("What the colours of the shape show, in mm")
+        self.map.setToolTip("Quantity shown by the colours, in mm")
         self.table = SubjectTable(_HEADS, self)
         self._rows = QSortFilterProxyModel(self)
         self._rows.setSourceModel(self.table)
@@ -111,7 +111,7 @@ class MeasurePage(ExplorePage):
         self.place.setRange(round(-_REACH * _STEPS), round(_REACH * _STEPS))
         self.place.setSingleStep(_STEPS // 10)
         self.place.setPageStep(_STEPS // 2)
-        self.place.setAccessibleName("Place along the mode in standard deviations")
+        self.place.setAccessibleName("Position along the mode in standard deviations")
         along = QHBoxLayout()
         along.addWidget(self.mode)
         along.addWidget(self.place, 1)
@@ -164,7 +164,7 @@ class MeasurePage(ExplorePage):
             plot.chosen.connect(lambda at: self.place.setValue(round(_STEPS * at)))
 
     def enter(self) -> None:
-        """Measure the subjects if that was not done."""
+        """Measure the subjects unless already done."""
         self._request = (None, -1)
         self._measure()
 
@@ -193,7 +193,7 @@ class MeasurePage(ExplorePage):
 
     @property
     def chosen(self) -> MeasureView | None:
-        """What the controls say; None until the model is fitted."""
+        """The state of the controls; None until the model is fitted."""
         if self.fitted.shape is None:
             return None
         return MeasureView(
@@ -239,7 +239,7 @@ class MeasurePage(ExplorePage):
         self.shown_changed.emit()
 
     def _measure(self) -> None:
-        """Measure subjects and mode in the computing thread, where that was not done yet."""
+        """Measure subjects and mode in the computing thread, unless already done."""
         shape, mode, work = self.fitted.shape, self.mode.currentIndex(), self.workspace.work
         busy = self.workspace.session.job.is_busy
         loaded, request = self.workspace.session.result, (shape, mode)

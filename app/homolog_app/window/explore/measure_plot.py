@@ -36,7 +36,7 @@ _WIDTH = 120
 
 
 class MeasurePlot(Plot):
-    """A curve over standard deviations, with the place of the shape that is shown. A click moves it there."""
+    """A curve over standard deviations, with the position of the shape shown. A click moves it there."""
 
     chosen = Signal(float)
 
@@ -62,7 +62,7 @@ class MeasurePlot(Plot):
         self.redraw()
 
     def show_place(self, at: float) -> None:
-        """Mark the shape that is shown [SD]."""
+        """Mark the shape shown [SD]."""
         self._at = at
         self.follow()
 
@@ -74,7 +74,7 @@ class MeasurePlot(Plot):
         draw_measure(figure.subplots(), self.positions, self.values, title, self._label, self.theme.colours)
 
     def draw_moving(self, figure: "Figure") -> "Sequence[Artist]":
-        """Draw the place, and the measure there."""
+        """Draw the position, and the measure there."""
         from homolog_app.plots import draw_value
 
         value = float(np.interp(self._at, self.positions, self.values))
@@ -82,7 +82,7 @@ class MeasurePlot(Plot):
         return draw_value(figure.axes[0], self._at, value, text, self.theme.colours)
 
     def press(self, event: "MouseEvent") -> None:
-        """Go to the place that is clicked."""
+        """Go to the clicked position."""
         if len(self.positions) and event.xdata is not None:
             self.chosen.emit(float(np.clip(event.xdata, self.positions[0], self.positions[-1])))
 
@@ -91,7 +91,7 @@ class BoxPlot(Plot):
     """Quartiles, range and mean of a measure in each group, and every subject."""
 
     def __init__(self, theme: Theme, name: str, unit: str) -> None:
-        super().__init__(theme, name, "Give subjects groups in Cohort to see this measure by group.")
+        super().__init__(theme, name, "Assign groups in Cohort to see this measure by group.")
         self.setMinimumWidth(_WIDTH)
         self._name, self._unit = name, unit
         self._parts: list[FloatArray] = []
@@ -123,7 +123,7 @@ class BoxPlot(Plot):
         self.redraw()
 
     def clear(self) -> None:
-        """Show no measure: those of this study are not there yet."""
+        """Show no measure while this study has none."""
         self.measure, self._parts, self.title = None, [], self._name
         self.setAccessibleDescription("")
         self.setToolTip("")
@@ -188,7 +188,7 @@ class PairPlot(ScatterPlot):
     def show_pair(
         self, points: FloatArray, names: Sequence[str], groups: Sequence[str], labels: tuple[str, str]
     ) -> None:
-        """Show two measures (M, 2) of subjects; those that lack one are left out."""
+        """Show two measures (M, 2) of subjects; incomplete ones are omitted."""
         known = np.flatnonzero(np.isfinite(points).all(axis=1)).tolist()
         own = [names[index] for index in known], [groups[index] for index in known]
         self.show_scores(points[known], *own, labels)
@@ -208,7 +208,7 @@ class PairPlot(ScatterPlot):
             axes.text(0.99, 0.98, r, ha="right", va="top", color=colours.text, transform=axes.transAxes)
 
     def text_of(self, name: str) -> str:
-        """Return a subject's measures in words."""
+        """Return a subject's measures as text."""
         index = self.names.index(name)
         each = zip(self.labels, self.points[index].tolist(), strict=True)
         return f"{self.title_of(index)}: " + ", ".join(f"{label} {short(value)}" for label, value in each)

@@ -1,4 +1,4 @@
-"""Plots of the modes: eigenvalues above chance, and the subjects' scores in two modes."""
+"""Plots of the modes: eigenvalues, and the subjects' scores in two modes."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, cast
@@ -32,7 +32,7 @@ NAMES, ELLIPSES = "Names of all subjects", "95 % ellipses of the groups"
 
 
 class ScreePlot(Plot):
-    """Variance of each mode as a bar, and the line that chance reaches. A click chooses a mode."""
+    """Variance of each mode as a bar, and the threshold of parallel analysis. A click chooses a mode."""
 
     mode_chosen = Signal(int)
 
@@ -52,11 +52,11 @@ class ScreePlot(Plot):
             shares = 100.0 * parallel.eigenvalues / parallel.eigenvalues.sum()
             each = ", ".join(f"mode {mode}: {share:.1f} %" for mode, share in enumerate(shares[:16], start=1))
             noun = "mode" if parallel.n_retained == 1 else "modes"
-            self.setAccessibleDescription(f"{parallel.n_retained} {noun} above chance; {each}")
+            self.setAccessibleDescription(f"{parallel.n_retained} {noun} retained; {each}")
         self.redraw()
 
     def draw(self, figure: "Figure") -> None:
-        """Draw the bars and the line of chance."""
+        """Draw the bars and the threshold."""
         from homolog_app.plots import draw_scree
 
         parallel = self._parallel
@@ -75,7 +75,7 @@ class ScreePlot(Plot):
 
 
 class ScatterPlot(Plot):
-    """Each subject's place in two modes. Click selects; a drag morphs the shape to where the pointer is.
+    """Each subject's scores in two modes. Click selects; a drag morphs the shape to the pointer.
 
     A click with Ctrl adds a subject to the selection, or removes it; selected subjects are named.
 
@@ -88,7 +88,7 @@ class ScatterPlot(Plot):
     axes_chosen = Signal(int, int)
     morphed = Signal(float, float)
     is_marked = True
-    """Whether the place of the shape that is shown is drawn."""
+    """Whether the position of the shape shown is drawn."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__(theme, "Subjects in two modes", "The scores of the subjects appear here.")
@@ -113,18 +113,18 @@ class ScatterPlot(Plot):
     def show_scores(
         self, points: FloatArray, names: Sequence[str], groups: Sequence[str], labels: tuple[str, str]
     ) -> None:
-        """Show scores (M, 2) [SD] of subjects, with their groups and what stands at the axes."""
+        """Show scores (M, 2) [SD] of subjects, with their groups and axis labels."""
         self.points, self.names, self.groups, self.labels = points, names, groups, labels
         self.setAccessibleDescription(f"{' and '.join(filter(None, labels))} of {len(names)} subjects")
         self.redraw()
 
     def offer_axes(self, choices: Sequence[str]) -> None:
-        """Offer what can be plotted; the first two are, until others are chosen."""
+        """Offer quantities to plot, initially the first two."""
         last = max(0, len(choices) - 1)
         self.choices, self.axes = choices, (0, min(1, last))
 
     def choose_axis(self, axis: int, choice: int) -> None:
-        """Plot one of the choices across (0) or upwards (1)."""
+        """Plot one of the choices on the x axis (0) or y axis (1)."""
         self.axes = (choice, self.axes[1]) if axis == 0 else (self.axes[0], choice)
         self.axes_chosen.emit(*self.axes)
 
@@ -141,12 +141,12 @@ class ScatterPlot(Plot):
             self.follow()
 
     def show_cursor(self, x: float, y: float) -> None:
-        """Mark where the shape that is shown lies [SD]."""
+        """Mark the position of the shape shown [SD]."""
         self.mark = (x, y)
         self.follow()
 
     def draw(self, figure: "Figure") -> None:
-        """Draw the subjects, and the names of all if they are wanted."""
+        """Draw the subjects, and optionally the names of all."""
         from homolog_app.plots import draw_subjects
 
         axes = figure.subplots()
@@ -166,7 +166,7 @@ class ScatterPlot(Plot):
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
 
     def draw_moving(self, figure: "Figure") -> "Sequence[Artist]":
-        """Draw the names of selected subjects, and where the shape that is shown lies."""
+        """Draw the names of selected subjects, and the position of the shape shown."""
         from homolog_app.plots import draw_subjects
 
         axes, chosen = figure.axes[0], [name in self._selected for name in self.names]
@@ -178,20 +178,20 @@ class ScatterPlot(Plot):
         return [*named, *mark]
 
     def draw_mark(self, axes: "Axes") -> "Artist":
-        """Draw a cross where the shape that is shown lies."""
+        """Draw a cross at the shape shown."""
         from homolog_app.plots import draw_place
 
         return draw_place(axes, *self.mark, self.theme.colours)
 
     def listen(self, canvas: "PlotCanvas") -> None:
-        """Answer clicks, drags and the pointer over a subject."""
+        """Handle clicks, drags and the pointer over a subject."""
         super().listen(canvas)
         canvas.mpl_connect("motion_notify_event", self._hover_or_drag)
         canvas.mpl_connect("button_release_event", self._release)
         canvas.mpl_connect("figure_leave_event", lambda _: QToolTip.hideText())
 
     def press(self, event: "MouseEvent") -> None:
-        """Begin a click or a drag, or offer what an axis can show."""
+        """Start a click or a drag, or offer the choices of an axis."""
         axis = self._axis_at(event)
         if axis is not None:
             menu = axis_menu(self, axis)
@@ -218,7 +218,7 @@ class ScatterPlot(Plot):
             self.morphed.emit(*axes.transData.inverted().transform((event.x, event.y)).tolist())
 
     def _release(self, event: "MouseEvent") -> None:
-        """Select the subject that was clicked."""
+        """Select the clicked subject."""
         name = self._nearest(event)
         if self._pressed is not None and not self._is_dragged and name is not None:
             adds = "ctrl" in event.modifiers
@@ -226,7 +226,7 @@ class ScatterPlot(Plot):
         self._pressed = None
 
     def _axis_at(self, event: "LocationEvent") -> int | None:
-        """Return the axis, across (0) or upwards (1), whose label is under the pointer."""
+        """Return the axis, x (0) or y (1), whose label is under the pointer."""
         if self.is_empty or not self.choices:
             return None
         axes = event.canvas.figure.axes[0]
@@ -254,7 +254,7 @@ class ScatterPlot(Plot):
         self.subject_chosen.emit(self.names[following])
 
     def text_of(self, name: str) -> str:
-        """Return a subject's place in words."""
+        """Return a subject's position as text."""
         index = self.names.index(name)
         x, y = self.points[index].tolist()
         return f"{self.title_of(index)}: {signed(x)}, {signed(y)} SD"
@@ -266,7 +266,7 @@ class ScatterPlot(Plot):
 
 
 def axis_menu(plot: ScatterPlot, axis: int, parent: QWidget | None = None) -> QMenu:
-    """Return the menu of what can be plotted across (0) or upwards (1)."""
+    """Return the menu of choices for the x axis (0) or y axis (1)."""
     menu = QMenu(("Horizontal axis", "Vertical axis")[axis], parent or plot)
     for index, text in enumerate(plot.choices):
         action = menu.addAction(text)

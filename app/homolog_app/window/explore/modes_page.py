@@ -1,4 +1,4 @@
-"""What varies: shapes along the modes of variation."""
+"""The page *Modes*: shapes along the modes of variation."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -34,14 +34,14 @@ class ModesPage(ExplorePage):
     """Sliders of the modes, playing, subjects and their reconstruction."""
 
     title = "Modes"
-    hint = "What varies. Move the mean shape along its modes, alone or combined."
+    hint = "Move the mean shape along its modes of variation, alone or combined."
     plays = True
 
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
         super().__init__(workspace, actions, fitted)
         self.sliders = ModeSliders()
         self.player = Player(actions, lambda: fitted.draw_ms, _RANGES)
-        self.who = choice("Shape that is shown")
+        self.who = choice("Shape shown")
         self.views: QComboBox = choice("Views", _LAYOUTS)
         self.colours = QCheckBox("Displacement colours")
         self.colours.setChecked(True)
@@ -92,7 +92,7 @@ class ModesPage(ExplorePage):
         session.study_changed.connect(self._show_scores)
 
     def play_or_stop(self) -> bool:
-        """Play the chosen mode, or hold."""
+        """Play the chosen mode, or pause."""
         if self._shape is not None:
             self.player.play_or_stop()
         return True
@@ -102,7 +102,7 @@ class ModesPage(ExplorePage):
         self.player.stop()
 
     def shown(self, subjects: Sequence[Content]) -> ViewContents:
-        """Return the shape at the sliders, with what is chosen to be beside it."""
+        """Return the shape at the sliders, with the chosen subject next to it."""
         view = self.chosen
         if view is None:
             return ViewContents(subjects)
@@ -118,7 +118,7 @@ class ModesPage(ExplorePage):
 
     @property
     def chosen(self) -> ModesView | None:
-        """What the controls say; None until the model is fitted."""
+        """The state of the controls; None until the model is fitted."""
         if self._shape is None:
             return None
         return ModesView(
@@ -160,7 +160,7 @@ class ModesPage(ExplorePage):
         self.shown_changed.emit()
 
     def show_state(self) -> None:
-        """Show what is done and what is possible."""
+        """Update status and buttons."""
         shape, job = self._shape, self.workspace.session.job
         for widget in (self.sliders, self.player, self.who, self.views):
             widget.setEnabled(shape is not None)
@@ -170,7 +170,7 @@ class ModesPage(ExplorePage):
             if job.kind == "model" and job.status is not None:
                 self.state.setText(f"Fitting the shape model: {100 * job.status.fraction:.0f} %")
             elif job.is_busy:
-                self.state.setText("The shape model is fitted once the present work has ended.")
+                self.state.setText("The shape model is fitted when the current job has ended.")
             else:
                 self.state.setText("The shape model is not fitted; open this page again to fit it.")
             return

@@ -1,4 +1,4 @@
-"""What every page of Explore is, and the shape models that they share."""
+"""The base class of the pages of *Explore*, and their shared shape models."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -30,9 +30,9 @@ _OF_MODEL = ("Modes", "Groups", "Measure")
 
 
 class ModelCache(QObject):
-    """Fits the model of the session's result in the computing thread, once a page that shows it was opened.
+    """Fits the model of the session's result in the computing thread when a page needs it.
 
-    A fit that was cancelled is begun again when another page is opened.
+    A cancelled fit restarts when another page is opened.
     """
 
     changed = Signal()
@@ -50,7 +50,7 @@ class ModelCache(QObject):
         self._early: PreliminaryModel | None = None
         self._early_of: tuple[int, LoadedResult | None] = (0, None)
         self.draw_ms = 0.0
-        """How long the views take to draw [ms]; what plays rests accordingly."""
+        """Drawing time of the views [ms], which limits the speed of playback."""
         session = workspace.session
         for signal in (session.result_changed, session.job_changed, session.page_changed):
             signal.connect(self._look)
@@ -134,7 +134,7 @@ class ModelCache(QObject):
         self._workspace.work.compute("model", fit, "fitting the shape model", take)
 
     def _update_preliminary(self, result: LoadedResult | None) -> None:
-        """Take the newest preliminary model; drop one whose study, run or result is gone."""
+        """Update the preliminary model; drop one of a closed study or previous run."""
         early, generation = self._workspace.session.preliminary, self._workspace.session.generation
         if early is not None:
             self._early_of = generation, None
@@ -150,7 +150,7 @@ class ModelCache(QObject):
 
 
 class ExplorePage(Panel):
-    """A page of the inspector that also says what the views show while it is open.
+    """A page of the inspector that defines the contents of the views while it is open.
 
     To change what is shown, emit `shown_changed`: the views then ask `shown`. To have them look at a place,
     emit `place_wanted` with a subject's name, the place and the surface's normal there. A command that
@@ -190,7 +190,7 @@ class ExplorePage(Panel):
         workspace.session.job_progressed.connect(self._follow_progress)
 
     def show_state(self) -> None:
-        """Show what is done and what is possible; while a job goes on only the page that is seen is asked."""
+        """Update status and buttons; during a job only the visible page is updated."""
 
     def _follow_progress(self) -> None:
         if self.isVisible():
@@ -198,12 +198,12 @@ class ExplorePage(Panel):
 
     @property
     def chosen(self) -> View | None:
-        """What is chosen to be seen; None while the page shows the subjects as they are."""
+        """The display state; None while the page shows the subjects as they are."""
         return None
 
     @property
     def layouts(self) -> tuple[int, ...] | None:
-        """Numbers of views that can be chosen, the present one first; None if subjects are paged through."""
+        """Numbers of views that can be chosen, the present one first; None if subjects are paged."""
         if self.chosen is None:
             return None
         if self.views is None:
@@ -212,13 +212,13 @@ class ExplorePage(Panel):
         return (self.views.currentData(), *counts)
 
     def choose_layout(self, count: int) -> None:
-        """Show so many views, which `layouts` names."""
+        """Show one of the numbers of views in `layouts`."""
         if self.views is not None:
             self.views.setCurrentIndex(self.views.findData(count))
             self.shown_changed.emit()
 
     def shown(self, subjects: Sequence[Content]) -> ViewContents:
-        """Return what the views show.
+        """Return the contents of the views.
 
         Parameters
         ----------
@@ -228,36 +228,36 @@ class ExplorePage(Panel):
         return ViewContents(subjects)
 
     def set_colour_range(self, range_: tuple[float, float] | None) -> None:
-        """Set the ends of the colour scale by hand, or let them be chosen by the values."""
+        """Set the ends of the colour scale, or let them follow the values."""
         self.colour_range = range_
         self.shown_changed.emit()
 
     def enter(self) -> None:
-        """Do what is to be done when the page is opened."""
+        """React to the opening of the page."""
 
     def play_or_stop(self) -> bool:
-        """Play what the page can play, or hold; return whether it can."""
+        """Play or pause the page's animation; return whether it has one."""
         return False
 
     @property
     def can_be_drawn_again(self) -> bool:
-        """Whether what is shown follows from the project and `chosen`."""
+        """Whether the views can be restored from the project and `chosen`."""
         return True
 
     def sliced(self) -> "SliceScene | None":
-        """Return what slices show while the page is open; None for the selected subject's."""
+        """Return the page's slices; None for those of the selected subject."""
         return None
 
     def set_scan(self, name: str, path: Path) -> bool:
-        """Take a scan of what `sliced` names; return whether it does."""
+        """Set the scan of `sliced`; return whether the page accepts it."""
         return False
 
     def drop_files(self, paths: Sequence[Path]) -> bool:
-        """Do something with files that were dropped while the page is open; return whether it did."""
+        """Handle files that were dropped while the page is open; return whether it did."""
         return False
 
     def handle_pick(self, pick: "Pick") -> None:
-        """Do what is to be done when something was clicked in a view."""
+        """Handle a click in a view."""
 
     def stop(self) -> None:
-        """Stop playing: the page is left or the window rests."""
+        """Stop playing because the page is closed or the window is minimized."""

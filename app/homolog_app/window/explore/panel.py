@@ -1,4 +1,4 @@
-"""The page *Explore*: its tabs, and what its commands do."""
+"""The panel *Explore*: its tabs, and the handlers of its commands."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -34,7 +34,7 @@ _NEXT = {
 
 
 class OverviewPage(ExplorePage):
-    """What the run came to, and how to look at it."""
+    """An overview of the result, with links to the other pages."""
 
     title = "Overview"
     hint = "Equal colours mark corresponding places."
@@ -54,7 +54,7 @@ class OverviewPage(ExplorePage):
         for command, title in _NEXT.items():
             self.body.addWidget(ActionButton(title, actions[command]))
         self.body.addSpacing(GRID)
-        self.kept_title = label("Answers kept in the project", "SectionTitle")
+        self.kept_title = label("Answers stored in the project", "SectionTitle")
         self.kept = label("", wrap=True)
         self.outdated = label("", "Problem", wrap=True)
         for listed in (self.kept, self.outdated):
@@ -76,11 +76,11 @@ class OverviewPage(ExplorePage):
         session.project_changed.connect(self._show)
 
     def enter(self) -> None:
-        """Read anew what is kept."""
+        """Read the stored answers again."""
         self._show()
 
     def _follow_work(self) -> None:
-        """Look again once an answer was kept or particles were placed."""
+        """Read the stored answers again after a new answer or new particles."""
         busy = self.workspace.session.job.is_busy
         if self._busy and not busy:
             self._show_kept()
@@ -95,7 +95,7 @@ class OverviewPage(ExplorePage):
         else:
             old = [study.title for study, outdated in kept if outdated]
             text = "\n".join(
-                ["Out of date, since particles were placed again: compare again, or write the report:", *old]
+                ["Out of date: particles were placed again. Compare again, or write the report:", *old]
             ) if old else ""  # fmt: skip
         self.kept.setText("\n".join(study.title for study, outdated in kept if not outdated))
         self.outdated.setText(text)
@@ -110,7 +110,7 @@ class OverviewPage(ExplorePage):
         self.playback.setText(
             "Space replays the run from its stored frames; the slider below the views seeks."
             if loaded and loaded.frames
-            else "This run can't be played: only the window keeps frames of its runs."
+            else "This run can't be replayed: only runs in the window record frames."
         )
         folder = self._session.folder
         self.base.setVisible(self._session.folder is None)
@@ -136,7 +136,7 @@ _Kind = TypeVar("_Kind", bound=ExplorePage)
 
 
 class ExplorePanel(QWidget):
-    """Turns pages. `shown_changed` tells the views to ask the open page."""
+    """The pages. `shown_changed` tells the views to query the open page."""
 
     shown_changed = Signal()
 
@@ -184,11 +184,11 @@ class ExplorePanel(QWidget):
         return next(page for page in self.pages if isinstance(page, kind))
 
     def open_page(self, page: ExplorePage) -> None:
-        """Turn to a page."""
+        """Open a page."""
         self._session.show_page(page.title)
 
     def _update_outdated(self) -> None:
-        """Say whether what the pages show is of another cohort or other settings than those in force."""
+        """Show whether the result belongs to a previous cohort or previous settings."""
         result = self._session.result
         text = outdated_text(self._session.study, result.record) if result is not None else ""
         self.outdated.setText(text)
@@ -227,7 +227,7 @@ _REFERENCES = "References (*.npz)"
 
 
 class ExploreController(Controller):
-    """Turns pages and carries out what is ordered of them."""
+    """Opens pages and handles their commands."""
 
     def __init__(self, window: QWidget, workspace: Workspace, panel: ExplorePanel) -> None:
         super().__init__(window, workspace)
@@ -240,7 +240,7 @@ class ExploreController(Controller):
             page.page_wanted.connect(partial(workspace.session.show_page, page.title, "explore"))
 
     def handlers(self) -> dict[str, Callable[[], object]]:
-        """Return what the commands of Explore do."""
+        """Return the handlers of the commands of *Explore*."""
         show_page = self._workspace.session.show_page
         return {
             "explore.modes": partial(show_page, ModesPage.title, "explore"),
@@ -293,7 +293,7 @@ class ExploreController(Controller):
             self._check.checked.export(Path(path))
 
     def drop_files(self, paths: Sequence[Path]) -> bool:
-        """Let the open page have files that were dropped; return whether it took them."""
+        """Offer dropped files to the open page; return whether it accepted them."""
         return self._panel.page.drop_files(paths)
 
     @reported
@@ -321,7 +321,7 @@ class ExploreController(Controller):
 
     @reported
     def compare_groups(self) -> None:
-        """Ask for references of further groups and say how typical the patient is of each."""
+        """Ask for references of further groups and show how typical the patient is of each."""
         paths, _ = QFileDialog.getOpenFileNames(self._window, "References of further groups", "", _REFERENCES)
         if paths:
             self._patient.further.compare_groups([Path(path) for path in paths])

@@ -1,4 +1,4 @@
-"""One patient against the controls: how unusual the shape is, and where."""
+"""The page *Patient*: how unusual one shape is, and where."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -80,7 +80,7 @@ _RESEARCH = "For research use only; not for diagnosis."
 
 
 class PatientPage(ExplorePage):
-    """A reference, a patient's file, and what comes of it."""
+    """A reference, a patient's file, and their comparison."""
 
     title = "Patient"
     hint = f"One shape against the controls: how unusual, and where. {_RESEARCH}"
@@ -115,7 +115,7 @@ class PatientPage(ExplorePage):
         self.only_beyond = QCheckBox("Only beyond the limit")
         self.nearest = label("", "FieldHelp", wrap=True)
         self.single = QCheckBox("Save with names and scores of controls")
-        self.single.setToolTip("Needed to name the nearest controls; they are data of single subjects")
+        self.single.setToolTip("Needed to name the nearest controls; these are data of individual subjects")
         self.bars = PercentileBars(workspace.theme)
         self.table = SubjectTable(_HEADS, self)
         self.regions = QTableView()
@@ -147,7 +147,7 @@ class PatientPage(ExplorePage):
         self.footer.addWidget(self.save)
 
     def _lay_out_answer(self) -> None:
-        """Lay out what a comparison shows."""
+        """Lay out the result of a comparison."""
         answer = QVBoxLayout(self.answer)
         answer.setContentsMargins(0, 0, 0, 0)
         answer.setSpacing(GRID)
@@ -187,14 +187,14 @@ class PatientPage(ExplorePage):
 
     @property
     def layouts(self) -> tuple[int, ...] | None:
-        """1 or 4 views once there is a patient."""
+        """Numbers of views: 1 or 4 once there is a patient."""
         if self.comparison is None or self._change is not None:
             return None
         return (self.views.currentData(), *_VIEWS.values())
 
     @property
     def can_be_drawn_again(self) -> bool:
-        """A patient's file is no part of the project."""
+        """False: a patient's file is not part of the project."""
         return self.comparison is None
 
     def shown(self, subjects: Sequence[Content]) -> ViewContents:
@@ -270,7 +270,7 @@ class PatientPage(ExplorePage):
             kept.save(path)
 
     def set_reference(self, reference: "Reference") -> None:
-        """Compare with this one from now on."""
+        """Set the reference of further comparisons."""
         self.reference = reference
         self._receive(None)
         self._show_reference()
@@ -331,7 +331,7 @@ class PatientPage(ExplorePage):
         self._show_map()
 
     def _offer_change(self) -> None:
-        """Let the map of change be chosen once there is a later time."""
+        """Enable the map of change once there is a later time."""
         times = self.further.times
         there = times is not None and times.follow_up is not None
         index = self.map.findData(CHANGE)
@@ -370,7 +370,7 @@ class PatientPage(ExplorePage):
         return {name: field.text() for name, field in self.fields.items()}
 
     def _show_groups(self) -> None:
-        """Offer the groups of the cohort as controls; at first the one that is called so."""
+        """Offer the groups of the cohort as controls, first the one with such a name."""
         groups = reference_first(filter(None, self.workspace.session.study.groups))
         default = next(filter(names_reference, groups), _EVERYONE)
         chosen = default if self.group.currentText() == self._default else self.group.currentText()

@@ -53,7 +53,7 @@ def plot_picture(plot: "Plot") -> QImage:
 
 
 def save_plot(plot: "Plot", path: Path) -> None:
-    """Write a plot as SVG, whose texts stay texts, or as PNG.
+    """Write a plot as SVG with text as text, or as PNG.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def _ask_and_save(plot: "Plot") -> None:
 
 
 class EnlargedPlot(QDialog):
-    """A plot in its own window; it follows the plot in the dock, and the mouse does the same in both."""
+    """A plot in its own window; it follows the plot in the dock and handles the mouse in the same way."""
 
     def __init__(self, plot: "Plot") -> None:
         from homolog_app.window.explore.plot_canvas import PlotCanvas
@@ -158,28 +158,28 @@ class Plot(QWidget):
         raise NotImplementedError
 
     def draw(self, figure: "Figure") -> None:
-        """Draw what stays."""
+        """Draw the static part."""
         raise NotImplementedError
 
     def draw_moving(self, figure: "Figure") -> "Sequence[Artist]":
-        """Draw and return what moves."""
+        """Draw and return the moving part."""
         return ()
 
     def press(self, event: "MouseEvent") -> None:
-        """Do what a click orders."""
+        """Handle a click."""
 
     def redraw(self) -> None:
-        """Draw everything anew, once it is seen."""
+        """Redraw everything when it becomes visible."""
         if self.isVisible():
             self._show_layer()
         self.redrawn.emit()
 
     def follow(self) -> None:
-        """Draw what moves anew."""
+        """Redraw the moving part."""
         self.moved.emit()
 
     def submenus(self, menu: "QMenu") -> "Sequence[QMenu]":
-        """Return what the plot's menu has besides what every plot has."""
+        """Return further entries of the plot's menu."""
         return ()
 
     def set_option(self, text: str, shown: bool) -> None:
@@ -200,7 +200,7 @@ class Plot(QWidget):
             menu.popup(event.globalPos())
 
     def listen(self, canvas: "PlotCanvas") -> None:
-        """Answer what the mouse does on a canvas."""
+        """Handle mouse events of a canvas."""
         canvas.mpl_connect("button_press_event", self._press)
 
     def _press(self, event: "MouseEvent") -> None:

@@ -1,4 +1,4 @@
-"""Where matplotlib draws plots in the window."""
+"""The matplotlib canvas of plots in the window."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -17,7 +17,7 @@ __all__ = ["PlotCanvas", "figure_of"]
 
 
 class Drawn(Protocol):
-    """What a canvas asks of the plot that it shows."""
+    """The interface between a canvas and its plot."""
 
     theme: Theme
 
@@ -46,9 +46,9 @@ class Drawn(Protocol):
 
 
 class PlotCanvas(FigureCanvasQTAgg):
-    """Shows a plot. What stays is kept as a picture, so that what moves is drawn quickly over it.
+    """Shows a plot. The static part is cached as a picture, so that the moving part is drawn quickly over it.
 
-    Nothing is drawn that is not seen.
+    Hidden plots are not drawn.
     """
 
     def __init__(self, plot: Drawn) -> None:
@@ -64,13 +64,13 @@ class PlotCanvas(FigureCanvasQTAgg):
         plot.listen(self)
 
     def renew(self) -> None:
-        """Draw everything anew."""
+        """Redraw everything."""
         self._is_new = True
         self.setAccessibleDescription(self._plot.accessibleDescription())
         self.draw_idle()
 
     def move_over(self) -> None:
-        """Draw what moves over what stays."""
+        """Draw the moving part over the static part."""
         if self._is_due or self._ground is None or self._drawn != self._extent:
             self.draw_idle()
             return
@@ -84,7 +84,7 @@ class PlotCanvas(FigureCanvasQTAgg):
         self.update()
 
     def draw(self) -> None:
-        """Draw what stays, and over it what moves."""
+        """Draw the static part, and the moving part over it."""
         if self._is_new:
             self._is_new, self._moving = False, []
             _fill(self.figure, self._plot)
@@ -93,7 +93,7 @@ class PlotCanvas(FigureCanvasQTAgg):
         self._draw_moving()
 
     def paintEvent(self, event: QPaintEvent) -> None:
-        """Draw what is due, and paint it."""
+        """Draw if necessary, and paint."""
         extent = self._extent
         if (self._is_due or extent != self._drawn) and self.width() > 0 and self.height() > 0:
             self._is_new |= extent != self._drawn  # the size decides which texts are shortened
@@ -112,7 +112,7 @@ class PlotCanvas(FigureCanvasQTAgg):
         return self.width(), self.height(), self.devicePixelRatioF()
 
     def wheelEvent(self, event: QWheelEvent) -> None:
-        """Leave the wheel to what the plot stands in."""
+        """Leave the wheel to the parent widget."""
         event.ignore()
 
     def _draw_moving(self) -> None:

@@ -1,1 +1,1 @@
-"""Exports: dialogs that start ``homolog export`` in a child process and show how far it is."""
+"""Exports: dialogs that run ``homolog export`` in a child process and show its progress."""

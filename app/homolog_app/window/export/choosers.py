@@ -42,21 +42,21 @@ class ExportKind:
     Attributes
     ----------
     name : str
-        Its word on the command line.
+        Its name on the command line.
     title : str
         Of the dialog.
     hint : str
-        What it makes, in a sentence.
+        A sentence on its output.
     settings : model or None
         Its options.
     main : tuple of str
-        The options that are not folded away.
+        The options that are always visible.
     suffixes : tuple of str
         Of the file; a folder is made if there are none, or if one of them is empty.
     content : str
-        What is chosen besides: ``"motion"``, ``"groups"`` or nothing.
+        Further choices: ``"motion"``, ``"groups"`` or nothing.
     place : bool
-        Whether the user says where it goes.
+        Whether the user chooses the location.
     """
 
     name: str
@@ -152,7 +152,7 @@ KINDS = {
 
 _NOTHING = "No comparison"
 NAMES_PX = 112
-"""What the names of all fields of an export take, so that the fields stand below each other."""
+"""Width of the labels of an export's fields, so that the fields are aligned."""
 
 
 def group_columns(columns: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
@@ -200,12 +200,12 @@ class GroupChooser(QWidget):
 
     @property
     def is_possible(self) -> bool:
-        """Whether there are groups at all."""
+        """Whether there are groups."""
         return bool(self._columns)
 
     @property
     def problem(self) -> str:
-        """What is wrong with the choice, or nothing."""
+        """Problem of the choice, or an empty text."""
         same = self.column.currentData() and self.first.currentText() == self.second.currentText()
         return "Choose two different groups." if same else ""
 
@@ -228,7 +228,7 @@ class GroupChooser(QWidget):
 
 
 class MotionChooser(QWidget):
-    """Modes, two groups or the mean shape, and the directions of sight."""
+    """Modes, two groups or the mean shape, and the view directions."""
 
     changed = Signal()
 
@@ -275,7 +275,7 @@ class MotionChooser(QWidget):
 
     @property
     def problem(self) -> str:
-        """What is wrong with the choice, or nothing."""
+        """Problem of the choice, or an empty text."""
         if not self._views():
             return "Choose a direction to look from."
         if self.kind == "group":
@@ -325,10 +325,10 @@ class MotionChooser(QWidget):
 
 
 def content_problem(chooser: MotionChooser | GroupChooser, settings: BaseModel | None) -> str:
-    """Return what is wrong with what is chosen to be exported, or nothing."""
+    """Return the problem of the chosen content, or an empty text."""
     at_rest = isinstance(chooser, MotionChooser) and chooser.kind == "mean"
     if isinstance(settings, FilmSettings) and at_rest and not settings.turntable:
-        return "The mean shape does not move: switch the turntable on."
+        return "The mean shape does not move: enable the turntable."
     if isinstance(settings, PlotSettings):
         named = bool(chooser.arguments())
         if named != settings.kind.needs_groups:
@@ -337,11 +337,11 @@ def content_problem(chooser: MotionChooser | GroupChooser, settings: BaseModel |
 
 
 def place_problem(out: Path | None, suffixes: tuple[str, ...]) -> str:
-    """Return what is wrong with the place of a file with one of the suffixes, or of a folder, or nothing."""
+    """Return the problem of the path of a file with one of the suffixes, or of a folder, or an empty text."""
     if out is None:
         return "Choose where to save."
     if suffixes and out.suffix.lower() not in suffixes:
-        kinds = ", ".join(suffix or "no ending for a folder of pictures" for suffix in suffixes)
+        kinds = ", ".join(suffix or "no suffix for a folder of pictures" for suffix in suffixes)
         return f"The name must end in {kinds}."
     is_folder = not suffixes or not out.suffix
     if is_folder and out.exists() and (not out.is_dir() or any(out.iterdir())):

@@ -37,7 +37,7 @@ class ExportController(Controller):
     Attributes
     ----------
     views : Views or None
-        Their cameras and cut are those that films are offered.
+        Source of the initial camera and cut of films.
     """
 
     def __init__(self, window: QWidget, workspace: Workspace, explore: ExplorePanel) -> None:
@@ -46,7 +46,7 @@ class ExportController(Controller):
         self.views: Views | None = None
 
     def handlers(self) -> dict[str, Callable[[], object]]:
-        """Return what the commands of exports do."""
+        """Return the handlers of the export commands."""
         return {f"export.{name}": partial(self.open, name) for name in KINDS}
 
     @reported
@@ -86,24 +86,24 @@ class ExportController(Controller):
         ScreenshotDialog(self._window, what, shown, canvas, snapshot).show()
 
     def may_close(self) -> bool:
-        """Ask about exports that go on; return whether to go on with closing."""
+        """Ask about running exports; return whether to continue closing."""
         if not self._running or not self._workspace.preferences.ask_on_close:
             return True
         answer = ask(
-            self._window, "Stop the export?", "It has not finished, and nothing of it would be kept.",
+            self._window, "Stop the export?", "It has not finished; its files would be removed.",
             ("Stop", "Keep exporting"), 1, lambda: not self._running,
         )  # fmt: skip
         return answer != "Keep exporting"
 
     @property
     def _running(self) -> bool:
-        """Whether a dialog's export goes on."""
+        """Whether a dialog's export is running."""
         from homolog_app.window.export.dialog import ExportDialog
 
         return any(dialog.child.is_running for dialog in self._window.findChildren(ExportDialog))
 
     def close(self) -> None:
-        """Close the dialogs and end what they export."""
+        """Close the dialogs and stop their exports."""
         from homolog_app.window.export.dialog import ExportDialog
 
         for dialog in self._window.findChildren(ExportDialog):
@@ -136,7 +136,7 @@ class ExportController(Controller):
         )
 
     def _camera(self) -> str:
-        """Return from where the views are seen; the first of them, where each has its own camera."""
+        """Return the camera of the views, or of the first one if they are unlinked."""
         from homolog_app.exports.settings import camera_direction
 
         if (views := self.views) is None:
@@ -156,7 +156,7 @@ class ExportController(Controller):
         return {name: column_of(result, name) for name in ("group", *names)}
 
     def _caution(self) -> str:
-        """Put the table into a draft, which is the window's own, and say what else is not in the folder."""
+        """Update the table of a draft, and name other data that are not in the folder."""
         workspace, session = self._workspace, self._workspace.session
         if session.folder is None and not workspace.session.job.is_busy:
             save_project(workspace.project, session.study, ViewRecord())

@@ -49,26 +49,26 @@ _FRAME = 80  # pixels of a screen that title bar and borders may take
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What is exported: the project, its name and what can be chosen in it.
+    """The project to export, with its choices.
 
     Attributes
     ----------
     project : Path
         The folder, or that of the draft.
     name : str
-        Begins the names of files.
+        Prefix of file names.
     folder : Path
-        Where files go if nobody says otherwise.
+        Default folder of files.
     modes, mode : int
         How many modes there are, and the one to begin with.
     columns : mapping of str to sequence of str
         Columns of the cohort's table with a value for each subject.
     camera : str
-        How the window's views are seen (`exports.settings.camera_direction`); may be empty.
+        Camera of the window's views (`exports.settings.camera_direction`); may be empty.
     clip : Clip or None
         The plane that cuts them open.
     caution : str
-        What of the open study is not in the project's folder; may be empty.
+        Data of the open study that are not in the project's folder; may be empty.
     """
 
     project: Path
@@ -83,7 +83,7 @@ class Exported:
 
 
 class ExportDialog(QDialog):
-    """Makes the line of ``homolog export``, runs it and shows how far it is."""
+    """Builds a ``homolog export`` command, runs it and shows its progress."""
 
     started_export = Signal()
     finished_export = Signal(str)
@@ -114,27 +114,27 @@ class ExportDialog(QDialog):
 
     @property
     def out(self) -> Path | None:
-        """Where the export goes."""
+        """Path of the export."""
         text = self.place.text().strip()
         return Path(text).expanduser() if self.kind.place and text else None
 
     def arguments(self) -> list[str]:
-        """Return the words after ``homolog``."""
+        """Return the arguments of ``homolog``."""
         settings = options_of(self.settings) if self.settings else []
         place = [f"--out={self.out}"] if self.out else []
         return ["export", self.kind.name, str(self.exported.project), *self.content(), *settings, *place]
 
     def content(self) -> list[str]:
-        """Return what is chosen to be shown as options of the command line."""
+        """Return the chosen content as command-line options."""
         return self.chooser.arguments() if self.chooser else []
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """End what goes on, then close."""
+        """Stop the export, then close."""
         self._stop()
         event.accept()
 
     def reject(self) -> None:
-        """Close, also by Escape, which gives up an export first."""
+        """Close, also by Escape, which cancels an export first."""
         if self.child.is_running:
             self.child.cancel()
         else:
@@ -180,7 +180,7 @@ class ExportDialog(QDialog):
         self.resize(940 if self.preview else 640, min(760, room) if self.chooser else height)
 
     def _make_middle(self) -> QHBoxLayout:
-        """Return what is chosen, the form made from the settings, and the preview."""
+        """Return the choices, the form of the settings, and the preview."""
         form = QVBoxLayout()
         form.setContentsMargins(0, 0, 2 * GRID, 0)
         form.setSpacing(2 * GRID)
@@ -233,13 +233,13 @@ class ExportDialog(QDialog):
 
     @Slot(str, object)
     def edit(self, _name: str, settings: object) -> None:
-        """Take changed settings."""
+        """Set changed settings."""
         self.settings = settings  # type: ignore[assignment]
         self._update()
 
     @Slot()
     def _update(self) -> None:
-        """Show the command line, what is wrong, and the first frame."""
+        """Show the command, problems, and the first frame."""
         self.line.setText(shlex.join(["homolog", *self.arguments()]))
         self.line.setCursorPosition(0)
         problem = self._problem()
@@ -296,7 +296,7 @@ class ExportDialog(QDialog):
         self.finished_export.emit(how)
 
     def _mark(self, failed: bool) -> None:
-        """Let the note look like a problem or like a hint."""
+        """Style the note as a problem or a hint."""
         self.note.setObjectName("Problem" if failed else "Hint")
         self.note.style().unpolish(self.note)
         self.note.style().polish(self.note)
@@ -315,7 +315,7 @@ class ExportDialog(QDialog):
 
 
 def _first_settings(kind: ExportKind, clip: Clip | None) -> BaseModel | None:
-    """Return the usual settings, which cut the shapes open where the window's views do."""
+    """Return the default settings, with the cutting plane of the window's views."""
     if kind.settings is None or clip is None or not issubclass(kind.settings, CutSettings):
         return kind.settings() if kind.settings else None
     return kind.settings(clip=CutAway(clip.plane), clip_at=clip.position, clip_flip=clip.flipped)
@@ -336,7 +336,7 @@ def _row(text: str, line: QLineEdit, *after: QWidget) -> QHBoxLayout:
 
 
 class ScreenshotDialog(ExportDialog):
-    """Size, background and place of the picture; the views may go on meanwhile.
+    """Size, background and location of the picture; the views remain usable.
 
     Parameters
     ----------
@@ -357,7 +357,7 @@ class ScreenshotDialog(ExportDialog):
 
     @property
     def kept(self) -> Path | None:
-        """The file beside the picture that holds what is shown; None if the project does."""
+        """The file with the contents next to the picture; None if the project has them."""
         return self.out.with_suffix(KEPT) if self.out is not None and self._snapshot is None else None
 
     def content(self) -> list[str]:
@@ -369,7 +369,7 @@ class ScreenshotDialog(ExportDialog):
         sentences = [super()._warning()]
         if beside is not None:
             sentences.append(
-                "The project does not contain what is shown, so it is written with the picture, for the "
+                "The project does not contain these views. They are written with the picture, for the "
                 f"command line: {beside.name}."
             )
         return " ".join(sentence for sentence in sentences if sentence)

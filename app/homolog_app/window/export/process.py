@@ -22,7 +22,7 @@ _CANCELLED = 130
 
 
 class ExportProcess(QObject):
-    """One export. `ended` tells ``"done"``, ``"cancelled"`` or ``"failed"`` and what was said last."""
+    """One export. `ended` emits ``"done"``, ``"cancelled"`` or ``"failed"`` and the last message."""
 
     progressed = Signal(float, str)
     ended = Signal(str, str)
@@ -41,17 +41,17 @@ class ExportProcess(QObject):
 
     @property
     def is_running(self) -> bool:
-        """Whether the export goes on."""
+        """Whether the export is running."""
         return self._process.state() != QProcess.ProcessState.NotRunning
 
     def start(self, arguments: Sequence[str], out: Path | None) -> None:
-        """Start ``homolog`` with these arguments; `out` is the file or folder that it makes."""
+        """Start ``homolog`` with these arguments; `out` is the output file or folder."""
         self._out, self._cancelled = out, False
         self._process.start(sys.executable, ["-m", "homolog_app", *arguments, "--progress", "json"])
         self._number = self._process.processId()
 
     def cancel(self) -> None:
-        """End the process: asked first, so that it tidies up, then for certain. `ended` follows."""
+        """Terminate the process so that it can clean up, then kill it. `ended` follows."""
         if self.is_running:
             self._cancelled = True
             self._impatience.start()
@@ -61,7 +61,7 @@ class ExportProcess(QObject):
                 self._process.terminate()
 
     def stop(self) -> None:
-        """End the process and wait for that."""
+        """Stop the process and wait for its end."""
         self.cancel()
         if not self._process.waitForFinished(_PATIENCE_MS):
             self._process.kill()
@@ -97,7 +97,7 @@ class ExportProcess(QObject):
             self.ended.emit("failed", self._process.errorString())
 
     def _remove_parts(self) -> None:
-        """Remove what a killed process had begun to write."""
+        """Remove the partial files of a killed process."""
         if self._out is None or not self._out.parent.is_dir():
             return
         for part in self._out.parent.glob(f".part-{self._number}-*"):
@@ -113,7 +113,7 @@ _LEAST = 480, 320
 
 
 class Preview(QLabel):
-    """Shows the first frame; asks for another one shortly after the last change."""
+    """Shows the first frame; updates it shortly after the last change."""
 
     def __init__(self, project: Path, parent: QWidget | None = None) -> None:
         super().__init__("Drawing the first frame…", parent)
@@ -132,12 +132,12 @@ class Preview(QLabel):
         self._pause.timeout.connect(self._draw)
 
     def want(self, content: list[str], settings: PictureSettings) -> None:
-        """Show this before long."""
+        """Request an update soon."""
         self._wanted = content, settings
         self._pause.start()
 
     def stop(self) -> None:
-        """Draw no more."""
+        """Stop drawing."""
         self._wanted = None
         self._pause.stop()
         self._child.stop()
@@ -178,7 +178,7 @@ class Preview(QLabel):
 
 
 def first_frame_of(content: list[str], settings: PictureSettings) -> float | None:
-    """Return where the picture is taken: of a still where it says, of a film where it begins."""
+    """Return the position of the picture: that of a still, the start of a film."""
     if isinstance(settings, StillSettings):
         return settings.at
     return {"--mode": -settings.deviations, "--group": 0.0}.get(content[0] if content else "")
