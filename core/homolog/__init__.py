@@ -9,7 +9,7 @@
     larger = result.surface(model.instance([2.0]))              # +2 SD of the first mode, as a mesh
     form, shape = hl.compare_groups(result.aligned, groups)     # permutation tests, effects, maps
 
-Names are loaded when they are first used, so that importing the package takes no time. docs/api.md is their
+Names are loaded on first use, so that importing the package is fast. docs/api.md is their
 reference. Lengths are millimetres.
 """
 
@@ -88,7 +88,7 @@ def __dir__() -> list[str]:
 if not TYPE_CHECKING:  # type checkers know the names from above, and that there are no others
 
     def __getattr__(name: str) -> object:
-        """Load what a public name stands for, on its first use."""
+        """Load a public name on its first use."""
         if name not in _HOMES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

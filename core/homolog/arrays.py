@@ -1,4 +1,4 @@
-"""Array types and the read-only rule: arrays that travel between parts can't be written to."""
+"""Array types and the read-only rule: arrays that are passed between packages can't be written to."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ Float32Array = NDArray[np.float32]
 IntArray = NDArray[np.integer[Any]]
 BoolArray = NDArray[np.bool_]
 DeviceArray = Any
-"""A `wp.array`, whose type says nothing of its elements."""
+"""A `wp.array`, without the type of its elements."""
 
 
 def frozen(array: Array, dtype: Any = None) -> Array:  # noqa: ANN401 - whatever numpy takes as a dtype

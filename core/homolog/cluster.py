@@ -1,8 +1,8 @@
-"""Where the work on single subjects is done: processes of this machine, or a Dask cluster.
+"""Workers for single subjects: processes of this machine, or a Dask cluster.
 
-Subjects are groomed and fitted independently. What a worker returns is written by the program that asked, one
-file a subject, so that a worker, a scheduler or the program itself may end at any time: only subjects in work
-are begun again.
+Subjects are groomed and fitted independently. The calling program writes each worker's result to one
+file per subject. A worker, a scheduler or the program itself may therefore end at any time: only unfinished
+subjects are started again.
 """
 
 import logging
@@ -37,7 +37,7 @@ _log = logging.getLogger(__name__)
 def subject_executor(
     workers: int, cluster: str | None = None, announce: Callable[[str], None] = _log.info
 ) -> Iterator[Executor]:
-    """Give an executor for the work on single subjects; its own processes end with the block.
+    """Yield an executor for work on single subjects; its own processes end with the block.
 
     Parameters
     ----------
@@ -87,9 +87,9 @@ def subject_executor(
 
 
 class SubjectWorkers:
-    """Workers that are kept from one step of work on subjects to the next; one that dies is replaced.
+    """Workers that are reused between steps; one that dies is replaced.
 
-    To be used as a context manager, whose end is theirs. They are started when they are first needed.
+    A context manager; its exit ends the workers. They are started on first use.
 
     Parameters
     ----------
@@ -120,16 +120,16 @@ class SubjectWorkers:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """End the workers, whatever they are doing."""
+        """Terminate the workers."""
         self._stack.close()
 
     def each(
         self, function: Callable[[_J], _T], jobs: Mapping[str, _J], doing: str, tick: Tick = no_tick
     ) -> Iterator[tuple[str, _T]]:
-        """Let workers call a function for every subject; yield the results as they come.
+        """Call a function for every subject in the workers; yield the results as they arrive.
 
-        When a worker dies, only the subjects in hand are begun again, in new processes. What raises an error
-        is not tried again, as it would fail again.
+        When a worker dies, only its subjects are started again, in new processes. A function that raises
+        is not called again.
 
         Parameters
         ----------
@@ -178,20 +178,20 @@ class SubjectWorkers:
                         f"{doing}: workers died {deaths} times in a row, probably for lack of memory; use "
                         "fewer workers"
                     ) from error
-                _log.warning("%s: a worker died; what it had in hand is begun again", doing)
+                _log.warning("%s: a worker died; its subject is started again", doing)
             finally:
                 for future in pending:
                     future.cancel()
 
 
 class _ClusterExecutor(Executor):
-    """Dask's executor; a cluster that is lost breaks it as a dead process breaks a pool of processes."""
+    """Dask's executor; a lost cluster breaks it as a dead process breaks a process pool."""
 
     def __init__(self, dask: Executor) -> None:
         self._dask = dask
 
     def submit(self, function: Callable[..., _T], /, *args: Any, **kwargs: Any) -> Future[_T]:  # noqa: ANN401
-        """Let a worker call a function; Dask calls it again elsewhere if the worker dies."""
+        """Submit a call; Dask repeats it on another worker if one dies."""
         result: Future[_T] = Future()
 
         def done(inner: Future[_T]) -> None:
@@ -215,7 +215,7 @@ class _ClusterExecutor(Executor):
 
 
 def serve_as_worker(address: str) -> None:
-    """Work for a Dask scheduler until it ends or the process is interrupted.
+    """Run a Dask worker until its scheduler ends or the process is interrupted.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The compute device: chosen here and nowhere else, and always named."""
+"""The compute device: choice, description, errors."""
 
 import ctypes.util
 import os
@@ -14,7 +14,7 @@ __all__ = ["choose_device", "cores", "describe_device", "device_faults"]
 
 
 def _start_warp() -> None:
-    """Initialize Warp without the line that its native part prints where there is no CUDA driver.
+    """Initialize Warp without its message on a missing CUDA driver.
 
     Such a machine is a normal one here, and the device in use is named by `describe_device`.
     """
@@ -70,7 +70,7 @@ def choose_device(name: str = "auto") -> str:
 
 
 def describe_device(alias: str) -> str:
-    """Return a line for people, such as ``"cuda:0 (NVIDIA H100, 80 GB)"`` or ``"CPU (2 cores)"``."""
+    """Return a description, such as ``"cuda:0 (NVIDIA H100, 80 GB)"`` or ``"CPU (2 cores)"``."""
     if "," in alias:
         return " and ".join(describe_device(item) for item in alias.split(","))
     if alias == "cpu":
@@ -81,14 +81,14 @@ def describe_device(alias: str) -> str:
 
 @contextmanager
 def device_faults(alias: str) -> Iterator[None]:
-    """Turn what Warp raises when a GPU is lost or memory is full into an error with a remedy.
+    """Convert Warp's exceptions on a lost GPU or full memory into an error with a remedy.
 
-    Nothing goes on elsewhere by itself: another device gives other last digits, and takes other time.
+    The run does not switch devices by itself, because results would differ in the last digits.
 
     Raises
     ------
     InputError
-        Naming the device, what happened and how to go on from the state that was saved.
+        With the device, the fault and how to continue from the saved state.
     """
     try:
         yield
@@ -106,11 +106,11 @@ def device_faults(alias: str) -> Iterator[None]:
         )
         others = "those of the devices that work, or on cpu" if "," in alias else "the device cpu"
         elsewhere = "" if alias == "cpu" else f"; or resume on {others}"
-        raise InputError(f"{alias}: {what} ({error}); what was saved is kept: {remedy}{elsewhere}") from error
+        raise InputError(f"{alias}: {what} ({error}); saved data are kept: {remedy}{elsewhere}") from error
 
 
 _FULL = ("Failed to allocate", "out of memory")
-"""What Warp and CUDA say when memory is full."""
+"""Messages of Warp and CUDA on full memory."""
 
 
 def cores() -> int:

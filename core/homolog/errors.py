@@ -12,7 +12,7 @@ __all__ = [
 
 
 class HomologError(Exception):
-    """Base of every error that Homolog raises on purpose."""
+    """Base of all errors that Homolog raises deliberately."""
 
 
 class InputError(HomologError, ValueError):
@@ -31,7 +31,7 @@ class NumericalError(HomologError, ArithmeticError):
 
 
 class WorkerDiedError(NumericalError):
-    """A process that worked on single subjects died; what it had in hand can be begun again."""
+    """A worker process died; its subjects can be started again."""
 
 
 class Cancelled(HomologError):
@@ -47,7 +47,7 @@ def user_message(error: BaseException) -> str | None:
     if isinstance(error, InputError | NumericalError):
         return str(error)
     if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}; see who may read or write it, or choose another place"
+        return f"{error.filename}: {error.strerror}; check its permissions, or choose another location"
     if isinstance(error, ModuleNotFoundError) and error.name:
         package = error.name.partition(".")[0]
         if not package.startswith("homolog"):

@@ -1,4 +1,4 @@
-"""Similarities of space, by their (4, 4) matrices, and points spread over a cloud."""
+"""Similarities as (4, 4) matrices, and farthest-point sampling."""
 
 from collections.abc import Sequence
 
@@ -43,14 +43,14 @@ def inverse_matrices(matrices: FloatArray) -> FloatArray:
 def fit_rotation(
     covariance: FloatArray, *, mirrored: bool = False
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the rotation that brings centred points nearest to centred targets (Kabsch 1976).
+    """Return the least-squares rotation of centred points to centred targets (Kabsch 1976).
 
     Parameters
     ----------
     covariance : (..., 3, 3) array
         Sum of target ⊗ point over the points.
     mirrored : bool
-        Whether the best reflection is asked for instead.
+        Whether to return the best reflection instead.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def fit_similarity(
     scaling : bool
         Whether the size may change; otherwise the motion is rigid.
     mirrored : bool
-        Whether the best reflection is asked for instead of the best proper similarity.
+        Whether to return the best reflection instead of the best proper similarity.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""How much memory there is, so that what can't fit is refused before it is begun."""
+"""Available memory, to refuse data that do not fit in advance."""
 
 import ctypes
 import gc
@@ -17,10 +17,10 @@ _Item = TypeVar("_Item", bound=np.generic)
 
 
 class Store(Protocol):
-    """Where the arrays of shapes lie while they are used: in memory, or in files mapped into it."""
+    """Storage of the arrays of shapes: in memory, or in memory-mapped files."""
 
     def __call__(self, array: NDArray[_Item], /) -> NDArray[_Item]:
-        """Return an array of the same values that is used in place of the given one."""
+        """Return a copy of an array in the store."""
         ...
 
 
@@ -30,17 +30,17 @@ def in_memory(array: NDArray[_Item], /) -> NDArray[_Item]:
 
 
 def resident_memory() -> int:
-    """Return how much memory this process takes, mapped files included [bytes]."""
+    """Return the resident memory of this process, including mapped files [bytes]."""
     return int(psutil.Process().memory_info().rss)
 
 
 def free_memory() -> int:
-    """Return how much memory this machine can still give [bytes]."""
+    """Return the free memory of this machine [bytes]."""
     return int(psutil.virtual_memory().available)
 
 
 def return_freed_memory() -> None:
-    """Return to the system what this process has freed, which the C library of Linux keeps otherwise."""
+    """Return freed memory to the system, which the C library of Linux retains otherwise."""
     gc.collect()
     if sys.platform == "linux":
         library = ctypes.CDLL(None)
@@ -49,7 +49,7 @@ def return_freed_memory() -> None:
 
 
 def check_fits(what: object, needed: float, remedy: str) -> None:
-    """Refuse what would need more memory than is free.
+    """Raise InputError if more memory is needed than is free.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a settings model says about its fields, for command lines and forms to be made from."""
+"""The fields of a settings model, from which command lines and forms are generated."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -40,7 +40,7 @@ class Parameter:
     automatic : bool
         Whether the value may be left to the program (None).
     default : object
-        The value if nothing is said.
+        The default value.
     low, high : float or None
         Bounds, if any. `low_excluded` says that `low` itself is not allowed.
     low_excluded : bool
@@ -49,7 +49,7 @@ class Parameter:
     help : str
         One or two sentences.
     title : str
-        The name for people where the field's own isn't good enough.
+        Display name if it differs from the field's name.
     """
 
     name: str
@@ -65,7 +65,7 @@ class Parameter:
 
     @property
     def label(self) -> str:
-        """The name for people: ``"mesh edge"``."""
+        """Display name: ``"mesh edge"``."""
         return self.title or self.name.replace("_", " ")
 
     @property
@@ -75,7 +75,7 @@ class Parameter:
 
     @property
     def bounds(self) -> str:
-        """The bounds for people: ``"4 to 65536"``, or an empty text."""
+        """Text of the bounds: ``"4 to 65536"``, or an empty text."""
         if self.low is None or self.high is None:
             return ""
         return f"{'above ' if self.low_excluded else ''}{self.low} to {self.high}"
@@ -91,7 +91,7 @@ def parameters(model: type[BaseModel]) -> list[Parameter]:
 
 
 def fault_text(fault: ErrorDetails) -> str:
-    """Return what is wrong with a value, as Homolog's other messages say it."""
+    """Return the message on an invalid value."""
     text = _FAULTS.get(fault["type"])
     return fault["msg"] if text is None else text.format(**fault.get("ctx", {}))
 
@@ -120,7 +120,7 @@ def _parameter(name: str, field: FieldInfo) -> Parameter:
 
 
 def _kind(annotation: Any) -> tuple[type, bool]:  # noqa: ANN401 - annotations have no common type
-    """Return the type that a value has when it is not left to the program, and whether it may be."""
+    """Return the type of a value, and whether it may be None (automatic)."""
     if get_origin(annotation) not in (Union, UnionType):
         return annotation, False
     (kind,) = [get_arg for get_arg in get_args(annotation) if get_arg is not type(None)]

@@ -1,4 +1,4 @@
-"""Progress and cancellation: one callback, which all long computations call often."""
+"""Progress and cancellation by one callback, which all long computations call often."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
@@ -55,7 +55,7 @@ def part_of(tick: Tick, start: float, stop: float) -> Tick:
 
 
 def run_in_background(work: Callable[[Tick], _Result], tick: Tick, message: str) -> _Result:
-    """Run work that can't tick often enough in a background thread, while this thread ticks.
+    """Run a function that can't tick often in a background thread, while this thread ticks.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ __all__ = [
 
 
 class Method(StrEnum):
-    """Which contributions of the paper are in force."""
+    """Terms of the objective."""
 
     GEODESIC_NORMALS = "geodesic-normals"
     GEODESIC = "geodesic"
@@ -43,7 +43,7 @@ class Method(StrEnum):
 
 
 class Alignment(StrEnum):
-    """How the groomed shapes are brought into one frame."""
+    """Alignment of the groomed shapes."""
 
     NONE = "none"
     CENTER = "center"
@@ -68,7 +68,7 @@ class Pieces(StrEnum):
 
 
 class Procrustes(StrEnum):
-    """Whether shapes are aligned by their particles while these are placed, and what results keep."""
+    """Alignment of shapes by their particles during the optimization and in results."""
 
     AUTO = "auto"
     OFF = "off"
@@ -83,7 +83,7 @@ class Procrustes(StrEnum):
 
 
 def _form(pattern: str, expected: str) -> AfterValidator:
-    """Return what refuses texts of another form, and says which is expected."""
+    """Return a validator of a text's form."""
 
     def check(value: str | None) -> str | None:
         if value is not None and not re.fullmatch(pattern, value):
@@ -158,7 +158,7 @@ class GroomSettings(_Settings):
         Mirror,
         Field(
             description="Mirror the subjects of one body side: left, right, or off. Auto mirrors the rarer "
-            "side (left if equal) where a column side or all file names tell the sides."
+            "side (left if equal) if a column side or all file names give the sides."
         ),
     ] = Mirror.AUTO
     scaling: Annotated[
@@ -292,7 +292,7 @@ class RunSettings(_Settings):
         ),
         _form(
             r"auto|(cpu|cuda(:\d+)?)(,(cpu|cuda(:\d+)?))*",
-            "must be auto, cpu, cuda or such as cuda:0; several with commas and no blanks: cuda:0,cuda:1",
+            "must be auto, cpu, cuda or such as cuda:0; several with commas and no spaces: cuda:0,cuda:1",
         ),
     ] = "auto"
     workers: Annotated[
@@ -309,8 +309,8 @@ class RunSettings(_Settings):
             ge=0.1,
             le=100000.0,
             json_schema_extra=_unit("GB"),
-            description="Memory of the process that optimizes; fields, surfaces and distances then lie in "
-            "files of the project, mapped as it allows. They lie in memory if not given.",
+            description="Memory budget of the optimization; data beyond it are kept in memory-mapped files "
+            "of the project. Unlimited if not given.",
         ),
     ] = None
     cluster: Annotated[

@@ -17,7 +17,7 @@ __all__ = ["MISSING", "TABLE_SUFFIXES", "Row", "read_rows"]
 Row = dict[str, str]
 
 MISSING = ("", "na", "n/a", "nan", "none", "null")
-"""What stands, in any case, in a cell that holds no value."""
+"""Texts of cells without a value, in any case."""
 TABLE_SUFFIXES = (".csv", ".tsv", ".xlsx")
 """Of files that are taken for tables."""
 

@@ -1,4 +1,4 @@
-"""Work on several threads, and BLAS kept to one where matrices are small."""
+"""Multithreading, and limiting BLAS to one thread for small matrices."""
 
 import threading
 from collections import deque
@@ -42,10 +42,10 @@ def in_threads(
 
 
 def on_one_thread(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Make a function run its linear algebra on one thread.
+    """Decorate a function to run its linear algebra on one thread.
 
-    Many products and decompositions of small matrices are several times slower on two BLAS threads that wait
-    for each other than on one, a thousand times on a busy machine. And their last digits then do not depend
+    Products and decompositions of small matrices are several times slower on two BLAS threads that wait
+    for each other, a thousand times on a busy machine. With one thread their last digits do not depend
     on the number of cores.
     """
 

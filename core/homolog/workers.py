@@ -1,4 +1,4 @@
-"""Processes that groom subjects side by side, and that can be ended at once."""
+"""Processes that groom subjects in parallel and can be terminated at any time."""
 
 import os
 import signal
@@ -19,14 +19,14 @@ _PRELOADED = ["homolog.workers", "homolog.grooming.cohort"]
 
 @contextmanager
 def worker_processes(count: int, *, fresh: bool = False) -> Iterator[Executor]:
-    """Give an executor of several processes; when the block is left they end, whatever they are doing.
+    """Yield an executor of several processes, which are terminated at the end of the block.
 
     Parameters
     ----------
     count : int
         Processes at most.
     fresh : bool
-        Start each as a program of its own, which takes a second or two, with the environment that holds now.
+        Start each as a new program with the present environment, which takes a second or two.
 
     Yields
     ------
@@ -47,14 +47,14 @@ def worker_processes(count: int, *, fresh: bool = False) -> Iterator[Executor]:
 
 
 def unguarded_script() -> str:
-    """Return what else ends workers if a script of the user is running: each of them runs it again."""
+    """Return a hint for user scripts without a main guard, which workers would run again."""
     main = sys.modules.get("__main__")
     is_script = str(getattr(main, "__file__", "")).endswith(".py") and getattr(main, "__spec__", None) is None
     return ', and start the work of a script below if __name__ == "__main__":' if is_script else ""
 
 
 def _server() -> BaseContext | None:
-    """Return what forks workers from a process that has loaded what they need and nothing else.
+    """Return the context that forks workers from a server process with the required modules.
 
     A fork of this process, with its threads, Warp or a window, would not be safe. On macOS no fork is.
     """
@@ -81,7 +81,7 @@ def _server() -> BaseContext | None:
 
 
 def _live_with(parent: Connection) -> None:
-    """Leave Ctrl-C to the parent, and end with it even if it is killed: the pipe breaks then."""
+    """Ignore Ctrl-C, and end with the parent even if that is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.setdefault(_THREADS, "1")  # each process has its core
 

@@ -1,1 +1,1 @@
-"""What ``import homolog`` gives beyond other parts' own names: shapes in memory in, arrays out."""
+"""The Python API for shapes in memory: meshes and label maps in, arrays out."""

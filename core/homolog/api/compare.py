@@ -1,4 +1,4 @@
-"""Groups compared, and shapes regressed on a number, in one call."""
+"""Comparison of groups, and regression on a number, in one call."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -88,30 +88,30 @@ def compare_groups(
     groups : sequence of str or None
         Group of each of the M subjects.
     between : sequence of str, optional
-        The groups that are compared, two or more; differences are those from the first. By default all, in
-        the order in which they appear. Subjects of other groups, or of none, are excluded.
+        Two or more groups to compare; differences are relative to the first. By default all, in order of
+        appearance. Subjects of other groups, or of none, are excluded.
     pairs : sequence of str or None, optional
-        Of two groups the pair of each of the M subjects, such as the patient with a left and a right bone:
-        the two of a pair are compared, as by ``homolog analyze --pairs``. Subjects without one are excluded.
+        For two groups, the pair of each of the M subjects, such as the patient of a left and a right bone:
+        tests the differences within pairs, as ``homolog analyze --pairs``. Unpaired subjects are excluded.
     comparisons : sequence of (str, str), optional
-        Of three or more groups those that are compared with each other, such as each with the controls;
-        differences are the second minus the first. By default each two groups.
+        For three or more groups, the pairs of groups to compare, such as each with the controls;
+        differences are the second minus the first. By default all pairs.
     covariates : mapping of str to sequence, optional
-        What is adjusted for: M numbers or words for each covariate, such as ``{"age": ages}``. Numbers of a
-        name that ends in ``:c``, such as ``site:c``, are codes of categories.
+        Covariates to adjust for, with M numbers or texts each, such as ``{"age": ages}``. If a name ends in
+        ``:c``, such as ``site:c``, its numbers are codes of categories.
     alignment : {"rigid", "similarity", "as-it-lies"}, or several of them
-        How shapes are aligned before they are compared: rigidly (size and shape are compared: form), by
-        similarities (shape alone), or not at all. Several are several answers, whose p values are
-        corrected for their number (Bonferroni). By default both form and shape, as in the window and by
-        ``homolog analyze``. A single one, such as ``"rigid"``, is not corrected: choose it before looking.
+        Alignment before the comparison: rigid (form: size and shape), by similarities (shape alone), or
+        none. Several alignments give several answers, with p values corrected for their number
+        (Bonferroni). By default form and shape, as in the window and in ``homolog analyze``. A single one,
+        such as ``"rigid"``, is not corrected: choose it before you see results.
     modes : int, optional
         Modes in which the whole shape is tested; by parallel analysis if not given.
     permutations : int
-        Of each test; p values are no smaller than 1 / (permutations + 1).
+        Number of permutations of each test; p values are at least 1 / (permutations + 1).
     null_repeats : int
-        How often the tests are tried on permuted groups, which tells their type I error here; 0 for never.
+        Repeats of the null simulation, which estimates type I error rates; 0 omits it.
     seed : int
-        Of the permutations; same seed, same result.
+        Random seed of the permutations; the same seed gives the same result.
     names : sequence of str, optional
         Subject names, for messages.
     callback : callable, optional
@@ -120,15 +120,15 @@ def compare_groups(
     Returns
     -------
     tuple of Comparison, or Comparison
-        One for each alignment, form and shape by default; a Comparison itself if `alignment` is one name. It
-        is of two groups, or of the two of each pair; of more groups it is the test for any difference between
-        them, with each two, corrected for their number (Holm), in its `pairwise`.
+        One for each alignment, form and shape by default; a single Comparison if `alignment` is one name.
+        With three or more groups it is the test for any difference, and its `pairwise` has the comparisons
+        of two groups, corrected for their number (Holm).
 
     Raises
     ------
     InputError
-        If a group is too small, a value is missing, subjects are there twice, covariates can't be told
-        from the group, or an argument has no such value.
+        If a group is too small, a value is missing, subjects are duplicate, covariates are confounded with
+        the group, or an argument is invalid.
 
     References
     ----------
@@ -245,21 +245,21 @@ def regress(
     particles : (M, N, 3) array_like
         Corresponding points [mm], such as `Correspondence.aligned`.
     values : (M,) sequence of float
-        Value of each subject, such as its age; none may be missing.
+        Value of each subject, such as its age, without missing values.
     name : str
-        Of the variable, for titles and messages.
+        Name of the variable, for titles and messages.
     covariates : mapping of str to sequence, optional
-        What is adjusted for; as of `compare_groups`, also what follows.
+        Covariates to adjust for, as in `compare_groups`.
     alignment : {"rigid", "similarity", "as-it-lies"}, or several of them
-        How shapes are aligned before they are tested; by default form and shape.
+        Alignment before the test, as in `compare_groups`; by default form and shape.
     modes : int, optional
         Modes in which the whole shape is tested; by parallel analysis if not given.
     permutations : int
-        Of each test.
+        Number of permutations of each test.
     null_repeats : int
-        How often the tests are tried on permuted values; 0 for never.
+        Repeats of the null simulation; 0 omits it.
     seed : int
-        Of the permutations.
+        Random seed of the permutations.
     names : sequence of str, optional
         Subject names, for messages.
     callback : callable, optional
@@ -268,14 +268,14 @@ def regress(
     Returns
     -------
     tuple of Comparison, or Comparison
-        One for each alignment, form and shape by default; a Comparison itself if `alignment` is one name. Its
-        effects are changes per unit of the variable.
+        One for each alignment, form and shape by default; a single Comparison if `alignment` is one name.
+        Effects are changes per unit of the variable.
 
     Raises
     ------
     InputError
-        If a value is missing or no number, subjects are there twice, the variable can't be told from the
-        covariates, or an argument has no such value.
+        If a value is missing or not a number, subjects are duplicate, the variable is confounded with the
+        covariates, or an argument is invalid.
 
     References
     ----------
@@ -321,7 +321,7 @@ def _answers(
     options: Options,
     callback: Callable[[float, str], object] | None,
 ) -> Comparison | tuple[Comparison, ...]:
-    """Return the answer with one alignment, or those with several, which count as so many."""
+    """Return the answer for one alignment, or one answer for each of several."""
     alignments = (alignment,) if isinstance(alignment, str) else tuple(alignment)
     count, tick = len(alignments), tick_of(callback)
     answers = [
@@ -347,7 +347,7 @@ def _check(alignments: Sequence[str], permutations: int) -> None:
 
 def _check_comparisons(comparisons: Sequence[tuple[str, str]], order: Sequence[str]) -> None:
     if len(order) < 3:
-        raise InputError("comparisons are chosen among three or more groups; give two groups by `between`")
+        raise InputError("comparisons need three or more groups; for two groups use `between`")
     if not comparisons or len({frozenset(pair) for pair in comparisons}) < len(comparisons):
         raise InputError("comparisons: give one or more, each once")
     for pair in comparisons:
@@ -382,7 +382,7 @@ def _columns(
     subjects: int,
     names: Sequence[str] | None,
 ) -> FloatArray | None:
-    """Return the columns (m, c) of the covariates of those who are compared."""
+    """Return the columns (m, c) of the covariates of the compared subjects."""
     if not covariates:
         return None
     for title, values in covariates.items():

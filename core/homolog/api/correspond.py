@@ -44,11 +44,11 @@ from homolog.workers import worker_processes
 __all__ = ["Callback", "Correspondence", "Settings", "correspond", "run_settings"]
 
 Callback = Callable[[float, str], object]
-"""``callback(fraction, message)``: how much is done, in [0, 1], and what is being done."""
+"""``callback(fraction, message)``: the fraction done, in [0, 1], and the current step."""
 
 
 class Settings(TypedDict, total=False):
-    """Further settings of `correspond`, by the names that the command line gives them."""
+    """Further settings of `correspond`, named as on the command line."""
 
     label: int | None
     segment: str | None
@@ -86,7 +86,7 @@ class Correspondence(HasMeanShape):
     names : tuple of str
         The M subjects.
     groups : tuple of str or None
-        Their groups, where the cohort's table has them.
+        Their groups, from the cohort's table.
     covariates : dict of str to tuple of str
         The further columns of the cohort's table, one value for each subject, empty where missing.
     particles : (M, N, 3) float64 array
@@ -99,13 +99,13 @@ class Correspondence(HasMeanShape):
     meshes : tuple of TriangleMesh
         The smoothed surfaces that the particles lie on, each in its own frame.
     energies : (T, 4) float64 array
-        Iteration, and the sampling, ensemble and normals part of the objective; lower is better.
+        Iteration, and the three terms of the objective (sampling, ensemble, normals); lower is better.
     iterations : int
         Of the optimization.
     converged : bool
-        Whether the objective had come to rest before the last iteration that was allowed.
+        Whether the objective converged before the maximum number of iterations.
     notes : tuple of str
-        What was found and changed: a line for each finding on a subject.
+        Findings and changes, one line each.
     """
 
     names: tuple[str, ...]
@@ -143,7 +143,7 @@ class Correspondence(HasMeanShape):
         Parameters
         ----------
         folder : path
-            A new or empty folder, or a project, whose result is replaced. It is made if need be.
+            A new or empty folder, or a project, whose result is replaced. It is created if necessary.
 
         Returns
         -------
@@ -153,7 +153,7 @@ class Correspondence(HasMeanShape):
         Raises
         ------
         InputError
-            If the folder holds other files or can't be written to; a result in it is then as it was.
+            If the folder contains other files or can't be written to; an existing result is not changed.
         """
         project = ProjectFolder(Path(folder))
         project.check_is_free()
@@ -190,8 +190,8 @@ def correspond(
 ) -> Correspondence:
     """Place corresponding particles on the surfaces of a cohort.
 
-    Does what ``homolog run`` does, with the same defaults, without a project folder: surfaces are smoothed
-    and remeshed, aligned, and particles are placed so that they cover every surface evenly and describe the
+    The pipeline of ``homolog run``, with the same defaults, without a project folder: surfaces are smoothed,
+    remeshed and aligned, and particles are placed so that they cover every surface evenly and describe the
     cohort with as little variation as possible, by geodesic distances and surface normals.
 
     Parameters
@@ -200,27 +200,27 @@ def correspond(
         Two or more shapes: a `Cohort` (`read_cohort`), the path of a folder or table, a list of shapes, or a
         dict of them by name. Each shape is the path of a segmentation or mesh, a `TriangleMesh`, a trimesh or
         pyvista mesh, a pair (vertices (V, 3), faces (F, 3)) of arrays, a SimpleITK image, a label array
-        (I, J, K) with `voxel_size`, or a pair (labels, index_to_world (4, 4)). Lengths are mm; meshes need
-        not be clean.
+        (I, J, K) with `voxel_size`, or a pair (labels, index_to_world (4, 4)). Lengths are in mm; meshes may
+        be open or damaged.
     n_particles : int
         Corresponding points on every shape.
     voxel_size : float or three floats, optional
         Of label arrays, along their axes [mm].
     device : str
-        ``"auto"`` (the first GPU if there is one, else the CPU), ``"cpu"`` or ``"cuda:<n>"``; several, as
-        ``"cuda:0,cuda:1"``, share the shapes.
+        ``"auto"`` (the first GPU if there is one, else the CPU), ``"cpu"`` or ``"cuda:<n>"``; several, such
+        as ``"cuda:0,cuda:1"``, share the shapes.
     workers : int
-        Processes that smooth and remesh shapes, and fit them to a core set. With more than one, a script
-        must start its work under ``if __name__ == "__main__":``.
+        Number of processes that smooth and remesh shapes, and fit them to a core set. With more than one, a
+        script must call this function under ``if __name__ == "__main__":``.
     callback : callable, optional
-        ``callback(fraction, message)``, some ten times a second. Raise `Cancelled`, or any other error, in it
-        to stop.
+        ``callback(fraction, message)``, about ten times per second. It may raise `Cancelled`, or any other
+        error, to stop.
     **settings
         Any setting of ``homolog run`` by its name, such as ``alignment="center"``, ``smoothing=0.5`` or
-        ``seed=1``: see the table of settings in docs/api.md. The same shapes, settings and seed give the same
-        particles, to the last digit on a CPU. With ``core_set=K`` K subjects are optimized jointly and the
-        others fitted to them, with surfaces and fits in a temporary folder; ``homolog run`` keeps these in
-        the project, so that it can be resumed, and holds few surfaces in memory.
+        ``seed=1``: see the table of settings in docs/api.md. On a CPU, the same shapes, settings and seed
+        give bit-identical particles. With ``core_set=K``, K subjects are optimized jointly and the others
+        fitted to them, with surfaces and fits in a temporary folder; ``homolog run`` stores these in the
+        project, so that it can be resumed, and has few surfaces in memory.
 
     Returns
     -------
@@ -236,7 +236,7 @@ def correspond(
     References
     ----------
     M. Datar et al., "Geometric correspondence for ensembles of nonregular shapes", MICCAI 2011;
-    docs/method.md says what differs here.
+    docs/method.md describes the differences.
     """
     chosen = run_settings(dict(settings), n_particles, device, workers)
     alias = choose_device(device)
@@ -270,7 +270,7 @@ def correspond(
 def _grown(
     cohort: Cohort, groomed: Sequence[GroomedSubject], settings: RunSettings, device: str, control: Control
 ) -> OptimizationOutcome:
-    """Optimize a core set and fit the others to it; surfaces and fits lie in a temporary folder meanwhile."""
+    """Optimize a core set and fit the others to it, with surfaces and fits in a temporary folder."""
     with TemporaryDirectory(prefix="homolog-") as name, report_os_errors(Path(name)):
         folder = Path(name)
         for item in groomed:
@@ -296,7 +296,7 @@ def run_settings(given: dict[str, Any], n_particles: int, device: str, workers: 
     TypeError
         If there is no setting of a name.
     InputError
-        A line for each value that can't be one.
+        One line for each invalid value.
     """
     unknown = sorted(given.keys() - Settings.__annotations__.keys())
     if unknown:
@@ -327,7 +327,7 @@ def _observer(callback: Callback) -> Observer:
 
 
 def _executor(workers: int) -> AbstractContextManager[Executor]:
-    """Return where shapes are groomed; one worker is a thread, for which scripts need no guard."""
+    """Return the executor of grooming; one worker is a thread, for which scripts need no guard."""
     return ThreadPoolExecutor(1) if workers == 1 else worker_processes(workers)
 
 

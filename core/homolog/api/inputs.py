@@ -1,4 +1,4 @@
-"""What Python users have in hand, as a cohort: meshes and label arrays of any library, files, folders."""
+"""Conversion of inputs to a cohort: meshes and label arrays of any library, files, folders."""
 
 from collections.abc import Iterable, Mapping
 from os import PathLike
@@ -26,7 +26,7 @@ _KINDS = (
 def cohort_of(
     shapes: object, voxel_size: float | Iterable[float] | None, settings: GroomSettings
 ) -> tuple[Cohort, dict[str, Source]]:
-    """Return shapes as a cohort, and those of them that are in memory.
+    """Return shapes as a cohort, and the shapes in memory.
 
     Parameters
     ----------
@@ -106,9 +106,9 @@ def _checked(vertices: Any, faces: Any) -> TriangleMesh:  # noqa: ANN401 - whate
             "triangulate it"
         )
     if corners.dtype.kind not in "iu" or not len(corners):
-        raise InputError("faces must be integers, one row for each triangle; there must be some")
+        raise InputError("faces must be integers, one row for each triangle, at least one")
     if corners.min() < 0 or corners.max() >= len(points):
-        raise InputError("faces name vertices that do not exist; count them from 0")
+        raise InputError("faces refer to vertices that do not exist; indices start at 0")
     if not np.isfinite(points).all():
         raise InputError("vertices are not finite numbers; export the mesh again")
     return TriangleMesh(points, corners)
@@ -147,7 +147,7 @@ def _labels(
     else:
         labels, matrix = np.asarray(shape), np.eye(4)
         if labels.ndim == 3 and voxel_size is None:
-            raise InputError("is a label array without voxel_size [mm]; give it")
+            raise InputError("is a label array; give its voxel_size [mm]")
         size = np.broadcast_to(np.asarray(1.0 if voxel_size is None else voxel_size, np.float64), 3)
         if not (np.isfinite(size).all() and (size > 0.0).all()):
             raise InputError(f"voxel_size {voxel_size} must be one or three lengths above 0 [mm]")

@@ -14,7 +14,7 @@ __all__ = ["HasMeanShape", "MeanShape"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeanShape:
-    """Mean particles with the surface that follows them.
+    """Mean particles with the surface that they deform.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class MeanShape:
 
 
 class HasMeanShape(ABC):
-    """What has a mean shape: gives the surface of any particles in its common frame."""
+    """Base of objects with a mean shape, which gives the surface of any particles in the common frame."""
 
     @property
     @abstractmethod

@@ -35,12 +35,12 @@ def make_reference(
     project : path
         Folder with a result.
     group : str, optional
-        Who the controls are, in the column group; all subjects by default.
+        Group of the controls, in the column ``group``; all subjects by default.
     adjust : sequence of str
         Columns of the cohort's table to adjust for, such as age.
     pairs : str, optional
-        Column that names a person, if controls were seen twice: the first time is the control, the change to
-        the next one is what `homolog.patient.compare_times` expects of a patient.
+        Column that identifies a person, if controls were scanned twice: the first time is the control, and
+        the change to the next one is the expected change in `homolog.patient.compare_times`.
     time : str
         Column that orders a person's times.
     workers : int, optional
@@ -82,11 +82,11 @@ def compare_patient(
     ----------
     reference : Reference
     shape : path, mesh, image or array
-        As `correspond` takes each of its shapes; groomed as the controls were.
+        As the shapes of `correspond`; groomed with the settings of the controls.
     covariates : mapping of str to value, optional
-        The patient's values of what the reference is adjusted for.
+        The patient's values of the covariates of the reference.
     side : str
-        ``"left"`` or ``"right"``: the shape is mirrored if the controls are of the other one.
+        ``"left"`` or ``"right"``: the shape is mirrored if the controls are of the other side.
     voxel_size : float or three floats, optional
         Of a label array [mm].
     force : bool
@@ -101,7 +101,7 @@ def compare_patient(
     Raises
     ------
     InputError
-        If the shape is empty, of another unit, side or structure, cut off, or a covariate is missing.
+        If the shape is empty, has another unit, side or structure, is cut off, or a covariate is missing.
     """
     values = {name: str(value) for name, value in (covariates or {}).items()}
     reference.coding.columns(values)  # refuses before anything is computed

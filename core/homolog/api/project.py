@@ -32,7 +32,7 @@ class Project(HasMeanShape):
     names : tuple of str
         The M subjects.
     groups : tuple of str or None
-        Their groups, as the cohort's table has them now.
+        Their groups, from the present table.
     covariates : dict of str to tuple of str
         The further columns of the cohort's table, one value for each subject, empty where missing.
     particles : (M, N, 3) float64 array
@@ -45,9 +45,9 @@ class Project(HasMeanShape):
     settings : RunSettings
         Of the run.
     converged : bool
-        Whether the run's objective had come to rest; False for models of other programs.
+        Whether the run converged; False for models of other programs.
     notes : tuple of str
-        What was found and changed: a line for each finding on a subject.
+        Findings and changes, one line each.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""The paper's coffee-bean cohort and the figures that judge a run on it."""
+"""The paper's coffee-bean cohort and its metrics."""

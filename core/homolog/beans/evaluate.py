@@ -1,4 +1,4 @@
-"""The figures that judge corresponding particles on a bean cohort, where the truth is known."""
+"""Metrics of corresponding particles on a bean cohort with known truth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ _SAME_SIDE = -0.5
 
 @dataclass(frozen=True, slots=True)
 class BeanMetrics:
-    """What a set of particles makes of a bean cohort. Shares and R² are in [0, 1].
+    """Metrics of a set of particles on a bean cohort. Shares and R² are in [0, 1].
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class BeanMetrics:
 
 
 def evaluate(particles: FloatArray, beans: Sequence[Bean]) -> BeanMetrics:
-    """Judge particles on a bean cohort.
+    """Evaluate particles on a bean cohort.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ def write_beans(folder: Path, beans: Sequence[Bean], seed: int, tick: Tick = no_
     beans : sequence of Bean
         The shapes.
     seed : int
-        What they were drawn with; noted in the table.
+        Their random seed, which is stored in the table.
     tick : Tick
         Told after each volume.
 

@@ -17,12 +17,12 @@ _WIDTH_MEAN, _WIDTH_SD = 8.0, 2.0
 
 @dataclass(frozen=True, slots=True)
 class BeanGeometry:
-    """What all beans of a cohort share; the paper leaves these numbers open.
+    """Common geometry of a cohort of beans, which the paper does not specify.
 
     Attributes
     ----------
     name : str
-        How the geometry is called on the command line.
+        Name on the command line.
     body : tuple of 3 float
         Semi-axes A, B, C of the large ellipsoid at the origin, along x, y, z [mm].
     slot_length, slot_depth : float

@@ -1,4 +1,4 @@
-"""Who is studied: the subjects' names, files and groups."""
+"""Cohorts: the subjects' names, files and groups."""
 
 from collections import Counter
 from os import PathLike
@@ -82,7 +82,7 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
     elif path.is_file() and path.suffix.lower() in TABLE_SUFFIXES:
         cohort = read_manifest(path)
     elif path.is_file():
-        raise InputError(f"{path}: is one file; give the folder of the cohort's files, or a cohort.csv")
+        raise InputError(f"{path}: is a single file; give the folder of the cohort's files, or a cohort.csv")
     else:
         raise InputError(f"{path}: does not exist; correct the path")
     repeated = [
@@ -109,7 +109,7 @@ _TRUTH = "truth.csv"  # of generated beans: says nothing of subjects
 
 
 def _unused_tables(folder: Path) -> list[str]:
-    """Return a note on the tables of a folder that lacks a table of the name that is looked for."""
+    """Return a note on the tables of a folder without a `cohort.csv`."""
     tables = sorted(
         entry.name
         for entry in folder.iterdir()
@@ -119,5 +119,5 @@ def _unused_tables(folder: Path) -> list[str]:
         and entry.name != _TRUTH
     )
     listed = f"{tables[0]} and {len(tables) - 1} more" if len(tables) > 1 else "".join(tables)
-    use = f"call a table {MANIFEST}, or import it later: homolog table PROJECT TABLE, or File > Import table"
+    use = f"rename it to {MANIFEST}, or import it later: homolog table PROJECT TABLE, or File > Import table"
     return [f"not used: {listed}; {use}"] if tables else []

@@ -1,4 +1,4 @@
-"""Types of a table's columns, which a row below the header declares."""
+"""Types of a table's columns, declared in a row below the header."""
 
 from collections.abc import Sequence
 from contextlib import suppress

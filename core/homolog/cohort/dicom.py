@@ -1,4 +1,4 @@
-"""Which of the files in folders are DICOM: slices of a series, or objects with structures."""
+"""DICOM files in folders: slices of a series, or segmentation objects."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +13,7 @@ _RTSTRUCT = b"1.2.840.10008.5.1.4.1.1.481.3"
 def dicom_files(folder: Path) -> list[Path]:
     """Return the DICOM files of a folder, by their content; their names may end in anything.
 
-    A DICOMDIR, the table of contents of a disc, is none of them.
+    A DICOMDIR, the table of contents of a disc, is excluded.
     """
     return list(_dicom_files(folder))
 

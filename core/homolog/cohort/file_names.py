@@ -1,4 +1,4 @@
-"""What the names of files say: whether they are label maps or scans, of which structure, at which time."""
+"""Interpretation of file names: label maps or scans, structures, time points."""
 
 import re
 from collections import defaultdict
@@ -38,16 +38,16 @@ _MASKS = frozenset([
     "maske", "masken", "segmentierung", "segmentierungen", "masque", "masques", "mascara", "mascaras",
     "segmentacion", "segmentaciones", "maschera", "maschere", "segmentazione", "segmentazioni",
 ])
-"""Words that say that a file is a label map."""
+"""Words in the names of label maps."""
 _MODALITIES = frozenset([
     "4d", "adc", "bold", "cbct", "cine", "ct", "cta", "dicom", "dwi", "flair", "mr", "mri", "mrt", "pd",
     "pdw", "pet", "probseg", "swi", "t1", "t1c", "t1ce", "t1gd", "t1n", "t1w", "t2", "t2f", "t2star", "t2w",
 ])
 # fmt: on
 _PICTURES = _MODALITIES | {"bild", "brain", "image", "imaging", "img", "norm", "nu", "orig", "scan", "volume"}
-"""What pictures are called that lie next to label maps."""
+"""Names of scans next to label maps."""
 _NORMALIZED = {"norm", "nu", "orig"}
-"""Last words of FreeSurfer's pictures."""
+"""Last words of the names of FreeSurfer's scans."""
 _LABEL_MAPS = frozenset({"aseg", "dseg", "firstseg", "wmparc"})
 """Words of BIDS, FSL and FreeSurfer for a map of all structures."""
 # fmt: off
@@ -57,7 +57,7 @@ _GROUPS = frozenset([
     "training", "val", "valid", "validation", "women",
 ])
 # fmt: on
-"""Words of folders that say which subjects are in them."""
+"""Words in the names of folders of groups."""
 _TIME = re.compile(
     r"(day|frame|month|phase|ses|session|time|timepoint|tp|visit|week|year)\d{1,4}"
     r"|(19|20)\d\d[01]\d[0-3]\d|baseline|diastole|ed|es|followup|post|postop|pre|preop|systole"
@@ -71,7 +71,7 @@ _OTHER_GIFTI = re.compile(
 """GIFTI files of values at the points of a surface, and surfaces that are unfolded."""
 _NUMBER_LAST = re.compile(r"(.*[^\W\d_])[-_. ]?(\d+)")
 _FEWEST = 3
-"""Subjects that speak for a structure's name at the end of their files."""
+"""Smallest number of subjects for structure names at the end of their files."""
 _FULL = 0.75
 """Share of the subjects that have a file for each structure, where names say so."""
 
@@ -101,7 +101,7 @@ def copies_among(files: Sequence[Path]) -> list[Path]:
 
 
 def is_group(name: str) -> bool:
-    """Return whether a folder's name says which subjects are in it: ``patients``, ``train``, ``pre``."""
+    """Return whether a folder's name is that of a group: ``patients``, ``train``, ``pre``."""
     tokens = _words(name)
     return bool(tokens) and all(
         word in _GROUPS or word in _MODALITIES or _TIME.fullmatch(word) for word in tokens
@@ -109,7 +109,7 @@ def is_group(name: str) -> bool:
 
 
 def name_within(kind: str, name: str) -> str:
-    """Return a name without that of its structure at either end: ``01`` of ``liver_01`` in ``liver``."""
+    """Return a name without a structure's name at either end: ``01`` of ``liver_01`` in ``liver``."""
     inner = re.sub(rf"^{re.escape(kind)}[-_. ]+|[-_. ]+{re.escape(kind)}$", "", name, flags=re.IGNORECASE)
     return inner or name
 
@@ -119,7 +119,7 @@ def _words(text: str) -> list[str]:
 
 
 def is_picture(structure: str) -> bool:
-    """Return whether what a file is called within its subject says that it is a scan."""
+    """Return whether the name of a subject's file is that of a scan."""
     tokens = _words(structure)
     if not tokens or not _MASKS.isdisjoint(tokens):
         return False
@@ -152,12 +152,12 @@ def _whose(tokens: Iterable[str]) -> tuple[str, ...]:
 
 
 def maps_of_all(files: Sequence[Path]) -> list[Path]:
-    """Return the files whose names say that they hold all structures of a subject: BIDS, FSL FIRST."""
+    """Return the files with all structures of a subject, by their names: BIDS, FSL FIRST."""
     return [file for file in files if not _LABEL_MAPS.isdisjoint(_words(stem_of(file)))]
 
 
 def corrected(files: Sequence[Path]) -> list[Path]:
-    """Return files without those that FSL FIRST wrote a second time, with the voxels at the border decided.
+    """Return files without FSL FIRST's duplicates with undecided border voxels.
 
     ``L_Hipp_first.nii.gz`` has these as values of their own, ``L_Hipp_corr.nii.gz`` has the structure only.
     """
@@ -170,7 +170,7 @@ def corrected(files: Sequence[Path]) -> list[Path]:
 
 
 def best_label_maps(files: Mapping[str, Path]) -> dict[str, Path]:
-    """Return those of a subject's files that hold all its structures, as their names say; else all files.
+    """Return the files with all structures of a subject, by their names; else all files.
 
     A 3D Slicer segmentation among volumes; BIDS' ``dseg``: in the subject's own space, ``aseg`` of several.
     """
@@ -186,13 +186,13 @@ def best_label_maps(files: Mapping[str, Path]) -> dict[str, Path]:
 
 
 def are_times(structures: Iterable[str]) -> bool:
-    """Return whether several files of a subject are the same at several times: ``frame01_gt``, ``ED``."""
+    """Return whether several files of a subject are time points: ``frame01_gt``, ``ED``."""
     names = list(structures)
     return len(names) > 1 and all(map(_is_time, names))
 
 
 def times_among(names: Iterable[str]) -> list[str]:
-    """Return the folders of a subject that are points in time: ``baseline`` and ``2020-04-02``."""
+    """Return the folders of a subject that are time points: ``baseline`` and ``2020-04-02``."""
     times = [name for name in names if _is_time(name)]
     return times if len(times) > 1 else []
 
@@ -203,7 +203,7 @@ def _is_time(name: str) -> bool:
 
 
 def words_but_times(text: str) -> tuple[str, ...]:
-    """Return the words of a name without points in time: ``cc`` and ``mask`` of ``ses-01_cc_mask``."""
+    """Return the words of a name without time points: ``cc`` and ``mask`` of ``ses-01_cc_mask``."""
     joined = re.sub(r"(?<=[^\W\d_])[-_. ](?=\d)", "", text)
     return tuple(word for word in _words(joined) if not _TIME.fullmatch(word))
 
@@ -226,7 +226,7 @@ def structures_in_names(stems: Sequence[str]) -> dict[str, int]:
 
 
 def kinds_before_numbers(stems: Sequence[str]) -> list[str]:
-    """Return what comes before the same numbers: ``liver_01``, ``spleen_01``, ``liver_02`` …; else nothing.
+    """Return the texts before equal numbers: ``liver_01``, ``spleen_01``, ``liver_02`` …; else nothing.
 
     These may be structures as well as groups.
     """
@@ -240,7 +240,7 @@ def kinds_before_numbers(stems: Sequence[str]) -> list[str]:
 
 
 def pictures_among(files: Sequence[Path]) -> dict[str, Path]:
-    """Return the scans, by whose they are: ``p1_ct``, where the other files are ``p1_liver`` or such."""
+    """Return the scans by subject: ``p1_ct``, where the other files are ``p1_liver`` or such."""
     scans = {owner_of(stem_of(file)): file for file in files if is_picture(structure_in(stem_of(file)))}
     others = [stem_of(file) for file in files if file not in scans.values()]
     masks = {owner_of(stem) for stem in others if structure_in(stem)}
@@ -248,12 +248,12 @@ def pictures_among(files: Sequence[Path]) -> dict[str, Path]:
 
 
 def structure_in(stem: str) -> str:
-    """Return the part of a file's name after whose it is; empty if there is none."""
+    """Return the part of a file's name after the subject's; empty if there is none."""
     return stem[len(owner_of(stem)) :].strip("_-. ")
 
 
 def owner_of(stem: str) -> str:
-    """Return whose a file is: the numbered part of its name; without a number, all but the last word."""
+    """Return a file's subject: the numbered part of its name; without a number, all but the last word."""
     return numbered_part(stem) or re.sub(r"[-_. ]+[^\W_]+$", "", stem) or stem
 
 

@@ -1,4 +1,4 @@
-"""A cohort from a folder: its files, or those of the folders in it."""
+"""A cohort from a folder: its files, or those of its subfolders."""
 
 import re
 from collections import Counter
@@ -38,7 +38,7 @@ from homolog.errors import InputError
 __all__ = ["read_folder"]
 
 _NAMED = 5
-"""Files or folders that a message names, at most."""
+"""Largest number of files or folders in a message."""
 _PART = r"([-_.]?(tr|ts|va|train|training|test|testing|val|validation))?"
 _LABEL_FOLDER = re.compile(
     rf"((segmentation|seg|label|mask|structure|annotation|gt|ground[-_ ]?truth|masque|mascara)s?"
@@ -49,13 +49,13 @@ _IMAGE_FOLDER = re.compile(
     rf"((image|img|scan|volume|picture)s?|bild(er)?|imagen(es)?|immagin[ei]){_PART}", re.IGNORECASE
 )
 _MESH_FOLDER = re.compile(r"(mesh|meshe|surface|model)s?", re.IGNORECASE)
-"""Names of folders that say what is in them, not of whom it is."""
+"""Names of folders that are not subjects."""
 _DERIVATIVES = "derivatives"
 """Where BIDS data sets keep what was computed from the scans."""
 _TEMPLATE = re.compile(r"fsaverage.*|[lr]h\.EC_average|cvs_avg.*", re.IGNORECASE)
 """FreeSurfer's own subjects."""
 _LABEL_MAPS_OF_FREESURFER = (
-    "the label maps in mri/ were read; to take surfaces instead, name them in a cohort.csv (surf/lh.pial)"
+    "the label maps in mri/ were read; to use surfaces, list them in a cohort.csv (surf/lh.pial)"
 )
 _SAME_NAMES = "next to files of the same names"
 
@@ -64,7 +64,7 @@ _Files = Mapping[str, Path]
 
 
 def read_folder(folder: Path) -> Cohort:
-    """Return the cohort of a folder; raises InputError if there is none or several may be meant."""
+    """Return the cohort of a folder; raises InputError if there is none or the choice is ambiguous."""
     entries = entries_of(folder)
     slices = [
         entry
@@ -90,7 +90,7 @@ def read_folder(folder: Path) -> Cohort:
 
 
 def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[str]]:
-    """Return the subjects of the files in one folder, and a note of those that are none."""
+    """Return the subjects of the files in one folder, and a note on skipped files."""
     scans, copies = scans_beside(files), copies_among(files)
     labels = [file for file in files if file not in scans and file not in copies]
     chosen = maps_of_all(labels) or corrected(labels)
@@ -119,7 +119,7 @@ def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[
 
 
 def _with_scan(file: Path, scan: Path | None) -> Subject:
-    """Return the subject of a label map; the scan beside it tells its name where that begins the map's."""
+    """Return the subject of a label map, named after the scan if the map's name begins with the scan's."""
     if scan is None:
         return _subject(stem_of(file), file)
     name = stem_of(scan) if stem_of(file).startswith(stem_of(scan)) else stem_of(file)
@@ -180,7 +180,7 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
 
 
 def _only_scans(folder: Path) -> bool:
-    """Return whether all files lie in folders whose names say that they are scans: ``imagesTs``."""
+    """Return whether all files are in folders of scans, by their names: ``imagesTs``."""
     return holds_files(folder) and (
         bool(_IMAGE_FOLDER.fullmatch(folder.name)) or not holds_files(folder, _IMAGE_FOLDER)
     )
@@ -195,12 +195,12 @@ def _nothing_in(folder: Path) -> InputError:
         if (suffix := suffix_of(file)) and file.name[0] != "." and file.is_file()
     )
     there = ", ".join(f"{suffix} ({count})" for suffix, count in others.most_common(_NAMED))
-    contents = f"; it contains {there}, which have to be unpacked or converted first" if there else ""
+    contents = f"; it contains {there}, which must be unpacked or converted first" if there else ""
     return InputError(f"{folder}: contains no segmentation or mesh{contents}; known files are {known}")
 
 
 def _subject_of(name: str, files: _Files, by_structure: bool) -> Subject:
-    """Return a subject; where subjects have a file for each structure, their folder is the path."""
+    """Return a subject; its path is its folder if it has one file per structure."""
     first = next(iter(files.values()))
     if by_structure and "" not in files and first.parent.name != "mri":
         return Subject(name, first.parent)
@@ -290,7 +290,7 @@ def _several_meant(folder: Path, owned: Mapping[Path, _Files]) -> InputError:
 
 
 def _are_structures(owned: Mapping[Path, Mapping[str, Path]]) -> bool:
-    """Return whether folders hold a structure each, of the same subjects: most are in two of them or more."""
+    """Return whether each folder holds one structure, with most subjects in two or more folders."""
     if len(owned) < 2 or _describe_contents(owned) or not all(owned.values()):
         return False
     counts = Counter(name for files in owned.values() for name in files)

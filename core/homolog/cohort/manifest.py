@@ -1,4 +1,4 @@
-"""A cohort from a table of names, files, groups and whatever else is known of the subjects."""
+"""A cohort from a table of names, files, groups and covariates."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ OTHER_NAMES = {
     "group": ("gruppe", "groupe", "grupo", "gruppo"),
 }
 # fmt: on
-"""What tables call these columns, in five languages as sides are."""
+"""Names of these columns in tables, in five languages."""
 _KNOWN = (*_OWN_COLUMNS, *(name for names in OTHER_NAMES.values() for name in names))
 _BAD_IN_NAMES = set('/\\:*?"<>|') | {chr(code) for code in range(32)}
 
@@ -50,7 +50,9 @@ def read_manifest(path: Path) -> Cohort:
         files.setdefault(subject.path, []).append(subject.name)
     for file, names in files.items():
         if len(set(names)) > 1:
-            raise InputError(f"{path}: {' and '.join(names)} are one file, {file.name}; give each its own")
+            raise InputError(
+                f"{path}: {' and '.join(names)} have the same file, {file.name}; give each its own"
+            )
     return Cohort(tuple(subjects), path.parent)
 
 
@@ -60,7 +62,7 @@ def names_files(path: Path) -> bool:
 
 
 def own_columns(columns: Sequence[str]) -> dict[str, str]:
-    """Return which of a table's columns mean those that a cohort knows, in capitals or by another name."""
+    """Return the known columns of a table, also capitalized or with another name."""
     own = {column: column for column in columns if column in _OWN_COLUMNS}
     for wanted in _OWN_COLUMNS:
         for names in ((wanted,), OTHER_NAMES.get(wanted, ())):
@@ -76,7 +78,7 @@ def _subject(row: Mapping[str, str], manifest: Path, line: int) -> Subject:
             raise InputError(f"{manifest}, line {line}: the {column} is empty")
     bad = sorted(_BAD_IN_NAMES & set(row["name"]))
     if bad or row["name"] in (".", ".."):
-        raise InputError(f"{manifest}, line {line}: {row['name']!r} can't be a file name; rename the subject")
+        raise InputError(f"{manifest}, line {line}: {row['name']!r} is not a valid name; rename the subject")
     try:
         for column in ("path", "landmarks", "image"):
             checked_path(row.get(column) or "")
@@ -95,6 +97,6 @@ def _subject(row: Mapping[str, str], manifest: Path, line: int) -> Subject:
 
 
 def place_of(folder: Path, text: str) -> Path:
-    """Return where a path of a table leads; a relative one may be written with backslashes."""
+    """Return the target of a path in a table; relative ones may have backslashes."""
     place = folder / text
     return place if os.path.exists(place) else folder / text.replace("\\", "/")

@@ -1,4 +1,4 @@
-"""Masks as pictures: a folder of PNG, TIFF or BMP slices for each subject, or a TIFF file of pages."""
+"""Masks as image stacks: a folder of PNG, TIFF or BMP slices for each subject, or a multi-page TIFF file."""
 
 import re
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ _DEPTH = 3
 
 
 def pictures_in(folder: Path) -> list[Path]:
-    """Return the pictures in a folder, by the numbers in their names."""
+    """Return the images in a folder, by the numbers in their names."""
     files = [
         entry for entry in folder.iterdir() if entry.suffix.lower() in _SUFFIXES and entry.name[0] != "."
     ]
@@ -68,7 +68,7 @@ def picture_cohort(folder: Path, folders: Sequence[Path]) -> Cohort | None:
 
 
 def _stacks(folder: Path, depth: int) -> list[Path]:
-    """Return where stacks lie in a folder: in those that are called masks, if there are such."""
+    """Return the folders of stacks in a folder: those called masks, if there are any."""
     if len(pictures_in(folder)) >= _FEWEST:
         return [folder]
     below = [item for item in sorted(folder.iterdir()) if item.is_dir() and item.name[0] != "."]

@@ -1,4 +1,4 @@
-"""Which side of the body a subject's structure is from, as a table or the files' names say."""
+"""Sides of the body, from a table or the file names."""
 
 import re
 from collections.abc import Sequence
@@ -56,7 +56,7 @@ def is_side(word: str) -> bool:
 
 
 def sides_among(names: Sequence[str]) -> dict[str, str]:
-    """Return the word for the side in each name, if nothing else differs: ``femur_L`` and ``femur_R``."""
+    """Return the side in each name, if nothing else differs: ``femur_L`` and ``femur_R``."""
     word_lists = {name: re.findall(r"[^\W_]+", name) for name in names}
     sides = {name: [word for word in parts if is_side(word)] for name, parts in word_lists.items()}
     others = {tuple(word.casefold() for word in parts if not is_side(word)) for parts in word_lists.values()}

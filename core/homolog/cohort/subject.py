@@ -70,7 +70,7 @@ class Subject:
     image: Path | None = None
 
     def __post_init__(self) -> None:
-        """Refuse names that are no text, as files of other systems may have: SimpleITK aborts on them."""
+        """Refuse names that are not valid text, on which SimpleITK aborts."""
         for item in (self.path, self.landmarks, self.image):
             try:
                 str(item or "").encode()
@@ -112,7 +112,7 @@ class Cohort:
     folder : Path
         Where the subjects' relative paths start.
     notes : tuple of str
-        What the user should know of how the files were read: which were left out, and why.
+        Notes on how the files were read: which were skipped, and why.
     """
 
     subjects: tuple[Subject, ...]
@@ -126,7 +126,7 @@ class Cohort:
 
 
 def suffix_of(path: Path) -> str:
-    """Return the known suffix that a file ends in, in lower case (``".nii.gz"``); else its last one."""
+    """Return the known suffix of a file, in lower case (``".nii.gz"``); else its last one."""
     name = path.name.lower()
     known = [item for item in IMAGE_SUFFIXES + MESH_SUFFIXES if name.endswith(item)]
     return known[0] if known else path.suffix.lower()
@@ -157,7 +157,7 @@ def image_beside(path: Path) -> Path | None:
 
 
 def checked_path(text: str) -> str:
-    """Return the text of a path; raises ValueError if no system would take it for one."""
+    """Return the text of a path; raises ValueError if it is not a valid path."""
     parts = text.replace("\\", "/").split("/")
     if (
         "\0" in text

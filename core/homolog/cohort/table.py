@@ -1,4 +1,4 @@
-"""Groups and covariates from a table, for subjects that are known already."""
+"""Groups and covariates from a table, for known subjects."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -27,7 +27,7 @@ _SHOWN_CHARACTERS = 80
 
 @dataclass(frozen=True, slots=True)
 class Replaced:
-    """A value of a subject that another takes the place of."""
+    """A value of a subject that is replaced."""
 
     subject: str
     column: str
@@ -37,7 +37,7 @@ class Replaced:
 
 @dataclass(frozen=True, slots=True)
 class TableChanges:
-    """What a table changes of known subjects.
+    """Changes of known subjects by a table.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class TableChanges:
 
     @property
     def lines(self) -> list[str]:
-        """What changes, a line each."""
+        """The changes, one line each."""
         lines = [f"{len(self.matched)} of {len(self.subjects)} subjects have a row (column {self.key})"]
         for number in dict.fromkeys(self.added.values()):
             names = [name for name, count in self.added.items() if count == number]
@@ -152,7 +152,7 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
 
 
 def with_values_of(subjects: Sequence[Subject], others: Sequence[Subject]) -> TableChanges:
-    """Return what the groups and columns of others with the same names change of subjects."""
+    """Return the changes of subjects by the groups and columns of others with the same names."""
     values = {other.name: _values(other) for other in others}
     return _changes(subjects, values, [], "name")
 

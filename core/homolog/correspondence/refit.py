@@ -75,7 +75,7 @@ def repair(
     """
     untrusted = free if misplaced is None else misplaced
     if local.shape[:2] != (len(shapes), *free.shape[1:]) or untrusted.shape != free.shape:
-        raise InputError("the particles and the choice of those that may move are not of the same cohort")
+        raise InputError("the particles and the free ones do not belong to the same cohort")
     settings = settings.model_copy(
         update={
             "particles": local.shape[1],

@@ -1,4 +1,4 @@
-"""A foreign model as a project with a result, so that it can be looked at and analyzed as it is."""
+"""Import of another program's model as a project with a result, for viewing and analysis."""
 
 import hashlib
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ _FEWEST = 4  # particles that are a shape
 def import_model(
     source: Path, project: ProjectFolder, *, domain: str | None = None, tick: Tick = no_tick
 ) -> list[str]:
-    """Make a project of a ShapeWorks project or a folder of particles, with a result.
+    """Create a project with a result from a ShapeWorks project or a folder of particles.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def import_model(
         A ``.swproj`` or ``.xlsx`` file, or a folder of ``.particles`` (``NAME.particles``, or
         ``NAME_local.particles`` and ``NAME_world.particles``).
     project : ProjectFolder
-        To be made; its folder is empty or not there.
+        To be created; its folder is empty or missing.
     domain : str, optional
         Which anatomy, where the project has several.
     tick : Tick
@@ -54,7 +54,7 @@ def import_model(
     Returns
     -------
     list of str
-        What the user should know, a line each.
+        Notes, one line each.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def _check(source: Path, model: ForeignModel) -> None:
 
 
 def _write(project: ProjectFolder, model: ForeignModel, tick: Tick) -> list[str]:
-    """Write everything of the project; return a line for each subject that something is to be said of."""
+    """Write the project; return notes on subjects, one line each."""
     local, world, alignments = with_alignments(model.subjects)
     if len(world[0]) < _FEWEST:
         raise InputError(f"{model.source}: has {len(world[0])} particles a shape; {_FEWEST} or more make one")
@@ -141,7 +141,7 @@ def _write(project: ProjectFolder, model: ForeignModel, tick: Tick) -> list[str]
 def _cohort(
     project: ProjectFolder, model: ForeignModel, stems: Sequence[str], surfaces: Sequence[SubjectSurface]
 ) -> Cohort:
-    """Return the subjects as a later run would read them: the input, else the surface, else particles."""
+    """Return the subjects for a later run: with the input, else the surface, else the particles."""
     subjects = []
     for subject, stem, shape in zip(model.subjects, stems, surfaces, strict=True):
         path = particle_file(project, stem, "local")

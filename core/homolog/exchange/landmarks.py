@@ -18,7 +18,7 @@ __all__ = ["LandmarkErrors", "project_landmark_errors"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LandmarkErrors:
-    """How far landmarks miss that the correspondence carries from subject to subject.
+    """Errors of landmarks that are transferred between subjects by the correspondence.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class LandmarkErrors:
 
 
 def project_landmark_errors(project: ProjectFolder) -> LandmarkErrors | None:
-    """Carry every subject's landmarks to every other; None if fewer than two subjects have the same ones.
+    """Transfer every subject's landmarks to all others; None if fewer than two subjects share any.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A shape model that another program made, before it is written into a project."""
+"""A shape model of another program, before it is written into a project."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -49,7 +49,7 @@ class ForeignSubject:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForeignModel:
-    """A foreign model: its subjects, where it comes from in words, and what is known of its optimization.
+    """A foreign model: its subjects, source, and known settings of its optimization.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ def particles_of(path: Path | None) -> FloatArray | None:
 def with_alignments(
     subjects: tuple[ForeignSubject, ...],
 ) -> tuple[list[FloatArray], list[FloatArray], FloatArray]:
-    """Return local and world particles and the alignments between them, whatever of them was given.
+    """Return local and world particles and the alignments between them; missing ones are computed.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def _world(subjects: tuple[ForeignSubject, ...]) -> list[FloatArray]:
 
 
 def _alignment(subject: ForeignSubject, local: FloatArray, world: FloatArray) -> FloatArray:
-    """Return the similarity from local to world: as the other program says if that is true, else fitted."""
+    """Return the similarity from local to world: the other program's if consistent, else a fitted one."""
     size = float(rms_radius(world))
     candidates = [] if subject.alignment is None else [subject.alignment]
     fitted = (fit_similarity(local, world, scaling=True, mirrored=mirrored) for mirrored in (False, True))

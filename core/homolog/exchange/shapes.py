@@ -1,4 +1,4 @@
-"""The surfaces of an imported model: its own files where they fit its particles, else what particles tell."""
+"""The surfaces of an imported model: its files if they fit its particles, else made from particles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -90,17 +90,16 @@ def surfaces_of(
                 positions[index], positions[template], template_mesh.vertices, template_mesh.faces
             )
             back = TriangleMesh(warped.vertices, template_mesh.faces).placed(np.linalg.inv(alignments[index]))
-            note = (
-                f"{refused[index]}; shown with the surface of {subjects[template].name}, carried by particles"
-            )
+            template_name = subjects[template].name
+            note = f"{refused[index]}; shown with the surface of {template_name}, warped by the particles"
             surface = SubjectSurface(back, None, (note,))
         result.append(surface)
     return result
 
 
 def _own(subject: ForeignSubject, points: FloatArray) -> tuple[SubjectSurface | None, str]:
-    """Return the surface of the first file that holds one, or why there is none."""
-    reason = "came without a surface"
+    """Return the surface of the first file with one, or the reason why there is none."""
+    reason = "has no surface"
     for path in subject.shapes:
         try:
             mesh = _read(subject.name, path)
@@ -127,7 +126,7 @@ def _read(name: str, path: Path) -> TriangleMesh:
 
 
 def _gap(mesh: TriangleMesh, points: FloatArray) -> float:
-    """Return by how much most particles are farther from the surface than they may be [mm]."""
+    """Return the excess of most particles' distance from the surface over the tolerance [mm]."""
     positions = np.concatenate([mesh.vertices, mesh.vertices[mesh.faces].mean(axis=1)])
     distances = np.asarray(KDTree(positions).query(points)[0])
     size = rms_radius(points)

@@ -72,7 +72,7 @@ def write_shapeworks(project: ProjectFolder, folder: Path, tick: Tick = no_tick)
 
 @dataclass(frozen=True, slots=True)
 class _Target:
-    """Where a project is written; its methods write a subject's part and return its columns."""
+    """The output of an export; its methods write a subject's part and return its columns."""
 
     folder: Path
     name: str

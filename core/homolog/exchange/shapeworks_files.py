@@ -34,7 +34,7 @@ _MOST_ROWS = 100_000
 
 @dataclass(frozen=True, slots=True)
 class ShapeWorksProject:
-    """A project file as it stands.
+    """The content of a project file.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What an imported ShapeWorks project contained besides the model, stored for a later export."""
+"""Further content of an imported ShapeWorks project, stored for a later export."""
 
 import json
 import os
@@ -34,7 +34,7 @@ def save_source_metadata(project: ProjectFolder, source: ShapeWorksProject, doma
 
 
 def load_source_metadata(project: ProjectFolder) -> tuple[ShapeWorksProject, str]:
-    """Return what was kept, and the domain that was imported; empty if the project was not imported.
+    """Return the stored content, and the imported domain; empty if the project was not imported.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def moved_paths(row: Row, old: Path, new: Path) -> Row:
 
 
 def _moved(value: str, old: Path, new: Path) -> str:
-    """Return a path from another folder; as it is if it leads nowhere that is known here."""
+    """Return a path relative to another folder; unchanged if its target is unknown here."""
     try:
         place = place_of(value, old.resolve())
         if place is None:

@@ -1,4 +1,4 @@
-"""Models as ShapeWorks leaves them: a project file, or a folder of particles."""
+"""Models of ShapeWorks: a project file, or a folder of particles."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def model_of_project(source: ShapeWorksProject, domain: str) -> ForeignModel:
     )
     if outside:
         notes.append(
-            f"{outside} of its paths lead out of its folder; those that lead nowhere were looked for in it"
+            f"{outside} of its paths lead out of its folder; missing files were searched for in the folder"
         )
     optimize = source.table("optimize")
     listed = source.others.get("landmarks")
@@ -118,7 +118,7 @@ def _subject(source: ShapeWorksProject, row: Row, domain: str) -> ForeignSubject
 
 
 def _needed(path: Path, name: str, value: str) -> Path:
-    """Return where a file lies that the model can't do without."""
+    """Return the path of a required file."""
     place = place_of(value, path.parent)
     if place is None:
         raise InputError(

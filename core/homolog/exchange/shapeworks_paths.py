@@ -10,7 +10,7 @@ __all__ = ["leads_out", "place_of", "plain_path"]
 
 
 def plain_path(path: str) -> str:
-    """Return a path with the slashes and blanks that it means.
+    """Return a path with the slashes and spaces of this system.
 
     Raises
     ------
@@ -24,7 +24,7 @@ def plain_path(path: str) -> str:
 
 
 def place_of(path: str, folder: Path) -> Path | None:
-    r"""Return where a path of a project in a folder leads.
+    r"""Return the target of a path in a project of a folder.
 
     For a whole path of another machine (``C:\study\a.ply``, ``\\server\study\a.ply``, ``/home/me/a.ply``) it
     is the file in the folder with the longest end of that path, None if there is none.

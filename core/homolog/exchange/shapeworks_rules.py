@@ -1,4 +1,4 @@
-"""What ShapeWorks demands of a project to open it, after ``Libs/Project`` of its sources.
+"""Requirements of ShapeWorks on projects, after ``Libs/Project`` of its sources.
 
 Its reader takes columns by their beginnings, refuses every value that is no text, and a subject that has a
 kind of column for some of its anatomies only.
@@ -22,7 +22,7 @@ _OF_EACH = {
 
 
 def escape_column(name: str) -> str:
-    """Return under which name table data are written, so that ShapeWorks takes them for nothing else."""
+    """Return the name for a column of table data that ShapeWorks does not misinterpret."""
     return f"_{name}" if name in _FLAGS or name.startswith(_TAKEN) else name
 
 

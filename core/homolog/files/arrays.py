@@ -17,7 +17,7 @@ __all__ = ["read_arrays", "write_arrays"]
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Write arrays, numbers and texts by name, whole or not at all.
+    """Write arrays, numbers and texts by name, atomically.
 
     Raises
     ------

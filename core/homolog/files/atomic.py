@@ -1,4 +1,4 @@
-"""Files appear whole or not at all: written next to their destination, flushed, then renamed."""
+"""Atomic writing: files are written next to their destination, flushed, then renamed."""
 
 import os
 import shutil
@@ -17,7 +17,7 @@ _TEMP_PREFIX = ".part-"
 
 @contextmanager
 def report_os_errors(path: Path) -> Iterator[None]:
-    """Turn what the system says about writing to `path` into an `InputError` with a remedy."""
+    """Convert system errors of writing to `path` into an `InputError` with a remedy."""
     try:
         yield
     except OSError as error:
@@ -29,7 +29,7 @@ def report_os_errors(path: Path) -> Iterator[None]:
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """Give a path to write to; it takes the place of `path` when the block ends well.
+    """Yield a path to write to, which replaces `path` when the block ends without an error.
 
     Parameters
     ----------
@@ -64,9 +64,9 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def replace_folder(path: Path) -> Iterator[Path]:
-    """Give a folder to write to; it becomes `path` when the block ends well, and vanishes otherwise.
+    """Yield a folder to write to, which becomes `path` when the block ends without an error, or is removed.
 
-    What a process that was killed left of the same folder vanishes too.
+    Remains of killed processes for the same folder are removed, too.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def replace_folder(path: Path) -> Iterator[Path]:
 
 
 def _remove_abandoned(path: Path) -> None:
-    """Remove folders that processes which are no more began in place of `path`."""
+    """Remove temporary folders for `path` of terminated processes."""
     if not path.parent.is_dir():
         return
     for item in path.parent.iterdir():
@@ -108,11 +108,11 @@ def _in_place(error: InputError, temp: Path, path: Path) -> InputError:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a UTF-8 text file whole or not at all; raises as `atomic_write` does."""
+    """Write a UTF-8 text file atomically; raises as `atomic_write` does."""
     with atomic_write(path) as temp:
         temp.write_text(text, encoding="utf-8", newline="")
 
 
 def is_stale_temp(name: str) -> bool:
-    """Return whether a file of this name was begun by another process, to be renamed when it is whole."""
+    """Return whether a file is a temporary file of another process, by its name."""
     return name.startswith(_TEMP_PREFIX) and not name.startswith(f"{_TEMP_PREFIX}{os.getpid()}-")

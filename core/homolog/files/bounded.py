@@ -1,4 +1,4 @@
-"""Files of others as bytes: whole, of a plausible size, and files at all."""
+"""Reading of foreign files as bytes, with checks of kind and size."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ _LARGEST = 256 * 2**20
 
 
 def read_bytes(path: Path, kind: str) -> bytes:
-    """Return what is in a file of at most 256 MB.
+    """Return the content of a file of at most 256 MB.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def read_bytes(path: Path, kind: str) -> bytes:
 
 
 def check_is_file(path: Path) -> None:
-    """Refuse what is no file: a folder, a pipe or a device, which may have no end."""
+    """Refuse folders, pipes and devices, which may have no end."""
     try:
         if path.is_file():
             return

@@ -42,7 +42,7 @@ def read_gifti(content: bytes) -> Polygons:
         If it is damaged, holds no surface, or its arrays are in other files.
     """
     if b"<!ENTITY" in content:
-        raise ValueError("a document type with entities, which could stand for anything")
+        raise ValueError("a document type with entities")
     root = ElementTree.fromstring(content)
     if root.tag != "GIFTI":
         raise ValueError("no GIFTI file")
@@ -63,7 +63,7 @@ def _to_scanner(points: ElementTree.Element) -> FloatArray:
         if source not in (_SCANNER, target) and (target == _SCANNER or source in ("", _UNKNOWN)):
             matrix = numbers_of((system.findtext("MatrixData") or "").split(), whole=False).reshape(4, 4)
             if not np.isfinite(matrix).all() or np.linalg.det(matrix[:3, :3]) == 0.0:
-                raise ValueError("a coordinate system that makes no sense")
+                raise ValueError("an invalid coordinate system")
             return matrix
     return np.eye(4)
 

@@ -38,5 +38,5 @@ def write_image(path: Path, values: Array, index_to_world: FloatArray) -> None:
             SimpleITK.WriteImage(image, str(part), useCompression=True)
         except RuntimeError as error:
             raise InputError(
-                f"{path}: can't be written; is the folder writable and the disk not full?"
+                f"{path}: can't be written; choose a folder that is writable and has room"
             ) from error

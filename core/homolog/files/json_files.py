@@ -1,4 +1,4 @@
-"""JSON that others wrote: bounded in size and depth, and read as what it should be or not at all."""
+"""Reading of foreign JSON files, bounded in size and depth."""
 
 import json
 from pathlib import Path

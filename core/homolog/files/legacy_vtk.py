@@ -67,7 +67,7 @@ def read_legacy_vtk(content: bytes) -> Polygons:
 
 
 class _File:
-    """What is left to read."""
+    """The unread part of a file."""
 
     def __init__(self, content: bytes, at: int, *, binary: bool, version: int) -> None:
         self._content = content
@@ -146,7 +146,7 @@ class _File:
         return self.values(count, self.word())
 
     def field_data(self) -> str:
-        """Read over arrays that belong to the whole; return the text called SPACE, if there is one."""
+        """Skip arrays of field data; return the text called SPACE, if there is one."""
         self.word()  # its name
         space = ""
         for _ in range(self.number()):
@@ -180,6 +180,6 @@ class _File:
         return [item.decode("latin-1") for item in strings]
 
     def skip_metadata(self) -> None:
-        """Go on behind the blank line that ends a block of metadata."""
+        """Skip a block of metadata, which ends with an empty line."""
         blank = _BLANK_LINE.search(self._content, self._at)
         self._at = blank.end() if blank else len(self._content)

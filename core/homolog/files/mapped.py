@@ -1,4 +1,4 @@
-"""Arrays in files that are mapped into memory, for what would not fit into it."""
+"""Arrays in memory-mapped files, for data that exceed the memory."""
 
 import mmap
 import tempfile
@@ -29,9 +29,9 @@ _INTERVAL_S = 0.02
 class MappedArrays:
     """A `Store` that copies arrays to files without a name, mapped into memory.
 
-    Pages that are used count as memory of the process. A thread gives them back while it takes more than the
-    budget; they are read again from the file, or the system's cache of it, when they are needed. The files
-    vanish with the process, however it ends.
+    Used pages count as memory of the process. A thread releases them while the process exceeds the
+    budget; they are read again from the file, or the system's cache, when they are needed. The files
+    are removed when the process ends.
 
     Parameters
     ----------
@@ -71,13 +71,13 @@ class MappedArrays:
         return place
 
     def give_back(self) -> None:
-        """Give back all mapped pages; those that are needed are mapped again."""
+        """Release all mapped pages; they are mapped again when needed."""
         if hasattr(mmap, "MADV_DONTNEED"):  # Windows takes pages of mapped files from processes by itself
             for block in list(self._blocks):
                 block.madvise(mmap.MADV_DONTNEED)
 
     def close(self) -> None:
-        """End the thread; files go when no array is left."""
+        """Stop the thread; files are removed with their last array."""
         self._stopped.set()
         self._thread.join()
 
@@ -98,7 +98,7 @@ class MappedArrays:
 
 @contextmanager
 def mapped_within(folder: Path, budget: float | None) -> Iterator[Store]:
-    """Give the store of a run: files in a folder if there is a budget [GB of 10⁹ bytes], else memory."""
+    """Yield the store of a run: files in a folder if there is a budget [GB of 10⁹ bytes], else memory."""
     if budget is None:
         yield in_memory
         return

@@ -101,7 +101,7 @@ def read_markups(path: Path) -> Markups:
     path = Path(path)
     if path.suffix.lower() == ".fcsv":
         raise InputError(
-            f"{path}: is a list of older versions of Slicer; open it there and save it as .mrk.json"
+            f"{path}: has the format of older versions of Slicer; open it there and save it as .mrk.json"
         )
     markups = read_json(path, "Slicer markups file").get("markups")
     lists = [markup for markup in markups if isinstance(markup, dict)] if isinstance(markups, list) else []
@@ -115,9 +115,7 @@ def read_markups(path: Path) -> Markups:
     control = lists[0].get("controlPoints")
     placed = [_point(path, item) for item in control if _is_placed(item)] if isinstance(control, list) else []
     if not placed:
-        raise InputError(
-            f"{path}: contains no point that was placed; place the points in Slicer and save it again"
-        )
+        raise InputError(f"{path}: contains no placed point; place the points in Slicer and save it again")
     names = tuple(name for name, _ in placed)
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

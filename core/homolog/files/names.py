@@ -1,4 +1,4 @@
-"""Subjects' names as file names: portable, inside their folder, no two alike."""
+"""Subjects' names as file names: portable, inside their folder, unique."""
 
 import re
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Surfaces as files list them: faces of any number of corners, strips, and the triangles in them."""
+"""Polygonal surfaces in files: faces with any number of corners, strips, and their triangles."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field

@@ -2,16 +2,16 @@
 
 ::
 
-    project.json              cohort, settings, and how the result came about
+    project.json              cohort, settings, and the record of the result
     groomed/                  surfaces in the coordinates of their files
-    registrations.npz         how they were registered to each other
+    registrations.npz         registrations of the surfaces to each other
     particles/                NAME_local.particles, NAME_world.particles
     model/                    mean, modes, scores, eigenvalues
-    energies.csv              the objective's parts along the run
+    energies.csv              terms of the objective during the run
     figures/                  pictures
     checkpoint.npz            only while a run is unfinished
-    geodesics/                likewise: tables that took long
-    fits/                     likewise: particles of the core set, and of those fitted to it
+    geodesics/                likewise: geodesic tables
+    fits/                     likewise: particles of the core set, and fits to it
 
 A new result is written into ``.next/`` and takes the place of the old one when it is complete, so that at
 every moment, also after a crash, one whole result can be read.
@@ -41,7 +41,7 @@ _RECORD = "project.json"
 _NEXT = ".next"
 _LOCK, _HOLDER = ".lock", ".holder"
 OUT_OF_DATE = "OUT_OF_DATE.txt"
-"""Stands in a folder of statistics whose tables are of an earlier result."""
+"""Marks a folder of statistics whose tables belong to an earlier result."""
 _OUT_OF_DATE_TEXT = (
     "The tables in this folder belong to an earlier result: particles have been placed again since.\n"
     "Run the same analysis, or write the report, to compute them again.\n"
@@ -50,7 +50,7 @@ _COMPLETE = "complete"
 _WRITTEN = (
     "groomed", "geodesics", "fits", "particles", "model", "figures", "analysis", "report", "seeds", _NEXT,
 )  # fmt: skip
-"""Folders that programs write into."""
+"""Folders that Homolog writes into."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +105,7 @@ class ProjectFolder:
         return (self.folder / _RECORD).is_file()
 
     def check_is_free(self) -> None:
-        """Raise InputError if the folder holds anything but a project: a run would write among it."""
+        """Raise InputError if the folder contains anything but a project."""
         if (
             self.folder.is_dir()
             and not self.exists
@@ -150,7 +150,7 @@ class ProjectFolder:
         write_text(self.folder / _RECORD, record.model_dump_json(indent=2) + "\n")
 
     def cohort(self) -> Cohort:
-        """Return the project's cohort, its files found from where the project lies now."""
+        """Return the project's cohort, with paths relative to the project's present location."""
         subjects = [
             Subject(
                 subject.name,
@@ -165,7 +165,7 @@ class ProjectFolder:
         return Cohort(tuple(subjects), self.folder)
 
     def describe(self, cohort: Cohort) -> list[SubjectRecord]:
-        """Return the cohort as project.json keeps it, with paths that start at the project's folder."""
+        """Return the cohort for project.json, with paths relative to the project's folder."""
         return [
             SubjectRecord(
                 name=subject.name,
@@ -180,7 +180,7 @@ class ProjectFolder:
 
     @contextmanager
     def locked(self, *, new: bool = True) -> Iterator[None]:
-        """Keep other programs from writing to the project, and tidy up after a crash.
+        """Lock the project against other programs, and clean up after a crash.
 
         The lock ends with its process, however that ends. A program may take it again while it has it, in any
         thread, so that a window can hold what it has open.
@@ -222,7 +222,7 @@ class ProjectFolder:
             lock.release()
 
     def _tidy(self) -> None:
-        """Refuse links to other folders, and remove what writers that were killed left half done."""
+        """Refuse links to other folders, and remove temporary files of killed programs."""
         for place, below, files in os.walk(self.folder):
             folder = Path(place)
             if folder == self.folder:
@@ -235,7 +235,7 @@ class ProjectFolder:
                 (folder / name).unlink(missing_ok=True)
 
     def recover(self) -> None:
-        """Finish the swap of a result that a crash broke off; does nothing otherwise."""
+        """Complete the replacement of a result after a crash; does nothing otherwise."""
         if self._is_swapping:
             with self.locked():
                 pass
@@ -250,7 +250,7 @@ class ProjectFolder:
 
     @contextmanager
     def replacing_result(self) -> Iterator["ProjectFolder"]:
-        """Give an empty project folder for a new result; it takes the old one's place if the block ends well.
+        """Yield an empty project folder for a new result, which replaces the old one after the block.
 
         The block writes project.json and everything else of the result. To be used inside `locked`.
         """
@@ -268,7 +268,7 @@ class ProjectFolder:
         self._swap()
 
     def _swap(self) -> None:
-        """Move a complete new result into place; can be broken off and repeated at any point."""
+        """Move a complete new result into place; can be interrupted and repeated at any point."""
         following = self.folder / _NEXT
         if not (following / _COMPLETE).is_file():
             shutil.rmtree(following, ignore_errors=True)
@@ -285,13 +285,13 @@ class ProjectFolder:
             shutil.rmtree(following)
 
     def _mark_analyses(self) -> None:
-        """Say in each folder of statistics that its tables are of particles that are no more."""
+        """Mark each folder of statistics as belonging to an earlier result."""
         for folder in sorted((self.folder / "analysis").glob("*/")):
             write_text(folder / OUT_OF_DATE, _OUT_OF_DATE_TEXT)
 
 
 def _relative(path: Path, folder: Path) -> str:
-    """Return the way from the folder to the file, or the whole path if there is none (another drive)."""
+    """Return the path of the file relative to the folder, or the absolute path on another drive."""
     try:
         return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
     except ValueError:
@@ -299,7 +299,7 @@ def _relative(path: Path, folder: Path) -> str:
 
 
 def _this_process() -> str:
-    """Return who works on a project, in words for others."""
+    """Return a description of this process for other programs."""
     try:
         user = f" of {getpass.getuser()}"
     except (OSError, KeyError, ImportError):  # the system knows no name
@@ -308,7 +308,7 @@ def _this_process() -> str:
 
 
 def _read_holder(path: Path) -> str:
-    """Return in brackets who has a project open, as far as that is known."""
+    """Return a description of the process that has a project open, in parentheses, if known."""
     try:
         text = path.read_text(encoding="utf-8")[:200].strip()
     except (OSError, UnicodeDecodeError):

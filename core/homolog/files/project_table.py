@@ -12,7 +12,7 @@ __all__ = ["update_table"]
 
 
 def update_table(project: ProjectFolder, subjects: Sequence[Subject]) -> None:
-    """Give a project's subjects the groups, columns and scans of others by name, also in its result.
+    """Set groups, columns and scans of a project's subjects, and of its result, from others by name.
 
     Particles, surfaces and models stay; the groups in ``model/scores.csv`` follow. Each file is replaced
     whole or not at all.

@@ -1,4 +1,4 @@
-"""What project.json says, as a schema: hostile or newer files are refused, never guessed at."""
+"""The schema of project.json: malicious or newer files are refused."""
 
 import re
 from collections.abc import Sequence
@@ -16,12 +16,12 @@ __all__ = ["FORMAT_VERSION", "IMPORTED", "ProjectRecord", "ResultRecord", "Resul
 
 FORMAT_VERSION = 1
 IMPORTED = "imported"
-"""How a result `ended` that another program made."""
+"""Value of `ended` for results of other programs."""
 
 _NUMBER = re.compile(r"(?<![\w.-])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]*\w)")
 _PLURAL = re.compile(r"(?<=[a-z])s\b")
 _NAMED = 2
-"""Subjects that a line on more of them names."""
+"""Number of subjects named in a summary."""
 
 _Row = Annotated[list[float], Field(min_length=4, max_length=4)]
 _Path = Annotated[str, AfterValidator(checked_path)]
@@ -67,12 +67,12 @@ class ResultSubject(_Record):
 
     @property
     def is_mirrored(self) -> bool:
-        """Whether world coordinates show its mirror image."""
+        """Whether world coordinates are those of its mirror image."""
         return bool(mirrors(np.array(self.alignment)))
 
 
 class ResultRecord(_Record):
-    """How the result came about: enough to tell whether it is the same as another and to repeat it.
+    """The record of a result, to compare and to repeat it.
 
     `ended` says why the optimizer stopped, `metric` which distance kept particles on a surface apart,
     `folded_faces` counts those of the mean surface, `smoothed_particles` those which it follows only on the
@@ -99,7 +99,7 @@ class ResultRecord(_Record):
 
     @property
     def remarks(self) -> list[str]:
-        """What was found and changed, a line for each kind of note, whose numbers become ranges."""
+        """Notes, one line per kind, with ranges of their numbers."""
         kinds: dict[str, list[tuple[str, str]]] = {}
         for subject in self.subjects:
             for note in subject.notes:
@@ -108,7 +108,7 @@ class ResultRecord(_Record):
 
     @property
     def mirrored_text(self) -> str:
-        """Who was mirrored: "3 left subjects were mirrored to right"; empty if nobody was."""
+        """Summary of mirrored subjects: "3 left subjects were mirrored to right"; empty without any."""
         who = [subject for subject in self.subjects if subject.is_mirrored]
         if not who:
             return ""
@@ -120,7 +120,7 @@ class ResultRecord(_Record):
 
     @property
     def surface_text(self) -> str:
-        """How the mean surface follows the particles."""
+        """Remarks on the mean surface."""
         text = f"{self.folded_faces} folded faces on the mean"
         if self.smoothed_particles:
             text += f", smoothed around {self.smoothed_particles} particles where it would fold"
@@ -134,7 +134,7 @@ class ResultRecord(_Record):
 
 
 class ProjectRecord(_Record):
-    """The whole of project.json.
+    """The content of project.json.
 
     `subjects` and `settings` are those of the next run, `unfinished` says that a run was begun and did not
     come to its end, `from_result` that it started from the result, which is the last that did, `excluded`
@@ -152,7 +152,7 @@ class ProjectRecord(_Record):
 
 
 def _kind_of(note: str) -> str:
-    """Return a note without its numbers, and without the plurals that hang on them."""
+    """Return a note without its numbers and their plurals."""
     return _PLURAL.sub("", _NUMBER.sub("#", note))
 
 

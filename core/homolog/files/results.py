@@ -1,4 +1,4 @@
-"""A project's result, read back: what statistics, pictures and other programs start from."""
+"""A project's result, for statistics, pictures and exports."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 MODE_DEVIATIONS = 2.0
-"""How far from the mean the surfaces of modes are, in standard deviations."""
+"""Position of the mode surfaces in standard deviations."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +72,7 @@ class Result:
 
     @property
     def mirrored(self) -> int:
-        """How many subjects aligned coordinates show mirrored."""
+        """Number of mirrored subjects."""
         return int(mirrors(self.alignments).sum())
 
 
@@ -97,7 +97,7 @@ def mode_file(project: ProjectFolder, mode: int, side: str) -> Path:
 
 
 def read_result(project: ProjectFolder) -> Result:
-    """Read the last result of a project, with groups and columns as the cohort's table has them now.
+    """Read the last result of a project, with the present groups and columns of the cohort's table.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def read_surfaces(project: ProjectFolder) -> list[TriangleMesh]:
 
 
 def read_modes(project: ProjectFolder, mean: TriangleMesh) -> FloatArray:
-    """Read how the mean surface moves along the modes whose surfaces were written.
+    """Read the displacements of the mean surface along the modes with stored surfaces.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Surfaces in files of scenes, with parts that are placed by matrices: glTF and 3MF."""
+"""Surfaces in scene files, with transformed parts: glTF and 3MF."""
 
 import io
 import zipfile
@@ -15,7 +15,7 @@ __all__ = ["read_3mf", "read_gltf"]
 
 _METRE = 1000.0
 _LONGEST = 3.0
-"""Metres: what would be longer is in millimetres, whatever the standard says."""
+"""Length [m] above which units are taken as millimetres."""
 _UNITS = {"micron": 1e-3, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8, "meter": _METRE}
 _MOST_BYTES = 100 * MOST
 _DEEPEST = 20
@@ -64,7 +64,7 @@ def read_gltf(content: bytes, folder: Path | None = None) -> Polygons:
 
 
 def read_3mf(content: bytes) -> Polygons:
-    """Read the triangles of a 3MF file: what its build list places, in its unit.
+    """Read the triangles of a 3MF file: the items of its build list, in its unit.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def read_3mf(content: bytes) -> Polygons:
 
 def _parsed(content: bytes) -> ElementTree.Element:
     if b"<!DOCTYPE" in content:
-        raise ValueError("a document type, which could stand for anything")
+        raise ValueError("a document type declaration")
     return ElementTree.fromstring(content)
 
 

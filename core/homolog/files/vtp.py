@@ -1,6 +1,6 @@
 """XML surfaces and grids of VTK (``.vtp``, ``.vtu``), read without VTK.
 
-VTK's own reader believes damaged ones for gigabytes and seconds.
+VTK's own reader allocates gigabytes for damaged ones.
 
 After *VTK XML Formats* (docs.vtk.org) and the sources of ``vtkXMLDataParser``: text, base64 and raw, inline
 and appended, compressed by zlib, LZMA and LZ4. How long each array is follows from the counts before it, and
@@ -46,7 +46,7 @@ def read_vtp(content: bytes) -> Polygons:
         (content, b"") if appended is None else (content[: appended.end()], content[appended.end() :])
     )
     if b"<!DOCTYPE" in head:
-        raise ValueError("a document type, which could stand for anything")
+        raise ValueError("a document type declaration")
     root = ElementTree.fromstring(head + (b"</AppendedData></VTKFile>" if appended else b""))
     kind = root.get("type", "")
     if root.tag != "VTKFile" or kind not in ("PolyData", "UnstructuredGrid"):

@@ -258,7 +258,7 @@ def _notes(alignments: FloatArray, distances: FloatArray, sizes: FloatArray) -> 
             )
         elif many:
             note = (
-                "the cohort's files lie in many orientations; each was turned to match the others: check it"
+                "the files have different orientations; each shape was rotated to match the others: check it"
             )
         elif np.median(usual) < _TURNED < angle:
             note = f"was rotated by {angle:.0f}° to match most others; check it and its side"
@@ -267,13 +267,13 @@ def _notes(alignments: FloatArray, distances: FloatArray, sizes: FloatArray) -> 
 
 
 def of_other_units(names: Sequence[str], sizes: Sequence[float]) -> dict[str, str]:
-    """Return what is to be said of shapes so much larger or smaller than the others that their unit differs.
+    """Return messages on shapes so much larger or smaller than the others that their unit must differ.
 
     Parameters
     ----------
     names : sequence of str
     sizes : sequence of float
-        Lengths that stand for the shapes' sizes, in their common unit.
+        Sizes of the shapes, in their common unit.
 
     Returns
     -------
@@ -287,7 +287,7 @@ def of_other_units(names: Sequence[str], sizes: Sequence[float]) -> dict[str, st
             times, word = (size / middle, "large") if size > middle else (middle / size, "small")
             messages[name] = (
                 f"{name}: is {times:.0f} times as {word} as the others; if its unit differs, export "
-                "it in mm, or leave it out"
+                "it in mm, or exclude it"
             )
     return messages
 

@@ -89,7 +89,7 @@ def _of_other_names(called: dict[str, str]) -> list[Problem]:
     return [
         Problem(
             subject,
-            f"{subject}: what has this label is called {name!r} here, and {usual!r} in most other "
+            f"{subject}: this label is called {name!r} here, but {usual!r} in most other "
             "files; choose the structure by its name (segment)",
         )
         for subject, name in called.items()
@@ -232,7 +232,7 @@ def _noted(cache: Path, done: GroomedSubject, key: str) -> GroomedSubject:
     """Return a subject with a note if its file is not the one that was groomed before."""
     if not is_outdated(cache, done.name, key):
         return done
-    note = "its file has changed since it was groomed before; it was groomed again"
+    note = "its file has changed since it was last groomed; it was groomed again"
     _log.warning("%s: %s", done.name, note)
     return _with_note(done, note)
 

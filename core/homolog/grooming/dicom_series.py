@@ -139,13 +139,13 @@ def _step(folder: Path, slices: Sequence[_Slice]) -> FloatArray:
     length = float(np.linalg.norm(usual))
     if np.linalg.norm(steps, axis=1).min() <= _UNEVEN * length and len(slices) > 1:
         raise InputError(
-            f"{folder}: several of its {len(slices)} slices lie at one place (copies, or several points in "
-            "time); leave one at each place"
+            f"{folder}: several of its {len(slices)} slices have the same position (copies, or several time "
+            "points); keep one at each position"
         )
     if not alike or not length > 0.0 or np.abs(steps - usual).max() > _UNEVEN * length:
         raise InputError(
             f"{folder}: its {len(slices)} slices are not equal in size, parallel and {length:.3g} mm apart "
-            "throughout; copy the missing ones, or export a label map of even slices"
+            "throughout; copy the missing ones, or export a label map with even slices"
         )
     whole: FloatArray = steps.mean(axis=0)  # places are rounded in many files: from the first to the last
     return whole

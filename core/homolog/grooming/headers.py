@@ -139,7 +139,7 @@ class Header:
             if not np.allclose(turn @ turn.T, np.eye(edge), atol=1e-3):
                 raise InputError(f"{self.path}: its axes {self.values[key]} are not a rotation; {_RESCUE}")
         if not self.files and self._number("headersize") > 0:
-            raise InputError(f"{self.path}: says that its voxels both follow and lie elsewhere; {_RESCUE}")
+            raise InputError(f"{self.path}: declares its voxels both in this and in another file; {_RESCUE}")
 
     def _check_spacing(self, key: str) -> None:
         sizes = [number for number in self._numbers(key) if not (self.is_nrrd and math.isnan(number))]
@@ -240,7 +240,7 @@ def segments_of(path: Path, values: Mapping[str, str]) -> tuple[Segment, ...]:
             value, layer = (int(values.get(f"Segment{number}_{key}", default)) for key, default in _DEFAULTS)
         except ValueError as error:
             raise InputError(
-                f"{path}: its header says nothing sensible of segment {name!r} ({error}); save it again"
+                f"{path}: its header has an invalid entry for segment {name!r} ({error}); save it again"
             ) from error
         segments.append(Segment(name, value, layer))
     return tuple(segments)

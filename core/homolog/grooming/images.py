@@ -86,7 +86,9 @@ def check_kind(path: Path) -> str:
     if path.is_dir():
         return name
     if name.endswith(".particles"):
-        raise InputError(f"{path}: contains particles without a surface; analyze them, they can't be groomed")
+        raise InputError(
+            f"{path}: contains particles without a surface, which can be analyzed but not groomed"
+        )
     if suffix_of(path) not in IMAGE_SUFFIXES:
         raise InputError(
             f"{path}: has an unsupported type; convert it, or give its header if it has one "
@@ -146,7 +148,7 @@ def _itk_image(path: Path) -> tuple[Any, FloatArray, tuple[Segment, ...], tuple[
     header = {key: reader.GetMetaData(key) for key in known}
     named, count = segments_of(path, header), reader.GetNumberOfComponents()
     if any(not 0 <= item.layer < count for item in named):
-        raise InputError(f"{path}: names segments in layers that it does not contain; save it again")
+        raise InputError(f"{path}: refers to layers that it does not contain; save it again")
     voxel = SimpleITK.GetArrayViewFromImage(SimpleITK.Image([1, 1, 1], reader.GetPixelID())).itemsize
     size = list(reader.GetSize())
     while len(size) > 3 and size[-1] == 1:  # one point in time

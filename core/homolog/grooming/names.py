@@ -170,7 +170,7 @@ def _joined(tables: Sequence[LabelTable]) -> LabelTable:
             if not same_name(before, name):
                 raise InputError(
                     f"{table.source}: calls label {value} {name!r}, and {source} calls it {before!r}; keep "
-                    "the table that is right next to the files, and move the other one"
+                    "the correct table next to the files, and move the other one"
                 )
     joined = {value: name for value, (name, _) in names.items()}
     return LabelTable(", ".join(item.source for item in tables), MappingProxyType(joined))

@@ -309,7 +309,7 @@ def placement(
     elif q is None:
         if not _fits(s, zooms):
             raise InputError(
-                f"{path}: its sform is skew or contradicts the voxel sizes {zooms}; export it again"
+                f"{path}: its sform is skewed or contradicts the voxel sizes {zooms}; export it again"
             )
         matrix = s
     elif (apart := _apart(q, s, shape)) <= _AGREE * zooms.min():
@@ -340,7 +340,7 @@ def _decided(
     if q_code != s_code and not mirrored and not stretched:
         return taken, ()
     mirror = ", one the mirror image of the other" if mirrored else ""
-    why = "the sform is skew or has other voxel sizes" if stretched else "as 3D Slicer does"
+    why = "the sform is skewed or has other voxel sizes" if stretched else "as 3D Slicer does"
     return taken, (
         f"its qform ({_frame(q_code)}) and sform ({_frame(s_code)}) put voxels up to {apart:.1f} mm apart"
         f"{mirror}; the {name} was used, {why}",

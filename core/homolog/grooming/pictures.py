@@ -69,10 +69,10 @@ def _stack(path: Path) -> tuple[Array, FloatArray]:
                 pages += [_grey(file, frame) for frame in ImageSequence.Iterator(picture)]
         except (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError) as error:
             raise InputError(
-                f"{file}: can't be read as a picture ({error}); copy or export it again"
+                f"{file}: can't be read as an image ({error}); copy or export it again"
             ) from error
         if pages[-1].shape != pages[0].shape:
-            raise InputError(f"{file}: is not as large as the other slices; export it again, or leave it out")
+            raise InputError(f"{file}: differs in size from the other slices; export it again, or exclude it")
     given = _given_size(path if path.is_dir() else path.parent)
     size = given if given is not None else size
     if size is None:
@@ -109,10 +109,10 @@ def _grey(file: Path, picture: Image.Image) -> Array:
     if values.ndim == 3:
         colours = values[..., :3]
         if (colours != colours[..., :1]).any():
-            raise InputError(f"{file}: is in colours; save masks in grey, with a value for each structure")
+            raise InputError(f"{file}: is a colour image; save masks as grey values, one for each structure")
         values = colours[..., 0]
     if values.ndim != 2:
-        raise InputError(f"{file}: has several values for each pixel; save masks in grey")
+        raise InputError(f"{file}: has several values per pixel; save masks as grey values")
     return values.astype(np.uint8) if values.dtype == np.bool_ else values
 
 

@@ -138,11 +138,7 @@ def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segm
     if segment is None and len(masks) == 1:
         return next(iter(masks.values()))
     if segment is None:
-        what = (
-            "has a file for each structure, so that numbers mean nothing"
-            if label
-            else "has several structures"
-        )
+        what = "has one file per structure, which have no numbers" if label else "has several structures"
         raise InputError(
             f"{subject.path}: {what}; choose one by its name (label: {next(iter(masks))}), or run a batch of "
             f"all; available: {listed}"

@@ -180,7 +180,7 @@ def _check_beginning(path: Path) -> None:
     if not beginning:
         raise InputError(f"{path}: is empty; copy it again, or exclude it")
     if beginning == _POINTER:
-        raise InputError(f"{path}: is a pointer of Git LFS instead of the file; fetch it: git lfs pull")
+        raise InputError(f"{path}: is a Git LFS pointer; fetch the file: git lfs pull")
 
 
 def check_source(source: Source, settings: GroomSettings, what: object) -> Source:

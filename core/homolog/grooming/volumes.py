@@ -25,7 +25,7 @@ _COUNTED = 2**22
 _LISTED = 2**20
 """Values below this are counted in a list, larger ones by sorting."""
 
-_TOGETHER = "its labels were taken together as one structure; choose a label to study one of them"
+_TOGETHER = "its labels were combined into one structure; choose a label to study one of them"
 
 _NAMED = 10
 """Structures that a message names, at most."""

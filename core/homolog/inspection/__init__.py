@@ -1,4 +1,4 @@
-"""Where corresponding particles may not correspond: suspects, and how to repair them."""
+"""Checks of the correspondence: suspects and their repair."""
 
 from homolog.inspection.energies import ParticleEnergies, particle_energies
 from homolog.inspection.find import assess, inspect

@@ -1,4 +1,4 @@
-"""Where a surface has no particles near."""
+"""Regions of a surface without particles."""
 
 from dataclasses import dataclass
 
@@ -48,7 +48,7 @@ class _Gap:
 
 
 def uncovered(located: LocatedParticles, tick: Tick = no_tick) -> list[Suspect]:
-    """Return the regions of all subjects that are farther from any particle than is usual."""
+    """Return the uncovered regions of all subjects."""
     apart = [reach / s for reach, s in zip(located.reaches, located.spacing, strict=True)]
     consensus = float(np.median(np.concatenate(apart)))
     limit = max(_BEYOND * consensus, _FAR)

@@ -1,4 +1,4 @@
-"""The objective's three parts, shared out over the particles."""
+"""The three terms of the objective, by particle."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ _NORMALS_REGULARIZATION = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParticleEnergies:
-    """What each particle adds to the energies, (M, N) each, read-only; large is bad.
+    """Contribution of each particle to the energies, (M, N) each, read-only; lower is better.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class ParticleEnergies:
 def particle_energies(
     located: LocatedParticles, consensus: Neighbourhood, settings: OptimizeSettings
 ) -> ParticleEnergies:
-    """Return what each particle adds to the energies of a result.
+    """Return the contribution of each particle to the energies of a result.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = ["assess", "inspect"]
 
 _FEWEST = 3
-"""Subjects that it takes to say which of them is the odd one."""
+"""Smallest number of subjects for an inspection."""
 
 
 def inspect(
@@ -26,7 +26,7 @@ def inspect(
     names: Sequence[str],
     tick: Tick = no_tick,
 ) -> Inspection:
-    """Look for places where corresponding particles don't correspond.
+    """Find suspects: places where the correspondence may be wrong.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def inspect(
 
 
 def assess(located: LocatedParticles, tick: Tick = no_tick) -> Inspection:
-    """Look for suspects among particles whose places are known; `inspect` from its second step on."""
+    """Find suspects among located particles; the second step of `inspect`."""
     tick(0.0, "neighbours on most subjects")
     consensus = neighbourhood_of(located, part_of(tick, 0.0, 0.5))
     collector = SuspectCollector(located, consensus)

@@ -1,8 +1,8 @@
-"""Signs of wrong correspondence, one number for each particle or triangle of each subject.
+"""Indicators of wrong correspondence, one number for each particle or triangle of each subject.
 
-Every sign is a pair of ratios: a value over what is usual there, and over a size from which it matters. The
-smaller of both is its severity, so that neither a tiny departure in a very regular place is reported nor a
-large one where all subjects differ.
+Every indicator is a pair of ratios: a value over the usual value there, and over a threshold. The
+smaller of both is its severity. Small deviations in very regular regions are therefore not reported, nor
+large ones where all subjects differ.
 """
 
 import numpy as np
@@ -30,19 +30,19 @@ STRETCH = 0.5
 DISTORTION = np.radians(90.0)
 """or the distortion of a triangle: at 90° it has collapsed, beyond it is folded over."""
 _PRIOR = 4.0
-"""Subjects that the cohort's median counts for beside a particle's own."""
+"""Weight of the cohort's median, in subjects."""
 
 
 def severity(values: FloatArray, size: float) -> FloatArray:
-    """Return the smaller of how unusual and how large values (M, N) are, both 1 where a report begins."""
+    """Return the severity of values (M, N); values from 1 on are reported."""
     consensus = np.maximum(consensus_values(values), 1e-12)  # 0 where all subjects are the same
     return np.minimum(values / (BEYOND * consensus), values / size)
 
 
 def consensus_values(values: FloatArray) -> FloatArray:
-    """Return what is usual at each particle or triangle, (M, N) to (N,).
+    """Return the usual value at each particle or triangle, (M, N) to (N,).
 
-    The median over subjects, drawn towards the median of all: few subjects say little about one place.
+    The median over subjects, shrunk towards the median of all.
     """
     own, prior = np.median(values, axis=0), np.median(values)
     count = len(values)
@@ -56,7 +56,7 @@ def normal_angles(located: LocatedParticles, consensus: Neighbourhood) -> FloatA
 
 
 def log_distance_ratios(located: LocatedParticles, consensus: Neighbourhood) -> FloatArray:
-    """Return log ratios of the distances to the consensus neighbours over the usual ones, (M, N, K).
+    """Return log ratios of the distances to the consensus neighbours and the usual distances, (M, N, K).
 
     A neighbour beyond the reach of the distances counts as just that far; absent neighbours are NaN.
     """
@@ -94,13 +94,13 @@ def swap_log_ratios(
 
 
 def distance_residuals(ratios: FloatArray) -> FloatArray:
-    """Return the median size of log ratios over neighbours, (..., K) to (...): a few bad ones don't count."""
+    """Return the median absolute log ratio over neighbours, (..., K) to (...): robust to outliers."""
     alone = np.isnan(ratios).all(axis=-1, keepdims=True)
     return np.asarray(np.nanmedian(np.where(alone, 0.0, np.abs(ratios)), axis=-1))
 
 
 def distortions(located: LocatedParticles, consensus: Neighbourhood) -> FloatArray:
-    """Return how much each consensus triangle is distorted on each subject [rad], (M, T).
+    """Return the distortion of each consensus triangle on each subject [rad], (M, T).
 
     The affine map from the usual triangle has singular values s1 ≥ s2 ≥ 0, with the sign of the orientation
     against the surface's normal: the distortion is arccos(2 s1 s2 / (s1² + s2²)), 0 for a similarity, 90°

@@ -1,4 +1,4 @@
-"""Which particles are next to each other on most subjects, and how far each subject departs from that."""
+"""The consensus neighbourhood of particles over subjects."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ NEIGHBOURS = 12
 _THINNEST = 0.01
 """Twice the area of a triangle over the squares of two sides, below which it says nothing about folds."""
 _FEWEST = 3
-"""Neighbours that most particles have to have."""
+"""Smallest number of neighbours of most particles."""
 _VOTES = 2
 """Corners whose own triangulation has to have a triangle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Neighbourhood:
-    """What is usual for the particles of a cohort; arrays are read-only.
+    """The consensus neighbourhood of a cohort's particles; arrays are read-only.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""One subject's signs, put together to suspects that can be gone to."""
+"""Suspects of one subject, from its indicators."""
 
 from functools import cached_property
 
@@ -18,14 +18,14 @@ from homolog.inspection.types import Kind, Suspect
 __all__ = ["SuspectCollector"]
 
 _CANDIDATE = 0.6
-"""Severity of a sign from which its particles may be of an exchanged pair."""
+"""Severity from which particles may belong to an exchanged pair."""
 
 _MOST = 200
-"""Particles of a subject that are tried in each other's place: of more the worst."""
+"""Largest number of candidates for exchanged pairs per subject; the worst are tried."""
 
 
 class SuspectCollector:
-    """Turns the severities of particles and triangles into suspects, neighbouring ones into one."""
+    """Combines the severities of neighbouring particles and triangles into suspects."""
 
     def __init__(self, located: LocatedParticles, consensus: Neighbourhood) -> None:
         self._located, self._consensus = located, consensus
@@ -42,7 +42,7 @@ class SuspectCollector:
         return Exchanges(rows_of(self._located, self._consensus))
 
     def suspects(self, m: int) -> list[Suspect]:
-        """Return the suspects of a subject; an exchange accounts for all signs of its two particles."""
+        """Return the suspects of a subject; an exchange explains all indicators of its two particles."""
         corners = self._consensus.triangles
         normals, neighbours, triangles = (
             item[m].copy() for item in (self._normals, self._neighbours, self._triangles)
@@ -87,7 +87,7 @@ class SuspectCollector:
             count = int(own.sum())
             noun = "triangles" if count > 1 else "triangle"
             description = f"{count} {noun} around particle {weight.argmax()} "
-            description += "folded over" if folded == count else "distorted far beyond the usual"
+            description += "folded over" if folded == count else "distorted far more than usual"
             description += f", {folded} of them folded over" if 0 < folded < count else ""
             particles = patch[np.argsort(-weight[patch], kind="stable")]
             area = self._area(m, corners[own])

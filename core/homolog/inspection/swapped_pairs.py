@@ -11,19 +11,19 @@ from homolog.inspection.neighbourhood import Neighbourhood
 __all__ = ["swapped_pairs"]
 
 _BOTH, _EITHER = 0.5, 0.8
-"""An exchange has to leave no more than this part of the misfit of both together, and of either."""
+"""Largest ratio of residuals after and before an exchange: joint, and of each particle."""
 
 
 def swapped_pairs(
     subject: int, candidates: IntArray, located: LocatedParticles, consensus: Neighbourhood
 ) -> list[IntArray]:
-    """Return pairs of a subject's particles that fit much better in each other's place, the clearest first.
+    """Return pairs of a subject's particles that fit much better when exchanged, the clearest first.
 
     Parameters
     ----------
     subject : int
     candidates : (n,) int array
-        Particles that seem out of place; each is in one pair at most.
+        Suspicious particles; each is in one pair at most.
     """
     if len(candidates) < 2:
         return []
@@ -52,7 +52,7 @@ def swapped_pairs(
 
 
 def _is_reversed(subject: int, pair: IntArray, located: LocatedParticles, consensus: Neighbourhood) -> bool:
-    """Return whether two particles lie the other way round than usual, as their neighbours are turned.
+    """Return whether the vector between two particles is reversed, relative to their neighbours.
 
     Only then does an exchange bring both together nearer to where they usually are (u, v), wherever they are
     shifted to (a, b): |a - u|² + |b - v|² exceeds |b - u|² + |a - v|² by -2 (b - a)·(v - u).

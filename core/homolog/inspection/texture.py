@@ -1,4 +1,4 @@
-"""A pattern on the consensus, carried by the particles to every surface; it tears where they are wrong."""
+"""A pattern on the consensus that particles transfer to every surface; it is torn where they are wrong."""
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
@@ -17,7 +17,7 @@ _GUIDES = 60
 
 
 def carried_places(located: LocatedParticles, consensus: Neighbourhood, subject: int) -> FloatArray:
-    """Return where each vertex of a subject's mesh lies on the consensus shape.
+    """Return the position of each vertex of a subject's mesh on the consensus shape.
 
     A thin-plate spline through the particles takes the subject to the consensus.
 

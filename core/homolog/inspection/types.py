@@ -1,4 +1,4 @@
-"""What an inspection finds."""
+"""Results of an inspection."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -13,7 +13,7 @@ __all__ = ["Inspection", "Kind", "Suspect"]
 
 
 class Kind(StrEnum):
-    """What is wrong, or seems so."""
+    """Kinds of suspects."""
 
     EXCHANGED = "exchanged particles"
     NORMALS = "normal outliers"
@@ -61,7 +61,7 @@ class Suspect:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inspection:
-    """Everything that was looked at, and what seems wrong.
+    """Result of an inspection.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class Inspection:
     places : Places
         Normals and distances of every subject.
     usual : Neighbourhood
-        What most subjects agree on.
+        The consensus of the subjects.
     """
 
     suspects: tuple[Suspect, ...]

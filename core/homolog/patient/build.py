@@ -84,7 +84,7 @@ def make_reference(
     assert record is not None, "a result was read"
     if record.ended == IMPORTED:
         raise InputError(
-            f"{project.folder}: its model was imported, so how its surfaces were groomed is "
+            f"{project.folder}: its model was imported, so the grooming of its surfaces is "
             "not known; run it here"
         )
     chosen = _chosen(result, group, column, project)

@@ -274,7 +274,7 @@ def _particles(
         return transform_points(back, placing.placed(shape, fit, turn, tick)), []
     except NumericalError:
         remark = (
-            "particles are those of the surface's fit; the run's objective does not hold them on this shape"
+            "particles are those of the fitted surface; the run's objective does not keep them on this shape"
         )
         return transform_points(back, fit.particles), [remark]
 

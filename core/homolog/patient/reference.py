@@ -289,7 +289,7 @@ class Reference:
             what is needed now.
         """
         if Path(path).is_dir():
-            raise InputError(f"{path}: is a folder; give the file that homolog reference makes of a project")
+            raise InputError(f"{path}: is a folder; give a file that homolog reference wrote")
         stored = read_arrays(Path(path), "copy it again, or make it again (homolog reference)")
         if "record" not in stored:
             raise InputError(f"{path}: is not a reference; give a file that homolog reference wrote")

@@ -74,7 +74,7 @@ def grow(
     """
     tick, (groomed, fits) = control.tick, folders
     if settings.optimize.landmarks:
-        raise InputError("a core set does not use landmarks yet; run without one of them")
+        raise InputError("core sets do not support landmarks; run without one of them")
     annotated, alignments = run_in_background(
         lambda inner: align_cohort(cohort, outlines, settings.groom, inner, cache=registrations),
         tick,

@@ -39,7 +39,7 @@ def with_landmarks(shapes: Sequence[Shape], cohort: Cohort) -> list[Shape]:
     everywhere = np.isfinite(table).all(axis=(0, 2))
     if not everywhere.any():
         raise InputError(
-            f"{cohort.folder}: no landmark is there on all subjects; give the same points the same names"
+            f"{cohort.folder}: no landmark exists on all subjects; give the same points the same names"
         )
     marked = table[:, everywhere]
     for shape, points in zip(shapes, marked, strict=True):

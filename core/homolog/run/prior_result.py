@@ -48,12 +48,12 @@ class PriorResult:
         fresh, more = len(names) > len(self.local), settings.optimize.particles - self.record.particles
         if fresh and more:
             raise InputError(
-                f"new subjects get the result's {self.record.particles} particles; fit them first, then ask "
-                "for more particles"
+                f"new subjects get the result's {self.record.particles} particles; fit them first, then "
+                "request more particles"
             )
         if more < 0 or not (fresh or more):
             raise InputError(
-                f"the result already has {self.record.particles} particles for every subject; ask for more, "
+                f"the result already has {self.record.particles} particles for every subject; request more, "
                 "name new files to fit, or start a new run"
             )
 

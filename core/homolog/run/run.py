@@ -314,7 +314,7 @@ class Run:
                 except WorkerDiedError:
                     if deaths == _MOST_DEATHS:
                         raise
-                    _log.warning("grooming: a worker died; what it had in hand is begun again")
+                    _log.warning("grooming: a worker died; its subject is started again")
         if left_out:
             self._excluded |= {item.subject: item.message for item in left_out}
             cohort = cohort.without({item.subject for item in left_out})

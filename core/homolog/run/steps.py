@@ -113,7 +113,7 @@ def run_optimization(
     """
     geodesic = inputs.settings.optimize.method.uses_geodesics
     first = Phase.GEODESICS if geodesic else Phase.SPLITTING
-    control.enter(first, "distances on the surfaces", until=Phase.OPTIMIZING)
+    control.enter(first, "geodesic distances", until=Phase.OPTIMIZING)
 
     def follow(frame: Frame) -> None:
         if observe is not None:

@@ -1,4 +1,4 @@
-"""Distances to simple solids and their smooth union, of which bones are built; all lengths in mm."""
+"""Distances to simple solids and their smooth union, to build bones; all lengths in mm."""
 
 import numpy as np
 

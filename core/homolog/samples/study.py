@@ -1,4 +1,4 @@
-"""A sample study: shapes that share their faces, with the values that they were made of."""
+"""A sample study: shapes with common faces, and the parameters that generated them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,9 +20,9 @@ class SampleSubject:
     name : str
         Also that of its file.
     columns : mapping of str to str
-        What a study's table has on it: group, age, sex, side.
+        Columns of the table: group, age, sex, side.
     parameters : mapping of str to float
-        What it was made of, with units in the names.
+        Its parameters, with units in the names.
     mesh : TriangleMesh
         Its exact surface in the frame of the file [mm]; vertices correspond across subjects.
     """

@@ -1,4 +1,4 @@
-"""A sample study as files: what a user would have, and the truth beside it."""
+"""A sample study as files: the inputs of a study, and the truth."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -105,7 +105,7 @@ def test_pairs_name_the_pair_of_each_subject_as_on_the_command_line(shapes):
         ({"alignment": ("rigid", "rigid")}, "each once"),
         ({"comparisons": [("a", "z")]}, "'z'.* are not two of the groups a, b, c"),
         ({"comparisons": [("a", "b"), ("b", "a")]}, "each once"),
-        ({"between": ("a", "b"), "comparisons": [("a", "b")]}, "among three or more groups"),
+        ({"between": ("a", "b"), "comparisons": [("a", "b")]}, "three or more groups"),
         ({"pairs": [("a", "b")]}, r"comparisons=\[\('a', 'b'\)\]"),
         ({"pairs": 9 * ["l", "r"]}, "is between two groups"),
         ({"pairs": ["l"], "between": ("a", "b")}, "1 given for 18"),

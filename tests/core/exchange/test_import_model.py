@@ -131,7 +131,7 @@ def test_a_subject_without_a_surface_gets_a_carried_one(exported, content, proje
     (exported.parent / content["data"][1]["groomed_1"]).unlink()
     (note,) = import_model(exported, project)
     assert note.startswith("b: its surface")
-    assert "carried by particles" in note
+    assert "warped by the particles" in note
     assert read_surfaces(project)[1].volume == pytest.approx(read_surfaces(finished_run)[1].volume, rel=0.05)
 
 

@@ -48,7 +48,7 @@ def test_points_that_were_never_placed_are_left_out(path):
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"controlPoints": []}, "no point that was placed"),
+        ({"controlPoints": []}, "contains no"),
         ({"controlPoints": [{"label": "a", "position": [1, 2]}]}, "point a has no position"),
         ({"controlPoints": [{"label": "a", "position": [1, 2, "x"]}]}, "point a has no position"),
         ({"controlPoints": [{"label": "a", "position": [1, 2, 1e999]}]}, "point a has no position"),

@@ -19,7 +19,7 @@ SHEARED = RAS + np.array([[0, 0, 1.0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 
 
 def said(result):
     """Return the notes but that several labels were taken together."""
-    return tuple(note for note in result.notes if "taken together" not in note)
+    return tuple(note for note in result.notes if "combined into one" not in note)
 
 
 @pytest.fixture

@@ -137,8 +137,8 @@ def test_stacks_with_gaps_of_several_kinds_or_sizes_or_in_colours_are_refused(tm
     for name, text in {
         "gap": "missing after number 4",
         "kinds": "order of its slices",
-        "size": "not as large",
-        "colour": "in colours",
+        "size": "differs in size",
+        "colour": "colour",
     }.items():
         with pytest.raises(InputError, match=text):
             read_segmentation(tmp_path / name, None)

@@ -200,4 +200,4 @@ def test_shapes_whose_files_lie_in_any_orientation_are_matched_by_the_little_tha
     registration = register(cohort, GroomSettings())
     back = Rotation.from_matrix(registration.alignments[:, :3, :3]) * turns
     assert np.degrees((back * back[0].inv()).magnitude()).max() < 25.0
-    assert all("many orientations" in note for note in registration.notes)
+    assert all("orientations" in note for note in registration.notes)

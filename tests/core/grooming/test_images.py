@@ -26,8 +26,8 @@ def test_every_value_above_zero_is_inside_without_a_label(labelled, save):
 
 def test_labels_that_are_taken_together_are_noted(labelled, save):
     together, alone = (read_segmentation(save(labelled), label) for label in (None, 2))
-    assert [note for note in together.notes if "taken together" in note]
-    assert not [note for note in alone.notes if "taken together" in note]
+    assert [note for note in together.notes if "combined into one" in note]
+    assert not [note for note in alone.notes if "combined into one" in note]
     assert not [note for note in read_segmentation(save(labelled == 2), None).notes if "together" in note]
 
 
@@ -84,7 +84,7 @@ def test_a_file_cut_short_is_refused(save, suffix):
         ("a.nii", "is not a readable image"),
         ("a.nii.gz", "is not a readable image"),
         ("a.nrrd", "is not a readable image"),
-        ("a.tif", "can't be read as a picture"),
+        ("a.tif", "a.tif: can't be read"),
         ("a.mnc", "has an unsupported type; convert it"),
         ("a.raw", "give its header if it has one"),
     ],

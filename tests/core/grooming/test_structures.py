@@ -206,7 +206,7 @@ def test_folders_of_masks_are_refused_until_it_is_said_which_is_meant(patients):
     subject = read_cohort(patients).subjects[0]
     with pytest.raises(InputError, match=r"several structures; .* kidney_left"):
         read_source(subject, GroomSettings())
-    with pytest.raises(InputError, match="numbers mean nothing"):
+    with pytest.raises(InputError, match="one file per structure"):
         read_source(subject, GroomSettings(label=3))
     with pytest.raises(InputError, match=r"'kidney'; similar names: kidney_left"):
         read_source(subject, GroomSettings(segment="kidney"))
