@@ -105,6 +105,6 @@ def test_an_answer_is_kept_as_the_command_line_keeps_it(page, window, wait, tmp_
     assert len(mine) > 2
     for file in folder.iterdir():
         file.unlink()
-    line = page.keep.toolTip().partition("like: ")[2]
+    line = page.keep.toolTip().partition("command: ")[2]
     assert main([*shlex.split(line)[1:], "--progress", "none"]) == 0
     assert {file.name: file.read_bytes() for file in folder.iterdir() if file.name not in dated} == mine

@@ -183,11 +183,11 @@ BOX = np.ones((4, 4, 4))
 @pytest.mark.parametrize(
     ("shapes", "fault"),
     [
-        ([BOX, BOX], r"shape_1: .*without voxel_size"),
+        ([BOX, BOX], r"shape_1: .*voxel_size"),
         ([(BOX, np.eye(3))], r"shape_1: the matrix .* must be \(4, 4\)"),
         ([None], "shape_1: NoneType is not a shape; give a path, a TriangleMesh"),
         ([(np.zeros((3, 2)), [[0, 1, 2]])], r"shape_1: a mesh needs vertices \(V, 3\)"),
-        ([(np.zeros((3, 3)), [[0, 1, 3]])], "shape_1: faces name vertices that do not exist"),
+        ([(np.zeros((3, 3)), [[0, 1, 3]])], "shape_1: faces refer to vertices"),
         ([(np.full((3, 3), np.nan), [[0, 1, 2]])], "shape_1: vertices are not finite"),
         ([(np.zeros((3, 3)), [[0.0, 1.0, 2.0]])], "shape_1: faces must be integers"),
         (["x/a.stl", "y/a.stl"], "several shapes are called a"),

@@ -84,7 +84,7 @@ def test_a_file_cut_short_is_refused(save, suffix):
         ("a.nii", "is not a readable image"),
         ("a.nii.gz", "is not a readable image"),
         ("a.nrrd", "is not a readable image"),
-        ("a.tif", "a.tif: can't be read"),
+        ("a.tif", "can't be read"),
         ("a.mnc", "has an unsupported type; convert it"),
         ("a.raw", "give its header if it has one"),
     ],
