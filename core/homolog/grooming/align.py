@@ -1,4 +1,4 @@
-"""Bringing groomed shapes into one frame."""
+"""Alignment of groomed shapes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ __all__ = ["RegisterPair", "Registration", "align", "medoid", "of_other_units", 
 
 
 class RegisterPair(Protocol):
-    """What registers a shape to another: `registered`, or that with a memory."""
+    """A registration of one shape to another: `registered`, or its cached form."""
 
     def __call__(self, moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False) -> Fit:
         """Return what `registered` does."""
@@ -46,14 +46,14 @@ _QUANTILES = np.linspace(0.02, 0.98, 25)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
-    """How a cohort lies in one frame.
+    """Alignment of a cohort.
 
     Attributes
     ----------
     alignments : (M, 4, 4) float64 array
         From local to world coordinates: a proper rotation times one positive scale, and a translation [mm].
     notes : tuple of M str or None
-        On a subject that does not look like the others, or lay otherwise.
+        On a subject that does not look like the others, or had another orientation.
     """
 
     alignments: FloatArray
@@ -88,7 +88,7 @@ def register(
     *,
     register_pair: RegisterPair = registered,
 ) -> Registration:
-    """Bring a cohort into one frame.
+    """Align a cohort.
 
     With *center* each surface's centre becomes the origin. *Axes* also turns the principal axes onto
     those of a reference subject, and *ICP* registers the surface to the reference (`registered`); the world
@@ -145,7 +145,7 @@ def _fits(
     register_pair: RegisterPair,
     tick: Tick,
 ) -> list[Fit]:
-    """Return how all shapes register to the middle one; nothing where only places or axes are aligned."""
+    """Return the registrations of all shapes to the medoid; none if only centres or axes are aligned."""
     tick(0.0, "aligning")
     if alignment is not Alignment.ICP:
         return []
@@ -172,7 +172,7 @@ def _reconsidered(
     register_pair: RegisterPair,
     tick: Tick,
 ) -> list[Fit]:
-    """Register shapes that were turned away from all others by way of their neighbours.
+    """Register shapes that were rotated relative to all others through their neighbours.
 
     A shape that differs much from the reference may fit it better the wrong way round. Where the files of
     most shapes lie alike, one that was turned is compared with the shapes that it resembles most, and keeps
@@ -238,7 +238,7 @@ def _radii(oriented_shapes: Sequence[OrientedPoints]) -> FloatArray:
 
 
 def _notes(alignments: FloatArray, distances: FloatArray, sizes: FloatArray) -> tuple[str | None, ...]:
-    """Return what a person should know about the registrations, by subject."""
+    """Return notes on the registrations, by subject."""
     if len(distances) < _FEWEST:
         return (None,) * len(distances)
     typical = float(np.median(distances))

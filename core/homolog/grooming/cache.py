@@ -1,4 +1,4 @@
-"""What was made earlier, on disk: groomed subjects, one archive and one surface each, and registrations."""
+"""Cache on disk: groomed subjects, with one archive and one surface each, and registrations."""
 
 import hashlib
 import json
@@ -34,7 +34,7 @@ _REGISTRATION_VERSION = "2"
 
 
 def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) -> str:
-    """Return two hashes of all that a groomed subject depends on: the file's content, and the settings."""
+    """Return hashes of the inputs of a groomed subject: the file's content, and the settings."""
     content, rest = hashlib.sha256(), hashlib.sha256(_VERSION.encode())
     rest.update(settings.model_dump_json(exclude={"alignment", "mirror", "scaling", "label"}).encode())
     arrays: tuple[Array, ...]
@@ -49,7 +49,7 @@ def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) ->
 
 
 def is_outdated(folder: Path, name: str, key: str) -> bool:
-    """Return whether the cache holds what was made of other content of a subject's file.
+    """Return whether the cache entry of a subject is of other content of its file.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def read_groomed(folder: Path, name: str) -> GroomedSubject:
 
 
 def load_report(folder: Path, name: str) -> GroomReport | None:
-    """Return what grooming found in a subject's file the last time; None if it is not known."""
+    """Return the last grooming report of a subject; None if there is none."""
     try:
         return _report(read_arrays(_file(folder, name, "npz")))
     except _DAMAGED:
@@ -179,12 +179,12 @@ def save_groomed(folder: Path, groomed: GroomedSubject, key: str) -> None:
 
 
 def _file(folder: Path, name: str, kind: str) -> Path:
-    """Return a file's path, within the folder whatever the name; who shares one grooms again each time."""
+    """Return a file's path within the folder; subjects with the same path are groomed again each time."""
     return folder / f"{file_stems([name])[0]}.{kind}"
 
 
 class RegistrationCache:
-    """Registrations of one surface to another, by the content of both; a surface that changed has none.
+    """Registrations of one surface to another, by the content of both.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ class RegistrationCache:
         return fit
 
     def save(self) -> None:
-        """Keep the registrations that were asked for, if there are new ones.
+        """Store the requested registrations, if there are new ones.
 
         What can't be kept, as in a folder that is only read, is computed again the next time.
         """

@@ -18,7 +18,7 @@ _ANY_NEIGHBOUR = np.ones((3, 3, 3), dtype=bool)
 
 @dataclass(frozen=True, slots=True)
 class Cleaned:
-    """A segmentation of one solid piece and what was done to make it that.
+    """A cleaned segmentation of one solid piece, with the changes.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Cleaned:
 
 
 def cleaned(segmentation: Segmentation, pieces: Pieces = Pieces.LARGEST) -> Cleaned:
-    """Keep the largest component (26 neighbours), fill what it encloses, crop to it.
+    """Keep the largest component (26-connectivity), fill its cavities, crop to it.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""All subjects of a cohort: checked before any work, groomed side by side, cached."""
+"""Grooming of a cohort: checked in advance, groomed in parallel, cached."""
 
 import logging
 from collections import Counter
@@ -47,7 +47,7 @@ def check_cohort(
     *,
     sources: Mapping[str, Source] = NO_SOURCES,
 ) -> list[Problem]:
-    """Read every file and return what is wrong with the bad ones, in the cohort's order.
+    """Read every file and return the problems, in the cohort's order.
 
     Nothing is computed or written. Faults that only grooming can find are few: a grid that would not fit
     into memory, a mesh too small for the edges asked for, or nothing left after smoothing.
@@ -83,7 +83,7 @@ def check_cohort(
 
 
 def _of_other_names(called: dict[str, str]) -> list[Problem]:
-    """Return the subjects whose files call the structure otherwise than most do: a value may mean another."""
+    """Return the subjects whose files name the structure differently: its value may mean another."""
     names = Counter(item.casefold() for item in called.values())
     usual = max(names, key=names.__getitem__, default="")
     return [
@@ -183,7 +183,7 @@ def groom_cohort(
 
 
 def _with_twins(groomed: Sequence[GroomedSubject], keys: Mapping[str, str]) -> list[GroomedSubject]:
-    """Return the subjects, with a note on each whose file holds what the file of one before it holds."""
+    """Return the subjects, with a note on each whose file is identical to an earlier one."""
     first: dict[str, str] = {}
     noted = []
     for subject in groomed:
@@ -201,7 +201,7 @@ def _from_cache(
     tick: Tick,
     taken: Callable[[GroomedSubject], GroomedSubject],
 ) -> tuple[dict[str, GroomedSubject], dict[str, str]]:
-    """Return what the cache holds, and every subject's key."""
+    """Return the cached subjects, and every subject's key."""
     cached: dict[str, GroomedSubject] = {}
     keys: dict[str, str] = {}
     for index, subject in enumerate(cohort.subjects if cache else ()):
@@ -223,13 +223,13 @@ def _source(subject: Subject, settings: GroomSettings, source: Source | None) ->
 
 
 def _groomed(subject: Subject, settings: GroomSettings, source: Source | None) -> tuple[str, GroomedSubject]:
-    """Groom a subject, in a worker, and tell what its file held."""
+    """Groom a subject, in a worker, and return the key of its file."""
     source = read_source(subject, settings) if source is None else source
     return content_key(source, settings), groom(subject.name, source, settings)
 
 
 def _noted(cache: Path, done: GroomedSubject, key: str) -> GroomedSubject:
-    """Return a subject with a note if its file is not the one that was groomed before."""
+    """Return a subject with a note if its file has changed since it was last groomed."""
     if not is_outdated(cache, done.name, key):
         return done
     note = "its file has changed since it was last groomed; it was groomed again"
@@ -242,7 +242,7 @@ def _with_note(groomed: GroomedSubject, note: str) -> GroomedSubject:
 
 
 def _as_they_finish(futures: dict[_Work, Subject], tick: Tick) -> Iterator[tuple[Subject, _Work]]:
-    """Yield what is done as it comes, ticking meanwhile; drop what waits when something goes wrong."""
+    """Yield results as they arrive, with ticks; cancel pending work on errors."""
     pending, count = set(futures), len(futures)
     try:
         while pending:

@@ -1,4 +1,4 @@
-"""DICOM: which of a file, a folder with one file, and a folder of slices it is."""
+"""DICOM: a file, a folder with one file, or a folder of slices."""
 
 from pathlib import Path
 

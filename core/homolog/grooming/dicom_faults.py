@@ -1,4 +1,4 @@
-"""What pydicom and highdicom say of bad files, turned into what the user can do."""
+"""Conversion of errors of pydicom and highdicom into messages with remedies."""
 
 import io
 import warnings
@@ -13,7 +13,7 @@ __all__ = ["dicom_faults"]
 
 @contextmanager
 def dicom_faults(path: Path, kind: str) -> Iterator[None]:
-    """Turn whatever is raised into an InputError, and hear nothing else.
+    """Convert any exception into an InputError, and suppress other output.
 
     Both packages write file names and values of the header, which may be a patient's, to the standard error.
 

@@ -70,7 +70,7 @@ def volume_inside(field: DistanceField) -> float:
 
 
 def _smoothed_alike(distances: Float32Array, sigma: float) -> Float32Array:
-    """Smooth; where that would tear the shape, keep every node on its own side of the zero level."""
+    """Smooth; where this would change the topology, keep every node on its own side of the zero level."""
     result = smoothed(distances, sigma)
     if _pieces(result) != 1 or _pieces(-result) != 1:
         return _on_own_side(result, distances)
@@ -81,7 +81,7 @@ def _smoothed_alike(distances: Float32Array, sigma: float) -> Float32Array:
 
 
 def _pieces(values: Array) -> int:
-    """Return in how many pieces the nodes below zero lie."""
+    """Return the number of components of the nodes below zero."""
     return int(ndimage.label(values < 0.0)[1])
 
 

@@ -1,6 +1,6 @@
-"""Headers of NRRD and MetaImage files: where their voxels lie, and the names of segments.
+"""Headers of NRRD and MetaImage files: position of the voxels, and names of segments.
 
-What SimpleITK reads without a word although it makes no sense is refused here.
+Invalid headers that SimpleITK accepts silently are refused here.
 """
 
 import math
@@ -53,7 +53,7 @@ class Header:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know."""
+        """Notes for the user."""
         keys = ("spacedirections", "spacings") if self.is_nrrd else ("elementspacing", "elementsize")
         return () if any(key in self.values for key in keys) else (_NO_SIZE,)
 
@@ -111,7 +111,7 @@ class Header:
             )
 
     def check(self) -> None:
-        """Refuse what contradicts itself, lies elsewhere than next to the header, or is not there."""
+        """Refuse inconsistent headers, and missing data files or ones outside the header's folder."""
         for name in self.files:
             self._check_beside(name)
         (self._check_nrrd if self.is_nrrd else self._check_metaimage)()
@@ -202,7 +202,7 @@ def _unpacked_size(place: Path, begin: int, most: int) -> tuple[int, bool]:
 
 
 def read_header(path: Path) -> Header:
-    """Read the header of a NRRD or MetaImage file, whatever is in it."""
+    """Read the header of a NRRD or MetaImage file, unchecked."""
     with path.open("rb") as stream:
         text = stream.read(_LONGEST).decode("latin-1")
     is_nrrd = text.startswith("NRRD")
@@ -226,7 +226,7 @@ def read_header(path: Path) -> Header:
 
 
 def segments_of(path: Path, values: Mapping[str, str]) -> tuple[Segment, ...]:
-    """Return the segments that 3D Slicer noted in a header, ``Segment0_Name`` and so on.
+    """Return the segments of 3D Slicer in a header, ``Segment0_Name`` and so on.
 
     Raises
     ------

@@ -54,7 +54,7 @@ class OrientedPoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """How a surface was registered.
+    """Registration of a surface.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ def axes_rotation(moving: OrientedPoints, fixed: OrientedPoints) -> FloatArray:
 
 
 def registered(moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False) -> Fit:
-    """Return the similarity that brings one cloud onto another, both centred and of about one size.
+    """Return the similarity of one point set to another, both centred and of about one size.
 
     Matches are closest points in position and normal, in both directions; what is farther than usual counts
     little, so that a part that one surface lacks, or has elsewhere, does not turn the rest. Starts are the
@@ -95,7 +95,7 @@ def registered(moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = Fa
     ----------
     moving, fixed : OrientedPoints
     free : bool
-        Whether the given orientation says nothing. Otherwise it is kept unless another fits clearly better,
+        Whether to ignore the given orientation. Otherwise it is kept unless another fits clearly better,
         so that near-symmetric shapes keep theirs.
     """
     own, other = _Half(moving), _Half(fixed)

@@ -1,4 +1,4 @@
-"""Reading segmentations: any format, orientation and spacing, one frame (LPS, mm), every fault named."""
+"""Reading segmentations of any format, orientation and spacing into one frame (LPS, mm)."""
 
 import math
 import os

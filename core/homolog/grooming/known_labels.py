@@ -1,6 +1,6 @@
 """Public numbers of structures: FreeSurfer's (FreeSurferColorLUT.txt), and TotalSegmentator's task `total`.
 
-A list is taken for a file's only where the numbers in the file, or the names of its folders, speak for it:
+A list applies to a file only if its numbers, or the names of its folders, match:
 the values 1, 2 and 3 are in every list.
 """
 
@@ -41,12 +41,12 @@ class KnownList:
     telling: frozenset[int] = frozenset()
 
     def fits(self, values: frozenset[int]) -> bool:
-        """Return whether a file's values alone speak for the list."""
+        """Return whether a file's values alone match the list."""
         return values <= self.common and (len(values) >= self.fewest or bool(values & self.telling))
 
 
 def known_list(path: Path, values: frozenset[int]) -> KnownList | None:
-    """Return the public list that a file of these values follows, if that is plain.
+    """Return the public list that matches a file's values, if any.
 
     Parameters
     ----------

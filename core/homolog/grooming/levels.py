@@ -65,7 +65,7 @@ HOLE_WALL_NODES = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Level:
-    """A level function and where its grid is.
+    """A level function with its grid.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ def edges_crossed(segmentation: Segmentation, step: float) -> float:
 
 
 def level_of_mesh(mesh: TriangleMesh, spacing: float | None) -> Level:
-    """Return the distance to a closed mesh, as far as it is needed.
+    """Return the distance to a closed mesh, near its surface.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def _sparing_step(segmentation: Segmentation) -> float:
 
 
 def _thickened(mesh: TriangleMesh, least: float) -> tuple[TriangleMesh, tuple[str, ...]]:
-    """Return a mesh whose walls are at least so thick [mm], and a note on what that took.
+    """Return a mesh with walls of a minimum thickness [mm], and a note on the changes.
 
     A wall thinner than the grid resolves would have holes. Rims are thin on every shape and are left alone.
     """

@@ -1,4 +1,4 @@
-"""Left and right subjects in one frame: one side is mirrored, and every subject that is has a note."""
+"""Left and right subjects in one frame: one side is mirrored, with a note on every mirrored subject."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -45,7 +45,7 @@ def align_cohort(
     known: Mapping[str, FloatArray] | None = None,
     cache: Path | None = None,
 ) -> tuple[list[GroomedSubject], FloatArray]:
-    """Bring groomed subjects into one frame, those of one side of the body mirrored.
+    """Align groomed subjects, those of one side of the body mirrored.
 
     Where only names tell the sides, and most of those to be mirrored fit the others far better as they are,
     their files hold mirror images already: then nobody is mirrored.
@@ -127,7 +127,7 @@ def _aligned(
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """Who is mirrored, what to say of whom, and whether only names tell the sides of a new run."""
+    """The mirrored subjects, notes, and whether only names give the sides of a new run."""
 
     mirrored: set[str]
     notes: dict[str, str]
@@ -166,7 +166,7 @@ def _plan(cohort: Cohort, settings: GroomSettings, given: Mapping[str, FloatArra
 
 
 def _fewer(sides: Mapping[str, str], wish: Mirror, cohort: Cohort) -> str | None:
-    """Return the side to mirror; None if there is nothing to do."""
+    """Return the side to mirror; None if there is none."""
     if wish is not Mirror.AUTO:
         if not sides:
             raise InputError(
@@ -201,9 +201,9 @@ def _better_mirrored(
     register_pair: RegisterPair,
     tick: Tick,
 ) -> set[str]:
-    """Return the names of those whose mirror image comes far nearer to the most typical subject.
+    """Return the names of subjects whose mirror image is far closer to the most typical subject.
 
-    All are compared at one size. Known ones are not looked at.
+    All are compared at one size. Known ones are skipped.
     """
     placed = [
         oriented_points(item.coarse_mesh.placed(alignment))
@@ -263,6 +263,6 @@ def _thinned(cloud: OrientedPoints, points: int) -> OrientedPoints:
 
 
 def _gap(points: FloatArray, fixed: OrientedPoints) -> float:
-    """Return how far points are on average from a cloud's surface, over the size."""
+    """Return the mean distance of points from a point set's surface, relative to the size."""
     nearest = KDTree(fixed.points).query(points)[1]
     return float(np.abs(np.einsum("ni,ni->n", points - fixed.points[nearest], fixed.normals[nearest])).mean())

@@ -1,4 +1,4 @@
-"""Names of structures: tables next to the files, and how what a user writes is matched with them."""
+"""Names of structures: tables next to the files, and matching of a user's input."""
 
 import difflib
 import json
@@ -31,7 +31,7 @@ _Named = TypeVar("_Named")
 
 @dataclass(frozen=True, slots=True)
 class LabelTable:
-    """What label values are called.
+    """Names of label values.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class LabelTable:
 
 
 def same_name(name: str, other: str) -> bool:
-    """Return whether two names mean the same structure.
+    """Return whether two names denote the same structure.
 
     Case, blanks, dashes, underscores and the order of the words don't matter; ``L`` and ``lh`` are left.
     """
@@ -57,14 +57,14 @@ def same_name(name: str, other: str) -> bool:
 
 
 def matching(items: Iterable[tuple[str, _Named]], wanted: str) -> list[_Named]:
-    """Return the items of a name: those that are called exactly so, if there are any."""
+    """Return the items that match a name: exact matches, if there are any."""
     items = list(items)
     exact = [item for name, item in items if name.strip().casefold() == wanted.strip().casefold()]
     return exact or [item for name, item in items if name and same_name(name, wanted)]
 
 
 def near(names: Iterable[str], wanted: str) -> list[str]:
-    """Return the names that a user may have meant, best first; none if there are none."""
+    """Return similar names, best first."""
     tokens = {name: set(_tokens(name)) for name in names if name}
     wanted_tokens = set(_tokens(wanted))
     inside = [name for name, own in tokens.items() if wanted_tokens <= own or own <= wanted_tokens]
@@ -80,7 +80,7 @@ def near(names: Iterable[str], wanted: str) -> list[str]:
 
 @lru_cache(maxsize=4096)
 def _keys(name: str) -> frozenset[str]:
-    """Return what two names of one structure share."""
+    """Return the comparison key of a name."""
     split = _tokens(re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name))
     plain = _tokens(name)
     return frozenset({" ".join(sorted(split)), " ".join(sorted(plain)), "".join(plain)} - {""})
@@ -98,7 +98,7 @@ _SYNONYMS = {
 
 
 def label_table(path: Path, values: Iterable[int], wanted: str | None = None) -> LabelTable | None:
-    """Return what the values of a file are called that does not say so itself.
+    """Return the names of the values of a file without names.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""NIfTI 1 and 2 volumes, with their two ways of saying where they lie, and FreeSurfer's MGH and MGZ."""
+"""NIfTI 1 and 2 volumes, with their two placements, and FreeSurfer's MGH and MGZ."""
 
 import gzip
 import html
@@ -251,7 +251,7 @@ def _misnamed(path: Path) -> tuple[str, ...]:
 
 
 def _opened(path: Path) -> Any:  # noqa: ANN401 - half of nibabel is untyped
-    """Return an image whose header makes sense; nibabel would correct others."""
+    """Return an image with a valid header; nibabel would correct others."""
     with ErrorLevel(DUBIOUS):  # type: ignore[no-untyped-call]
         if not _misnamed(path):
             return nibabel.load(path, mmap=False)
@@ -322,7 +322,7 @@ def placement(
 def _decided(
     path: Path, qform: tuple[FloatArray, int], sform: tuple[FloatArray, int], zooms: FloatArray, apart: float
 ) -> tuple[FloatArray, tuple[str, ...]]:
-    """Return which of two matrices that differ is taken, and a note if they should not differ.
+    """Return which of two different matrices is used, and a note if they should not differ.
 
     As ITK and so 3D Slicer, ITK-SNAP and ANTs do: the sform if it leads to the scanner's frame, else the
     qform. Codes that differ name different frames, which is no fault. A sform of other voxel sizes (a

@@ -1,4 +1,4 @@
-"""Stacks of pictures as volumes: folders of PNG, TIFF or BMP slices, and TIFF files of many pages."""
+"""Image stacks as volumes: folders of PNG, TIFF or BMP slices, and multi-page TIFF files."""
 
 import re
 from collections.abc import Sequence

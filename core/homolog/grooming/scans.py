@@ -1,4 +1,4 @@
-"""Grey-value scans behind segmentations: read once, in the file's own numbers, and shown slice by slice."""
+"""Grey-value scans behind segmentations, with the file's own values, for display in slices."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -120,7 +120,7 @@ def read_scan(path: Path, tick: Tick = no_tick) -> Scan:
 
 
 def check_frame(scan: Scan, points: FloatArray, name: str) -> float:
-    """Refuse a scan that does not show a structure, because the two are not in one frame.
+    """Refuse a scan that does not contain a structure, because they are not in one frame.
 
     Parameters
     ----------

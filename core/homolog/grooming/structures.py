@@ -1,4 +1,4 @@
-"""Which structures a cohort's files hold: names, volumes, and how many subjects have them."""
+"""Structures in a cohort's files: names, volumes, and numbers of subjects."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -72,7 +72,7 @@ class Structure:
 
     @property
     def title(self) -> str:
-        """How people call it: its name, or its number."""
+        """Display name: its name, or its number."""
         return self.name or f"Label {self.values[0]}"
 
     @property
@@ -89,7 +89,7 @@ class Structure:
 
 @dataclass(frozen=True, slots=True)
 class Structures:
-    """What a cohort's files hold.
+    """The structures of a cohort's files.
 
     Attributes
     ----------
@@ -199,7 +199,7 @@ def _structure_in(name: str, path: Path) -> SubjectStructure | None:
 
 
 def list_structures(cohort: Cohort, tick: Tick = no_tick) -> Structures:
-    """Look into every file of a cohort and return the structures that there are.
+    """Read every file of a cohort and return its structures.
 
     Those of one name are one structure, whatever their numbers; those without a name go by their number.
     """
@@ -259,7 +259,7 @@ def _structure(by_subject: Mapping[str, SubjectStructure]) -> Structure:
 
 
 def chosen_structures(structures: Sequence[Structure], wanted: Sequence[str]) -> list[Structure]:
-    """Return the structures that a user names, or gives the number of; all of them for ``all``.
+    """Return the structures chosen by name or number; all of them for ``all``.
 
     Raises
     ------

@@ -35,7 +35,7 @@ __all__ = [
 COARSE_VERTICES = 1500
 
 Source = Segmentation | TriangleMesh
-"""What is groomed."""
+"""Input of grooming."""
 
 _FEWEST_VOXELS = 8
 _MUCH_LOST = 0.75
@@ -51,7 +51,7 @@ _LEAST_HELD = 0.3
 
 @dataclass(frozen=True, slots=True)
 class GroomReport:
-    """What grooming found and changed.
+    """Findings and changes of grooming.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class GroomedSubject:
 
 
 def groom_subject(subject: Subject, settings: GroomSettings) -> GroomedSubject:
-    """Turn a segmentation or a mesh into a distance field and meshes.
+    """Convert a segmentation or a mesh to a distance field and meshes.
 
     Pure, and of arguments and results that can be pickled: it may run in another process or on another
     machine that sees the same files.
@@ -172,7 +172,7 @@ def read_source(subject: Subject, settings: GroomSettings) -> Source:
 
 
 def _check_beginning(path: Path) -> None:
-    """Refuse what stands in the place of a file: nothing, or what Git LFS knows it by."""
+    """Refuse empty files and Git LFS pointers."""
     if not path.is_file():
         return
     with path.open("rb") as stream:
@@ -184,7 +184,7 @@ def _check_beginning(path: Path) -> None:
 
 
 def check_source(source: Source, settings: GroomSettings, what: object) -> Source:
-    """Return a shape if it may be one, as far as a look without computation tells.
+    """Return a shape after quick checks.
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
 
 
 def _of_other_unit(mesh: TriangleMesh) -> tuple[str, ...]:
-    """Return a note on a shape of a size that nothing in a body has."""
+    """Return a note on a shape of an implausible size."""
     longest = float(np.ptp(mesh.vertices, axis=0).max())
     if _SHORTEST <= longest <= _LONGEST:
         return ()
@@ -328,7 +328,7 @@ def _refuse_lost(held: float, settings: GroomSettings) -> None:
 
 
 def _kept(share: float, dropped: int, loose: int) -> list[str]:
-    """Return a note on how much of a structure's volume is left, if pieces of it were dropped."""
+    """Return a note on the share of a structure's volume that was kept, if pieces were dropped."""
     pieces = [f"the largest of {dropped + 1} separate pieces"] if dropped else []
     pieces += [f"{loose} small piece{'s' if loose > 1 else ''} came loose in smoothing"] if loose else []
     kept = "more than 99.9 %" if share > 0.999 else f"{100.0 * share:.3g} %"

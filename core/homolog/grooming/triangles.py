@@ -1,4 +1,4 @@
-"""Level functions of meshes, whatever state these are in."""
+"""Level functions of meshes, including damaged ones."""
 
 from dataclasses import dataclass, replace
 
@@ -58,7 +58,7 @@ class Triangles:
 
 
 def check_triangles(mesh: TriangleMesh, settings: GroomSettings) -> None:
-    """Refuse what encloses no volume, or falls apart, as far as a quick look tells.
+    """Refuse meshes that enclose no volume or are in pieces, by quick checks.
 
     Raises
     ------

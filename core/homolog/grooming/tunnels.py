@@ -1,4 +1,4 @@
-"""Narrow tunnels through a solid of voxels, which come from noise in labels, are filled.
+"""Filling of narrow tunnels through a solid of voxels, which come from noise in labels.
 
 A label map of a thin or folded structure has tunnels of one or two voxels, in each subject at another place.
 The surfaces of such subjects do not correspond.

@@ -1,4 +1,4 @@
-"""What the values of a file mean: labels, probabilities, signed distances, or grey values."""
+"""Interpretation of a file's values: labels, probabilities, signed distances, or grey values."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -41,7 +41,7 @@ def slices_of(values: Array) -> Iterator[Array]:
 
 
 def labels_from(path: Path, values: Array, spacing: FloatArray) -> tuple[Array, str]:
-    """Return labels, and what is to be said of them.
+    """Return labels and notes.
 
     Probabilities become 1 from 0.5 on, signed distances become 1 on the side of their surface that is away
     from the border of the image.
@@ -169,7 +169,7 @@ def _outward_sign(values: Array, spacing: FloatArray) -> int:
 
 
 def labels_seen(path: Path, values: Array) -> int:
-    """Return how many labels a look at a layer sees.
+    """Return the number of labels in a sample of a layer.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Label volumes in one frame (LPS, mm): which voxels are the structure, whatever file they came from."""
+"""Label volumes in one frame (LPS, mm), and the voxels of a structure."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -47,7 +47,7 @@ class Segmentation:
     origin : (3,) float64 array
         Centre of voxel (0, 0, 0) [mm, LPS].
     notes : tuple of str
-        What the user should know of the file.
+        Notes for the user.
     name : str
         What the file calls the structure, if anything.
     """
@@ -81,7 +81,7 @@ class Segment:
 
     @property
     def title(self) -> str:
-        """How messages call it."""
+        """Name in messages."""
         return f"{self.name} ({self.value})" if self.name else str(self.value)
 
 
@@ -100,7 +100,7 @@ class Volume:
     named : tuple of Segment
         The structures that the file names.
     notes : tuple of str
-        What the user should know of the file.
+        Notes for the user.
     """
 
     path: Path
@@ -224,7 +224,7 @@ class Volume:
         raise InputError(f"{self.path}: {lacks} {wanted}; {self._what_there_is(name)}")
 
     def _what_there_is(self, name: str) -> str:
-        """Return what a structure that was not found may be called, and what the file holds."""
+        """Return similar names of a missing structure, and the content of the file."""
         there = self.segments()
         if not there:
             return "segment the structure or exclude the subject"
@@ -303,7 +303,7 @@ class Volume:
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """How much there is of a structure in a file: its volume [mm³], and whether it touches the border."""
+    """Extent of a structure in a file: its volume [mm³], and whether it touches the border."""
 
     segment: Segment
     volume: float
@@ -311,7 +311,7 @@ class Extent:
 
 
 def check_size(path: Path, shape: Sequence[int], voxel_bytes: float) -> None:
-    """Refuse, by what the header says, what is no volume or too large for this machine.
+    """Refuse, by its header, a file that is not a volume or is too large for this machine.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""One patient against a population: a frozen reference, a robust fit, and how unusual a shape is."""
+"""One patient against a population: a frozen reference, a robust fit, and the comparison."""
 
 from homolog.patient.build import make_reference
 from homolog.patient.compare import PatientComparison, compare_groomed, compare_patient

@@ -1,4 +1,4 @@
-"""A reference made from a finished project."""
+"""Building a reference from a finished project."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -30,7 +30,7 @@ __all__ = ["FEWEST", "make_reference", "reference_of", "scores_of_points"]
 FEWEST = 8
 """Controls."""
 _FITTED_SHARE = 0.98
-"""Of the particles' variance in the modes that are fitted."""
+"""Share of the particles' variance in the fitted modes."""
 _NEAR = 0.3  # spacings
 _COLUMN = "group"
 
@@ -55,16 +55,16 @@ def make_reference(
     project : ProjectFolder
         With a result.
     group : str, optional
-        Who are the controls; all subjects by default.
+        Group of the controls; all subjects by default.
     column : str
         Of the cohort's table, where groups are.
     adjust : sequence of str
         Covariates to adjust for: columns of the table.
     pairs, time : str
-        Columns that name a person and order that person's times, if controls were seen twice. The first
+        Columns that identify a person and order the times, if controls were scanned twice. The first
         time of each is the control; the change to the next one is what is expected of a patient.
     scores, names : bool
-        Whether to keep each control's scores, and its name with them, so that those most like a patient can
+        Whether to store each control's scores, and its name with them, so that the nearest controls can
         be told. They are data of single subjects.
     workers : int, optional
         Processes; one per core by default.
@@ -121,7 +121,7 @@ def reference_of(
     workers: int | None = None,
     tick: Tick = no_tick,
 ) -> Reference:
-    """Make a reference of controls that were read.
+    """Make a reference of loaded controls.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def reference_of(
         Theirs, as `coding` makes them.
     provenance : Provenance
     between : str
-        What lies between the times of controls that were seen twice, in words.
+        Interval between the times of controls with two times, as text.
     workers : int, optional
         Processes; one per core by default.
     tick : Tick
@@ -190,7 +190,7 @@ def _cell(result: Result, index: int, name: str, project: ProjectFolder) -> str:
 
 
 def _modes(controls: Controls, columns: FloatArray, tick: Tick) -> tuple[int, int]:
-    """Return how many modes are retained, and how many are fitted."""
+    """Return the numbers of retained and of fitted modes."""
     count = len(controls.points)
     aligned = controls.points[:, len(controls.surface.vertices) :]
     nuisance = np.linalg.qr(np.column_stack([np.ones(count), columns]))[0]

@@ -1,4 +1,4 @@
-"""Change of one subject between two times, and the change that controls show between theirs."""
+"""Change of one subject between two times, and the expected change from controls."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ AVERAGED = 4
 """Rounds of averaging over neighbours before a change is judged: about 1.3 edges."""
 _LEVEL = 0.05
 _TOLERANCE = 0.25
-"""Of the mean edge: distances that count fully in the registration."""
+"""In mean edges: distances with full weight in the registration."""
 _PREFIX = "change_"
 
 
@@ -75,7 +75,7 @@ class AgainstExpected:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedChange:
-    """What changes in P controls from their first time to the next; arrays are read-only.
+    """Change of P controls from their first time to the next; arrays are read-only.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class ExpectedChange:
     limit : float
         Of absolute z, which 5 % of healthy people exceed anywhere.
     between : str
-        What lies between the two times, in words.
+        Interval between the two times, as text.
     """
 
     local: LocalNorm
@@ -104,14 +104,14 @@ class ExpectedChange:
 
     @property
     def pairs(self) -> int:
-        """How many controls were seen twice."""
+        """Number of controls with two times."""
         return len(self.volume)
 
     @classmethod
     def of(
         cls, changes: FloatArray, volumes: FloatArray, surface: TriangleMesh, between: str
     ) -> "ExpectedChange":
-        """Return what is expected by the changes of controls.
+        """Return the expected change from the changes of controls.
 
         Parameters
         ----------
@@ -122,7 +122,7 @@ class ExpectedChange:
         surface : TriangleMesh
             Of the reference.
         between : str
-            What lies between the times.
+            Interval between the times, as text.
         """
         maps, everyone = ring_mean(changes, surface.faces, AVERAGED), np.arange(len(changes))
         norms = [LocalNorm.of(maps[everyone != index], surface.faces) for index in everyone.tolist()]
@@ -161,7 +161,7 @@ class ExpectedChange:
 
     @property
     def arrays(self) -> dict[str, Array]:
-        """As a file has it."""
+        """Arrays for a file."""
         stored = {name: getattr(self, name) for name in ("beyond", "volume", "maxima")}
         stored |= {"mean": self.local.mean, "deviation": self.local.deviation}
         stored["limit"] = np.array([self.limit])
@@ -169,7 +169,7 @@ class ExpectedChange:
 
     @classmethod
     def from_arrays(cls, stored: Mapping[str, Array], between: str) -> "ExpectedChange":
-        """Return what `arrays` and the words describe."""
+        """Return the object from its `arrays` and texts."""
         part = {
             name.removeprefix(_PREFIX): array for name, array in stored.items() if name.startswith(_PREFIX)
         }
@@ -177,7 +177,7 @@ class ExpectedChange:
         return cls(local, part["beyond"], part["volume"], part["maxima"], float(part["limit"][0]), between)
 
     def is_of(self, vertices: int) -> bool:
-        """Whether the arrays belong together, and to so many vertices."""
+        """Whether the arrays are consistent, also with the number of vertices."""
         lists = (self.beyond, self.volume, self.maxima)
         return (
             all(array.shape == (vertices,) for array in (self.local.mean, self.local.deviation))

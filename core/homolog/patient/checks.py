@@ -1,4 +1,4 @@
-"""Patients that are none: another unit, side or structure."""
+"""Checks of a patient's unit, side and structure."""
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -28,7 +28,7 @@ _UNCOVERED = 0.15
 
 
 def check_unit(name: str, mesh: TriangleMesh, model: SurfaceModel, columns: FloatArray) -> None:
-    """Check that a surface is of about the size of the reference: its unit may be another.
+    """Check that a surface has about the size of the reference, to detect another unit.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def check_fit(
     *,
     force: bool = False,
 ) -> list[str]:
-    """Return remarks on a fit that is worse than every control's.
+    """Return remarks on a fit that is worse than those of all controls.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def check_fit(
         The patient's, for messages.
     reference : Reference
     mesh : TriangleMesh
-        The patient's, as it was fitted.
+        The patient's fitted surface.
     fit : SurfaceFit
     measures : Measures
         Of that fit.

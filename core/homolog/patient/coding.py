@@ -1,4 +1,4 @@
-"""Covariates of controls as columns of a design, and the same coding for a patient."""
+"""Covariates of controls as columns of a design, with the same coding for patients."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ __all__ = ["Coding"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coding:
-    """How covariates become standardised columns.
+    """Coding of covariates as standardised columns.
 
     Attributes
     ----------
@@ -75,9 +75,9 @@ class Coding:
         return coding, (joined - means) / scales
 
     def columns(self, values: Mapping[str, str]) -> tuple[FloatArray, list[str]]:
-        """Return a patient's columns (c,), and remarks on values outside of what the controls have.
+        """Return a patient's columns (c,), and remarks on values outside the controls' range.
 
-        Categories may be shortened as long as it is clear which is meant: ``f`` for ``female``.
+        Categories may be abbreviated unambiguously: ``f`` for ``female``.
 
         Raises
         ------
@@ -112,7 +112,7 @@ class Coding:
 
     @property
     def record(self) -> dict[str, Any]:
-        """The coding as JSON has it."""
+        """The coding for JSON."""
         return {
             "names": list(self.names),
             "levels": [list(item) for item in self.levels],
@@ -123,7 +123,7 @@ class Coding:
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> "Coding":
-        """Return the coding that `record` describes."""
+        """Return the coding of a `record`."""
         return cls(
             tuple(map(str, record["names"])),
             tuple(tuple(map(str, item)) for item in record["levels"]),

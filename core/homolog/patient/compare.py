@@ -31,7 +31,7 @@ __all__ = ["PatientComparison", "compare_groomed", "compare_patient"]
 
 _DIRECTIONS = (("right", "left"), ("anterior", "posterior"), ("inferior", "superior"))
 _CLEAR = 0.45
-"""Part of a unit vector from where on a direction is named."""
+"""Smallest component of a unit vector for a named direction."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +52,7 @@ class PatientComparison:
     mean : TriangleMesh
         Of the reference at the patient's covariates, in its own frame.
     expected : TriangleMesh
-        What the reference makes of the patient's shape, in the same frame.
+        The shape that the reference expects of the patient, in the same frame.
     measures : Measures
     mahalanobis, outside, size, local : Percentile
         Of the measures and of the largest absolute z among controls that were fitted as patients.
@@ -65,7 +65,7 @@ class PatientComparison:
     regions : tuple of Region
         Where absolute z is above the reference's limit.
     remarks : tuple of str
-        What a reader should know.
+        Remarks for the reader.
     particles : (N, 3) array
         The reference's particles on the patient, in the file's frame [mm].
     own : OwnSurface
@@ -111,13 +111,13 @@ class PatientComparison:
 
     @property
     def matched(self) -> TriangleMesh:
-        """The vertices of `expected` as they lie on the patient, with its faces and in its frame."""
+        """The vertices of `expected` on the patient, with its faces and in its frame."""
         expected = self.expected
         there = expected.vertices + self.residual[:, None] * expected.vertex_normals
         return TriangleMesh(there, expected.faces)
 
     def place(self, region: Region) -> str:
-        """Return where a region's centre is on the patient, in words: ``"left anterior"`` (LPS)."""
+        """Return the location of a region's centre on the patient, as text: ``"left anterior"`` (LPS)."""
         middle = self.mesh.vertices.mean(axis=0)
         way = self.position(region) - middle
         way = way / max(float(np.abs(self.mesh.vertices - middle).max()), 1e-9)
@@ -151,7 +151,7 @@ def compare_patient(
     force: bool = False,
     tick: Tick = no_tick,
 ) -> PatientComparison:
-    """Groom a patient's file as the controls were, and compare it with the reference.
+    """Groom a patient's file with the settings of the controls, and compare it with the reference.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def compare_patient(
     subject : Subject
         Its file is read.
     covariates : mapping of str to str, optional
-        The patient's values of those that the reference adjusts for; others are ignored.
+        The patient's values of the reference's covariates; others are ignored.
     side : str
         ``"left"`` or ``"right"``: the patient is mirrored if the reference is of the other one.
     force : bool
@@ -289,7 +289,7 @@ def _version_remarks(reference: Reference) -> list[str]:
 
 
 def _turn(reference: Reference, side: str) -> tuple[FloatArray, list[str]]:
-    """Return the reflection, if any, that brings a patient to the reference's side, and what to say."""
+    """Return the reflection, if any, to the reference's side, and a remark."""
     own = reference.provenance.side
     if side not in ("", "left", "right"):
         raise InputError(f"side {side}: must be left or right")

@@ -1,4 +1,4 @@
-"""A project's subjects as controls: particles with pose taken out, and the dense surface they carry."""
+"""A project's subjects as controls: aligned particles, and the dense surface that they deform."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -33,7 +33,7 @@ COARSE_VERTICES = 1500
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Jointly:
-    """How the controls were placed, which places a patient's particles.
+    """The joint run of the controls, by which a patient's particles are placed.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Jointly:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Controls:
-    """Controls of a reference, with pose taken out and their own size.
+    """Controls of a reference, rigidly aligned with their own size.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Controls:
     jointly : Jointly or None
         None if grooming's distance fields are not kept.
     later : mapping of int to TriangleMesh
-        Groomed surfaces of the next time of those who were seen twice, in frames of their own.
+        Groomed surfaces of the next time of controls with two times, in their own frames.
     """
 
     names: tuple[str, ...]
@@ -106,7 +106,7 @@ def read_controls(
         Subjects, by their place in the result.
     tick : Tick
     later : mapping of int to int, optional
-        Who of `chosen`, by place in it, was seen again, and as which subject of the result.
+        Index of the later time in the result, by position in `chosen`.
 
     Returns
     -------
@@ -193,7 +193,7 @@ def _dense(
     particles: FloatArray,
     tick: Tick,
 ) -> FloatArray:
-    """Return vertices that the particles carry onto each surface, and the particles, (M, P, 3)."""
+    """Return vertices mapped by the particles onto each surface, and the particles, (M, P, 3)."""
     mean = aligned.mean(axis=0)
     tick(0.0, "carrying the mean surface")
     moves = warp_surface(mean, template.vertices, aligned - mean, np.zeros(len(mean)))

@@ -1,4 +1,4 @@
-"""A patient of whom the border of the image cuts off a part: which, and the fit to the rest."""
+"""Patients that are cut off by the border of their image: the missing part, and the fit to the rest."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ _LEAST_MISSING, _MOST_MISSING = 0.005, 0.3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CutFit:
-    """A fit to what is there.
+    """A fit to the part that is present.
 
     Attributes
     ----------
@@ -54,9 +54,9 @@ def fit_rest(
     fit: SurfaceFit,
     tick: Tick = no_tick,
 ) -> CutFit:
-    """Fit a reference again, without the flat ends of a surface that the border of its image cuts.
+    """Fit a reference again, without the flat ends of a surface at the border of its image.
 
-    An end counts if a fit that does not look at it expects the surface to go on there. Without such an end
+    An end counts if a fit without it expects the surface to continue there. Without such an end
     the fit stays as it is.
 
     Parameters
@@ -96,7 +96,7 @@ def fit_rest(
 
 
 def check_cut(name: str, cut: CutFit, gap: float, reference: Reference, *, force: bool = False) -> list[str]:
-    """Return a remark on what the border of the image cuts off.
+    """Return a remark on the part that is cut off.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def _remark(share: float) -> str:
 
 
 def ends_of(groomed: GroomedSubject, mesh: TriangleMesh, turn: FloatArray) -> list[CutEnd]:
-    """Return where a patient touches the border of its image.
+    """Return the ends where a patient touches the border of its image.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def ends_of(groomed: GroomedSubject, mesh: TriangleMesh, turn: FloatArray) -> li
 
 
 def _goes_on(reference: Reference, mesh: TriangleMesh, fit: SurfaceFit, end: CutEnd) -> bool:
-    """Return whether a fit that does not look at an end expects much of the surface beyond it."""
+    """Return whether a fit without an end expects much of the surface beyond it."""
     model = reference.model
     surface = model.surface(fit.expected)
     z = reference.local.standardised(bands_of(fit.residual, model.faces))[0]

@@ -1,4 +1,4 @@
-"""Where a patient's number lies among those of the controls."""
+"""Percentiles of a patient's values among the controls."""
 
 from dataclasses import dataclass
 
@@ -34,7 +34,7 @@ class Percentile:
 
 
 def percentile(value: float, controls: FloatArray, *, both_sides: bool = False) -> Percentile:
-    """Return where a value lies among those of the controls (M,).
+    """Return the percentile of a value among those of the controls (M,).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A model fitted to one surface, robustly: what the model does not explain stays where it is."""
+"""A robust fit of a model to one surface."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ _INDEPENDENT = 200.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceFit:
-    """How a model lies on a surface; arrays are read-only.
+    """Fit of a model to a surface; arrays are read-only.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class SurfaceFit:
     scores : (K,) array
         In the modes [mm].
     expected : (P, 3) array
-        What the model makes of the shape: vertices, then particles, in the model's frame [mm].
+        The model's approximation of the shape: vertices, then particles, in the model's frame [mm].
     residual : (V,) array
         How far the surface lies outward of the expected one, along its normals [mm].
     met : (V,) bool array
@@ -103,7 +103,7 @@ def fit_surface(
     pose: FloatArray | None = None,
     ends: Sequence[CutEnd] = (),
 ) -> SurfaceFit:
-    """Fit a model to a surface by pose and modes, with little weight where they do not explain it.
+    """Fit a model to a surface by pose and modes, with little weight on outliers.
 
     Closest points in position and normal alternate with the maximum a posteriori pose and scores, from
     point-to-plane distances with the weights of Geman and McClure (1987).
@@ -159,7 +159,7 @@ def fit_surface(
 
 
 def first_pose(surface: TriangleMesh, coarse: TriangleMesh) -> FloatArray:
-    """Return a rigid motion (4, 4) that brings a surface about onto another, from any orientation."""
+    """Return a coarse rigid motion (4, 4) of a surface to another, from any orientation."""
     moving, fixed = oriented_points(coarse), oriented_points(surface)
     pose = registered(moving.scaled(1.0 / moving.size), fixed.scaled(1.0 / fixed.size)).pose
     result = np.eye(4)
@@ -175,7 +175,7 @@ def vertex_areas(mesh: TriangleMesh) -> FloatArray:
 
 
 def _robust(ratios: FloatArray) -> FloatArray:
-    """Return weights of residuals that are in units of what is usual at their place."""
+    """Return robust weights of residuals in units of the usual residual."""
     usual = max(float(np.median(np.abs(ratios))) / 0.6745, 1.0)
     weights: FloatArray = 1.0 / np.square(1.0 + np.square(ratios / (_TOLERANT * usual)))
     return weights
@@ -221,7 +221,7 @@ def _measured(
     weights: FloatArray,
     first: FloatArray,
 ) -> SurfaceFit:
-    """Measure what is left, and put the particles onto the surface."""
+    """Measure residuals, and project the particles onto the surface."""
     surface = model.surface(points)
     normals = surface.vertex_normals
     back = inverse_matrices(pose)

@@ -1,4 +1,4 @@
-"""One patient at several times: what changed on the surface, beyond what measuring alone makes."""
+"""One patient at several times: changes of the surface beyond measurement error."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ _LEVEL = 0.05
 _POINTWISE = 1.96
 """Standard deviations between which 95 % of differences of two measurements lie (Bland and Altman 1999)."""
 _FEWEST_REPEATS = 3
-"""From where on a limit holds for the whole surface."""
+"""Smallest number of repeats for a limit of the whole surface."""
 _SMOOTHED = 3
 _PRIOR_DOF = 4.0
 """Weight of the surface's mean variance against a vertex's own (Smyth 2004)."""
@@ -29,7 +29,7 @@ _PRIOR_DOF = 4.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Change:
-    """What changed from the first time to a later one; arrays are read-only.
+    """Change from the first time to a later one; arrays are read-only.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class FollowUp:
         Whether the limit holds for the whole surface (exceeded anywhere in 5 % of repeated measurements), or
         for each place alone.
     expected : ExpectedChange or None
-        What changes in controls; None if none of them was seen twice.
+        Expected change; None without controls with two times.
     """
 
     comparisons: tuple[PatientComparison, ...]

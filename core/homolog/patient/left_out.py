@@ -26,7 +26,7 @@ __all__ = ["LeftOut", "Measures", "fit_left_out", "gap_of_image", "measures_of"]
 
 _PATIENCE = 0.1  # s between looks at the tick
 _MOST_PLACED = 12
-"""Controls whose particles are placed, evenly chosen: to state their error, more are not needed."""
+"""Largest number of controls whose particles are placed, to estimate their error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class Measures:
     mahalanobis : float
         Distance from the mean in the modes above chance [standard deviations].
     outside : float
-        Root mean square of what the model leaves, over the surface [mm].
+        Root mean square of the residual over the surface [mm].
     size : float
         Of the shape, over what is expected at its covariates.
     gap : float
@@ -215,7 +215,7 @@ class _Job:
 
 
 def _placed(controls: Controls, index: int) -> tuple[Placing, Shape, FloatArray] | None:
-    """Return what places a control's particles: the ensemble of the others, its shape, and its reflection."""
+    """Return the inputs of a control's placement: the others' ensemble, its shape, and its reflection."""
     jointly = controls.jointly
     if jointly is None:
         return None

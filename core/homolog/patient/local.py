@@ -46,12 +46,12 @@ def bands_of(maps: FloatArray, faces: IntArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalNorm:
-    """What is usual at each vertex, from leave-one-out fits of M controls; arrays are read-only.
+    """Norm of each vertex, from leave-one-out fits of M controls; arrays are read-only.
 
     Attributes
     ----------
     mean : (..., V) array
-        Mean difference [mm]: what fitting alone makes.
+        Mean difference [mm].
     deviation : (..., V) array
         Standard deviation of a new subject's difference [mm].
     """
@@ -68,7 +68,7 @@ class LocalNorm:
     def of(cls, maps: FloatArray, faces: IntArray) -> "LocalNorm":
         """Return the norm of maps (..., M, V) [mm] on a surface with these faces.
 
-        Variances are averaged over neighbouring vertices and drawn towards the surface's mean, so that few
+        Variances are averaged over neighbouring vertices and shrunk towards the surface's mean, so that few
         controls make no vertex look quieter than it is.
         """
         count = maps.shape[-2]

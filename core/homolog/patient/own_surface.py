@@ -1,4 +1,4 @@
-"""A patient's own surface, and what carries values of the reference's vertices onto it."""
+"""A patient's own surface, and the mapping of values from the reference's vertices."""
 
 from dataclasses import dataclass
 
@@ -44,9 +44,9 @@ class OwnSurface:
 def own_surface(
     mesh: TriangleMesh, expected: TriangleMesh, residual: FloatArray, met: BoolArray, missing: BoolArray
 ) -> OwnSurface:
-    """Find whose values belong to a vertex of a patient's surface: of points near in position and normal.
+    """Map the reference's vertices to a patient's surface, by closest points in position and normal.
 
-    The reference's triangles are of no use for that: in thin or folded parts its vertices do not lie on the
+    The reference's triangles are not used: in thin or folded parts its vertices do not lie on the
     patient in the order of the mean. Normals keep the values of opposite walls apart.
 
     Parameters

@@ -1,4 +1,4 @@
-"""A patient's particles where the controls' run would put them: by its objective, with all controls held."""
+"""Placement of a patient's particles by the objective of the controls' run, with all controls fixed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ _PREFIX = "ensemble_"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placing:
-    """What places a patient's particles.
+    """Ensemble and settings that place a patient's particles.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Placing:
         Parameters
         ----------
         shape : Shape
-            In its file's frame; its alignment is not looked at.
+            In its file's frame; its alignment is ignored.
         fit : SurfaceFit
             Of the shape after `turn`.
         turn : (4, 4) array
@@ -76,18 +76,18 @@ class Placing:
 
     @property
     def arrays(self) -> dict[str, Array]:
-        """The ensemble as a file has it."""
+        """The ensemble as arrays for a file."""
         return {f"{_PREFIX}{name}": array for name, array in self.ensemble.arrays.items()}
 
     @classmethod
     def from_arrays(cls, stored: Mapping[str, Array], settings: Mapping[str, Any]) -> "Placing":
-        """Return what `arrays` and the settings describe."""
+        """Return the object from its `arrays` and the settings."""
         names = Ensemble.__dataclass_fields__
         ensemble = Ensemble(**{name: stored[f"{_PREFIX}{name}"] for name in names})
         return cls(ensemble, OptimizeSettings.model_validate(settings))
 
     def is_of(self, particles: int) -> bool:
-        """Whether the arrays belong together, and to so many particles."""
+        """Whether the arrays are consistent, also with the number of particles."""
         item = self.ensemble
         rows = 3 * particles
         return (

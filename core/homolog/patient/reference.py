@@ -1,4 +1,4 @@
-"""A frozen model of controls in one file, with what is usual when a control is fitted as a patient."""
+"""A frozen model of controls in one file, with the results of controls that are fitted as patients."""
 
 import hashlib
 import json
@@ -32,7 +32,7 @@ LEVEL = 0.05
 
 _TIMES_AS_LIKELY = 100.0
 _RECOGNISED = 0.8
-"""Of mirrored controls, whose side must be recognised for a check of it to be worth its time."""
+"""Smallest share of mirrored controls that must be recognised for a check of the side."""
 
 _MODEL = ("mean", "components", "variances", "effects", "residual", "faces")
 _DISTRIBUTIONS = ("mahalanobis", "outside", "size", "gap", "maxima")
@@ -40,7 +40,7 @@ _DISTRIBUTIONS = ("mahalanobis", "outside", "size", "gap", "maxima")
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """What a reference was made of.
+    """Source of a reference.
 
     Attributes
     ----------
@@ -53,13 +53,13 @@ class Provenance:
     made, finished : str
         When the reference was made, and its project's result.
     versions : mapping of str to str
-        Of everything that the reference depends on.
+        Of all packages that affect the reference.
     result : str
         Fingerprint of the project's result.
     particles : int
         On each shape.
     groom : GroomSettings
-        How controls were groomed, and patients are.
+        Settings of grooming, for controls and patients.
     side : str
         Of the body, if all controls have one: ``"left"``, ``"right"`` or empty.
     """
@@ -86,20 +86,20 @@ class Provenance:
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> "Provenance":
-        """Return what `record` describes."""
+        """Return the object of a `record`."""
         return cls(**{**record, "groom": GroomSettings.model_validate(record["groom"])})
 
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """How well controls are fitted without the joint run.
+    """Quality of the fits of controls without the joint run.
 
     Attributes
     ----------
     near : float
         Share of all particles within 0.3 spacings of their place in the joint run.
     error_95 : float
-        Which distance 95 % of them do not exceed [spacings].
+        95th percentile of that distance [spacings].
     outside : float
         Mean over controls of the root mean square distance from the fitted model [mm].
     limit_mm : float
@@ -114,10 +114,10 @@ class Quality:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """What a patient is compared with; holds no control's surface or file.
+    """Reference for the comparison of patients, without any control's surface or file.
 
-    Made by `make_reference` or `Reference.load`. Distributions are sorted each by itself, so that they tell
-    nothing of one control. Scores and names are kept only if that is asked for.
+    Made by `make_reference` or `Reference.load`. Distributions are sorted separately, so that they do not
+    reveal single controls. Scores and names are included only on request.
 
     Attributes
     ----------
@@ -142,9 +142,9 @@ class Reference:
     names : tuple of str
         Of the controls in the order of their scores; empty if they are not kept.
     placing : Placing or None
-        What places a patient's particles; None if the project does not keep what grooming made.
+        Places a patient's particles; None if the project has no groomed volumes.
     change : ExpectedChange or None
-        What changes in controls that were seen twice; None if it is not known.
+        Expected change from controls with two times; None if unknown.
     mirrored : (M,) array or None
         Sorted, read-only: how far controls' mirror images are from their fits, over the same of the controls
         as they are; None in files of an older Homolog.
@@ -187,13 +187,13 @@ class Reference:
 
     @property
     def detectable(self) -> FloatArray:
-        """How large a broad difference must be at each vertex to exceed the limit [mm], (V,)."""
+        """Smallest broad difference at each vertex that exceeds the limit [mm], (V,)."""
         smallest: FloatArray = self.limit * self.local.deviation[0]
         return smallest
 
     @property
     def side_limit(self) -> float | None:
-        """Below which ratio of the mirror image's fit to that of a shape the shape is of the other side.
+        """Largest ratio of the mirror image's fit to that of a shape of the other side.
 
         One of 200 controls would be below (normal distribution of the logarithm), none of these is, and the
         ratio is at least 100 times as likely for a mirrored control. None if so few mirrored controls would
@@ -214,7 +214,7 @@ class Reference:
 
     @property
     def fingerprint(self) -> str:
-        """A hash of all that numbers of patients depend on."""
+        """A hash of all data that affect patients' results."""
         digest = hashlib.blake2b(digest_size=8)
         for name, array in sorted(self._arrays().items()):
             digest.update(f"{name}{array.shape}{array.dtype}".encode())
@@ -222,7 +222,7 @@ class Reference:
         return digest.hexdigest()
 
     def nearest(self, scores: FloatArray, count: int = 3) -> list[tuple[str, float]]:
-        """Return the controls that are most like a shape, the nearest first.
+        """Return the controls that are most similar to a shape, the nearest first.
 
         Parameters
         ----------
@@ -249,7 +249,7 @@ class Reference:
         return replace(self, scores=None, names=())
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the reference to one file, whole or not at all.
+        """Write the reference to one file, atomically.
 
         Parameters
         ----------
@@ -340,11 +340,11 @@ class Reference:
 
     @property
     def made_by(self) -> str:
-        """The version of Homolog that made it."""
+        """Version of Homolog that made the reference."""
         return str(self.provenance.versions.get("homolog", ""))
 
     def _fits(self) -> bool:
-        """Whether the arrays belong together."""
+        """Whether the arrays are consistent."""
         model, vertices = self.model, self.model.vertices
         modes, columns = len(model.variances), len(self.coding.means)
         points = model.mean.shape
@@ -376,7 +376,7 @@ class Reference:
 
 
 def _unreadable(record: Mapping[str, Any], fault: str) -> str:
-    """Say why a file can't be read, and what to do: it is damaged, or of another version of Homolog."""
+    """Describe why a file can't be read: it is damaged, or of another version of Homolog."""
     try:
         made_by = str(record["provenance"]["versions"]["homolog"])
     except (KeyError, TypeError):
@@ -394,6 +394,6 @@ def _are_ratios(values: FloatArray, count: int) -> bool:
 
 
 def check_name(path: str | PathLike[str]) -> None:
-    """Raise InputError if a file's name is none of a reference."""
+    """Raise InputError if a file's name is not that of a reference."""
     if Path(path).suffix != SUFFIX:
         raise InputError(f"{path}: a reference is written as {SUFFIX}; choose such a name")

@@ -1,4 +1,4 @@
-"""A shape model of particles and of the dense surface that they carry, with effects of covariates."""
+"""A shape model of particles and of the dense surface that they deform, with effects of covariates."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""A surface that a model is fitted to: closest points by position and normal, and distances along normals."""
+"""The target surface of a fit: closest points by position and normal, and distances along normals."""
 
 import numpy as np
 from scipy.spatial import KDTree

@@ -1,4 +1,4 @@
-"""Controls that were seen at several times: who is whom in a project's table."""
+"""Controls with several times in a project's table."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from homolog.files.results import Result
 __all__ = ["FEWEST_PAIRS", "SeenTwice", "seen_twice"]
 
 FEWEST_PAIRS = 8
-"""Controls who were seen twice."""
+"""Smallest number of controls with two times."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class SeenTwice:
     later : mapping of int to int
         From the place in `first` to that of the next time in the result, of those who were seen again.
     between : str
-        What lies between both times, in words.
+        Interval between both times, as text.
     """
 
     first: list[int]
@@ -74,7 +74,7 @@ def seen_twice(
     if len(later) < FEWEST_PAIRS:
         raise InputError(
             f"{project.folder}: {len(later)} of {len(first)} controls were seen twice (columns {person} and "
-            f"{time}); {FEWEST_PAIRS} are needed to know the change that is expected"
+            f"{time}); {FEWEST_PAIRS} are needed for the change that is expected"
         )
     return SeenTwice(first, later, _between(spans, time))
 

@@ -1,4 +1,4 @@
-"""How typical a patient is of each of several groups; none is chosen."""
+"""Typicality of a patient for each of several groups."""
 
 from dataclasses import dataclass
 
@@ -17,14 +17,14 @@ _MEASURES = 2
 
 @dataclass(frozen=True, slots=True)
 class Typicality:
-    """A patient beside one group.
+    """Typicality of a patient for one group.
 
     Attributes
     ----------
     group : str
         Of the reference's controls, or its project's name if they have none.
     controls : int
-        How many the reference was made of.
+        Number of controls of the reference.
     modes, outside : float
         Probability that a member of the group is as far from its mean in the modes, and outside of them.
     p : float
@@ -48,7 +48,7 @@ class Typicality:
 
 
 def typicality(comparison: PatientComparison, reference: Reference) -> Typicality:
-    """Return how typical a patient is of a reference's group (McLachlan 1992, section 6.4).
+    """Return the typicality of a patient for a reference's group (McLachlan 1992, section 6.4).
 
     Distances in the modes and outside of them are set against those of the controls, each of which was fitted
     as a patient to the model of the others. Probabilities are of a new value by a normal distribution of

@@ -27,11 +27,11 @@ _log = logging.getLogger(__name__)
 
 _RECORD, _FORMAT = "batch.json", "homolog-batch"
 _TWO = 2
-"""Subjects that a shape model needs at least."""
+"""Smallest number of subjects of a shape model."""
 
 
 class ItemState(StrEnum):
-    """What became of a structure."""
+    """State of a structure in a batch."""
 
     WAITING = "waiting"
     FINISHED = "finished"
@@ -51,15 +51,15 @@ class BatchItem:
         Its own.
     state : ItemState
     message : str
-        Why it failed or was not begun.
+        Why it failed or was skipped.
     absent : tuple of str
         Subjects whose files do not have the structure.
     left_out : tuple of str
         A line for each further subject that was excluded.
     remarks : mapping of str to tuple of str
-        What is to be said of subjects, by their names: absent, at the border of the image, in pieces.
+        Remarks on subjects, by name: absent, at the border of the image, in pieces.
     was_there : bool
-        Whether it was finished by an earlier batch and kept as it is.
+        Whether an earlier batch finished it.
     """
 
     structure: Structure
@@ -82,14 +82,14 @@ class Batch:
     structures : sequence of Structure
         Of that cohort.
     folder : Path
-        Gets a project for each structure, named after it, and a record of the batch. What an earlier batch
-        of the same subjects and settings finished there is kept, what it began is gone on with.
+        Gets a project for each structure, named after it, and a record of the batch. Finished projects of
+        an earlier batch of the same subjects and settings are kept, others are continued.
     settings : RunSettings
         Of each run; label and segment are set for each structure.
     fewest : int
-        Structures that fewer subjects have are passed over.
+        Structures of fewer subjects are skipped.
     anew : bool
-        Run also what is finished.
+        Whether to repeat finished structures.
 
     Raises
     ------
@@ -126,11 +126,11 @@ class Batch:
 
     @property
     def items(self) -> tuple[BatchItem, ...]:
-        """The structures as they stand."""
+        """The present states of the structures."""
         return tuple(self._items)
 
     def cancel(self) -> None:
-        """End as soon as possible; the structure that is being worked on can be gone on with."""
+        """Stop as soon as possible; the current structure can be continued."""
         self._cancelled.set()
         if self._job is not None:
             self._job.cancel()
@@ -140,14 +140,14 @@ class Batch:
         observe: Callable[[BatchItem, float, RunStatus], None],
         ended: Callable[[BatchItem], None],
     ) -> FinishReason:
-        """Run one structure after the other; returns whether all were looked at or it was cancelled.
+        """Run one structure after the other; return whether all were processed or it was cancelled.
 
         Parameters
         ----------
         observe : callable
             Called with the structure, the fraction of the whole batch done, and the status of its run.
         ended : callable
-            Called with each structure when nothing more is done for it.
+            Called with each structure when it is done.
 
         Returns
         -------
@@ -204,7 +204,7 @@ class Batch:
         return self._settings.model_copy(update={"groom": groom})
 
     def _write(self, item: BatchItem) -> None:
-        """Write down who was asked for the structure, so that a batch that is run again can tell."""
+        """Record the subjects of the structure, for a repeated batch."""
         self._record[item.project.folder.name] = {
             "name": item.structure.title,
             "state": item.state,
@@ -218,7 +218,7 @@ class Batch:
 
 
 def _has_result(project: ProjectFolder, settings: RunSettings) -> bool:
-    """Return whether a project came to its end with these settings, wherever it was computed."""
+    """Return whether a project is finished with these settings, on whatever device."""
     if not project.exists:
         return False
     record = project.read()
@@ -228,7 +228,7 @@ def _has_result(project: ProjectFolder, settings: RunSettings) -> bool:
 
 
 def _can_go_on(project: ProjectFolder, names: Sequence[str], settings: RunSettings) -> bool:
-    """Return whether a project was begun with these settings for some of these subjects, and broken off."""
+    """Return whether a project was started with these settings and subjects, and interrupted."""
     if not project.exists:
         return False
     record = project.read()
@@ -237,7 +237,7 @@ def _can_go_on(project: ProjectFolder, names: Sequence[str], settings: RunSettin
 
 
 def _where_it_runs(settings: RunSettings) -> RunSettings:
-    """Return settings without the device and the number of workers, which change no result."""
+    """Return settings without device and number of workers, which do not change results."""
     return settings.model_copy(update={"device": "auto", "workers": None})
 
 
@@ -257,7 +257,7 @@ def _remarks(item: BatchItem) -> dict[str, tuple[str, ...]]:
 
 
 def _read_record(folder: Path) -> dict[str, Any]:
-    """Return what an earlier batch wrote down; raises InputError if the folder holds something else."""
+    """Return the record of an earlier batch; raises InputError if the folder contains other files."""
     path = folder / _RECORD
     if not path.is_file():
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):

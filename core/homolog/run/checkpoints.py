@@ -15,7 +15,7 @@ __all__ = ["read_checkpoint", "write_checkpoint"]
 
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint, fingerprint: str) -> None:
-    """Replace the checkpoint, whole or not at all.
+    """Replace the checkpoint atomically.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, fingerprint: str) -> No
 
 
 def read_checkpoint(path: Path, fingerprint: str) -> Checkpoint | None:
-    """Read a checkpoint; None if the run did not get as far as one.
+    """Read a checkpoint; None if there is none yet.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def read_checkpoint(path: Path, fingerprint: str) -> Checkpoint | None:
 
 
 def _fits_together(stored: dict[str, Array]) -> bool:
-    """Return whether kernels can be trusted with a checkpoint's arrays."""
+    """Return whether a checkpoint's arrays are consistent, as kernels require."""
     counts = [stored[name] for name in ("left", "done", "iteration")]
     shape = stored["positions"].shape
     return (

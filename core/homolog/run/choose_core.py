@@ -1,4 +1,4 @@
-"""The choice of a core set: some subjects that span the shapes of a cohort."""
+"""Selection of a core set: subjects that span the shapes of a cohort."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ _DESCRIPTOR_POINTS = 100
 
 
 def outline(groomed: GroomedSubject) -> GroomedSubject:
-    """Return a subject with few vertices and no field: what aligning and choosing look at."""
+    """Return a subject with few vertices and without field, for alignment and selection."""
     mesh = simplified(groomed.coarse_mesh, _OUTLINE_VERTICES)
     nothing = DistanceField(np.ones((2, 2, 2), np.float32), np.eye(4))
     return replace(groomed, field=nothing, mesh=mesh, coarse_mesh=mesh)
@@ -31,7 +31,7 @@ def choose_core(
 ) -> IntArray:
     """Return the subjects of a core set, in ascending order: far from each other in coarse shape.
 
-    Each group has its share of them, two at least. Subjects are described by the way from points of one of
+    Each group gets its share, at least two. Features of a subject are the displacements from points of one of
     them to the nearest points of each, all aligned and at one size; size itself is one more coordinate.
 
     Parameters
@@ -74,7 +74,7 @@ def _descriptors(outlines: Sequence[GroomedSubject], alignments: FloatArray) -> 
 
 
 def _shares(counts: Sequence[int], size: int) -> list[int]:
-    """Return how many of each group are taken: in proportion, two at least, `size` in all."""
+    """Return the number of subjects per group: proportional, at least two, `size` in total."""
     exact = np.array(counts) * size / sum(counts)
     shares = np.minimum(np.maximum(np.floor(exact).astype(int), 2), counts)
     while shares.sum() != size:

@@ -19,10 +19,10 @@ _SHARES = {
     Phase.MODELING: 0.02,
     Phase.WRITING: 0.02,
 }
-"""Of a usual run's time; they make one fraction of the phases' own."""
+"""Shares of the phases in the time of a typical run, for one overall fraction."""
 
 _FITS_SHARE = 0.5
-"""Of the time of a run that fits most subjects to a core set."""
+"""The same for a run that fits most subjects to a core set."""
 _REPORT_S = 0.1
 _ETA_AFTER_S = 2.0
 
@@ -50,14 +50,14 @@ class Control:
         return self._status
 
     def enter(self, phase: Phase, message: str, until: Phase | None = None) -> None:
-        """Begin a phase, or several that are ticked as one, up to and with `until`.
+        """Start a phase, or several with common progress, up to and including `until`.
 
         Parameters
         ----------
         phase : Phase
             The first one.
         message : str
-            What is done, for people.
+            Progress message.
         until : Phase, optional
             The last one; `phase` itself if not given.
         """
@@ -71,22 +71,22 @@ class Control:
         self.tick(0.0, message)
 
     def expect_fits(self) -> None:
-        """Allow for a phase in which subjects are fitted to a core set."""
+        """Include a phase in which subjects are fitted to a core set."""
         self._shares = {phase: (1.0 - _FITS_SHARE) * share for phase, share in _SHARES.items()}
         self._shares[Phase.FITTING] = _FITS_SHARE
 
     def work_on(self, cluster: str) -> None:
-        """Tell which cluster works on the subjects."""
+        """Report the cluster that processes the subjects."""
         self._notify(replace(self._status, cluster=cluster))
 
     def move_to(self, phase: Phase) -> None:
-        """Go on to the next of the phases that are ticked as one."""
+        """Continue with the next of the phases with common progress."""
         self._close_phase()
         self._status = replace(self._status, phase=phase)
         self._reported = 0.0
 
     def tick(self, fraction: float, message: str) -> None:
-        """Take the progress of the phase; wait while paused, raise `Cancelled` if cancelled."""
+        """Report the progress of the phase; wait while paused, raise `Cancelled` if cancelled."""
         began = time.monotonic()
         waiting = replace(self._status, message=message, eta_s=None, paused=True)
         if self.cancel_token.wait_while_paused(lambda: self._notify(waiting)):
@@ -100,7 +100,7 @@ class Control:
         self._notify(replace(self._status, fraction=whole, message=message, eta_s=self._eta(now, whole)))
 
     def finish(self, reason: FinishReason, message: str) -> None:
-        """Say how the run ended; the last thing the observer hears."""
+        """Report the end of the run, as the last call of the observer."""
         self._close_phase()
         fraction = 1.0 if reason is FinishReason.COMPLETED else self._status.fraction
         self._notify(RunStatus(self._status.phase, fraction, message, reason=reason))
@@ -116,14 +116,14 @@ class Control:
         self.observer(status)
 
     def _exclude_idle(self, idle: float) -> None:
-        """Exclude seconds of waiting from times and estimates."""
+        """Exclude waiting time from times and estimates."""
         self._entered += idle
         self._eta_origin = (self._eta_origin[0] + idle, self._eta_origin[1])
         self._reported = 0.0
         self._status = replace(self._status, paused=False)
 
     def _eta(self, now: float, whole: float) -> float | None:
-        """Return the seconds left at the mean speed so far; shares of a usual run's time make it even."""
+        """Return the seconds left at the mean speed so far, with the shares of a typical run."""
         begun, start = self._eta_origin
         if now - begun < _ETA_AFTER_S or whole - start < 0.01:
             return None

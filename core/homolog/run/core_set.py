@@ -1,9 +1,9 @@
-"""A core set: some subjects that span the shapes of a cohort, and the fit of all others to them.
+"""A core set of subjects that span the shapes of a cohort, and the fits of all others to it.
 
 The core set is optimized jointly. Every other subject is then fitted to its ensemble by itself, in worker
 processes; further passes fit every subject to the ensemble of all, which is block descent of the joint
-objective. Each fit has a file: a run that ends anywhere goes on with what is missing, and the result does not
-depend on how many workers there are. No step holds the surfaces of more than the core set.
+objective. Each fit is stored: an interrupted run continues with the missing ones, and the result does not
+depend on the number of workers. No step has more surfaces in memory than the core set.
 """
 
 import hashlib
@@ -44,7 +44,7 @@ _log = logging.getLogger(__name__)
 
 _POSE_ROUNDS = 30
 _MOST_PASSES, _ENOUGH = 5, 0.99
-"""Passes over all subjects, and the ratio of generalization errors from which on another one hardly helps."""
+"""Largest number of passes, and the ratio of generalization errors that ends them."""
 _MOST_SPREADS = 32
 """Subjects of the core set whose opening angles are looked at for their common scale."""
 
@@ -57,14 +57,14 @@ def prepare_from_disk(
     folder: Path,
     device: str,
 ) -> OptimizationInput:
-    """Return a cohort's shapes, each read from the folder of groomed subjects whenever it is asked for."""
+    """Return a cohort's shapes, each read from the folder of groomed subjects on demand."""
     names = [item.name for item in outlines]
     shapes = OnDemand(len(names), lambda index: _shape(folder, names[index], alignments[index]))
     return OptimizationInput(cohort, settings, outlines, shapes, "", device)
 
 
 def write_core(path: Path, outcome: OptimizationOutcome) -> None:
-    """Write the particles of a core set, so that a run that ends in its fits need not place them again."""
+    """Write the particles of a core set, for a run that is interrupted during its fits."""
     with report_os_errors(path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
     arrays = {name: getattr(outcome, name) for name in ("world", "local", "alignments", "energies")}
@@ -82,7 +82,7 @@ def write_core(path: Path, outcome: OptimizationOutcome) -> None:
 
 
 def read_core(path: Path, inputs: OptimizationInput) -> OptimizationOutcome | None:
-    """Return the core set's particles that `write_core` wrote; None if there are none of these shapes."""
+    """Return the core set's particles written by `write_core`; None if there are none for these shapes."""
     if not path.is_file():
         return None
     stored = read_arrays(path)
@@ -111,7 +111,7 @@ def _shape(folder: Path, name: str, alignment: FloatArray) -> Shape:
 
 @dataclass(frozen=True, slots=True)
 class _Job:
-    """What a worker needs to fit a subject.
+    """A job of a worker: the fit of a subject.
 
     Attributes
     ----------
@@ -119,14 +119,14 @@ class _Job:
         Folder of the groomed subjects, and file of the ensemble.
     name : str
     placement : (4, 4) array
-        Where its fit begins.
+        Initial placement of the fit.
     local : (n, 3) array or None
         First particles; None to carry them from a template.
     templates : tuple of str
         Names of those.
     settings : OptimizeSettings
     key : str
-        Of all that the fit depends on.
+        Hash of all inputs of the fit.
     """
 
     groomed: Path
@@ -152,7 +152,7 @@ def fit_others(
 ) -> tuple[FloatArray, FloatArray]:
     """Fit the subjects that are not in the core set to it, then all subjects to the ensemble of all.
 
-    Passes over all subjects are repeated until the shape model generalizes hardly better.
+    Passes over all subjects are repeated until the shape model hardly generalizes better.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def fit_others(
         Folder of the groomed subjects, which workers read.
     settings : RunSettings
     workers : SubjectWorkers
-        Who fits.
+        Workers for the fits.
     tick : Tick
 
     Returns
@@ -225,7 +225,7 @@ def _error(states: Mapping[int, ShapeState]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Fits:
-    """Fits of a cohort, each in a file of its own."""
+    """Fits of a cohort, each in its own file."""
 
     shapes: Sequence[Shape]
     names: Sequence[str]
@@ -242,7 +242,7 @@ class _Fits:
         number: int,
         tick: Tick,
     ) -> dict[int, ShapeState]:
-        """Fit subjects, from first particles (None to carry them) and placements, by their index."""
+        """Fit subjects, by index, from first particles (None to transfer them) and placements."""
         folder = self.folder / f"pass{number}"
         with report_os_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -323,7 +323,7 @@ def joint_ensemble(
 
 
 def first_placement(shape: Shape, ensemble: Ensemble, settings: OptimizeSettings) -> FloatArray:
-    """Return where a shape's fit begins: its alignment, in the ensemble's unit, size and centre."""
+    """Return a fit's initial placement: the shape's alignment, in the ensemble's unit, size and centre."""
     placement = shape.alignment.copy()
     placement[:3] /= float(ensemble.unit[0])
     if not settings.procrustes.takes_size_out:
@@ -353,7 +353,7 @@ def _fitted(job: _Job) -> ShapeState:
 
 
 def _stored(path: Path, key: str) -> ShapeState | None:
-    """Return the fit that an earlier run wrote; None if there is none, or it is of another ensemble."""
+    """Return the fit of an earlier run; None if there is none, or it belongs to another ensemble."""
     if not path.is_file():
         return None
     try:
@@ -373,7 +373,7 @@ def _ensemble_key(ensemble: Ensemble, settings: OptimizeSettings) -> str:
 
 
 def _key(ensemble_key: str, shape: Shape, placement: FloatArray, local: FloatArray | None) -> str:
-    """Return a hash of all that a fit depends on."""
+    """Return a hash of all inputs of a fit."""
     digest = hashlib.blake2b(f"{ensemble_key} {surface_hash(shape)}".encode(), digest_size=16)
     for array in (placement, local):
         if array is not None:
@@ -384,7 +384,7 @@ def _key(ensemble_key: str, shape: Shape, placement: FloatArray, local: FloatArr
 def _alignments(
     local: FloatArray, alignments: FloatArray, core: IntArray, settings: OptimizeSettings
 ) -> FloatArray:
-    """Return alignments to the world: all are aligned to their mean, which lies where the core set has it."""
+    """Return alignments to the world: all are aligned to their mean, in the pose of the core set."""
     if settings.procrustes is Procrustes.OFF:
         return alignments
     free = np.full(len(local), True)

@@ -1,4 +1,4 @@
-"""What a run tells those who watch it."""
+"""Status of a run for its observers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ __all__ = ["FinishReason", "Observer", "Phase", "RunStatus", "ignore"]
 
 
 class Phase(StrEnum):
-    """Where a run is; the phases follow each other in this order."""
+    """Phases of a run, in order."""
 
     READING = "reading"
     GROOMING = "grooming"
@@ -31,20 +31,20 @@ class FinishReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class RunStatus:
-    """A run at one moment.
+    """The status of a run.
 
     Attributes
     ----------
     phase : Phase
     fraction : float
-        Done of the whole run, in [0, 1]; never falls.
+        Fraction done of the whole run, in [0, 1]; never decreases.
     message : str
-        What is being done, or how it ended, for people.
+        The present step, or how the run ended.
     eta_s : float or None
-        Seconds left, once that can be told.
+        Estimated seconds left; None while unknown.
     paused : bool
     reason : FinishReason or None
-        None while the run is in progress; then how it ended.
+        How the run ended; None while it is in progress.
     cluster : str
         Addresses of the cluster that works on subjects and of its dashboard, while there is one.
     """
@@ -64,4 +64,4 @@ call is the only one with a `reason`, and comes however the run ends."""
 
 
 def ignore(status: RunStatus) -> None:
-    """Watch nothing."""
+    """Ignore the status."""

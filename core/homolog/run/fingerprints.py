@@ -1,4 +1,4 @@
-"""Hashes that tell whether two runs start from the same surfaces and settings, and the versions at work."""
+"""Hashes of surfaces and settings, to compare runs, and versions of packages."""
 
 import hashlib
 import platform
@@ -16,7 +16,7 @@ _PACKAGES = ("numpy", "scipy", "scikit-image", "SimpleITK", "warp-lang")
 
 
 def surface_hash(shape: Shape) -> str:
-    """Return a hash of the surface that the optimizer sees; name and alignment are not in it."""
+    """Return a hash of the optimizer's surface, without name and alignment."""
     digest = hashlib.blake2b(digest_size=16)
     for array in (
         shape.field.values,
@@ -29,7 +29,7 @@ def surface_hash(shape: Shape) -> str:
 
 
 def run_fingerprint(settings: OptimizeSettings, shapes: Sequence[Shape], tick: Tick = no_tick) -> str:
-    """Return a hash of the settings and of the shapes in their order, whatever the device.
+    """Return a hash of the settings and of the shapes in order, independent of the device.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def run_fingerprint(settings: OptimizeSettings, shapes: Sequence[Shape], tick: T
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of everything that numbers depend on."""
+    """Return the versions of all packages that affect results."""
     versions = {"homolog": __version__, "python": platform.python_version()}
     for name in _PACKAGES:
         try:

@@ -1,4 +1,4 @@
-"""A cohort by its core set: some subjects are optimized jointly, the others are fitted to them."""
+"""Runs with a core set: some subjects are optimized jointly, the others are fitted to them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The subjects' landmarks as what the first particles are put on."""
+"""The subjects' landmarks, as positions of the first particles."""
 
 from collections.abc import Sequence
 from dataclasses import replace

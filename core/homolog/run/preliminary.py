@@ -16,7 +16,7 @@ __all__ = ["preliminary_result"]
 
 
 def preliminary_result(inputs: OptimizationInput, frame: Frame, tick: Tick = no_tick) -> Result:
-    """Return the particles of a moment of a run with their mean surface; nothing is written.
+    """Return the particles of a frame of a run with their mean surface; nothing is written.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A finished result as what another run starts from: more particles, or new subjects fitted to it."""
+"""A finished result as the start of another run: more particles, or new subjects fitted to it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -79,16 +79,16 @@ class PriorResult:
         return [replace(s, alignment=self.alignments.get(s.name, move @ s.alignment)) for s in shapes]
 
     def initial(self, shapes: Sequence[Shape], tick: Tick) -> InitialParticles:
-        """Return the particles to begin with; those of known subjects are held if there are new ones."""
+        """Return the initial particles; those of known subjects are fixed if there are new ones."""
         known = np.array([shape.name in self.local for shape in shapes])
         local = np.stack([self.local[shape.name] for shape in shapes if shape.name in self.local])
         return InitialParticles(local) if known.all() else initialize_fit(shapes, local, known, tick)
 
 
 def _agreed_move(here: FloatArray, there: FloatArray) -> FloatArray:
-    """Return the similarity (4, 4) that takes most subjects' particles (M, N, 3) from here to there.
+    """Return the similarity (4, 4) that maps most subjects' particles (M, N, 3).
 
-    Registration may turn one of several near-symmetric subjects otherwise than before; it has no say then.
+    Registration may rotate single near-symmetric subjects differently than before; these are ignored.
     """
     moves = [fit_similarity(own, goal, scaling=True) for own, goal in zip(here, there, strict=True)]
     errors = np.array(
@@ -100,7 +100,7 @@ def _agreed_move(here: FloatArray, there: FloatArray) -> FloatArray:
 
 
 def adds_particles(record: ResultRecord, cohort: Cohort, settings: RunSettings) -> bool:
-    """Return whether a result is what a run would make, but for having fewer particles.
+    """Return whether a result equals that of a run except for fewer particles.
 
     Parameters
     ----------

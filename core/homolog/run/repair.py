@@ -1,4 +1,4 @@
-"""A result with some of its particles optimized again, and how it takes the place of the one before."""
+"""Repair of a result: some particles are optimized again, and the result is replaced."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -23,7 +23,7 @@ __all__ = ["read_inputs", "repair_result", "write_repaired"]
 
 
 def read_inputs(project: ProjectFolder) -> OptimizationInput:
-    """Return what the project's result was optimized from; input files are not needed.
+    """Return the inputs of the project's optimization; input files are not needed.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def repair_result(
 def write_repaired(
     project: ProjectFolder, local: FloatArray, notes: Mapping[str, str], tick: Tick = no_tick
 ) -> None:
-    """Let other particles take the place of those of the project's result, with a new shape model.
+    """Replace the particles of the project's result, with a new shape model.
 
     Parameters
     ----------
@@ -93,13 +93,13 @@ def write_repaired(
     local : (M, N, 3) array
         Particles in file coordinates [mm].
     notes : mapping of str to str
-        What was done to a subject, by name; kept with the result.
+        Notes on subjects, by name, stored with the result.
     tick : Tick
 
     Raises
     ------
     InputError
-        If the project can't be written to or is in use; its result is then as it was.
+        If the project can't be written to or is in use; its result is then unchanged.
     """
     with project.locked(new=False):
         before = project.read()
@@ -127,7 +127,7 @@ def write_repaired(
 
 
 def _groomed(project: ProjectFolder, subject: ResultSubject) -> GroomedSubject:
-    """Return a subject's archive, whatever its input file is by now."""
+    """Return a subject's groomed archive, regardless of its present input file."""
     path = project.groomed / f"{subject.file}.npz"
     groomed = load_groomed(project.groomed, subject.name, str(read_arrays(path).get("key")))
     if groomed is None:

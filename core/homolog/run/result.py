@@ -1,4 +1,4 @@
-"""A finished run on disk: particles, shape model, tables, and the record of how they came about."""
+"""A finished run on disk: particles, shape model, tables, and the record."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -41,11 +41,11 @@ __all__ = [
 _Item = TypeVar("_Item")
 
 CANCELLED = "cancelled"
-"""How a result `ended` that was kept although its run was not done."""
+"""Value of `ended` for results saved from unfinished runs."""
 
 
 class OnDemand(Sequence[_Item]):
-    """A sequence whose items are made, or read from files, whenever they are asked for; none is kept.
+    """A lazy sequence, whose items are computed or read on each access.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class OptimizationOutcome:
         Iteration and the three parts of the objective.
     iterations : int
     ended : str
-        Why; ``"cancelled"`` if it can be resumed.
+        Reason of the end; ``"cancelled"`` if it can be resumed.
     seconds : mapping of str to float
         Time by phase.
     """
@@ -130,12 +130,12 @@ class OptimizationOutcome:
 
 
 def add_note(groomed: GroomedSubject, note: str) -> GroomedSubject:
-    """Return a subject with one more note in its report."""
+    """Return a subject with a further note in its report."""
     return replace(groomed, report=replace(groomed.report, notes=(*groomed.report.notes, note)))
 
 
 def add_repair_notes(inputs: OptimizationInput, optimized: OptimizedParticles) -> OptimizationInput:
-    """Return the study with a note on every subject whose particles were repaired, if any were."""
+    """Return the inputs with a note on every subject with repaired particles."""
     if not optimized.repaired.any():
         return inputs
     counts = np.count_nonzero(optimized.repaired, axis=1)
@@ -148,7 +148,7 @@ def add_repair_notes(inputs: OptimizationInput, optimized: OptimizedParticles) -
 
 
 def model_of(outcome: OptimizationOutcome, tick: Tick) -> tuple[ShapeModel, MeanSurface]:
-    """Return the outcome's shape model and the surface that follows it.
+    """Return the outcome's shape model and mean surface.
 
     Raises
     ------
@@ -170,7 +170,7 @@ def write_result(
     tick: Tick,
     excluded: Mapping[str, str] | None = None,
 ) -> None:
-    """Let the outcome take the place of the project's last result.
+    """Replace the project's last result by the outcome.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def write_result(
         Locked by the caller.
     outcome : Outcome
     model, surface : ShapeModel, MeanSurface
-        As `model_of` made them.
+        Of the outcome, by `model_of`.
     tick : Tick
     excluded : mapping of str to str, optional
         Why subjects of the cohort were excluded, a line for each name.
@@ -186,7 +186,7 @@ def write_result(
     Raises
     ------
     InputError
-        If the project can't be written to; its last result is then as it was.
+        If the project can't be written to; its last result is then unchanged.
     """
     inputs = outcome.inputs
     stems = file_stems([shape.name for shape in inputs.shapes])

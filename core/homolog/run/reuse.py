@@ -1,4 +1,4 @@
-"""Whether a project's result is what a run would make, so that the run need not be."""
+"""Whether a project already has the result of a run."""
 
 from homolog.cohort import Cohort, sides_of
 from homolog.errors import InputError
@@ -16,7 +16,7 @@ __all__ = ["is_result_of"]
 def is_result_of(project: ProjectFolder, cohort: Cohort, settings: RunSettings, tick: Tick = no_tick) -> bool:
     """Return whether the project's finished result is that of a cohort and settings.
 
-    The order of the subjects, their groups and columns play no part, nor where to compute; files are
+    The order of subjects, groups, columns and the device do not matter; files are
     compared by their content.
 
     Parameters
@@ -53,7 +53,7 @@ def is_result_of(project: ProjectFolder, cohort: Cohort, settings: RunSettings, 
 
 
 def _matches_request(result: ResultRecord, cohort: Cohort, settings: RunSettings) -> bool:
-    """Return whether a result ended well, and is of these names, sides and settings."""
+    """Return whether a result is complete and has these names, sides and settings."""
     own = result.settings
     return (
         result.ended not in (CANCELLED, IMPORTED)

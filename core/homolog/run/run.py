@@ -1,4 +1,4 @@
-"""The pipeline, from files to a shape model, as a state machine that can be watched, paused and cancelled."""
+"""The pipeline from files to a shape model, as a state machine with progress, pause and cancel."""
 
 import logging
 import shutil
@@ -38,9 +38,9 @@ __all__ = ["Run"]
 _log = logging.getLogger(__name__)
 
 _MOST_DEATHS = 3
-"""Of workers that groom, before the run ends; subjects that are done are not groomed again."""
+"""Largest number of deaths of grooming workers; finished subjects are not groomed again."""
 _FEWEST = 8
-"""Particles that can carry a surface."""
+"""Smallest number of particles of a surface."""
 
 
 class Run:
@@ -57,18 +57,18 @@ class Run:
     Parameters
     ----------
     project : ProjectFolder
-        Where everything is written; made if need be. Its last result stays until the new one is complete.
+        Output folder, created if necessary. Its last result remains until the new one is complete.
     cohort : Cohort
         Whose shapes.
     settings : RunSettings
         How.
     resume : bool
-        Go on from the state that a cancelled or killed run left.
+        Continue from the checkpoint of a cancelled or killed run.
     from_result : bool
         Start from the particles of the project's result: with more particles it is added to, new subjects
         are fitted to it. A resumed run starts from what it started from.
     skip_bad : bool
-        Leave out subjects whose files are bad, with a note, instead of stopping.
+        Exclude subjects with unusable files, with a note, instead of stopping.
     """
 
     def __init__(
@@ -97,17 +97,17 @@ class Run:
 
     @property
     def status(self) -> RunStatus:
-        """Where the run is."""
+        """The present status."""
         return self._control.status
 
     @property
     def frame(self) -> Frame | None:
-        """The newest particles, None before the first; a mailbox to look into as often as one can draw."""
+        """The newest particles, None before the first; may be polled at any rate."""
         return self._frame
 
     @property
     def preliminary(self) -> Frame | None:
-        """The particles at the end of the latest stage that compared the shapes, None before the first."""
+        """The particles at the end of the latest stage with comparison of shapes, None before the first."""
         return self._preliminary
 
     def preliminary_result(self, frame: Frame, tick: Tick = no_tick) -> Result:
@@ -123,19 +123,19 @@ class Run:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """One line for each excluded subject, also of the run that this one goes on from."""
+        """One line for each excluded subject, including those of a continued run."""
         return tuple(self._excluded.values())
 
     def cancel(self) -> None:
-        """End the run as soon as possible; what is done so far stays for `resume`."""
+        """Stop the run as soon as possible; its checkpoint remains for `resume`."""
         self._control.cancel_token.cancel()
 
     def set_paused(self, paused: bool) -> None:
-        """Hold the run, or let it go on."""
+        """Pause or resume the run."""
         self._control.cancel_token.set_paused(paused)
 
     def execute(self, observer: Observer = ignore) -> FinishReason:
-        """Do the work; returns whether it was completed or cancelled.
+        """Execute the run; return whether it was completed or cancelled.
 
         Raises
         ------
@@ -146,7 +146,7 @@ class Run:
 
         Notes
         -----
-        However the run ends, the observer hears it first.
+        The observer is notified of the end of the run in any case.
         """
         self._control.observer = observer
         try:
@@ -162,12 +162,12 @@ class Run:
 
     @property
     def can_be_kept(self) -> bool:
-        """Whether there are particles that `keep` can make the result."""
+        """Whether there are particles that `keep` can save as the result."""
         frame = None if self._study is None or self._from_result else self._frame
         return frame is not None and frame.world.shape[1] >= _FEWEST
 
     def keep(self) -> bool:
-        """Make the newest particles of a cancelled run the project's result; the run can still be resumed.
+        """Save the newest particles of a cancelled run as the project's result; it can still be resumed.
 
         Returns
         -------
@@ -262,7 +262,7 @@ class Run:
         return prior
 
     def _write_run_record(self, cohort: Cohort) -> None:
-        """Write down what is about to be done, so that a killed run can be resumed from the folder alone."""
+        """Record the run in the project, so that a killed run can be resumed from the folder alone."""
         before = self.project.read() if self.project.exists else ProjectRecord()
         self._recall(before, {subject.name for subject in cohort.subjects})
         with report_os_errors(self.project.groomed):
@@ -282,7 +282,7 @@ class Run:
         )
 
     def _recall(self, before: ProjectRecord, here: set[str]) -> None:
-        """Take over why subjects were excluded from the project's cohort before, if that is gone on with."""
+        """Keep the reasons of earlier exclusions from the project's cohort, if that is continued."""
         if {subject.name for subject in before.subjects} <= here:
             absent = {name: why for name, why in before.excluded.items() if name not in here}
             self._excluded = absent | self._excluded

@@ -1,4 +1,4 @@
-"""A shape model on disk: its tables, the mean surface, and how it moves along the modes that matter."""
+"""A shape model on disk: its tables, mean surface, and surfaces of its main modes."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,7 +30,7 @@ def surface_of_model(
     alignments: FloatArray,
     tick: Tick = no_tick,
 ) -> MeanSurface:
-    """Return the mean surface of a model, which the modes that are shown do not fold.
+    """Return the mean surface of a model, without folds along the displayed modes.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def write_model(new: ProjectFolder, cohort: Cohort, model: ShapeModel) -> None:
 
 
 def write_surfaces(new: ProjectFolder, model: ShapeModel, surface: MeanSurface, tick: Tick) -> None:
-    """Write the mean surface, and how it moves along the modes that matter.
+    """Write the mean surface, and the surfaces of the main modes.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def write_surfaces(new: ProjectFolder, model: ShapeModel, surface: MeanSurface, 
 
 
 def _moves(model: ShapeModel) -> FloatArray:
-    """How far the particles move along the modes that are shown, (K, N, 3) [mm]."""
+    """Displacements of the particles along the displayed modes, (K, N, 3) [mm]."""
     enough = int(np.searchsorted(np.cumsum(model.explained_variance_ratio), _SHOWN_SHARE)) + 1
     shown = min(max(enough, _LEAST_SHOWN), _MOST_SHOWN)
     moves: FloatArray = (
@@ -135,6 +135,6 @@ def _moves(model: ShapeModel) -> FloatArray:
 
 
 def _write_surface(path: Path, mesh: TriangleMesh) -> None:
-    """Write a surface twice: VTP for this program and Slicer, PLY next to it for everything else."""
+    """Write a surface twice: VTP for Homolog and 3D Slicer, PLY for other programs."""
     write_mesh(path, mesh)
     write_mesh(path.with_suffix(".ply"), mesh)

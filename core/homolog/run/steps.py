@@ -1,4 +1,4 @@
-"""The steps of a run after grooming: the same for runs in a project's folder and in memory."""
+"""The steps of a run after grooming, for runs in a project and in memory."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -32,7 +32,7 @@ def prepare_inputs(
     prior: PriorResult | None = None,
     registrations: Path | None = None,
 ) -> OptimizationInput:
-    """Bring groomed subjects into one frame, with the landmarks that first particles are put on.
+    """Align groomed subjects, and add landmarks for the first particles.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def prepare_inputs(
         Warp alias.
     tick : Tick
     prior : PriorResult, optional
-        Result that is started from; it gives alignments and first particles.
+        Initial result, with alignments and first particles.
     registrations : Path, optional
         File with earlier registrations, as of `align_cohort`.
 
@@ -55,7 +55,7 @@ def prepare_inputs(
     Raises
     ------
     InputError
-        If shapes are of other sizes or sides than can be compared, or landmarks do not fit.
+        If sizes or sides of shapes can't be compared, or landmarks do not fit.
     """
     known = None if prior is None else prior.alignments
     annotated, alignments = run_in_background(
@@ -98,7 +98,7 @@ def run_optimization(
     observe, checkpoint, resume, solve
         As of `homolog.correspondence.optimize`.
     prior : PriorResult, optional
-        Result that is started from.
+        Initial result.
 
     Returns
     -------

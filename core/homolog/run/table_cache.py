@@ -1,4 +1,4 @@
-"""Geodesic tables of an unfinished run on disk: a run that is killed need not solve them again."""
+"""Geodesic tables of an unfinished run on disk, for a resumed run."""
 
 import logging
 import shutil
@@ -19,13 +19,13 @@ __all__ = ["TableCache"]
 _log = logging.getLogger(__name__)
 
 WORTH_S = 10.0
-"""Tables are written once so much time went into those that are not; short runs write none."""
+"""Tables are written after this much work [s] on new ones; short runs write none."""
 _SHAPES_ON_GPU = 32
 """Solved at once on a GPU, a second's work of large ones; a CPU solves one after another anyway."""
 
 
 class TableCache:
-    """Solves tables a few shapes at a time, and keeps in a folder what took long.
+    """Solves tables a few shapes at a time, and stores them in a folder if this took long.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Distances to meshes, and through them."""
+"""Distances to meshes, and thickness."""
 
 import numpy as np
 import warp as wp
@@ -12,7 +12,7 @@ __all__ = ["distances_to", "on_device", "signed_distances_to", "thickness"]
 
 
 def distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu") -> FloatArray:
-    """Return how far points are from a mesh, unsigned.
+    """Return unsigned distances of points from a mesh.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu")
 
 
 def signed_distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu") -> FloatArray:
-    """Return how far points are from a closed surface.
+    """Return signed distances of points from a closed surface.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def signed_distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str =
 
 
 def thickness(mesh: TriangleMesh, *, device: str = "cpu") -> FloatArray:
-    """Return how thick the solid is below each face: the way from its middle inward to the next face.
+    """Return the thickness of the solid below each face: from its centroid inward to the next face.
 
     Parameters
     ----------

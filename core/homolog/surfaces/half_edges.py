@@ -1,4 +1,4 @@
-"""A closed mesh whose edges are split, merged and flipped one by one, which keeps its topology."""
+"""A closed mesh with topology-preserving edge splits, collapses and flips."""
 
 import numpy as np
 import warp as wp
@@ -14,7 +14,7 @@ _WEIGHTS = 10  # terms of a quadric
 
 
 class HalfEdges:
-    """A closed mesh whose edges change; sides of its faces know the face beyond.
+    """A closed mesh with half-edges, which know the neighbouring face.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class HalfEdges:
         return np.stack(sums, axis=1) / np.bincount(starts, minlength=n)[:, None]
 
     def compact(self) -> None:
-        """Leave out vertices and faces that are gone."""
+        """Remove unused vertices and deleted faces."""
         alive = self._origins[::3] >= 0
         number = np.cumsum(alive) - 1
         self._origins = self._origins.reshape(-1, 3)[alive].ravel()

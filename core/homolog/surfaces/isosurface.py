@@ -53,7 +53,7 @@ def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool =
     field : DistanceField
         Its border is outside.
     edge : float or None
-        Wished edge length [mm]; about 6000 vertices if None.
+        Target edge length [mm]; about 6000 vertices if None.
     adaptive : bool
         Smaller triangles where the surface is strongly curved, larger ones elsewhere.
 
@@ -177,7 +177,7 @@ def _at(tree: KDTree, sizes: FloatArray) -> Sizes:
 
 
 def _thickness(field: DistanceField, points: FloatArray, most: float) -> FloatArray:
-    """Return how far it is through the solid, or through a gap of it, from points of its surface [mm].
+    """Return the thickness of the solid, or of a gap of it, at points of its surface [mm].
 
     The distance grows along the normal up to the middle between two walls.
     """
@@ -198,7 +198,7 @@ def _thickness(field: DistanceField, points: FloatArray, most: float) -> FloatAr
 def _far(
     mesh: TriangleMesh, field: DistanceField, references: FloatArray, tree: KDTree, tolerance: FloatArray
 ) -> BoolArray:
-    """Return at which points of the surface a mesh is not close to it."""
+    """Return the points of the surface from which a mesh deviates."""
     far: BoolArray = distances_to(mesh, references) > tolerance
     corners = mesh.vertices[mesh.faces]
     for between in (corners.mean(axis=1), 0.5 * (corners[:, 0] + corners[:, 1])):
@@ -208,7 +208,7 @@ def _far(
 
 
 def _weighted(mesh: TriangleMesh) -> sparse.coo_array:
-    """Return by how much edge lengths may differ between the ends of a mesh's edges, (V, V) [mm]."""
+    """Return the permitted difference of edge lengths between the ends of a mesh's edges, (V, V) [mm]."""
     ends = edges_of(mesh.faces)
     apart = _GRADING * np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
     return sparse.coo_array((apart, tuple(ends.T)), shape=(len(mesh.vertices),) * 2)

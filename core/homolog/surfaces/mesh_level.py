@@ -1,4 +1,4 @@
-"""A mesh as a level function on a grid, and what else is asked of triangles in space."""
+"""A mesh as a level function on a grid, and winding numbers and rays."""
 
 from collections.abc import Callable
 

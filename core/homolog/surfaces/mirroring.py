@@ -1,4 +1,4 @@
-"""Mirror images: the map that makes them, and maps that may be reflections."""
+"""Mirror images, and maps that may be reflections."""
 
 from typing import Final
 

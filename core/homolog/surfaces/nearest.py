@@ -1,4 +1,4 @@
-"""Which particle a place on a surface belongs to, also where the opposite side of a thin wall is nearer."""
+"""The nearest particle of a surface point on its own side of a thin wall."""
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -9,7 +9,7 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = ["areas_of_particles", "nearest_particles"]
 
 _LOOKED_AT = 12
-"""Nearest particles that are tried."""
+"""Number of nearest particles that are tested."""
 _OPPOSITE = -0.5
 """Cosine between the normals of two places below which they are on opposite sides of a wall."""
 

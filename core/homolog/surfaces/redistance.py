@@ -30,7 +30,7 @@ def redistanced(
     level : (I, J, K) array
         Negative inside, of any scale; crosses zero somewhere.
     reach : int, optional
-        How far from the zero level this is done [voxels]; farther away distances are rough, to a voxel or
+        Range of exact distances from the zero level [voxels]; beyond it, they are approximate, to a voxel or
         so. Everywhere if not given.
     device : str
         ``"cpu"`` or a CUDA device.

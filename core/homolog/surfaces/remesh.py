@@ -1,4 +1,4 @@
-"""Even triangles: split, collapse and flip edges, slide vertices along the surface, over and over.
+"""Even triangles: repeatedly split, collapse and flip edges, and slide vertices along the surface.
 
 After Botsch and Kobbelt, A Remeshing Approach to Multiresolution Modeling (SGP 2004). Topology does not
 change.
@@ -16,7 +16,7 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = ["Sizes", "curvature_sizes", "remeshed"]
 
 Sizes = Callable[[FloatArray], FloatArray]
-"""Wished edge length [mm] at points (N, 3), shape (N,)."""
+"""Target edge length [mm] at points (N, 3), shape (N,)."""
 
 _LONG, _SHORT = 4.0 / 3.0, 3.0 / 4.0  # of the target edge length
 _SWEEPS = 5
@@ -35,7 +35,7 @@ def remeshed(mesh: TriangleMesh, field: DistanceField, sizes: float | Sizes) -> 
     field : DistanceField
         Whose zero level the vertices are put on.
     sizes : float or callable
-        Wished edge length [mm], the same everywhere or at each place.
+        Target edge length [mm], constant or by position.
 
     Returns
     -------
@@ -58,7 +58,7 @@ def remeshed(mesh: TriangleMesh, field: DistanceField, sizes: float | Sizes) -> 
 
 
 def _split(edges: HalfEdges) -> None:
-    """Halve edges that are too long until there are few."""
+    """Split long edges until few are left."""
     for _ in range(_SPLITS):
         sides, lengths = edges.lengths()
         if edges.split(_sorted(sides, -lengths, lengths > 1.0)) <= _FEW * len(edges.vertices):
@@ -66,7 +66,7 @@ def _split(edges: HalfEdges) -> None:
 
 
 def _collapse(edges: HalfEdges) -> None:
-    """Merge the ends of edges that are too short, where neither topology nor shape suffers."""
+    """Collapse short edges, where topology and shape permit."""
     few = _FEW * len(edges.vertices)
     for _ in range(_COLLAPSES):
         sides, lengths = edges.lengths()
@@ -76,7 +76,7 @@ def _collapse(edges: HalfEdges) -> None:
 
 
 def _flip(edges: HalfEdges) -> None:
-    """Turn edges whose opposite angles sum to more than 180° (Delaunay)."""
+    """Flip edges whose opposite angles sum to more than 180° (Delaunay)."""
     for _ in range(_FLIPS):
         sides, turns = edges.turns()
         if edges.flip(_sorted(sides, -turns, turns > 0.0)) <= _FEW * len(edges.vertices):

@@ -1,4 +1,4 @@
-"""Points put on a surface."""
+"""Projection of points onto a surface."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ _SAMPLES = 12  # on each face
 
 
 def snapping(mesh: TriangleMesh) -> Callable[[FloatArray], FloatArray]:
-    """Return a function that takes points (n, 3) to near ones of a surface, to a fraction of its edges."""
+    """Return a function that moves points (n, 3) to a surface, within a fraction of its edges."""
     weights = np.random.default_rng(0).dirichlet(np.ones(3), _SAMPLES)
     points = np.einsum("sk,fkd->fsd", weights, mesh.vertices[mesh.faces]).reshape(-1, 3)
     tree = KDTree(points)

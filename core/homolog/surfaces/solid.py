@@ -1,4 +1,4 @@
-"""Any triangles as the boundary of a solid: oriented, without inner walls, closed where they end flat.
+"""Conversion of any triangles to the boundary of a solid: oriented, without inner walls, with flat caps.
 
 What is closed by no face is left to the winding number (Jacobson, Kavan and Sorkine-Hornung: Robust
 Inside-Outside Segmentation using Generalized Winding Numbers, SIGGRAPH 2013; Barill et al.: Fast Winding
@@ -77,7 +77,7 @@ class Solid:
 
 
 def solid_of(mesh: TriangleMesh) -> Solid:
-    """Return the solid that triangles of any kind stand for.
+    """Return the solid of arbitrary triangles.
 
     Vertices that coincide are welded; faces without area and duplicates are removed. Faces that meet two by
     two at their sides make patches, each oriented one way. Openings with a flat rim are closed by caps.

@@ -1,4 +1,4 @@
-"""Topology of meshes and solids: what a surface must be before anything is computed on it."""
+"""Topology of meshes and solids, with the checks before computations."""
 
 import numpy as np
 from scipy import ndimage
@@ -55,7 +55,7 @@ def longest_edge(mesh: TriangleMesh) -> float:
 
 
 def check_mesh(mesh: TriangleMesh, name: str) -> None:
-    """Refuse a mesh that is not one closed, oriented, manifold surface without degenerate faces.
+    """Raise InputError unless a mesh is one closed, oriented, manifold surface without degenerate faces.
 
     Parameters
     ----------
@@ -67,14 +67,14 @@ def check_mesh(mesh: TriangleMesh, name: str) -> None:
     Raises
     ------
     InputError
-        The first fault found, what it does, and the remedy.
+        With the first fault found and the remedy.
     """
     if fault := _fault(mesh):
         raise InputError(f"{name}: the mesh {fault}")
 
 
 def is_sound(mesh: TriangleMesh) -> bool:
-    """Return whether a mesh passes `check_mesh`: what every mesh that this program makes must do."""
+    """Return whether a mesh passes `check_mesh`."""
     return not _fault(mesh)
 
 

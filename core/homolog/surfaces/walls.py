@@ -17,7 +17,7 @@ _CLEAR = 1e-4  # of the mean edge: rays start below their own faces
 
 
 def wall_thickness(mesh: TriangleMesh, *, device: str = "cpu") -> FloatArray:
-    """Return how thick the solid is below each vertex.
+    """Return the thickness of the solid below each vertex.
 
     Rays go inward from the vertex to the opposite side of the wall: one along the normal and twelve in a cone
     of 25° around it. The thickness is the median of their lengths, projected onto the normal, as in the shape
