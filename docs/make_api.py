@@ -49,15 +49,15 @@ GROUPS: dict[str, list[Any]] = {
 
 HEAD = """# Python API
 
-<!-- Made from the docstrings by `python docs/make_api.py`; change those. -->
+<!-- Generated from the docstrings by `python docs/make_api.py`; edit those. -->
 
-`import homolog as hl` gives the names below; each is loaded when it is first used. Lengths are millimetres
-in the patient frame (LPS). M is the number of subjects, N of particles, K of modes. Arrays that functions
-return are read-only. Classes without `hl.` are what others consist of.
+`import homolog as hl` provides the names below, which are loaded on first use. Lengths are millimetres,
+coordinates LPS. M is the number of subjects, N of particles, K of modes. Returned arrays are read-only.
+Classes without `hl.` are parts of others.
 
-Examples that run: [a model of meshes in memory](examples/meshes_to_model.py),
+Runnable examples: [a model of meshes in memory](examples/meshes_to_model.py),
 [two groups](examples/two_groups.py), [geodesic distances](examples/geodesics.py),
-[a project opened](examples/open_project.py), [one patient](examples/one_patient.py).
+[an existing project](examples/open_project.py), [one patient](examples/one_patient.py).
 """
 
 _SECTION = re.compile(r"^(\w[\w ]*)\n-{3,}\n", re.MULTILINE)

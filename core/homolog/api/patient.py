@@ -55,8 +55,8 @@ def make_reference(
     Raises
     ------
     InputError
-        If the project has no result, its controls, or those seen twice, are fewer than eight, or a value is
-        missing.
+        If the project has no result, there are fewer than eight controls (or controls with two times), or
+        a value is missing.
     """
     return _make(
         ProjectFolder(Path(project)), group=group, adjust=adjust, pairs=pairs, time=time, workers=workers,

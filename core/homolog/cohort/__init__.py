@@ -61,11 +61,10 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
     Parameters
     ----------
     path : path
-        A folder, or a table (CSV, TSV, XLSX) with the columns ``name,path[,group,…]``; relative paths start
-        at the file's own folder. A folder that holds a ``cohort.csv`` is read through it; where that names no
-        files, it gives groups and covariates of the folder's. If it holds folders only, one with all files is
-        read, or the single file of each, or each folder with a file for each structure or point in time
-        (the folder then names the subject), or a folder of files for each group.
+        A folder, or a table (CSV, TSV, XLSX) with the columns ``name,path[,group,…]`` and paths relative
+        to the table's folder. A ``cohort.csv`` in a folder takes precedence; without paths, it gives groups
+        and covariates of the folder's files. A folder may contain the files, or folders by subject,
+        structure, time point, side or group (docs/formats.md).
 
     Returns
     -------
@@ -74,7 +73,7 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
     Raises
     ------
     InputError
-        If nothing is there, a column or value is missing, or two subjects have the same name.
+        If the path does not exist, a column or value is missing, or two subjects have the same name.
     """
     path = Path(path)
     if path.is_dir():

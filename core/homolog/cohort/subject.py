@@ -45,21 +45,21 @@ class Subject:
     Attributes
     ----------
     name : str
-        Unique within the cohort and fit for a file name.
+        Unique within the cohort and valid as a file name.
     path : Path
-        Segmentation (a file, the folder of a DICOM series, or a folder with a file for each structure) or
-        closed surface mesh. ``FOLDER/p1`` where nothing is stands for the files ``p1_…`` of a folder, one for
-        each structure.
+        Segmentation (a file, the folder of a DICOM series, or a folder with one file per structure) or
+        surface mesh. If it does not exist, ``FOLDER/p1`` denotes the files ``p1_…`` of a folder, one per
+        structure.
     group : str or None
-        Value of the manifest's ``group`` column, if any.
+        Value of the table's ``group`` column, if any.
     columns : mapping of str to str
-        The manifest's further columns, kept as they are.
+        The table's further columns, unchanged.
     landmarks : Path or None
-        Slicer markups of its landmarks: the manifest's ``landmarks`` column, or ``<file>.mrk.json`` beside
-        the file, where ``<file>`` is its name without suffix.
+        3D Slicer markups of its landmarks: the table's ``landmarks`` column, or ``<file>.mrk.json`` next
+        to the file, where ``<file>`` is its name without suffix.
     image : Path or None
-        The grey-value scan that it was segmented in: the manifest's ``image`` column, or ``<file>_image``
-        with the suffix of an image next to the file. It is only shown; it may be missing.
+        The grey-value scan behind the segmentation: the table's ``image`` column, or ``<file>_image`` with
+        the suffix of an image next to the file. It is only displayed and may be missing.
     """
 
     name: str
@@ -103,14 +103,14 @@ def _subject_of(
 
 @dataclass(frozen=True, slots=True)
 class Cohort:
-    """The subjects of a study, in the order in which every result lists them.
+    """The subjects of a study, in the order of all results.
 
     Attributes
     ----------
     subjects : tuple of Subject
-        Sorted by name if read from a folder, in file order if read from a manifest.
+        Sorted by name if read from a folder, in file order if read from a table.
     folder : Path
-        Where the subjects' relative paths start.
+        The folder to which the subjects' paths are relative.
     notes : tuple of str
         Notes on how the files were read: which were skipped, and why.
     """

@@ -1,7 +1,7 @@
 """Shapes divided among several devices of one machine.
 
-Every device holds the surfaces and tables of its shapes and moves their particles. What ties shapes together
-is computed for all of them: the mean normals and the dual of H(Z) on the first device, the dual of H(V) on
+Every device has the surfaces and tables of its shapes and moves their particles. Quantities across shapes
+are computed for all of them: the mean normals and the dual of H(Z) on the first device, the dual of H(V) on
 the second. In an iteration the first gets positions, normals and opening angles from the others, gives
 them mean normals and gradients, gets steps and gives damped ones: 22 numbers a particle in all.
 """
@@ -81,7 +81,7 @@ def prepare_on(
     store: Store = in_memory,
     tick: Tick = no_tick,
 ) -> PreparedCohort:
-    """Bring shapes to one or several devices (see `prepare_cohort`).
+    """Prepare shapes on one or several devices (see `prepare_cohort`).
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def prepare_on(
 
 
 def _connect(devices: Sequence[str]) -> None:
-    """Let GPUs read each other's memory, where they can; copies pass through the host otherwise."""
+    """Enable peer access between GPUs where possible; otherwise copies pass through the host."""
     for target, peer in permutations(set(devices), 2):
         if wp.is_mempool_access_supported(target, peer):
             wp.set_mempool_access_enabled(target, peer, True)
@@ -182,7 +182,7 @@ class _PartEngine(Engine):
 
 
 class DividedEngine(Engine):
-    """The particles of a divided cohort: one engine ties them, and one on each device moves its own."""
+    """The particles of a divided cohort: one engine couples them, and one on each device moves its own."""
 
     def __init__(
         self,

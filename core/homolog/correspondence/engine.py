@@ -133,7 +133,7 @@ class Engine:
         self.free = wp.array(flags, dtype=int, device=launcher.device)
 
     def _tie(self, *, any_fixed: bool) -> None:
-        """Make what ties the shapes together."""
+        """Create the coupling of the shapes."""
         self.coupling = coupling(self.layout, self.free, any_fixed, self.launch, self.second)
         self.stiffness = self.coupling.stiffness
         self._compare = (Means if self.launch.device == "cpu" else DeviceMeans)(self.layout, self.launch)

@@ -1,6 +1,6 @@
-"""A frozen ensemble: what the positions and normals of many shapes say about one more.
+"""A frozen ensemble: the statistics of positions and normals of many shapes, for fits of further shapes.
 
-Covariances are known by their leading modes, so that an ensemble of any number of subjects has the same size.
+Covariances are stored as leading modes, so that the size does not depend on the number of subjects.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,7 +24,7 @@ _DENSE = 1500
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeState:
-    """One shape's particles and what the ensemble needs of them.
+    """One shape's particles and their data for the ensemble.
 
     Attributes
     ----------
@@ -183,7 +183,7 @@ def make_ensemble(
 
 
 def generalization_error(aligned: Float32Array) -> float:
-    """Return how far subjects lie from the first modes of the others, root mean square per particle.
+    """Return the distance of subjects from the first modes of the others, root mean square per particle.
 
     Parameters
     ----------

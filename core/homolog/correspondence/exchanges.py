@@ -20,9 +20,9 @@ from homolog.threads import in_threads
 __all__ = ["EnsembleRows", "Exchanges"]
 
 NEAREST = 12
-"""Particles next to one on a shape that it may be exchanged with."""
+"""Number of nearest particles with which a particle may be exchanged."""
 LEAST_GAIN = 0.05
-"""By which an exchange has to lower the objective, summed up over all particles; less decides nothing."""
+"""Smallest decrease of the objective by an exchange, summed over all particles."""
 TOGETHER = 64
 """Shapes whose pairs are judged together, as most of them are pairs of all shapes."""
 PAIRS_TOGETHER = 256
@@ -31,7 +31,7 @@ PAIRS_TOGETHER = 256
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EnsembleRows:
-    """Aligned particles as the entropies across shapes see them.
+    """Aligned particles for the entropies across shapes.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ class Exchanges:
         self.order[shape, pair] = self.order[shape, pair[::-1]]
 
     def _steps(self, shape: int, pairs: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return what exchanges add to the rows of H(Z) and H(V) at the two particles, (P, 2, 3) each."""
+        """Return the changes of the rows of H(Z) and H(V) at the two particles, (P, 2, 3) each."""
         own, other = self.order[shape, pairs], self.order[shape, pairs[:, ::-1]]
         rows, means = self._rows, self._rows.means[pairs]
         positions, normals, openings = rows.positions[shape], rows.normals[shape], rows.openings[shape]
@@ -170,7 +170,7 @@ class Exchanges:
 
 
 class _Entropy:
-    """H(Z) or H(V) of rows (M, N, 3), and how it changes with two particles of one of them."""
+    """H(Z) or H(V) of rows (M, N, 3), and its change with two particles of one of them."""
 
     def __init__(self, rows: FloatArray, regularization: float) -> None:
         shapes, count = rows.shape[:2]

@@ -1,4 +1,4 @@
-"""The particles of one shape beside a frozen ensemble: H(Z) and H(V) with all other shapes held."""
+"""The particles of one shape against a frozen ensemble: H(Z) and H(V) with all other shapes fixed."""
 
 import numpy as np
 import warp as wp
@@ -14,7 +14,7 @@ __all__ = ["FitEngine"]
 
 
 class EnsembleCoupling(HostCoupling):
-    """H(Z) and H(V) of one shape, all others held.
+    """H(Z) and H(V) of one shape, all others fixed.
 
     Attributes
     ----------
@@ -74,12 +74,12 @@ class EnsembleCoupling(HostCoupling):
         self._rows(damped)[0] = (step + explained) * a / (a + p)
 
     def entropies(self) -> FloatArray:
-        """Return what the shape adds to H(Z) and H(V), per particle, (2,)."""
+        """Return the shape's contribution to H(Z) and H(V), per particle, (2,)."""
         return np.asarray(self._entropies, np.float64)
 
 
 class FitEngine(Engine):
-    """The particles of one shape beside an ensemble."""
+    """The particles of one shape against an ensemble."""
 
     def __init__(
         self,
@@ -106,7 +106,7 @@ class FitEngine(Engine):
         self.coupling, self.stiffness = self._own_coupling, self._own_coupling.stiffness
 
     def compare(self) -> None:
-        """Centre positions and normals on those of the ensemble."""
+        """Centre positions and normals on the ensemble's means."""
         aligned, normals = self.aligned_positions()[0], self.aligned_normals()[0]
         self._own_coupling.normals = normals.astype(np.float32)
         self.centred.numpy()[:] = aligned - self._ensemble.mean

@@ -80,7 +80,7 @@ class Launcher:
 
     @contextmanager
     def beside(self, launches: Callable[[], None], per_shape: int) -> Iterator[None]:
-        """Run the body on this thread while kernels run; both are done at the end.
+        """Run the body of the block on this thread while kernels run, and wait for both.
 
         Parameters
         ----------
@@ -116,11 +116,11 @@ class Launcher:
             pass
 
     def forget(self) -> None:
-        """Let go of the arrays of launches before."""
+        """Release the arrays of previous launches."""
         self._recorded.clear()
 
     def close(self) -> None:
-        """End the threads."""
+        """Stop the threads."""
         self.forget()
         for _ in self._threads:
             self._tasks.put(None)
@@ -168,7 +168,7 @@ class Launcher:
         return run_next, results, len(pieces)
 
     def _finish(self, run_next: Callable[[], bool], results: "SimpleQueue[Any]", expected: int) -> None:
-        """Help with the pieces, and wait until all are done."""
+        """Process pieces, and wait until all are done."""
         cancelled: BaseException | None = None
         while run_next():
             if cancelled is None:
@@ -216,7 +216,7 @@ def _identity(item: Any) -> Any:  # noqa: ANN401
 def copy_between(
     target: DeviceArray, source: DeviceArray, target_offset: int = 0, source_offset: int = 0, count: int = 0
 ) -> None:
-    """Copy between devices after what was launched on both, and before what is launched on either later."""
+    """Copy between devices, ordered after previous and before later launches on both."""
     apart = target.device != source.device
     if apart:
         target.device.stream.wait_stream(source.device.stream)

@@ -1,4 +1,4 @@
-"""Shapes whose alignment is a reflection, as mirror images whose alignment is not.
+"""Conversion of shapes with reflections as alignments to mirror images with proper alignments.
 
 Everything behind this (surfaces, turns, normals, poses) may take for granted that alignments are proper
 similarities. Coordinates change sign only, so nothing is lost on the way in and out.
@@ -19,7 +19,7 @@ __all__ = ["MirrorImages", "with_mirror_images"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MirrorImages:
-    """Shapes with proper alignments only, and the way back to the coordinates of the files.
+    """Shapes with proper alignments only, and the conversion to the coordinates of the files.
 
     Attributes
     ----------

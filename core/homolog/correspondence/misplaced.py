@@ -1,6 +1,6 @@
 """Detection and relocation of misplaced particles: on the wrong wall of a shape, or swapped with another.
 
-No force brings a particle back that has slipped over a rim onto the opposite wall. If the other shapes agree,
+No force returns a particle that has slipped over a rim onto the opposite wall. If the other shapes agree,
 they predict its position.
 """
 

@@ -1,4 +1,4 @@
-"""Search for the pose of one shape beside an ensemble, with particles that slide over its surface.
+"""Search for the pose of one shape against an ensemble, with particles that slide over its surface.
 
 The pose of a shape that is nearly symmetric about an axis is hardly determined by its surface, and particles
 hold it: a turn with all particles fixed is costly, and so is moving all particles under a fixed pose. Here
@@ -35,7 +35,7 @@ _DAMPING, _SMALLEST_STEP, _ENOUGH = 1e-6, 0.2, 1e-3
 relative decrease of the objective below which the search ends."""
 _PROJECTIONS, _NEWTON_STEPS = 3, 2
 _DISTINCT = 0.5
-"""Spacings between the particles of two poses, root mean square, from which on they are two."""
+"""Smallest distance of two different poses, root mean square over the particles [spacings]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +178,7 @@ class _Search:
         return sorted(minima, key=lambda k: values[k])[:_BEGUN]
 
     def _expected(self, pose: FloatArray, targets: FloatArray) -> FloatArray:
-        """Return what the modes explain of the points nearest to the targets."""
+        """Return the projection onto the modes of the points nearest to the targets."""
         row = self._deviation(pose, targets)[0]
         rest = self.ensemble.rest_of_positions(row, self.terms[0].regularization)
         return self.ensemble.mean + (row - rest).reshape(-1, 3)
@@ -189,7 +189,7 @@ class _Search:
         return self.ensemble.deviation(points), self.ensemble.logs(normals, openings).ravel()
 
     def _value(self, pose: FloatArray, targets: FloatArray) -> float:
-        """Return what the shape adds to the weighted entropies H(Z) and H(V), up to a factor."""
+        """Return the shape's contribution to the weighted entropies H(Z) and H(V), up to a factor."""
         rows = self._deviation(pose, targets)
         values = zip(self.terms, rows, self._rests(rows), strict=True)
         return float(sum(t.weight * np.log1p(row @ rest / self.ensemble.scale) for t, row, rest in values))

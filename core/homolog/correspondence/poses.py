@@ -1,4 +1,4 @@
-"""Similarities that bring corresponding points onto each other."""
+"""Similarities that align corresponding points."""
 
 from collections.abc import Sequence
 

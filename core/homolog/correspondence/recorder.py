@@ -69,7 +69,7 @@ class RunRecorder:
         return abs(before - now)
 
     def records_to_convergence(self, tolerance: float) -> int:
-        """Estimate how many further records it takes until the objective changes by less than a tolerance."""
+        """Estimate the number of further records until the objective changes by less than a tolerance."""
         excess = self.objective_change() / tolerance
         return max(1, math.ceil(math.log(max(excess, 1.0)) / -math.log(_DECREASE)))
 

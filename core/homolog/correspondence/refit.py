@@ -58,7 +58,7 @@ def repair(
     free : (M, N) bool array
         Those that may move: a patch on one subject, or on several.
     misplaced : (M, N) bool array, optional
-        Those that are not trusted at all: they begin where the other subjects predict them. By default
+        Misplaced ones, which start where the other subjects predict them. By default
         all free ones.
     device, tick, observe
         As in `optimize`.
@@ -143,7 +143,7 @@ def carry_particles(
     target: tuple[TriangleMesh, TriangleMesh],
     tick: Tick = no_tick,
 ) -> FloatArray:
-    """Carry particles from one shape to another by registration, in one frame.
+    """Transfer particles from one shape to another by registration, in one frame.
 
     Parameters
     ----------

@@ -193,7 +193,7 @@ class DoneFraction:
 
 
 def _table_costs(stages: Sequence[StagePlan], *, geodesic: bool) -> list[float]:
-    """Return what the geodesic tables of each stage cost [updates of a particle], if they are made for it."""
+    """Return the cost of the geodesic tables of each stage [updates of a particle]."""
     cost = TABLES_COST * (1.0 if geodesic else 0.1)
     fine = [plan.count >= MIN_FINE_PARTICLES for plan in stages]
     return [

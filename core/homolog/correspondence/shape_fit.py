@@ -61,7 +61,7 @@ def nearest_template(ensemble: Ensemble, shape: Shape) -> int:
 
 
 def first_particles(ensemble: Ensemble, index: int, template: Shape, shape: Shape) -> FloatArray:
-    """Carry a template's particles to a shape by registration.
+    """Transfer a template's particles to a shape by registration.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def first_particles(ensemble: Ensemble, index: int, template: Shape, shape: Shap
 def shape_state(
     shape: Shape, settings: OptimizeSettings, local: FloatArray, *, unit: float, opening_scale: float
 ) -> ShapeState:
-    """Return the state of particles where they lie.
+    """Return the state of particles at given positions.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ class _FitLoop(OptimizationLoop):
         self._recorded = np.empty((0, 3), np.float32)
 
     def state(self, placement: FloatArray, side: FloatArray) -> ShapeState:
-        """Return how the particles ended."""
+        """Return the final state of the particles."""
         positions = self.engine.host_positions()[0].astype(np.float64)
         image = self.cohort.to_optimizer[0].invert(positions)
         return _state(self.engine, transform_points(side, image), self.poses[0] @ placement)
@@ -346,7 +346,7 @@ class _FitLoop(OptimizationLoop):
         )
 
     def _align(self, tangential_weight: float = 1.0, regularization: float | None = None) -> None:
-        """Turn and move the shape towards what the modes of the ensemble explain of it."""
+        """Update the pose towards the shape's projection onto the modes of the ensemble."""
         if not self.aligns:
             return
         a = self.settings.regularization_end if regularization is None else regularization

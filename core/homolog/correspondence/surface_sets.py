@@ -215,7 +215,7 @@ def _openings(
 def opening_scale(
     shapes: Sequence[Shape], to_optimizer: Sequence[Similarity], weight: float, tick: Tick = no_tick
 ) -> float:
-    """Return what `opening_array` multiplies the opening angles of some shapes by."""
+    """Return the factor of opening angles in `opening_array`."""
     return weight * float(np.mean([item.spread for item in _openings(shapes, to_optimizer, tick)]))
 
 
@@ -264,7 +264,7 @@ def build_surface_set(
     *,
     store: Store = in_memory,
 ) -> SurfaceSet:
-    """Bring meshes and tables of all shapes to the device.
+    """Copy meshes and tables of all shapes to the device.
 
     Tables stay empty for straight distances, and for shapes on which no particle is `free_shapes`.
 

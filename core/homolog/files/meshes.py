@@ -55,7 +55,8 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     path : path
         A file that ends in .vtp, .vtu, .vtk, .ply, .stl, .obj, .off, .glb, .gltf, .3mf, .gii (GIFTI), or
         .pial, .white, .smoothwm, .midthickness or .surf (FreeSurfer). Coordinates are millimetres, LPS unless
-        the file says ``SPACE=RAS``; those of GIFTI and FreeSurfer are RAS. Of volume cells the outer surface.
+        the file says ``SPACE=RAS``; those of GIFTI and FreeSurfer are RAS. Volume cells give their outer
+        surface.
 
     Returns
     -------
@@ -65,8 +66,8 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     Raises
     ------
     InputError
-        If the file is missing or can't be read, holds no triangles, or more than 1 % of them have a corner
-        that is not finite (fewer are left out). Whether the surface is closed is not looked at.
+        If the file is missing or can't be read, contains no triangles, or more than 1 % of them have
+        vertices that are not finite (fewer are removed). The surface may be open.
     """
     path = Path(path)
     reader = _READERS.get(path.suffix.lower())
@@ -108,21 +109,21 @@ def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray
 def write_mesh(
     path: str | PathLike[str], mesh: TriangleMesh, point_data: Mapping[str, Array] | None = None
 ) -> None:
-    """Write a surface, marked as LPS where the format has room for it.
+    """Write a surface, marked as LPS if the format permits.
 
     Parameters
     ----------
     path : path
-        Ends in .vtp, .vtk, .ply, .stl or .obj. Replaced only after everything is written.
+        File with suffix .vtp, .vtk, .ply, .stl or .obj, replaced atomically.
     mesh : TriangleMesh
         The surface, in LPS millimetres.
     point_data : mapping of str to (V,) or (V, C) array, optional
-        Values at the vertices; kept by .vtp, .vtk and, as float properties, .ply.
+        Values at the vertices, for .vtp, .vtk and, as float properties, .ply.
 
     Raises
     ------
     InputError
-        If the suffix is unknown, the file can't be written, or .stl or .obj was asked to keep values.
+        If the suffix is unknown, the file can't be written, or .stl or .obj is given values.
     """
     path = Path(path)
     suffix = path.suffix.lower()

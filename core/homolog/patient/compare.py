@@ -46,30 +46,30 @@ class PatientComparison:
     placement : (4, 4) array
         From the file's frame to the reference's; a reflection where the patient was mirrored.
     covariates : mapping of str to str
-        As given.
+        Values as given.
     fit : SurfaceFit
-        In the frame that `placement` gives, its pose with it.
+        The fit, in the frame after `placement`.
     mean : TriangleMesh
-        Of the reference at the patient's covariates, in its own frame.
+        Mean of the reference at the patient's covariates, in its own frame.
     expected : TriangleMesh
         The shape that the reference expects of the patient, in the same frame.
     measures : Measures
     mahalanobis, outside, size, local : Percentile
-        Of the measures and of the largest absolute z among controls that were fitted as patients.
+        Of the measures, and of the largest absolute z, among controls that were fitted as patients.
     z : (V,) array
         Differences from the expected shape, standardised.
     missing : (V,) bool array
-        Vertices that the border of the image cuts off: differences and z are 0 there, and mean nothing.
+        Vertices that the border of the image cuts off, where differences and z are 0.
     total, total_z : (V,) arrays
         Differences from the mean [mm], and standardised.
     regions : tuple of Region
-        Where absolute z is above the reference's limit.
+        Regions where absolute z exceeds the reference's limit.
     remarks : tuple of str
         Remarks for the reader.
     particles : (N, 3) array
         The reference's particles on the patient, in the file's frame [mm].
     own : OwnSurface
-        On which maps are drawn.
+        The surface for maps.
     """
 
     name: str

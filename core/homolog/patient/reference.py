@@ -122,32 +122,32 @@ class Reference:
     Attributes
     ----------
     model : SurfaceModel
-        Of all controls.
+        Shape model of all controls.
     modes : int
-        Retained modes (parallel analysis); the others are fitted, but not part of the distance.
+        Number of retained modes (parallel analysis); others are fitted, but not part of the distance.
     coding : Coding
-        Of the covariates that are adjusted for.
+        Coding of the covariates.
     mahalanobis, outside, size, gap : (M,) arrays
         Sorted `Measures` of controls fitted as patients, read-only.
     maxima : (M,) array
         Sorted largest absolute z of theirs, read-only.
     limit : float
-        Of absolute z, which 5 % of healthy people exceed anywhere.
+        Limit of absolute z, which 5 % of healthy people exceed anywhere.
     local, total : LocalNorm
-        Of differences from the expected shape at several widths, and from the mean.
+        Norms of differences from the expected shape at several scales, and from the mean.
     quality : Quality
     provenance : Provenance
     scores : (M, modes) array or None
-        Of each control in the modes above chance [mm], read-only.
+        Scores of each control in the retained modes [mm], read-only.
     names : tuple of str
-        Of the controls in the order of their scores; empty if they are not kept.
+        Names of the controls in the order of their scores; empty if not stored.
     placing : Placing or None
         Places a patient's particles; None if the project has no groomed volumes.
     change : ExpectedChange or None
         Expected change from controls with two times; None if unknown.
     mirrored : (M,) array or None
-        Sorted, read-only: how far controls' mirror images are from their fits, over the same of the controls
-        as they are; None in files of an older Homolog.
+        Sorted ratios of the distances from the fit, of controls' mirror images and of the controls
+        themselves, read-only; None in files of older versions.
     """
 
     model: SurfaceModel
@@ -195,9 +195,9 @@ class Reference:
     def side_limit(self) -> float | None:
         """Largest ratio of the mirror image's fit to that of a shape of the other side.
 
-        One of 200 controls would be below (normal distribution of the logarithm), none of these is, and the
-        ratio is at least 100 times as likely for a mirrored control. None if so few mirrored controls would
-        be found that the side can't be told.
+        It is below all controls and the 0.5 % quantile of their distribution (normal, of the logarithm), and
+        at least 100 times as likely for a mirrored control. None if too few mirrored controls would be
+        detected.
         """
         if self.mirrored is None:
             return None
@@ -227,9 +227,9 @@ class Reference:
         Parameters
         ----------
         scores : (K,) array
-            Of the shape [mm], such as ``comparison.fit.scores``; modes above chance count.
+            Of the shape [mm], such as ``comparison.fit.scores``; only retained modes are used.
         count : int
-            How many, at most.
+            Largest number.
 
         Returns
         -------

@@ -45,7 +45,7 @@ class TriangleMesh:
         return TriangleMesh(store(self.vertices), store(self.faces))
 
     def placed(self, matrix: FloatArray) -> "TriangleMesh":
-        """Return the surface in the frame that a (4, 4) matrix leads to; its faces still point outward."""
+        """Return the surface transformed by a (4, 4) matrix; its faces still point outward."""
         mirrored = np.linalg.det(matrix[:3, :3]) < 0.0
         faces = self.faces[:, ::-1] if mirrored else self.faces
         return TriangleMesh(transform_points(matrix, self.vertices), faces)

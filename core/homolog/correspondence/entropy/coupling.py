@@ -1,4 +1,4 @@
-"""What ties the shapes together in one iteration, on the host for the CPU and on the device for CUDA."""
+"""Coupling of the shapes in one iteration, on the host for the CPU and on the device for CUDA."""
 
 from abc import ABC, abstractmethod
 from typing import Any
@@ -75,7 +75,7 @@ class Coupling(ABC):
 
     @abstractmethod
     def _damp_free(self, steps: DeviceArray, damped: DeviceArray) -> None:
-        """Apply it where no particle is held."""
+        """Apply it where no particle is fixed."""
 
     @abstractmethod
     def _step_matrices(self) -> tuple[DeviceArray, DeviceArray]:

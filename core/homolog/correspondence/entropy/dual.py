@@ -76,7 +76,7 @@ def solve_duals(
     normals_regularization: float,
     step_weight: float,
 ) -> Duals:
-    """Return what the step needs of the two covariances.
+    """Return the matrices of the step from the two covariances.
 
     Parameters
     ----------

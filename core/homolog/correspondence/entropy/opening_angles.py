@@ -1,4 +1,4 @@
-"""How a surface stands out or falls back around each of its points, as an opening angle.
+"""Opening angles: convexity and concavity of a surface around each of its points.
 
 The opening angle is 2 pi times the share of a Gaussian ball around the point that is inside the shape: pi on
 a plane, the angle between the faces on an edge, less on a tip, more in a hollow (an integral invariant;

@@ -1,6 +1,6 @@
 """Initial particles: spread over a reference shape and mapped to the others by non-rigid registration.
 
-If particles were split from a single one, chance would decide early which end of a shape corresponds to which
+If particles were split from a single one, chance would decide which end of a shape corresponds to which
 end of another; thin or branched shapes never recover from a wrong decision. A coarse registration decides
 here: iterated closest points in position and normal, under a thin-plate map of decreasing stiffness. A shape
 that is far from the reference is reached in steps, by way of shapes between.
@@ -155,10 +155,10 @@ class Registration:
 
 
 class InitialRegistration:
-    """Corresponding particles on coarse meshes, again and again while the poses of the shapes improve.
+    """Corresponding particles on coarse meshes, computed again as the poses of the shapes improve.
 
-    What does not depend on poses is computed once: the reference, the particles that are spread over it, and
-    by way of which shapes it reaches the others.
+    Data independent of poses are computed once: the reference, its particles, and
+    the paths to the other shapes.
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ class InitialRegistration:
 
 
 def spread_vertices(mesh: TriangleMesh, count: int, begin: IntArray) -> IntArray:
-    """Return vertices far from each other along the surface, so that both sides of a wall get some.
+    """Return vertices far from each other along the surface, so that both sides of a wall are covered.
 
     Parameters
     ----------

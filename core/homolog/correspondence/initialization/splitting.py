@@ -1,4 +1,4 @@
-"""From few particles to many: each new particle starts beside a parent, the same way on every shape."""
+"""Splitting: each new particle starts next to a parent, in the same direction on every shape."""
 
 import numpy as np
 
