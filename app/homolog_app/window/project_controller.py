@@ -87,9 +87,12 @@ class ProjectController(Controller):
         session = self._workspace.session
         added = read_subjects(paths)
         study = session.study.adding(added.subjects)
-        session.edit("Add subjects", study)
+        if session.is_open:
+            session.edit("Add subjects", study)
+        else:
+            session.open(study, None)  # opening is no edit: undo stops at what was opened
         if added.notes:
-            self._workspace.session.noticed.emit("; ".join(added.notes))
+            session.noticed.emit("; ".join(added.notes))
         if not session.selection and study.members:
             session.select([study.members[0].name])
 
@@ -270,14 +273,12 @@ class ProjectController(Controller):
         session.open(saved, folder)
         session.edit("Recovered edits", study)
         if workspace.project.exists and workspace.project.read().result is not None:
-            workspace.work.open_result(
-                workspace.project, lambda: self._workspace.session.show_step("explore")
-            )
+            workspace.work.open_result(workspace.project, lambda: session.show_step("explore"))
         workspace.write_journal()
         resumable = lost.record.running and workspace.project.checkpoint.is_file()
-        self._workspace.session.show_step("correspond" if resumable else "cohort")
+        session.show_step("correspond" if resumable else "cohort")
         if resumable:
-            self._workspace.session.noticed.emit("Resume continues from the checkpoint of the run.")
+            session.noticed.emit("Resume continues from the checkpoint of the run.")
 
     def _new(self) -> None:
         path = QFileDialog.getExistingDirectory(self._window, "Folder of segmentations or surfaces")

@@ -47,6 +47,23 @@ def test_every_edit_can_be_undone_and_made_again(beans):
 
 
 @pytest.mark.window
+def test_undo_stops_at_the_folder_that_was_opened(beans, ellipsoids):
+    session = beans.workspace.session
+    session.undo.setIndex(0)
+    opened = session.study
+    assert len(opened.members) == 4
+    assert not beans.commands["edit.undo"].isEnabled()
+    session.select(["a"])
+    beans.commands["edit.include"].trigger()
+    beans.commands["edit.undo"].trigger()
+    assert session.study == opened
+    assert session.is_open
+    beans.commands["edit.remove"].trigger()
+    beans.projects.open_paths([next(ellipsoids.glob("a.*"))])
+    assert session.undo.undoText() == "Add subjects"
+
+
+@pytest.mark.window
 def test_typing_a_number_is_one_edit(beans):
     session = beans.workspace.session
     before = session.study
