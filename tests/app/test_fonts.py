@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 from homolog_app.pictures import write_picture
 from homolog_app.plots import draw_discriminant, new_figure
 from homolog_app.rendering import text as fonts
-from homolog_app.rendering.colours import displacement_scale
-from homolog_app.rendering.scheme import LIGHT
+from homolog_app.rendering.colours import LIGHT_SCHEME, displacement_scale
 from homolog_app.views.captions import scale_picture
 
 HAN = "王"
@@ -45,8 +44,8 @@ def test_a_sign_that_no_font_has_is_a_box(nothing_installed):
 def test_names_that_no_font_has_or_that_look_like_formulas_are_written_without_a_warning(
     nothing_installed, tmp_path
 ):
-    figure, names = new_figure(4.0, 2.0, LIGHT), (HAN, r"b$\foo$")
-    draw_discriminant(figure.subplots(), np.arange(4.0), np.arange(4) > 1, names, names, LIGHT)
+    figure, names = new_figure(4.0, 2.0, LIGHT_SCHEME), (HAN, r"b$\foo$")
+    draw_discriminant(figure.subplots(), np.arange(4.0), np.arange(4) > 1, names, names, LIGHT_SCHEME)
     figure.text(0.5, 0.5, f"{HAN} $\\frac$")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -75,7 +74,7 @@ def test_numbers_are_typeset_with_minus_signs_and_stay_beside_their_units():
 
 def test_the_title_of_a_colour_scale_gets_smaller_letters_before_it_is_cut():
     scale = displacement_scale(6.0, "Outward difference from healthy to infarct, adjusted for age and sex")
-    picture = scale_picture(scale, LIGHT, 400, 1.0)
+    picture = scale_picture(scale, LIGHT_SCHEME, 400, 1.0)
     title = (picture[:20] != picture[0, 0]).any(axis=(0, 2))
     assert title.any()
     assert not title[[0, 1, -2, -1]].any()

@@ -18,10 +18,9 @@ from homolog_app.plots import (
     group_style,
     new_figure,
 )
-from homolog_app.rendering import scheme
-from homolog_app.rendering.colours import DARK, LIGHT, page_colours
+from homolog_app.rendering.colours import DARK, LIGHT, LIGHT_SCHEME, page_colours
 
-COLOURS = scheme.LIGHT
+COLOURS = LIGHT_SCHEME
 LABELS = ("mode 1, SD", "mode 2, SD")
 
 

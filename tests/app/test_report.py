@@ -18,9 +18,15 @@ from homolog.files.tables import write_table
 from homolog.settings import RunSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.cli import main
-from homolog_app.report.columns import column_of
 from homolog_app.report.findings import corrections_text, p_text
-from homolog_app.report.request import Answered, StudyRequest, read_requests, study_folder, write_request
+from homolog_app.report.request import (
+    Answered,
+    StudyRequest,
+    column_of,
+    read_requests,
+    study_folder,
+    write_request,
+)
 from homolog_app.report.sample import sample_rows
 from homolog_app.report.study import run_study
 from homolog_app.report.surface_maps import SurfaceCarrier

@@ -157,8 +157,7 @@ def _request(arguments: argparse.Namespace, result: "Result", alignment: str, an
     from pydantic import ValidationError
 
     from homolog.parameters import fault_text
-    from homolog_app.report.columns import column_of
-    from homolog_app.report.request import StudyRequest, reference_first
+    from homolog_app.report.request import StudyRequest, column_of, reference_first
 
     if arguments.pairs and arguments.regress:
         raise InputError("--pairs compares two groups and can't be combined with --regress; give one of them")

@@ -137,7 +137,7 @@ def run_batch(arguments: argparse.Namespace) -> int:
     from homolog.run.batch import Batch, ItemState
     from homolog.run.events import FinishReason
     from homolog_app.cli import CANCELLED, OK, PROGRAM_ERROR
-    from homolog_app.report.batch import write_index
+    from homolog_app.report.page import write_index
 
     wanted = [part.strip() for part in arguments.labels.split(",") if part.strip()]
     settings = with_all_options(RunSettings(), arguments)

@@ -13,7 +13,6 @@ from homolog_app.exports.motion import mode_motions
 from homolog_app.exports.settings import Background, Plot, PlotSettings
 from homolog_app.exports.tables import compare
 from homolog_app.pictures import DARK, LIGHT, ModeSurfaces, Theme, draw_modes
-from homolog_app.report.columns import column_of
 from homolog_app.report.figures import (
     discriminant_figure,
     energies_figure,
@@ -22,6 +21,7 @@ from homolog_app.report.figures import (
     scores_figure,
     scree_figure,
 )
+from homolog_app.report.request import column_of
 from homolog_app.report.surface_maps import SurfaceCarrier
 
 __all__ = ["draw_plot"]

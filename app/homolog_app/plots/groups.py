@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from homolog.arrays import BoolArray, FloatArray
 from homolog_app.plots.model import draw_scores
 from homolog_app.plots.style import FONT_PT, LINE_PT, TICK_PT, dress, group_style, letters
-from homolog_app.rendering.scheme import Colours
+from homolog_app.rendering.colours import Colours
 from homolog_app.rendering.text import legible, shortened
 
 if TYPE_CHECKING:

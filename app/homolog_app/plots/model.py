@@ -23,7 +23,7 @@ from homolog_app.plots.style import (
     letters,
     points_in,
 )
-from homolog_app.rendering.scheme import Colours
+from homolog_app.rendering.colours import Colours
 from homolog_app.rendering.text import complete_text, shortened
 
 __all__ = [

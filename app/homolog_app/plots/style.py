@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from homolog_app.rendering.scheme import Colours
+from homolog_app.rendering.colours import Colours
 from homolog_app.rendering.text import shortened
 
 __all__ = [

@@ -8,8 +8,7 @@ import numpy as np
 from homolog.analysis.design import numbers
 from homolog.errors import InputError
 from homolog.files.results import Result
-from homolog_app.report.columns import SHAPE_SIZE, column_of
-from homolog_app.report.request import category_of
+from homolog_app.report.request import SHAPE_SIZE, category_of, column_of
 from homolog_app.report.study import Study
 
 __all__ = ["VOXEL", "SampleRow", "sample_rows", "voxel_text"]

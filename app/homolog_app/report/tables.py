@@ -16,9 +16,16 @@ from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.files.tables import write_table
-from homolog_app.report.columns import SHAPE_SIZE, column_of, compared_shapes
 from homolog_app.report.findings import LEVEL
-from homolog_app.report.request import Answered, StudyRequest, study_folder, write_request
+from homolog_app.report.request import (
+    SHAPE_SIZE,
+    Answered,
+    StudyRequest,
+    column_of,
+    compared_shapes,
+    study_folder,
+    write_request,
+)
 from homolog_app.report.sample import sample_rows
 from homolog_app.report.study import Study, study_options
 from homolog_app.report.surface_maps import SurfaceCarrier, significant_regions

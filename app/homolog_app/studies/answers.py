@@ -16,9 +16,8 @@ from homolog.progress import Tick, part_of
 from homolog.surfaces.nearest import nearest_particles
 from homolog_app.rendering.colours import common_limit
 from homolog_app.rendering.text import short
-from homolog_app.report.columns import column_of, compared_shapes
 from homolog_app.report.findings import LEVEL
-from homolog_app.report.request import StudyRequest, category_of
+from homolog_app.report.request import StudyRequest, category_of, column_of, compared_shapes
 from homolog_app.report.study import Study, run_study, study_options
 from homolog_app.studies.model_shape import ModelShape
 from homolog_app.studies.study import Study as Cohort

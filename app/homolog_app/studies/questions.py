@@ -9,7 +9,6 @@ from homolog.analysis.design import is_missing, numbers
 from homolog.cohort.column_types import CATEGORY
 from homolog.errors import InputError
 from homolog_app.rendering.text import short
-from homolog_app.report.columns import SHAPE_SIZE
 from homolog_app.report.findings import (
     LEVEL,
     classified_text,
@@ -20,7 +19,7 @@ from homolog_app.report.findings import (
     region_text,
     size_variance_text,
 )
-from homolog_app.report.request import SIZE_TEXTS, StudyRequest
+from homolog_app.report.request import SHAPE_SIZE, SIZE_TEXTS, StudyRequest
 from homolog_app.studies.study import Study
 
 if TYPE_CHECKING:

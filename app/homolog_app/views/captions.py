@@ -12,8 +12,7 @@ from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D  # pyvis
 
 from homolog.arrays import FloatArray
 from homolog_app.rendering.camera import round_length
-from homolog_app.rendering.colours import GREY, ColourScale
-from homolog_app.rendering.scheme import Colours, rgb
+from homolog_app.rendering.colours import GREY, Colours, ColourScale, rgb
 from homolog_app.rendering.text import edge_letters, font_file, short, tick_labels, written
 from homolog_app.views.content import Numbers
 

@@ -12,8 +12,8 @@ from homolog.surfaces.mirroring import mirrors, scale_of
 from homolog_app.rendering.actors import QuickBalls, SceneActors
 from homolog_app.rendering.camera import VIEWS as ANATOMICAL
 from homolog_app.rendering.camera import Box, Clip, Cut, View, around, extent_of
+from homolog_app.rendering.colours import LIGHT_SCHEME, Colours, rgb, rgb_bytes
 from homolog_app.rendering.scene import Balls, Scene, Surface
-from homolog_app.rendering.scheme import LIGHT, Colours, rgb, rgb_bytes
 from homolog_app.views.captions import Caption, NumberLabels, ScaleBar
 from homolog_app.views.content import Content
 
@@ -152,7 +152,7 @@ class ViewCell:
         self._shown: dict[str, float] = {}
         self._balls: Balls | None = None
         self._cut: Cut | None = None
-        self._colours = LIGHT
+        self._colours = LIGHT_SCHEME
         self._plain: dict[str, Array] = {}
         self.texts, self._bar, self._numbers = Caption(renderer), ScaleBar(renderer), NumberLabels(renderer)
 

@@ -10,10 +10,9 @@ from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow  # plotters
 
 from homolog.arrays import Array, FloatArray
 from homolog_app.rendering.camera import Box, Canvas, Clip, around
-from homolog_app.rendering.colours import colours_by_place
+from homolog_app.rendering.colours import DARK_SCHEME, LIGHT_SCHEME, Colours, colours_by_place, rgb
 from homolog_app.rendering.opengl import SMOOTH, need_no_display, pixels_of
 from homolog_app.rendering.scene import ball_radius
-from homolog_app.rendering.scheme import DARK, LIGHT, Colours, rgb
 from homolog_app.views.captions import scale_picture
 from homolog_app.views.cell import Cameras, ViewCell, ViewMargins
 from homolog_app.views.content import Content, ViewContents
@@ -63,7 +62,7 @@ class Grid:
         """The plane that cuts all shapes open."""
         self._box: Box | None = None
         self._boxed: list[str] = []
-        self._colours = LIGHT
+        self._colours = LIGHT_SCHEME
         self.cameras = Cameras(self.cells)
         self.place_cells()
 
@@ -251,7 +250,7 @@ def drawn(
     """
     need_no_display()
     _release_context_of_qt()
-    colours = DARK if canvas.scheme == "dark" else LIGHT
+    colours = DARK_SCHEME if canvas.scheme == "dark" else LIGHT_SCHEME
     ratio = scale * canvas.ratio
     window: Any = vtkRenderWindow()
     window.SetOffScreenRendering(True)

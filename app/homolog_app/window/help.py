@@ -11,10 +11,9 @@ from PySide6.QtWidgets import QDialog, QFileDialog, QFrame, QHBoxLayout, QMainWi
 from homolog import __version__
 from homolog.errors import user_message
 from homolog.files.atomic import write_text
-from homolog_app.window.actions import Actions
+from homolog_app.window.actions import Actions, CommandPalette, ShortcutSheet
 from homolog_app.window.dialogs import ErrorDialog, problem_report
 from homolog_app.window.explore.groups_page import GroupsPage
-from homolog_app.window.palette import CommandPalette, ShortcutSheet
 from homolog_app.window.project_controller import ProjectController
 from homolog_app.window.rail import steps_of
 from homolog_app.window.start_page import BEANS, HEARTS, Sample, Stop, stops_for

@@ -13,9 +13,8 @@ from pyvistaqt import QtInteractor
 from vtkmodules.vtkRenderingCore import vtkCellPicker  # pyvista picks with a plotter, not in a renderer
 
 from homolog.arrays import FloatArray
-from homolog_app.rendering.colours import ColourScale
+from homolog_app.rendering.colours import LIGHT_SCHEME, Colours, ColourScale
 from homolog_app.rendering.opengl import SMOOTH
-from homolog_app.rendering.scheme import LIGHT, Colours
 from homolog_app.rendering.text import short
 from homolog_app.views.captions import HEIGHT, MOST, SIDE, scale_picture
 from homolog_app.window.theme import text_scale
@@ -204,7 +203,7 @@ class ColourBar(QWidget):
         super().__init__(parent)
         self.setFixedHeight(round(HEIGHT * text_scale()))
         self._scale: ColourScale | None = None
-        self._colours = LIGHT
+        self._colours = LIGHT_SCHEME
         self._drawn: tuple[object, QImage] | None = None
         self.setAccessibleName("Colour scale")
         self.setCursor(Qt.CursorShape.PointingHandCursor)

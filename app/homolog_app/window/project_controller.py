@@ -249,9 +249,8 @@ class ProjectController(Controller):
         """Offer to recover the studies of terminated windows, the newest first."""
         for lost in find_lost(self._workspace.sessions):
             name = Path(lost.record.folder).name if lost.record.folder else "a study that was never saved"
-            text = f"{len(lost.record.study.subjects)} subjects" + (
-                ", a run was in progress" if lost.record.running else ", unsaved edits"
-            )
+            what = "a run was in progress" if lost.record.running else "unsaved edits"
+            text = f"{len(lost.record.study.subjects)} subjects, {what}"
             answer = ask(
                 self._window, f"Recover {name}?", f"The program ended without closing it: {text}.",
                 ("Recover", "Later", "Discard"),

@@ -44,7 +44,7 @@ class GroomPanel(Panel):
         for widget in (self.subject, self.report, self.again):
             self.body.addWidget(widget)
         self.body.addStretch()
-        self.progress = Progress(actions)
+        self.progress = Progress(actions["run.cancel"])
         self.go = ActionButton("Groom", actions["run.groom"], "primary")
         self.proceed = ActionButton("Next: Correspond", actions["view.correspond"], "primary")
         for below in (self.form.help, self.progress, self.go, self.proceed):
@@ -128,7 +128,7 @@ class RunPanel(Panel):
         ):  # fmt: skip
             self.body.addWidget(widget)
         self.body.addStretch()
-        self.progress = Progress(actions)
+        self.progress = Progress(actions["run.cancel"])
         self.pause = ActionButton("Pause", actions["run.pause"])
         self.go = ActionButton("Run", actions["run.start"], "primary")
         self.resume = ActionButton("Resume", actions["run.resume"])

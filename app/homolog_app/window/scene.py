@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from homolog.arrays import Array, FloatArray
 from homolog_app.rendering.camera import CameraState, Canvas, Clip
-from homolog_app.rendering.scheme import DARK, LIGHT, Colours
+from homolog_app.rendering.colours import DARK_SCHEME, LIGHT_SCHEME, Colours
 from homolog_app.views.content import MOST, Content, ViewContents
 from homolog_app.views.grid import Grid, drawn
 from homolog_app.window.interactor import ColourBar, Interactor, Picker, aim
@@ -50,7 +50,7 @@ class Scene(QWidget):
         self.grid = Grid(window)
         self.picker = Picker(self.plot, self.grid.cells, self.grid.particles_of)
         self.displayed = ViewContents(())
-        self._colours = LIGHT
+        self._colours = LIGHT_SCHEME
         self._reported = (-1, 0, 0)
         self._left_at = 0  # the page of subjects to come back to from shapes of the model
         self.share, self._turn, self._partial = MOST, 0, False
@@ -267,7 +267,7 @@ class Scene(QWidget):
         return Canvas(
             width=self.plot.width(), height=self.plot.height(), ratio=self.devicePixelRatioF(),
             text=grid.text,
-            scheme="dark" if self._colours is DARK else "light",
+            scheme="dark" if self._colours is DARK_SCHEME else "light",
             layout=grid.layout, page=grid.page, raw=grid.raw, groomed=grid.groomed, particles=grid.balls,
             opacity=grid.opacity, cameras=tuple(CameraState.of(camera) for camera in grid.cameras.each),
             letters=grid.letters, scale_bar=grid.scale_bar, clip=grid.full_clip,

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QCheckBox, QGridLayout, QVBoxLayout, QWidget
 
 from homolog.arrays import Array, FloatArray
 from homolog.geometry import transform_points
-from homolog_app.rendering.scheme import rgb
+from homolog_app.rendering.colours import rgb
 from homolog_app.rendering.text import typeset
 from homolog_app.views.slices import (
     AUTOMATIC,

@@ -241,7 +241,7 @@ class StartPage(QFrame):
         column.addLayout(self._head())
         column.addLayout(self._card_row())
         self.hint = label("Or drop a folder, files or a project anywhere on this window.", "Hint")
-        self.progress = Progress(actions)
+        self.progress = Progress(actions["run.cancel"])
         self.progress.buttons.addStretch()
         column.addWidget(self.hint, alignment=Qt.AlignmentFlag.AlignHCenter)
         column.addWidget(self.progress)

@@ -11,7 +11,7 @@ from PySide6.QtGui import QColor, QFontInfo, QGuiApplication, QIcon, QPainter, Q
 from PySide6.QtSvg import QSvgRenderer
 from PySide6.QtWidgets import QApplication
 
-from homolog_app.rendering.scheme import DARK, LIGHT, Colours
+from homolog_app.rendering.colours import DARK_SCHEME, LIGHT_SCHEME, Colours
 
 __all__ = ["Theme", "application_icon", "icon", "pixmap", "scaled", "text_scale"]
 
@@ -38,7 +38,7 @@ class Theme(QObject):
         super().__init__(app)
         self._app = app
         self._choice = choice
-        self.colours = LIGHT
+        self.colours = LIGHT_SCHEME
         self.sheet = ""
         app.setStyle("Fusion")
         QGuiApplication.styleHints().colorSchemeChanged.connect(self._follow)
@@ -52,7 +52,7 @@ class Theme(QObject):
     @property
     def is_dark(self) -> bool:
         """Whether the dark colours are shown."""
-        return self.colours is DARK
+        return self.colours is DARK_SCHEME
 
     def choose(self, choice: str) -> None:
         """Follow the system or keep to one scheme."""
@@ -67,7 +67,7 @@ class Theme(QObject):
     def _apply(self) -> None:
         system_is_dark = QGuiApplication.styleHints().colorScheme() == Qt.ColorScheme.Dark
         dark = system_is_dark if self._choice == "system" else self._choice == "dark"
-        colours = DARK if dark else LIGHT
+        colours = DARK_SCHEME if dark else LIGHT_SCHEME
         template = (files("homolog_resources") / "style.qss").read_text(encoding="utf-8")
         tick = "tick_dark" if dark else "tick_light"
         sizes = {f"font{size}": f"{scaled(size)}px" for size in _SIZES}

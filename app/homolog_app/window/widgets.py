@@ -25,7 +25,6 @@ from PySide6.QtWidgets import (
 )
 
 from homolog_app.rendering.text import duration, parse_number, signed
-from homolog_app.window.actions import Actions
 from homolog_app.window.runner import Status
 from homolog_app.window.theme import scaled
 
@@ -335,12 +334,12 @@ class ProgressBar(QProgressBar):
 class Progress(QWidget):
     """A bar, the present step, the time left, and *Cancel*."""
 
-    def __init__(self, actions: Actions) -> None:
+    def __init__(self, cancel: QAction) -> None:
         super().__init__()
         self.bar = ProgressBar()
         self.message: QLabel = label("", "Hint", wrap=True)
         self.cancel = button("Cancel")
-        self.cancel.clicked.connect(actions["run.cancel"].trigger)
+        self.cancel.clicked.connect(cancel.trigger)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(GRID)

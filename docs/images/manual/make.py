@@ -81,7 +81,7 @@ def keep_beans(
 ) -> None:
     """Go through the four steps with the coffee beans."""
     from homolog.settings import OptimizeSettings
-    from homolog_app.window.palette import CommandPalette
+    from homolog_app.window.actions import CommandPalette
 
     workspace, order = window.workspace, window.commands
     session = workspace.session

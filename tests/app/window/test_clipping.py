@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from homolog_app.rendering.camera import CameraState, Clip
-from homolog_app.rendering.scheme import LIGHT, rgb
+from homolog_app.rendering.colours import LIGHT_SCHEME, rgb
 from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.grid import drawn
 from homolog_app.views.view_states import Snapshot, SubjectsView
 
 pytestmark = pytest.mark.window
 
-CUT = np.array(rgb(LIGHT.cut)) * 255.0
+CUT = np.array(rgb(LIGHT_SCHEME.cut)) * 255.0
 
 
 def shell():

@@ -6,8 +6,8 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
+from homolog_app.window.actions import matches, ranked
 from homolog_app.window.commands import COMMANDS, MENUS
-from homolog_app.window.palette import matches, ranked
 
 
 def test_no_two_commands_share_an_id_or_a_shortcut():
@@ -59,7 +59,7 @@ def test_every_command_has_a_handler_and_a_tool_tip(window):
 def test_shortcuts_are_the_same_on_the_sheet_as_in_the_menu(window):
     from PySide6.QtWidgets import QLabel
 
-    from homolog_app.window.palette import ShortcutSheet
+    from homolog_app.window.actions import ShortcutSheet
 
     sheet = ShortcutSheet(window)
     text = {label.text() for label in sheet.findChildren(QLabel)}
@@ -78,7 +78,7 @@ def test_without_a_study_only_commands_that_need_none_are_possible(window):
 
 @pytest.mark.window
 def test_the_palette_lists_what_is_possible_and_runs_it(window):
-    from homolog_app.window.palette import CommandPalette
+    from homolog_app.window.actions import CommandPalette
 
     palette = CommandPalette(window, window.commands)
     palette.show()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from homolog_app.rendering.scheme import DARK, LIGHT, rgb
+from homolog_app.rendering.colours import DARK_SCHEME, LIGHT_SCHEME, rgb
 
 TEXT, GRAPHICS = 4.5, 3.0  # WCAG 2.2, level AA
 
@@ -18,7 +18,7 @@ def contrast(item, other):
     return (max(first, second) + 0.05) / (min(first, second) + 0.05)
 
 
-@pytest.mark.parametrize("colours", [LIGHT, DARK], ids=["light", "dark"])
+@pytest.mark.parametrize("colours", [LIGHT_SCHEME, DARK_SCHEME], ids=["light", "dark"])
 @pytest.mark.parametrize("ink", ["text", "dim", "accent", "danger", "warning"])
 @pytest.mark.parametrize(
     "ground", ["window", "surface", "raised", "sunken", "field", "zebra", "selected", "scene"]
@@ -27,13 +27,13 @@ def test_texts_stand_out_from_every_ground(colours, ink, ground):
     assert contrast(getattr(colours, ink), getattr(colours, ground)) >= TEXT
 
 
-@pytest.mark.parametrize("colours", [LIGHT, DARK], ids=["light", "dark"])
+@pytest.mark.parametrize("colours", [LIGHT_SCHEME, DARK_SCHEME], ids=["light", "dark"])
 def test_markers_of_groups_stand_out_from_the_plot_and_text_from_buttons(colours):
     assert min(contrast(colour, colours.surface) for colour in colours.groups) >= GRAPHICS
     assert contrast(colours.on_accent, colours.accent) >= TEXT
 
 
-@pytest.mark.parametrize("colours", [LIGHT, DARK], ids=["light", "dark"])
+@pytest.mark.parametrize("colours", [LIGHT_SCHEME, DARK_SCHEME], ids=["light", "dark"])
 def test_arrows_stand_out_from_the_views_and_from_white_surfaces(colours):
     assert contrast(colours.mark, colours.scene) >= GRAPHICS
     assert contrast(colours.mark, "#ffffff") >= GRAPHICS

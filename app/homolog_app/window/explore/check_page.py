@@ -134,7 +134,7 @@ class CheckPage(ExplorePage):
         self.unsaved = label(
             "Particles have changed; the project still has the previous ones.", "Hint", wrap=True
         )
-        self.progress = Progress(actions)
+        self.progress = Progress(actions["run.cancel"])
         self.look = CheckDisplay(workspace)
         self.plots = self.sphere = NormalSphere(workspace.theme)
         self._lay_out()

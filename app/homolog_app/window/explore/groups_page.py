@@ -98,7 +98,7 @@ class GroupsPage(ExplorePage):
         self.first, self.second = label(""), label("")
         self.player = Player(actions, lambda: fitted.draw_ms, {"": _WHOLE / 2.0})
         self.compare = CompareBox(actions, fitted)
-        self.progress = Progress(actions)
+        self.progress = Progress(actions["run.cancel"])
         self.go = button("Compare groups", "primary")
         self.keep = button("Add to report")
         self.seeds = button(f"Repeat with {_SEEDS} seeds")

@@ -146,7 +146,7 @@ class ExportController(Controller):
 
     def _columns(self) -> dict[str, list[str]]:
         """Return the columns of the result's subjects, as the table has them now."""
-        from homolog_app.report.columns import column_of
+        from homolog_app.report.request import column_of
 
         session = self._workspace.session
         if session.result is None:
