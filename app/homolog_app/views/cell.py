@@ -45,17 +45,28 @@ class ViewMargins:
         Of the view.
     beside, above : float
         Rims at the left and right, and at the top and bottom.
+    caption : float
+        Width of the longest caption.
+    below : float
+        Rim at the top and bottom where shapes are so wide that they stand below the caption.
     """
 
     width: float
     height: float
     beside: float
     above: float
+    caption: float
+    below: float
 
     def scale(self, across: float, along: float) -> float:
         """Return the parallel scale that shows shapes up to a distance from the middle [mm]."""
+        scale = self._scale(across, along, self.above)
+        aside = self.width / 2.0 - across * self.height / max(scale, 1e-9) / 2.0 >= self.caption
+        return scale if aside else self._scale(across, along, self.below)
+
+    def _scale(self, across: float, along: float, above: float) -> float:
         free = max(self.width - 2.0 * self.beside, _FREE * self.width)
-        free_along = max(self.height - 2.0 * self.above, _FREE * self.height)
+        free_along = max(self.height - 2.0 * above, _FREE * self.height)
         return self.height * max(across / free, along / free_along)
 
 

@@ -24,7 +24,6 @@ _GAP = 0.0015
 _FEW = 4
 _TEXT_PX = {1: 16, 4: 15, 9: 13}  # by the largest number of views
 _LETTER = 0.55  # width of a letter by its height, about
-_ASIDE = 0.35  # share of a view's width that a caption beside shapes may take
 
 
 class Grid:
@@ -156,9 +155,9 @@ class Grid:
         rows, columns = self.shape
         wide, high = max(1.0, width / columns), max(1.0, height / rows)
         longest = max((len(line) for item in self.shown for line in item.caption), default=0)
-        below = self.count == 1 or longest * _LETTER * self._text_px > _ASIDE * wide
-        lines = 2.6 if below else 1.4
-        return ViewMargins(wide, high, 1.6 * self._text_px, lines * self._text_px + 0.025 * high)
+        caption = wide if self.count == 1 else longest * _LETTER * self._text_px
+        aside, below = (lines * self._text_px + 0.025 * high for lines in (1.4, 2.6))
+        return ViewMargins(wide, high, 1.6 * self._text_px, aside, caption, below)
 
     @property
     def _text_px(self) -> float:

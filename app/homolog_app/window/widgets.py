@@ -83,8 +83,27 @@ class ActionButton(QPushButton):
 
     @Slot()
     def _follow(self) -> None:
-        self.setEnabled(self._action.isEnabled())
+        set_enabled(self, self._action.isEnabled())
         self.setToolTip(self._action.toolTip())
+
+
+def set_enabled(target: QPushButton, enabled: bool) -> None:
+    """Enable or disable a button of a panel.
+
+    The panel holds the focus of a disabled button. Qt would pass it on to another part of the window.
+    """
+    panel = target.parentWidget()
+    while panel is not None and not isinstance(panel, Panel):
+        panel = panel.parentWidget()
+    owner = target.window().focusWidget()
+    if panel is not None and not enabled and owner is target:
+        panel.lender = target
+        panel.setFocus()
+    target.setEnabled(enabled)
+    if panel is not None and enabled and panel.lender is target:
+        panel.lender = None
+        if owner is panel:
+            target.setFocus()
 
 
 _DIMMED = 0.4
@@ -181,10 +200,17 @@ class _Body(QWidget):
 
 
 class Panel(QWidget):
-    """One step's page in the inspector: title, one sentence, a body that scrolls, and the step's button."""
+    """One step's page in the inspector: title, one sentence, a body that scrolls, and the step's button.
+
+    Attributes
+    ----------
+    lender : QPushButton or None
+        The button whose focus the panel holds while it is disabled.
+    """
 
     def __init__(self, title: str, hint: str) -> None:
         super().__init__()
+        self.lender: QPushButton | None = None
         self.setAccessibleName(title)
         self.body = QVBoxLayout()
         self.body.setContentsMargins(2 * GRID, 0, 2 * GRID, GRID)

@@ -53,7 +53,7 @@ def test_a_new_result_is_fitted_again_and_nothing_of_the_old_one_is_shown(explor
     assert fitted.shape is not before
 
 
-def test_a_cancelled_fit_is_not_begun_again_until_the_page_is_opened_again(explore, finished, window, wait):
+def test_a_cancelled_fit_is_begun_again_by_a_button_or_when_a_page_is_opened(explore, finished, window, wait):
     explore(finished, "modes")
     session, work = window.workspace.session, window.workspace.work
     from dataclasses import replace
@@ -64,10 +64,15 @@ def test_a_cancelled_fit_is_not_begun_again_until_the_page_is_opened_again(explo
     wait(lambda: not work.session.job.is_busy)
     fitted = window.inspector.explore.fitted
     if fitted.shape is None:  # it may have been faster than the wish to end it
-        assert "open this page again" in window.inspector.explore.page.state.text()
+        assert window.inspector.explore.fit.isVisible()
+        window.inspector.explore.fit.click()
+        wait(lambda: window.workspace.session.job.is_busy or fitted.shape is not None)
+        work.cancel()
+        wait(lambda: not work.session.job.is_busy)
         window.inspector.explore.tabs.setCurrentIndex(0)
         window.commands["explore.modes"].trigger()
     wait(lambda: fitted.shape is not None)
+    assert not window.inspector.explore.fit.isVisible()
 
 
 def test_the_steps_are_seen_once_a_study_is_open_and_the_energies_where_they_belong(explored):

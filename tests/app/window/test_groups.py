@@ -327,6 +327,19 @@ def test_too_few_subjects_are_said_and_nothing_breaks(explore, finished, window,
     assert not page.answers
 
 
+def test_the_button_that_asked_keeps_the_focus_and_no_other_part_of_the_window_gets_it(
+    explore, bean_project, window, wait
+):
+    page = explore(bean_project, "groups")
+    window.activateWindow()
+    page.go.setFocus()
+    page.go.click()
+    wait(lambda: page.progress.isVisible())
+    assert window.focusWidget() is page
+    wait(lambda: bool(page.answers) and not window.workspace.session.job.is_busy)
+    assert window.focusWidget() is page.go
+
+
 def test_a_test_can_be_cancelled(explore, bean_project, window, wait):
     page = explore(bean_project, "groups")
     window.commands["explore.test"].trigger()

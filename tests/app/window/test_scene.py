@@ -248,6 +248,16 @@ def test_shapes_leave_room_for_the_texts_of_their_views(groomed, count):
     assert max(across / wide, along / high) > 0.6
 
 
+def test_wide_shapes_stand_below_captions_and_narrow_ones_beside_them():
+    from homolog_app.views.cell import ViewMargins
+
+    margins = ViewMargins(width=360.0, height=210.0, beside=24.0, above=26.0, caption=80.0, below=44.0)
+    for across, rim in ((20.0, 26.0), (60.0, 44.0)):
+        along = 40.0
+        a_pixel = 2.0 * margins.scale(across, along) / margins.height
+        assert (margins.height - 2.0 * along / a_pixel) / 2.0 == pytest.approx(rim)
+
+
 def test_another_project_is_seen_from_the_usual_side(explored, tmp_path, wait):
     camera = explored.views.stage.scene.grid.cells[0].renderer.GetActiveCamera()
     usual = camera.GetDirectionOfProjection()

@@ -36,6 +36,7 @@ from homolog_app.window.widgets import (
     label,
     rule,
     set_dimmed,
+    set_enabled,
     set_primary,
 )
 from homolog_app.window.workspace import Workspace
@@ -70,9 +71,8 @@ class GroupsPage(ExplorePage):
         self.nothing = label(
             "Assign groups in Cohort (Ctrl+G) or import a table. A group needs two subjects.", wrap=True
         )
-        self.stale = label(
-            "The question has changed. Compare again to update the answer.", "Problem", wrap=True
-        )
+        stale = "The question has changed. Compare again to update the answer."
+        self.stale = label(stale, "Problem", wrap=True)
         self.verdict = label("", "SectionTitle", wrap=True)
         self.effect, self.question = label("", wrap=True), label("", "Hint", wrap=True)
         self.results = GroupResults()
@@ -344,10 +344,10 @@ class GroupsPage(ExplorePage):
             widget.setEnabled(not job.is_busy and self._current and not self.workspace.session.read_only)
         self.results.setEnabled(not job.is_busy)
         self.progress.show_status(job.status if own else None)
-        self.go.setVisible(not (own and job.status is not None))
         compares = "Compare pairs" if self.form.pairs else "Compare groups"
         self.go.setText("Test the effect" if self.form.is_regression else compares)
-        self.go.setEnabled(self.fitted.shape is not None and self.form.is_possible and not job.is_busy)
+        set_enabled(self.go, self.fitted.shape is not None and self.form.is_possible and not job.is_busy)
+        self.go.setVisible(not (own and job.status is not None))
         set_primary(self.go, not (self.answers and self._current))
 
     def show_answers(self) -> None:

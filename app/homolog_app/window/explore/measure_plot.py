@@ -196,6 +196,7 @@ class PairPlot(ScatterPlot):
     def draw_data(self, axes: "Axes") -> None:
         """Draw the subjects by group, with the correlation of all of them."""
         from homolog_app.plots import draw_scores
+        from homolog_app.plots.style import FONT_PT
 
         colours, ellipses = self.theme.colours, self.options[ELLIPSES]
         draw_scores(axes, self.points, self.groups, self.labels, colours, ellipses=ellipses)
@@ -205,7 +206,7 @@ class PairPlot(ScatterPlot):
         if len(self.points) > 2 and (high > low).all():
             x, y = self.points.T - self.points.mean(axis=0)[:, None]
             r = f"r = {x @ y / np.sqrt((x @ x) * (y @ y)):.2f}".replace("-", "−")
-            axes.text(0.99, 0.98, r, ha="right", va="top", color=colours.text, transform=axes.transAxes)
+            axes.set_title(r, loc="right", fontsize=FONT_PT, color=colours.text)  # not over points
 
     def text_of(self, name: str) -> str:
         """Return a subject's measures as text."""

@@ -172,7 +172,7 @@ class ModesPage(ExplorePage):
             elif job.is_busy:
                 self.state.setText("The shape model is fitted when the current job has ended.")
             else:
-                self.state.setText("The shape model is not fitted; open this page again to fit it.")
+                self.state.clear()  # the panel above offers to fit it
             return
         kept = shape.parallel.n_retained
         verb = "mode is" if kept == 1 else "modes are"

@@ -32,7 +32,7 @@ _OF_MODEL = ("Modes", "Groups", "Measure")
 class ModelCache(QObject):
     """Fits the model of the session's result in the computing thread when a page needs it.
 
-    A cancelled fit restarts when another page is opened.
+    A cancelled fit restarts when another page is opened, or by `retry`.
     """
 
     changed = Signal()
@@ -79,6 +79,18 @@ class ModelCache(QObject):
     def both(self) -> "tuple[ModelShape, ...]":
         """The models that are shown beside each other: none, the open one, or the other one after it."""
         return tuple(shape for shape in (self.shape, self.other) if shape is not None)
+
+    @property
+    def is_cancelled(self) -> bool:
+        """Whether the fit of the result that is open was cancelled."""
+        session = self._workspace.session
+        waits = self._requested is not None and self._requested is session.result
+        return waits and self.shape is None and not session.job.is_busy
+
+    def retry(self) -> None:
+        """Fit the model after all."""
+        self._requested = None
+        self._look()
 
     def compare_with(self, folder: Path) -> None:
         """Read another project's result and fit its model; `changed` follows.

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QFileDialog, QStackedWidget, QTabBar, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QStackedWidget, QTabBar, QVBoxLayout, QWidget
 
 from homolog.errors import InputError
 from homolog_app.report.request import kept_studies
@@ -18,7 +18,7 @@ from homolog_app.window.explore.measure_page import MeasurePage
 from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.explore.patient_page import PatientPage
-from homolog_app.window.widgets import GRID, ActionButton, label
+from homolog_app.window.widgets import GRID, ActionButton, button, label
 from homolog_app.window.workspace import Controller, Workspace, reported
 
 __all__ = ["PAGES", "ExploreController", "ExplorePanel", "OverviewPage"]
@@ -163,7 +163,15 @@ class ExplorePanel(QWidget):
         layout.addWidget(self.tabs)
         self.outdated = label("", "Problem", wrap=True)
         self.outdated.setContentsMargins(2 * GRID, GRID, 2 * GRID, 0)
+        self.unfitted = QWidget()
+        row = QHBoxLayout(self.unfitted)
+        row.setContentsMargins(2 * GRID, GRID, 2 * GRID, 0)
+        row.addWidget(label("The shape model is not fitted.", "Problem", wrap=True), 1)
+        self.fit = button("Fit shape model")
+        self.fit.clicked.connect(self.fitted.retry)
+        row.addWidget(self.fit)
         layout.addWidget(self.outdated)
+        layout.addWidget(self.unfitted)
         layout.addWidget(self._stack, 1)
         self.tabs.currentChanged.connect(self._session.show_page)
         self._session.page_changed.connect(self._turn)
@@ -172,6 +180,9 @@ class ExplorePanel(QWidget):
         self._page_before: ExplorePage | None = None
         for signal in (workspace.session.result_changed, self.fitted.changed):
             signal.connect(self._offer_pages)
+        for signal in (workspace.session.job_changed, self.fitted.changed):
+            signal.connect(lambda: self.unfitted.setVisible(self.fitted.is_cancelled))
+        self.unfitted.hide()
         self._update_outdated()
 
     @property
