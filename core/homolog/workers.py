@@ -11,7 +11,7 @@ from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
 
-__all__ = ["unguarded_script", "worker_processes"]
+__all__ = ["main_guard_hint", "worker_processes"]
 
 _THREADS = "OPENBLAS_NUM_THREADS"
 _PRELOADED = ["homolog.workers", "homolog.grooming.cohort"]
@@ -46,7 +46,7 @@ def worker_processes(count: int, *, fresh: bool = False) -> Iterator[Executor]:
         reader.close()
 
 
-def unguarded_script() -> str:
+def main_guard_hint() -> str:
     """Return a hint for user scripts without a main guard, which workers would run again."""
     main = sys.modules.get("__main__")
     is_script = str(getattr(main, "__file__", "")).endswith(".py") and getattr(main, "__spec__", None) is None

@@ -7,7 +7,7 @@ import types
 
 import pytest
 
-from homolog.workers import unguarded_script, worker_processes
+from homolog.workers import main_guard_hint, worker_processes
 
 
 def alive(pid):
@@ -74,6 +74,6 @@ def test_only_a_script_of_the_user_is_told_to_guard_its_work(monkeypatch):
     script = types.ModuleType("__main__")
     script.__file__, script.__spec__ = "study.py", None
     monkeypatch.setitem(sys.modules, "__main__", script)
-    assert "__main__" in unguarded_script()
+    assert "__main__" in main_guard_hint()
     script.__file__ = "/usr/bin/homolog"
-    assert unguarded_script() == ""
+    assert main_guard_hint() == ""

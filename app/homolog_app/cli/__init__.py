@@ -69,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         message = user_message(error)
         if message is None:
             raise
-        _complain(message)
+        _print_errors(message)
         return PROGRAM_ERROR if isinstance(error, NumericalError) else INPUT_ERROR
     except (Cancelled, KeyboardInterrupt):
         sys.stderr.write("cancelled\n")
@@ -130,7 +130,7 @@ class _Subparsers:
         return self._subparsers.add_parser(name, **(options | {"help": _COMMANDS[name][1]}))
 
 
-def _complain(message: str) -> None:
+def _print_errors(message: str) -> None:
     """Print one line for each error."""
     for line in message.splitlines():
         sys.stderr.write(f"homolog: {line}\n")

@@ -361,7 +361,7 @@ def run_geodesics(arguments: argparse.Namespace) -> int:
     )
     device = choose_device(arguments.device)
     kind = "dense" if plan.dense else "block"
-    _say(
+    _print_line(
         f"{len(mesh.vertices)} vertices, mean edge {mesh.mean_edge:.3g} mm; {kind} table of about "
         f"{plan.nbytes / 1e6:.0f} MB on {describe_device(device)}"
     )
@@ -369,15 +369,15 @@ def run_geodesics(arguments: argparse.Namespace) -> int:
         start = time.perf_counter()
         table = solve_plan(plan, device=device, tick=progress.tick)[0]
         seconds = time.perf_counter() - start
-        _say(f"solved in {seconds:.2f} s, {table.nbytes / 1e6:.0f} MB, steps of {table.unit:.3g} mm")
+        _print_line(f"solved in {seconds:.2f} s, {table.nbytes / 1e6:.0f} MB, steps of {table.unit:.3g} mm")
         if arguments.out is not None:
-            _say(f"{_write(arguments.out, table)} distances in {arguments.out}")
+            _print_line(f"{_write(arguments.out, table)} distances in {arguments.out}")
         if arguments.verify is not None:
-            _say(str(measure_accuracy(mesh, table, arguments.verify, tick=progress.tick)))
+            _print_line(str(measure_accuracy(mesh, table, arguments.verify, tick=progress.tick)))
     return 0
 
 
-def _say(line: str) -> None:
+def _print_line(line: str) -> None:
     sys.stderr.write(f"{line}\n")
 
 

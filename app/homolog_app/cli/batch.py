@@ -168,7 +168,7 @@ def run_batch(arguments: argparse.Namespace) -> int:
             progress.close()
             if arguments.figures and item.state is ItemState.FINISHED and not item.was_there:
                 _draw(item, progress)
-            _say(item, arguments.progress)
+            _print_item(item, arguments.progress)
             write_index(batch, cohort, listed.problems)
 
         reason = batch.execute(observe, ended)
@@ -190,7 +190,7 @@ def _draw(item: "BatchItem", progress: Progress) -> None:
         sys.stderr.write(f"homolog: {item.structure.title}: no pictures: {error}\n")
 
 
-def _say(item: "BatchItem", mode: str) -> None:
+def _print_item(item: "BatchItem", mode: str) -> None:
     """Print a line for a structure, and for each subject that was skipped."""
     counts = f"{len(item.structure.by_subject)} subjects" + (
         f", absent in {len(item.absent)}" if item.absent else ""

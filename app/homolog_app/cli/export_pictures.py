@@ -101,7 +101,7 @@ def chosen_motions(arguments: argparse.Namespace, deviations: float) -> "Sequenc
         If the project has no result, or no such mode or group.
     """
     from homolog.files.results import read_result
-    from homolog_app.exports.motion import group_motion, mode_motions, standing
+    from homolog_app.exports.motion import group_motion, mode_motions, static_motion
 
     result = read_result(ProjectFolder(arguments.project))
     if len(set(arguments.view)) < len(arguments.view) or len(set(arguments.mode or [])) < len(
@@ -112,7 +112,7 @@ def chosen_motions(arguments: argparse.Namespace, deviations: float) -> "Sequenc
         return mode_motions(result, arguments.mode, deviations)
     if arguments.group:
         return [group_motion(result, *arguments.group)]
-    return [standing(result)]
+    return [static_motion(result)]
 
 
 def add_film(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private

@@ -12,7 +12,7 @@ from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord, ResultRecord
 from homolog_app.cli.options import add_progress_option, show_progress
 
-__all__ = ["add_import", "add_info", "add_table", "how_it_ended", "run_import", "run_info", "run_table"]
+__all__ = ["add_import", "add_info", "add_table", "describe_end", "run_import", "run_info", "run_table"]
 
 
 _ENDINGS = {
@@ -42,7 +42,7 @@ def run_info(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def how_it_ended(result: ResultRecord) -> str:
+def describe_end(result: ResultRecord) -> str:
     """Describe why and when the optimization ended."""
     return _ENDINGS.get(result.ended, result.ended).format(result.iterations)
 
@@ -84,7 +84,7 @@ def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
         ("result", f"{len(result.subjects)} subjects x {result.particles} particles, {result.finished}"),
         ("method", f"{settings.method}, {result.metric} distances, seed {settings.seed}"),
         *([("source", result.source)] if result.source else []),
-        ("ended", how_it_ended(result)),
+        ("ended", describe_end(result)),
         ("surface", result.surface_text),
         *([("mirrored", _mirrored(result))] if result.mirrored_text else []),
         ("settings", json.dumps(changed) if changed else "defaults"),

@@ -37,7 +37,7 @@ from homolog_app.cli.options import (
     show_progress,
     with_all_options,
 )
-from homolog_app.cli.project import how_it_ended
+from homolog_app.cli.project import describe_end
 
 if TYPE_CHECKING:
     from homolog.run import Run, RunStatus
@@ -48,10 +48,10 @@ __all__ = ["add_run", "add_worker", "cohort_of", "interrupt_cancels", "run_run",
 def cohort_of(path: Path) -> Cohort:
     """Return the cohort of a folder, table or project."""
     project = ProjectFolder(path)
-    return project.cohort() if project.exists else read_and_tell(path)
+    return project.cohort() if project.exists else read_with_notes(path)
 
 
-def read_and_tell(path: Path) -> Cohort:
+def read_with_notes(path: Path) -> Cohort:
     """Return the cohort of a folder or table, and print which files were skipped and why."""
     cohort = read_cohort(path)
     for note in cohort.notes:
@@ -96,13 +96,13 @@ def add_run(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
 
 def run_run(arguments: argparse.Namespace) -> int:
     """Run the pipeline; returns the exit code."""
-    project, cohort, settings = _what_to_run(arguments)
+    project, cohort, settings = _run_inputs(arguments)
     with show_progress(arguments.progress) as progress:
         progress.show(0.0, "starting")
         from homolog.run import FinishReason, Phase, Run  # takes a second
     _check_structure(arguments.cohort, cohort, settings.groom)
-    if _is_there(arguments, project, cohort, settings):
-        return _use(arguments, project, cohort)
+    if _has_requested_result(arguments, project, cohort, settings):
+        return _update_table(arguments, project, cohort)
     from_result = bool(arguments.fit) or _adds_particles(arguments, project, cohort, settings)
     from homolog_app.cli import CANCELLED, OK
 
@@ -186,7 +186,7 @@ def _with_remedy(error: InputError, job: "Run", count: int) -> InputError:
     return InputError(f"{error}\n{len(job.notes)} of {count} files can't be used; --skip-invalid skips them")
 
 
-def _is_there(
+def _has_requested_result(
     arguments: argparse.Namespace, project: ProjectFolder, cohort: Cohort, settings: RunSettings
 ) -> bool:
     """Whether the project already has the requested result of a folder or table."""
@@ -199,7 +199,7 @@ def _is_there(
         return is_result_of(project, cohort, settings, progress.tick)
 
 
-def _use(arguments: argparse.Namespace, project: ProjectFolder, cohort: Cohort) -> int:
+def _update_table(arguments: argparse.Namespace, project: ProjectFolder, cohort: Cohort) -> int:
     """Update groups and columns of the project that has the result; return the exit code."""
     from homolog.files.project_table import update_table
 
@@ -245,10 +245,10 @@ def _summary(project: ProjectFolder) -> str:
     assert result is not None, "a completed run has a result"
     folds = f"; {result.folded_faces} folded faces on the mean" if result.folded_faces else ""
     size = f"{len(result.subjects)} subjects x {result.particles} particles"
-    return f"{size}, {how_it_ended(result)}{folds}"
+    return f"{size}, {describe_end(result)}{folds}"
 
 
-def _what_to_run(arguments: argparse.Namespace) -> tuple[ProjectFolder, Cohort, RunSettings]:
+def _run_inputs(arguments: argparse.Namespace) -> tuple[ProjectFolder, Cohort, RunSettings]:
     source = ProjectFolder(arguments.cohort)
     if source.exists:
         project = ProjectFolder(arguments.out or arguments.cohort)
@@ -266,7 +266,7 @@ def _what_to_run(arguments: argparse.Namespace) -> tuple[ProjectFolder, Cohort, 
         raise InputError(f"name a folder for the results: homolog run {arguments.cohort} --out PROJECT")
     else:
         project, settings = ProjectFolder(arguments.out), RunSettings()
-        cohort = read_and_tell(arguments.cohort)
+        cohort = read_with_notes(arguments.cohort)
     project.check_is_free()
     settings = with_all_options(settings, arguments)
     if arguments.fit:

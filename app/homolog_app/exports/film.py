@@ -100,7 +100,7 @@ class Board:
             seen = image[..., 3] > 0
             rows, columns = (slice(*_ends(np.asarray(seen.any(axis=axis)))) for axis in (1, 0))
             part = page[box.y : box.y + box.height, box.x : box.x + box.width][rows, columns]
-            _lay(image[rows, columns], part)
+            _overlay(image[rows, columns], part)
         return np.asarray(page, dtype=np.uint8)
 
 
@@ -110,16 +110,16 @@ def _ends(filled: Array) -> tuple[int, int]:
     return (int(there[0]), int(there[-1]) + 1) if len(there) else (0, 0)
 
 
-def _lay(image: Array, part: NDArray[np.uint8]) -> None:
+def _overlay(image: Array, part: NDArray[np.uint8]) -> None:
     """Lay an image over a part of the page; only its edge pixels are blended."""
     opacity = image[..., 3]
     opaque = opacity == 255
     np.copyto(part, image, where=opaque[..., None])
     edge = (opacity > 0) & ~opaque
-    part[edge] = _over(image[edge], part[edge])
+    part[edge] = _blend(image[edge], part[edge])
 
 
-def _over(image: Array, page: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _blend(image: Array, page: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Blend pixels (n, 4) of an image and the page, both with straight (not premultiplied) opacity."""
     front, behind = image[..., 3:] / np.float32(255.0), page.astype(np.float32)
     mixed = behind + front * (image - behind)

@@ -23,7 +23,7 @@ __all__ = [
     "group_motion",
     "make_plan",
     "mode_motions",
-    "standing",
+    "static_motion",
     "turned",
 ]
 
@@ -82,7 +82,7 @@ def mode_motions(result: Result, modes: Sequence[int], deviations: float) -> lis
         if not 1 <= mode <= count:
             raise InputError(f"mode {mode}: the result has {count} modes; choose one from 1 to {count}")
     chosen = np.array(modes) - 1
-    moves = _carried(result, (model.components * model.standard_deviations[:, None, None])[chosen])
+    moves = _warp(result, (model.components * model.standard_deviations[:, None, None])[chosen])
     return [
         Motion(result.mean_surface, move, -deviations, deviations, _mode_text(model, mode, result))
         for mode, move in zip(chosen.tolist(), moves, strict=True)
@@ -118,7 +118,7 @@ def group_motion(result: Result, column: str, first: str, second: str) -> Motion
     start, end = group_means(result, column, [first, second])
     mean = result.world.mean(axis=0)
     aside = f" ({result.mirrored} mirrored)" if result.mirrored else ""
-    to_start, move = _carried(result, np.stack([start - mean, end - start]))
+    to_start, move = _warp(result, np.stack([start - mean, end - start]))
 
     def label(amount: float) -> str:
         percent = f"{100.0 * amount:.0f}".rjust(3, "\u2007")  # as wide as a digit: the line stands still
@@ -128,14 +128,14 @@ def group_motion(result: Result, column: str, first: str, second: str) -> Motion
     return Motion(TriangleMesh(mesh.vertices + to_start, mesh.faces), move, 0.0, 1.0, label)
 
 
-def standing(result: Result) -> Motion:
+def static_motion(result: Result) -> Motion:
     """Return the mean surface at rest."""
     surface = result.mean_surface
     label = f"Mean shape ({result.mirrored} mirrored)" if result.mirrored else "Mean shape"
     return Motion(surface, np.zeros_like(surface.vertices), 0.0, 0.0, lambda _: label)
 
 
-def _carried(result: Result, displacements: FloatArray) -> FloatArray:
+def _warp(result: Result, displacements: FloatArray) -> FloatArray:
     """Return displacements (K, V, 3) of the mean surface for those of the mean particles (K, N, 3) [mm]."""
     mean = result.world.mean(axis=0)
     return warp_surface(mean, result.mean_surface.vertices, displacements, result.smoothing)

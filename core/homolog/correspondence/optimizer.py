@@ -59,7 +59,7 @@ def optimize(
     observe : callable, optional
         Takes the newest `Frame`, at most 20 times a second.
     checkpoint : callable, optional
-        Takes a `Checkpoint` at every split and every 30 s.
+        Takes a `Checkpoint` at every split and every 20 s.
     initial : InitialParticles, optional
         Particles of an earlier result. Fewer than requested are split; if some of them are fixed, all must be
         given. By default particles are initialized by registration.

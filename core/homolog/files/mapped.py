@@ -70,7 +70,7 @@ class MappedArrays:
         self._used += size
         return place
 
-    def give_back(self) -> None:
+    def release_pages(self) -> None:
         """Release all mapped pages; they are mapped again when needed."""
         if hasattr(mmap, "MADV_DONTNEED"):  # Windows takes pages of mapped files from processes by itself
             for block in list(self._blocks):
@@ -93,7 +93,7 @@ class MappedArrays:
     def _watch(self) -> None:
         while not self._stopped.wait(_INTERVAL_S):
             if self._blocks and resident_memory() > self._budget:
-                self.give_back()
+                self.release_pages()
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from homolog.grooming.images import Segmentation
 from homolog.grooming.subject import GroomedSubject, Source, check_source, groom, read_source
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import GroomSettings
-from homolog.workers import unguarded_script, worker_processes
+from homolog.workers import main_guard_hint, worker_processes
 
 __all__ = ["Problem", "check_cohort", "groom_cohort"]
 
@@ -254,7 +254,7 @@ def _as_they_finish(futures: dict[_Work, Subject], tick: Tick) -> Iterator[tuple
                     if isinstance(error := future.exception(), BrokenExecutor):
                         raise WorkerDiedError(
                             "a grooming process ended unexpectedly, probably for lack of memory: use fewer "
-                            f"workers or a larger grid spacing{unguarded_script()}"
+                            f"workers or a larger grid spacing{main_guard_hint()}"
                         ) from error
                     yield futures.pop(future), future  # whose result is not kept
     finally:

@@ -221,9 +221,9 @@ class Volume:
             if (cropped := self.placed(item)) is not None:
                 return cropped
         lacks = "has no voxel of" if segments or not name else "has no structure called"
-        raise InputError(f"{self.path}: {lacks} {wanted}; {self._what_there_is(name)}")
+        raise InputError(f"{self.path}: {lacks} {wanted}; {self._alternatives(name)}")
 
-    def _what_there_is(self, name: str) -> str:
+    def _alternatives(self, name: str) -> str:
         """Return similar names of a missing structure, and the content of the file."""
         there = self.segments()
         if not there:

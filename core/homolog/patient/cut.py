@@ -79,7 +79,7 @@ def fit_rest(
     rest = fit
     while ends:
         rest = fit_surface(reference.model, mesh, coarse, columns, tick, pose=fit.pose, ends=ends)
-        cut = [end for end in ends if _goes_on(reference, mesh, rest, end)]
+        cut = [end for end in ends if _continues_beyond(reference, mesh, rest, end)]
         if len(cut) == len(ends):
             break
         ends = cut
@@ -158,7 +158,7 @@ def ends_of(groomed: GroomedSubject, mesh: TriangleMesh, turn: FloatArray) -> li
     return ends
 
 
-def _goes_on(reference: Reference, mesh: TriangleMesh, fit: SurfaceFit, end: CutEnd) -> bool:
+def _continues_beyond(reference: Reference, mesh: TriangleMesh, fit: SurfaceFit, end: CutEnd) -> bool:
     """Return whether a fit without an end expects much of the surface beyond it."""
     model = reference.model
     surface = model.surface(fit.expected)

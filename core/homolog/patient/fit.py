@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming.icp import oriented_points, registered
-from homolog.patient.mesh_graph import without_spikes
+from homolog.patient.mesh_graph import remove_spikes
 from homolog.patient.surface_model import SurfaceModel
 from homolog.patient.target import Target
 from homolog.progress import Tick, no_tick
@@ -228,7 +228,7 @@ def _measured(
     local = transform_points(back, points)
     own = normals @ pose[:3, :3]
     residual, met = target.along_normals(local[: model.vertices], own)
-    residual = without_spikes(residual, model.faces, surface.mean_edge)
+    residual = remove_spikes(residual, model.faces, surface.mean_edge)
     particles = local[model.vertices :]
     above = own[np.asarray(KDTree(surface.vertices).query(points[model.vertices :])[1])]
     far, _ = target.along_normals(particles, above)

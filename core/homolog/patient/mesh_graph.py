@@ -5,7 +5,7 @@ from scipy.sparse import csr_array
 
 from homolog.arrays import FloatArray, IntArray
 
-__all__ = ["edges_of", "median_of_ring", "ring_mean", "without_spikes"]
+__all__ = ["edges_of", "median_of_ring", "remove_spikes", "ring_mean"]
 
 
 def edges_of(faces: IntArray) -> IntArray:
@@ -58,7 +58,7 @@ def median_of_ring(values: FloatArray, faces: IntArray) -> FloatArray:
     return middle
 
 
-def without_spikes(values: FloatArray, faces: IntArray, most: float) -> FloatArray:
+def remove_spikes(values: FloatArray, faces: IntArray, most: float) -> FloatArray:
     """Replace values that are far from the median of their ring by that median.
 
     Where a line along a normal grazes the surface it may meet another part of it: a single vertex then stands

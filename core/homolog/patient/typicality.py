@@ -65,8 +65,8 @@ def typicality(comparison: PatientComparison, reference: Reference) -> Typicalit
     Typicality
     """
     about = reference.provenance
-    modes = _as_far(comparison.measures.mahalanobis, reference.mahalanobis)
-    outside = _as_far(comparison.measures.outside, reference.outside)
+    modes = _exceedance_probability(comparison.measures.mahalanobis, reference.mahalanobis)
+    outside = _exceedance_probability(comparison.measures.outside, reference.outside)
     return Typicality(
         about.group or about.project,
         about.controls,
@@ -78,7 +78,7 @@ def typicality(comparison: PatientComparison, reference: Reference) -> Typicalit
     )
 
 
-def _as_far(value: float, controls: FloatArray) -> float:
+def _exceedance_probability(value: float, controls: FloatArray) -> float:
     """Return the probability that a new value is as large."""
     logs = np.log(np.maximum(controls, 1e-12))
     spread = max(float(logs.std(ddof=1)), 1e-9) * np.sqrt(1.0 + 1.0 / len(logs))
@@ -88,5 +88,6 @@ def _as_far(value: float, controls: FloatArray) -> float:
 def _held(controls: FloatArray) -> int:
     everyone = np.arange(len(controls))
     return sum(
-        _as_far(float(controls[index]), controls[everyone != index]) > _LEVEL for index in everyone.tolist()
+        _exceedance_probability(float(controls[index]), controls[everyone != index]) > _LEVEL
+        for index in everyone.tolist()
     )

@@ -180,7 +180,7 @@ class Batch:
             left_out = tuple(map(str, before.get("left_out", ())))
             return replace(item, state=ItemState.FINISHED, left_out=left_out, was_there=True)
         try:
-            resume = not self._anew and _can_go_on(item.project, names, settings)
+            resume = not self._anew and _can_continue(item.project, names, settings)
             self._job = Run(item.project, cohort, settings, resume=resume, skip_bad=True)
             if self._cancelled.is_set():
                 self._job.cancel()
@@ -223,20 +223,20 @@ def _has_result(project: ProjectFolder, settings: RunSettings) -> bool:
         return False
     record = project.read()
     result = record.result
-    same = _where_it_runs(record.settings) == _where_it_runs(settings)
+    same = _without_execution_settings(record.settings) == _without_execution_settings(settings)
     return same and not record.unfinished and result is not None and result.ended != "cancelled"
 
 
-def _can_go_on(project: ProjectFolder, names: Sequence[str], settings: RunSettings) -> bool:
+def _can_continue(project: ProjectFolder, names: Sequence[str], settings: RunSettings) -> bool:
     """Return whether a project was started with these settings and subjects, and interrupted."""
     if not project.exists:
         return False
     record = project.read()
-    same = _where_it_runs(record.settings) == _where_it_runs(settings)
+    same = _without_execution_settings(record.settings) == _without_execution_settings(settings)
     return record.unfinished and same and {subject.name for subject in record.subjects} <= set(names)
 
 
-def _where_it_runs(settings: RunSettings) -> RunSettings:
+def _without_execution_settings(settings: RunSettings) -> RunSettings:
     """Return settings without device and number of workers, which do not change results."""
     return settings.model_copy(update={"device": "auto", "workers": None})
 

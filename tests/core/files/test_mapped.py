@@ -17,7 +17,7 @@ def arrays(tmp_path):
 def test_arrays_keep_values_kind_and_shape(arrays):
     given = [np.arange(6.0).reshape(2, 3), np.array([], np.uint16), np.arange(5, dtype=np.uint16)[::2]]
     placed = [arrays(array) for array in given]
-    arrays.give_back()
+    arrays.release_pages()
     for array, place in zip(given, placed, strict=True):
         assert (place.dtype, place.shape, place.tolist()) == (array.dtype, array.shape, array.tolist())
 
@@ -25,7 +25,7 @@ def test_arrays_keep_values_kind_and_shape(arrays):
 def test_pages_given_back_are_no_memory_of_the_process(arrays):
     placed = arrays(np.ones(2**23))
     before = resident_memory()
-    arrays.give_back()
+    arrays.release_pages()
     assert before - resident_memory() > 0.9 * placed.nbytes
     assert placed.sum() == len(placed)
 
