@@ -101,7 +101,7 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
 
 
 def run_analyze(arguments: argparse.Namespace) -> int:
-    """Run the tests; returns the exit code."""
+    """Run the tests; return the exit code."""
     from homolog.files.results import read_result
     from homolog.progress import part_of
     from homolog_app.report.findings import cautions, findings
@@ -296,7 +296,7 @@ def add_report(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 
 
 def run_report(arguments: argparse.Namespace) -> int:
-    """Write the report; returns the exit code."""
+    """Write the report; return the exit code."""
     from homolog_app.report.write import write_report
 
     clip = with_options(CutSettings(), arguments).cutting
@@ -342,7 +342,7 @@ def add_geodesics(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the
 
 
 def run_geodesics(arguments: argparse.Namespace) -> int:
-    """Compute, write and verify as asked; returns the exit code."""
+    """Compute, write and verify as asked; return the exit code."""
     from homolog.device import choose_device, describe_device, device_faults
     from homolog.files.meshes import read_mesh
     from homolog.geodesics import measure_accuracy, plan_tables, solve_plan

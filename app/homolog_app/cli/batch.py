@@ -131,7 +131,7 @@ def add_batch(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
 
 
 def run_batch(arguments: argparse.Namespace) -> int:
-    """Run the batch; returns the exit code."""
+    """Run the batch; return the exit code."""
     from homolog.grooming.structures import chosen_structures, list_structures
     from homolog.progress import run_in_background
     from homolog.run.batch import Batch, ItemState

@@ -47,7 +47,7 @@ def add_cohort(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
 
 
 def run_cohort(arguments: argparse.Namespace) -> int:
-    """Write the table; returns the exit code."""
+    """Write the table; return the exit code."""
     from homolog_app.exports.tables import write_cohort
 
     with exporting(arguments):
@@ -71,7 +71,7 @@ def add_table(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pri
 
 
 def run_table(arguments: argparse.Namespace) -> int:
-    """Write the tables; returns the exit code."""
+    """Write the tables; return the exit code."""
     settings = with_options(TableSettings(), arguments)
     from homolog.files.atomic import replace_folder
     from homolog_app.exports.tables import write_tables
@@ -89,9 +89,9 @@ def add_measures(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
         kinds,
         "measures",
         "distances, volume, surface area and wall thickness of each subject as CSV",
-        "Write the straight distance of two particles, and volume, surface area and mean wall thickness of "
-        "each subject's groomed surface, in the size of its file; also its mean distance from the mean "
-        "surface, as aligned. Mean, standard deviation and Welch's test by group are printed.",
+        "Write the Euclidean distance between two particles; volume, surface area and mean wall thickness "
+        "of each subject's groomed surface at its original size; also the mean distance of the aligned "
+        "surface from the mean surface. Print mean, standard deviation and Welch's test by group.",
         "FILE.csv",
     )
     parser.add_argument(
@@ -105,7 +105,7 @@ def add_measures(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
 
 
 def run_measures(arguments: argparse.Namespace) -> int:
-    """Write the table; returns the exit code."""
+    """Write the table; return the exit code."""
     from homolog.files.results import read_result, read_surface
     from homolog_app.exports.tables import group_lines, measure_meshes, write_measures
 
@@ -138,7 +138,7 @@ def add_meshes(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
 
 
 def run_meshes(arguments: argparse.Namespace) -> int:
-    """Write the meshes; returns the exit code."""
+    """Write the meshes; return the exit code."""
     settings = with_options(MeshSettings(), arguments)
     from homolog.files.atomic import replace_folder
     from homolog_app.exports.meshes import write_meshes
@@ -156,8 +156,8 @@ def add_particles(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type
         kinds,
         "particles",
         "one .particles file per subject",
-        "Write each subject's particles and the mean's: one 'x y z' a line in mm, LPS; the line is the "
-        "correspondence.",
+        "Write each subject's particles and the mean's: one 'x y z' per line in mm, LPS; equal line numbers "
+        "correspond.",
         "FOLDER",
     )
     add_options(parser, ParticleSettings)
@@ -169,8 +169,7 @@ def add_markups(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type p
         kinds,
         "markups",
         "point lists for 3D Slicer",
-        "Write each subject's particles and the mean's as .mrk.json, in mm, LPS; labels are the numbers of "
-        "the correspondences.",
+        "Write each subject's particles and the mean's as .mrk.json, in mm, LPS, labelled by their numbers.",
         "FOLDER",
     )
     add_options(parser, ParticleSettings)
@@ -188,7 +187,7 @@ def add_shapeworks(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
 
 
 def run_points(arguments: argparse.Namespace) -> int:
-    """Write the points; returns the exit code."""
+    """Write the points; return the exit code."""
     from homolog.files.atomic import replace_folder
 
     with exporting(arguments) as tick, replace_folder(arguments.out) as folder:
@@ -251,6 +250,6 @@ def add_export(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 
 
 def run_export(arguments: argparse.Namespace) -> int:
-    """Export; returns the exit code."""
+    """Export; return the exit code."""
     with handling(signal.SIGTERM, signal.default_int_handler):  # ended by the window: tidy up as for Ctrl-C
         return _KINDS[arguments.what][1](arguments)

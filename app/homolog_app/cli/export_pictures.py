@@ -80,7 +80,7 @@ def add_motion_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--view", nargs="+", type=_direction, metavar="VIEW", default=["oblique"],
         help=f"view directions; several form a grid: {', '.join(SIGHTS)} (default oblique), or "
-        "camera:X,Y,Z,X,Y,Z, the directions to the viewer and upwards (LPS), as the window's dialogs give it",
+        "camera:X,Y,Z,X,Y,Z, the directions to the viewer and upwards (LPS), as in the window's dialogs",
     )  # fmt: skip
 
 
@@ -129,7 +129,7 @@ def add_film(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type priv
 
 
 def run_film(arguments: argparse.Namespace) -> int:
-    """Write the film; returns the exit code."""
+    """Write the film; return the exit code."""
     settings = with_options(FilmSettings(), arguments)
     from homolog.progress import part_of
     from homolog_app.exports.encode import FILM_SUFFIXES, write_film
@@ -170,7 +170,7 @@ def add_still(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pri
 
 
 def run_still(arguments: argparse.Namespace) -> int:
-    """Write the picture; returns the exit code."""
+    """Write the picture; return the exit code."""
     settings = with_options(StillSettings(), arguments)
     from homolog_app.exports.encode import write_still
     from homolog_app.exports.film import Film
@@ -196,11 +196,11 @@ def add_screenshot(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
         kinds,
         "screenshot",
         "the window's views as PNG",
-        "Draw the views as the window's Screenshot does. VIEW is JSON that describes page, shapes and "
-        "cameras; "
-        'the window\'s dialog shows it. The shortest is \'{"view": {"page": "modes"}}\'; pages are subjects, '
-        "modes, groups, measure and check. For views that no project contains, such as those of a run in "
-        "progress, the window writes NAME.views.npz with its picture; such a file is a VIEW, too.",
+        "Draw the views like the window's Screenshot. VIEW is JSON with page, shapes and cameras, as shown "
+        "in the window's "
+        'dialog. The shortest is \'{"view": {"page": "modes"}}\'; pages are subjects, '
+        "modes, groups, measure and check. VIEW may also be a file NAME.views.npz, which the window writes "
+        "with pictures of views that a project does not contain, such as those of a run in progress.",
         "FILE (.png)",
     )
     parser.add_argument("--view", required=True, metavar="VIEW", help="JSON, or a file that contains it")
@@ -208,7 +208,7 @@ def add_screenshot(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
 
 
 def run_screenshot(arguments: argparse.Namespace) -> int:
-    """Write the picture; returns the exit code."""
+    """Write the picture; return the exit code."""
     settings = with_options(ScreenshotSettings(), arguments)
     from homolog_app.exports.encode import write_still
     from homolog_app.rendering.draw import with_opengl
@@ -270,7 +270,7 @@ def add_plot(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type priv
 
 
 def run_plot(arguments: argparse.Namespace) -> int:
-    """Write the plot; returns the exit code."""
+    """Write the plot; return the exit code."""
     settings = with_options(PlotSettings(), arguments)
     if arguments.out.suffix.lower() not in _PLOT_SUFFIXES:
         raise InputError(f"--out {arguments.out}: must end in {', '.join(_PLOT_SUFFIXES)}")

@@ -41,7 +41,7 @@ def add_reference(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the
     parser.add_argument(
         "--pairs",
         metavar="COLUMN",
-        help="column that names the person, if controls were seen twice: the change that a follow-up expects",
+        help="column that identifies the person, if controls were scanned twice; gives the expected change",
     )
     parser.add_argument(
         "--time", metavar="COLUMN", default="time", help="column that orders a person's times (default time)"
@@ -56,7 +56,7 @@ def add_reference(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the
     parser.add_argument(
         "--scores",
         action="store_true",
-        help="keep each control's scores, to tell how near the nearest controls are to a patient",
+        help="store each control's scores, so that reports give the distances of the nearest controls",
     )
     parser.add_argument("--names", action="store_true", help="store scores and names of the controls")
     parser.add_argument("--workers", type=int, help="number of processes (default: one per core)")
@@ -64,7 +64,7 @@ def add_reference(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the
 
 
 def run_reference(arguments: argparse.Namespace) -> int:
-    """Make the reference; returns the exit code."""
+    """Make the reference; return the exit code."""
     from homolog.patient.build import make_reference
     from homolog.patient.reference import check_name
     from homolog_app.report.patient_texts import reference_text
@@ -111,12 +111,12 @@ def add_patient(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
         nargs="+",
         default=[],
         metavar="REFERENCE",
-        help="references of further groups: how typical the patient is of each, never a diagnosis",
+        help="references of further groups: how typical the patient is of each (not a diagnosis)",
     )
     parser.add_argument(
         "--follow-up",
         action="store_true",
-        help="the files are one patient at several times, the first time first: maps of change",
+        help="the files are one patient at several times, in order; write maps of change",
     )
     parser.add_argument(
         "--repeat",
@@ -124,7 +124,7 @@ def add_patient(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
         nargs="+",
         default=[],
         metavar="FILE",
-        help="further segmentations of the first time, for the measurement error (three and more are best)",
+        help="further segmentations of the first time, for the measurement error (preferably three or more)",
     )
     add_patient_options(parser)
     add_progress_option(parser)
@@ -220,7 +220,7 @@ def add_patient_report(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the
 
 
 def run_patient_report(arguments: argparse.Namespace) -> int:
-    """Write the report; returns the exit code."""
+    """Write the report; return the exit code."""
     if arguments.out.suffix.lower() not in _SUFFIXES:
         raise InputError(f"{arguments.out}: the report is written as .pdf or .html; choose such a name")
     from homolog.patient.reference import Reference

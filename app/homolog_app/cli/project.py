@@ -31,7 +31,7 @@ def add_info(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type
 
 
 def run_info(arguments: argparse.Namespace) -> int:
-    """Print the record; returns the exit code."""
+    """Print the record; return the exit code."""
     project = ProjectFolder(arguments.project)
     project.recover()
     record = project.read()
@@ -120,9 +120,9 @@ def add_table(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
     parser = subparsers.add_parser(
         "table",
         description="Add or replace groups and covariates of a project from a table (CSV with commas, "
-        "semicolons or tabs, or XLSX). Its column name, subject or id, else the first one, names the "
-        "subjects, as the project does or as their files are called. Empty cells leave what is there. "
-        "Particles stay.",
+        "semicolons or tabs, or XLSX). Its column name, subject or id, or else the first column, contains "
+        "the subjects' names or the names of their files. Empty cells keep the present value. Particles do "
+        "not change.",
     )
     parser.add_argument("project", type=Path, help="project folder")
     parser.add_argument("table", type=Path, help="table to read")
@@ -149,8 +149,8 @@ def add_import(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "import",
-        description="Make a project, with a result that can be looked at and analyzed, of a ShapeWorks "
-        "project (.swproj, .xlsx) or of a folder of .particles. Nothing is optimized.",
+        description="Create a project from a ShapeWorks project (.swproj, .xlsx) or a folder of .particles "
+        "files. Its result can be viewed and analyzed; nothing is optimized.",
     )
     parser.add_argument("source", type=Path, help=".swproj or .xlsx file, or folder of .particles")
     parser.add_argument("project", type=Path, help="project folder to create")
@@ -159,7 +159,7 @@ def add_import(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 
 
 def run_import(arguments: argparse.Namespace) -> int:
-    """Import the model; returns the exit code."""
+    """Import the model; return the exit code."""
     from homolog.exchange import import_model
 
     project = ProjectFolder(arguments.project)

@@ -79,8 +79,8 @@ def add_run(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
     parser.add_argument("--resume", action="store_true", help="continue a run that was cancelled or killed")
     parser.add_argument(
         "--fit", type=Path, nargs="+", metavar="FILE",
-        help="fit new subjects (files, folders or a cohort.csv) to the project's result, which stays as it "
-        "is",
+        help="fit new subjects (files, folders or a cohort.csv) to the project's result, which does not "
+        "change",
     )  # fmt: skip
     restart = parser.add_argument(
         "--restart", action="store_true", help="place all particles from the start, even if there is a result"
@@ -95,7 +95,7 @@ def add_run(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
 
 
 def run_run(arguments: argparse.Namespace) -> int:
-    """Run the pipeline; returns the exit code."""
+    """Run the pipeline; return the exit code."""
     project, cohort, settings = _run_inputs(arguments)
     with show_progress(arguments.progress) as progress:
         progress.show(0.0, "starting")
@@ -160,7 +160,7 @@ def _check_structure(source: Path, cohort: Cohort, settings: GroomSettings) -> N
         more = f" and {len(structures) - _LISTED} more" if len(structures) > _LISTED else ""
         listed = ", ".join(f"{item.name} ({len(item.by_subject)})" for item in structures[:_LISTED])
         raise InputError(
-            f"{source}: has a file for each structure of a subject: {listed}{more} (number of subjects); "
+            f"{source}: contains one file per structure: {listed}{more} (number of subjects); "
             f"choose one: homolog run {source} --label {quote(structures[0].name)} …, or all: homolog batch "
             f"{source} --labels all …"
         )
@@ -168,7 +168,7 @@ def _check_structure(source: Path, cohort: Cohort, settings: GroomSettings) -> N
 
 @cache
 def _start_drawing() -> None:
-    """Load and start what draws while the result is computed and written: it takes seconds."""
+    """Start the renderer while the result is computed and written, because it takes seconds."""
 
     def start() -> None:
         from homolog_app.pictures import figures  # noqa: F401
@@ -348,8 +348,8 @@ def add_worker(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "worker",
-        description="Work for a Dask scheduler, one subject at a time, until the scheduler ends or Ctrl-C. "
-        "Start one for each core, on any machine that sees the same files, and run with --cluster ADDRESS.",
+        description="Process subjects for a Dask scheduler until the scheduler ends or Ctrl-C is pressed. "
+        "Start one worker per core, on any machine with the same file paths, and use homolog run --cluster.",
     )
     parser.add_argument("address", help="address of the scheduler, such as tcp://node1:8786")
 

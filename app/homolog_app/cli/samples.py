@@ -61,7 +61,7 @@ def add_sample(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 
 
 def run_sample(arguments: argparse.Namespace) -> int:
-    """Write the study; returns the exit code."""
+    """Write the study; return the exit code."""
     from homolog.samples import make_study, write_study
 
     out, seed = arguments.out, arguments.seed
@@ -103,7 +103,7 @@ def add_beans(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
 
 
 def run_beans(arguments: argparse.Namespace) -> int:
-    """Write the cohort; returns the exit code."""
+    """Write the cohort; return the exit code."""
     from homolog.beans.files import write_beans
     from homolog.beans.generate import NARROW, WIDE, draw_beans, draw_moments
     from homolog.errors import InputError
@@ -150,7 +150,7 @@ def add_demo(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type
 
 
 def run_demo(arguments: argparse.Namespace) -> int:
-    """Run the experiment; returns the exit code."""
+    """Run the experiment; return the exit code."""
     from homolog.beans.files import write_beans
     from homolog.beans.generate import draw_beans, draw_moments
     from homolog.files.atomic import report_os_errors

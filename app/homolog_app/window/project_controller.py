@@ -157,7 +157,7 @@ class ProjectController(Controller):
         in_use = session.result is not None and session.read_only == _IN_USE
         if gone and folder == session.folder:
             raise InputError(
-                f"{before.folder}: was moved or deleted, and its result with it; put it back, or save "
+                f"{before.folder}: was moved or deleted with its result; restore it, or save "
                 "what is still in memory with Save as"
             )
         if gone or in_use:  # of another program, the folder may be half written

@@ -96,7 +96,7 @@ class Header:
         elif there - before > needed:
             raise InputError(
                 f"{self.path}: contains {there - before} bytes of voxels, and its header declares {needed}: "
-                "its sizes or what is to be skipped is wrong; correct it or export it again"
+                "its sizes or the skipped bytes are wrong; correct it or export it again"
             )
 
     def _check_deflated(self, needed: int) -> None:
@@ -172,7 +172,7 @@ class Header:
         place = PurePosixPath(os.path.normpath(name))
         if place.is_absolute() or ".." in place.parts or ":" in name:
             raise InputError(
-                f"{self.path}: its voxels are said to be in {name}; put that file next to the header, and "
+                f"{self.path}: its voxels are in {name}; put that file next to the header, and "
                 "name it there without a folder"
             )
         if not os.path.isfile(self.path.parent / place):  # no name is too long for it
