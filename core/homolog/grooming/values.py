@@ -4,11 +4,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from scipy import ndimage
 
 from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
 
-__all__ = ["labels_from", "labels_of_channels", "labels_seen", "slices_of"]
+__all__ = ["hardened", "labels_apart", "labels_from", "labels_of_channels", "labels_seen", "slices_of"]
 
 _ROUNDING = 1e-3
 """How far label values may be from whole numbers: what scaling and single precision leave."""
@@ -20,6 +21,12 @@ _MOST_UNSURE = 0.95
 """Share of the voxels that may be the structure whose probability is between these, at most."""
 _MOST_OF_BORDER = 0.9
 """Share of the image's border that is outside, at least."""
+_OVERSHOOT = 0.4
+"""How far interpolation leaves the range from 0 to 1, at most."""
+_PERCENT = 100
+"""Least value of a full voxel in a soft mask of whole numbers: percent, or 255 of a byte."""
+_FEW_VALUES = 8
+"""With more values in between, a mask of full voxels has soft edges."""
 _PROBABILITY = "its values are probabilities: where they are 0.5 or more was taken for the structure"
 _SLOPE = (0.85, 1.15)
 """Signed distances change by nearly 1 mm in a mm, or by 1 in a voxel; at most voxels near the surface."""
@@ -31,6 +38,8 @@ _MANY_VALUES = 50
 """From this number on, it is looked at how often neighbours differ."""
 _MOST_DIFFERENT = 0.5
 """Share of neighbouring voxels above 0 that differ in a picture, at least."""
+_MOST_IN_ONE = 0.7
+"""Share of the voxels in the largest piece from which on labels are one structure."""
 _LOOKED_AT = 2_000_000
 
 
@@ -78,13 +87,57 @@ def labels_from(path: Path, values: Array, spacing: FloatArray) -> tuple[Array, 
         target[...] = np.clip(rounded, -1, _LARGEST)
     if off <= _ROUNDING:
         return whole, ""
-    if low >= 0.0 and high <= 1.0 + _ROUNDING and _are_probabilities(values):
+    if low >= 0.0 and (only := _only_value(values)):
+        return (values > 0).astype(
+            np.uint8
+        ), f"its values are 0 and {only:.3g}: the latter was taken for the structure"
+    full = float(np.median(values[values > _HALF * high])) if high > 0.0 else 0.0
+    within = -_OVERSHOOT * full <= low and high <= (1.0 + _OVERSHOOT) * full
+    if within and full >= _PERCENT * (1.0 - _ROUNDING) and _are_probabilities(values / full):
+        return _half_of(values, full)
+    if low >= -_OVERSHOOT and high <= 1.0 + _OVERSHOOT and _are_probabilities(values):
         return (values >= _HALF).astype(np.uint8), _PROBABILITY
     if low < 0.0 < high and (sign := _outward_sign(values, spacing)):
         inside = "negative" if sign > 0 else "positive"
         note = f"its values are signed distances: where they are {inside} was taken for the structure"
         return (values * sign < 0.0).astype(np.uint8), note
     raise InputError(f"{path}: contains fractions, so it is not a label map; threshold it first")
+
+
+def hardened(values: Array) -> tuple[Array, str]:
+    """Return a soft mask of whole numbers (percent, bytes) as 0 and 1, with a note; label maps as they are.
+
+    Most voxels of a soft mask have nearly its largest value, and others have many values in between.
+    """
+    seen = _sample(values)
+    full = int(seen.max(initial=0))
+    if full < _PERCENT or seen.min() < 0:
+        return values, ""
+    between = seen[(seen > _SURE[0] * full) & (seen < _SURE[1] * full)]
+    if len(between) > np.count_nonzero(seen >= _SURE[1] * full) or len(np.unique(between)) <= _FEW_VALUES:
+        return values, ""
+    return _half_of(values, full)
+
+
+def _half_of(values: Array, full: float) -> tuple[Array, str]:
+    half = full / 2.0
+    note = f"its edges are soft: where the value is at least {half:.4g} was taken for the structure"
+    return (values >= half).astype(np.uint8), note
+
+
+def _only_value(values: Array) -> float:
+    """Return the value that all voxels other than 0 have; 0 if there are several."""
+    high = float(values.max())
+    return (
+        high
+        if all(((entry == 0) | (entry > high * (1.0 - _ROUNDING))).all() for entry in slices_of(values))
+        else 0.0
+    )
+
+
+def _sample(values: Array) -> Array:
+    """Return some of the voxels, evenly."""
+    return values.ravel(order="K")[:: max(1, values.size // _LOOKED_AT)]
 
 
 def labels_of_channels(path: Path, values: Array) -> tuple[Array, str]:
@@ -157,6 +210,8 @@ def _outward_sign(values: Array, spacing: FloatArray) -> int:
     positive = float(np.mean(_border(values) > 0.0))
     if min(values.shape) < 3 or 1.0 - _MOST_OF_BORDER < positive < _MOST_OF_BORDER:
         return 0
+    least = float(np.abs(values).min())
+    values = values - np.sign(values) * (least / 2.0)  # distances to the other side's nearest voxel skip zero
     inner = values[1:-1, 1:-1, 1:-1]
     near = np.flatnonzero(np.abs(inner) < 2.0 * spacing.max())
     near = near[:: max(1, len(near) // _NEAR_SURFACE)]
@@ -166,6 +221,25 @@ def _outward_sign(values: Array, spacing: FloatArray) -> int:
     slopes = (np.linalg.norm(change / spacing[:, None], axis=0), np.linalg.norm(change, axis=0))
     shares = [np.mean((slope > _SLOPE[0]) & (slope < _SLOPE[1])) if len(near) else 0.0 for slope in slopes]
     return 0 if max(shares) < _HALF else 1 if positive > _HALF else -1
+
+
+def labels_apart(values: Array) -> list[int]:
+    """Return the labels of a map if they are structures that lie apart, as the bones of a hand; else none.
+
+    The largest piece has less than 70 % of the voxels then, and at least half of the labels lie mostly
+    elsewhere.
+    """
+    pieces, count = ndimage.label(values > 0, np.ones((3, 3, 3)))
+    if count < 2:
+        return []
+    sizes = np.bincount(pieces.ravel())
+    largest = int(np.argmax(sizes[1:])) + 1
+    if sizes[largest] >= _MOST_IN_ONE * sizes[1:].sum():
+        return []
+    present, number = np.unique(values[pieces > 0], return_inverse=True)
+    inside = np.bincount(number, weights=pieces[pieces > 0] == largest)
+    elsewhere = np.count_nonzero(inside < _HALF * np.bincount(number))
+    return present.tolist() if len(present) > 1 and elsewhere >= _HALF * len(present) else []
 
 
 def labels_seen(path: Path, values: Array) -> int:
@@ -181,8 +255,7 @@ def labels_seen(path: Path, values: Array) -> int:
             f"{path}: contains values below 0, so it is a picture rather than a label map; segment the "
             "structure first, or name a label"
         )
-    step = max(1, values.size // _LOOKED_AT)
-    seen = np.unique(values.ravel(order="K")[::step])
+    seen = np.unique(_sample(values))
     if len(seen) > _MOST_VALUES:
         raise InputError(
             f"{path}: contains more than {_MOST_VALUES} different values, so it is a picture rather than a "

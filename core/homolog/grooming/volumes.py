@@ -10,7 +10,7 @@ import numpy as np
 from homolog.arrays import Array, BoolArray, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.grooming.names import label_table, matching, near
-from homolog.grooming.values import labels_from, labels_seen
+from homolog.grooming.values import hardened, labels_apart, labels_from, labels_seen
 from homolog.memory import check_fits
 
 __all__ = ["Extent", "Segment", "Segmentation", "Volume", "check_size"]
@@ -237,8 +237,10 @@ class Volume:
         return f"{nearest}it contains {listed}{more}{remedy}"
 
     def _everything(self) -> Segmentation:
+        notes = self.notes
         if len(self.layers) == 1:
-            layer = self._labels(0)
+            layer, note = (self._labels(0), "") if self.named else hardened(self._labels(0))
+            notes = (*notes, note) if note else notes
             several = labels_seen(self.path, layer) > 1
             crop = _cropped(layer, lambda values: values > 0)
         else:
@@ -248,8 +250,22 @@ class Volume:
             raise InputError(
                 f"{self.path}: has no voxel above 0; segment the structure or exclude the subject"
             )
-        whole = self._placed(*crop)
-        return replace(whole, notes=(*whole.notes, _TOGETHER)) if several else whole
+        if several and len(self.layers) == 1:
+            mask, start = crop
+            box = tuple(slice(low, low + size) for low, size in zip(start, mask.shape, strict=True))
+            self._check_together(labels_apart(layer[box]))
+        return replace(self._placed(*crop), notes=(*notes, _TOGETHER) if several else notes)
+
+    def _check_together(self, apart: list[int]) -> None:
+        if not apart:
+            return
+        names = {item.value: item.name for item in self.with_names().named}
+        called = [names.get(value) or str(value) for value in apart]
+        more = f" and {len(called) - _NAMED} more" if len(called) > _NAMED else ""
+        raise InputError(
+            f"{self.path}: its labels are structures that do not touch; choose one (label: {called[0]}), or "
+            f"run a batch of all; available: {', '.join(called[:_NAMED])}{more}"
+        )
 
     def _union(self) -> BoolArray:
         mask: BoolArray = np.array(False)

@@ -15,9 +15,9 @@ SPACES = {"left-posterior-superior": (1, 1, 1), "right-anterior-superior": (-1, 
 
 @pytest.fixture
 def blocks():
-    """Return labels (I, J, K) with a block of 1 and one of 2, no side of them alike."""
+    """Return labels (I, J, K) with a block of 1 and one of 2 that touch, no side of them alike."""
     values = np.zeros((9, 10, 11), np.uint8)
-    values[1:3, 2:5, 3:7] = 1
+    values[3:5, 3:6, 3:7] = 1
     values[5:8, 6:8, 2:9] = 2
     return values
 

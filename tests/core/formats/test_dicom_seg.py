@@ -86,8 +86,10 @@ def test_every_type_of_segmentation_object_is_read(make_seg, blocks, points, kin
 
 
 def test_probabilities_are_no_segmentation(make_seg, blocks):
+    probabilities = 0.8 * overlapping(blocks)
+    probabilities[::2] *= 0.75
     with pytest.raises(InputError, match="contains fractions"):
-        read_segmentation(make_seg(0.8 * overlapping(blocks), "FRACTIONAL"), None, "heart")
+        read_segmentation(make_seg(probabilities, "FRACTIONAL"), None, "heart")
 
 
 def shared(content):

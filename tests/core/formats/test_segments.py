@@ -35,8 +35,16 @@ def test_the_name_goes_before_the_value(flat, blocks, around):
     assert np.array_equal(read_segmentation(flat, 1, "lung").mask, around(blocks == 2))
 
 
-def test_segments_that_do_not_overlap_may_be_taken_together(flat, blocks, around):
+def test_segments_that_touch_may_be_taken_together(flat, blocks, around):
     assert np.array_equal(read_segmentation(flat, None).mask, around(blocks > 0))
+
+
+def test_segments_that_lie_apart_are_not_taken_together(blocks, write_nrrd, named):
+    blocks = np.where(blocks == 1, 0, blocks)
+    blocks[1:3, 2:5, 3:7] = 1
+    path = write_nrrd("a.seg.nrrd", blocks, named(("Left heart", 1, 0), ("lung", 2, 0)))
+    with pytest.raises(InputError, match="Left heart, lung"):
+        read_segmentation(path, None)
 
 
 def test_segments_are_listed_with_their_names(flat, layered):

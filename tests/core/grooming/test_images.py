@@ -199,6 +199,56 @@ def test_signed_distances_are_the_structure_on_the_side_away_from_the_border(sav
     assert len(result.notes) == 1
 
 
+def test_differences_of_two_distance_transforms_are_signed_distances(save):
+    mask = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) < 8.0
+    distances = ndimage.distance_transform_edt(mask) - ndimage.distance_transform_edt(~mask)
+    result = read_segmentation(save(distances.astype(np.float32)), None)
+    assert result.mask.sum() == mask.sum()
+
+
+@pytest.mark.parametrize("scale", [1.0, 100.0, 255.0])
+@pytest.mark.parametrize("order", [1, 3])
+def test_interpolated_masks_are_the_structure_from_half_on(save, scale, order):
+    mask = np.linalg.norm(np.indices((14, 14, 14)) - 6.5, axis=0) < 5.0
+    finer = ndimage.zoom(mask * scale, 2, order=order)
+    result = read_segmentation(save(finer.astype(np.float32)), None)
+    assert result.mask.sum() == (finer >= scale / 2).sum()
+    assert len(result.notes) == 1
+
+
+def test_masks_of_bytes_with_soft_edges_are_the_structure_from_half_on(save):
+    mask = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) < 8.0
+    soft = ndimage.gaussian_filter(255.0 * mask, 0.7).astype(np.uint8)
+    path = save(soft)
+    result = read_segmentation(path, None)
+    assert result.mask.sum() == (soft >= soft.max() / 2).sum()
+    assert len(result.notes) == 1
+    assert read_segmentation(path, 255).mask.sum() == (soft == 255).sum()
+
+
+def test_labels_that_lie_apart_are_not_taken_together(save):
+    labels = np.zeros((24, 12, 12), np.uint8)
+    labels[2:10, 2:10, 2:10] = 1
+    labels[13:21, 2:10, 2:10] = 2
+    with pytest.raises(InputError, match="do not touch"):
+        read_segmentation(save(labels), None)
+    labels[10:13, 4:8, 4:8] = 1
+    assert read_segmentation(save(labels), None).mask.sum() == (labels > 0).sum()
+
+
+def test_pieces_that_all_have_the_same_labels_are_taken_together(save):
+    labels = np.zeros((24, 12, 12), np.uint8)
+    labels[2:10, 2:10, 2:10] = labels[13:20, 2:10, 2:10] = 1
+    labels[3:7, 3:7, 3:7] = labels[14:17, 3:7, 3:7] = 2
+    assert read_segmentation(save(labels), None).mask.sum() == (labels > 0).sum()
+
+
+def test_one_value_that_is_no_whole_number_is_the_structure(save):
+    mask = np.zeros((12, 12, 12), np.float32)
+    mask[3:9, 3:9, 3:9] = 1 / 255
+    assert read_segmentation(save(mask), None).mask.sum() == 216
+
+
 def test_fractions_above_and_below_0_that_are_no_distances_are_refused(save):
     away = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) - 8.0
     with pytest.raises(InputError, match="fractions"):
