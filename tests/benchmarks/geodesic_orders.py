@@ -5,8 +5,8 @@
     python tests/benchmarks/geodesic_orders.py table RUNS.jsonl              medians over seeds, side by side
 
 The first two take --cohorts, the second also --distances, --particles, --seeds and --device; a run whose line
-is in the file is not repeated. Distances are *planar* (fronts of the paper), *circular* (virtual sources, the
-default), and *straight* (Euclidean) for comparison. Commit a065c72 also has *second-order* ones.
+is in the file is not repeated. Distances are *circular* (virtual sources, the default) and *straight*
+(Euclidean). Commit 320e32c also has *planar* ones (fronts of the paper), a065c72 *second-order* ones.
 """
 
 import argparse
@@ -50,20 +50,19 @@ REAL = {
     "hippocampi": "zoo/brain_hippocampus",
 }
 DENSE = ("femora", "hips", "scapulae")  # vertices of the files correspond
+DISTANCES = ("straight", "circular")
 KEYS = ("cohort", "distances", "particles", "seed")
-ELEMENTS = {"planar": "linear", "circular": "point"}
 
 
 class TimedSolver:
-    """Solves geodesic tables with one local solver and counts the seconds."""
+    """Solves geodesic tables and counts the seconds."""
 
-    def __init__(self, element):
-        self.element = element
+    def __init__(self):
         self.seconds = 0.0
 
     def __call__(self, meshes, d_max, **options):
         begin = time.perf_counter()
-        tables = solve_tables(meshes, d_max, element=self.element, **options)
+        tables = solve_tables(meshes, d_max, **options)
         wp.synchronize()
         self.seconds += time.perf_counter() - begin
         return tables
@@ -84,7 +83,7 @@ def run(name, shapes, distances, particles, seed, device):
     method = Method.NORMALS if distances == "straight" else Method.GEODESIC_NORMALS
     grooming = GroomSettings(alignment="none") if name in BEANS else GroomSettings()
     chosen = OptimizeSettings(particles=particles, seed=seed, method=method)
-    solve = TimedSolver(ELEMENTS.get(distances, "point"))
+    solve = TimedSolver()
     begin = time.perf_counter()
     settings = RunSettings(groom=grooming, optimize=chosen).placing
     result = optimize(shapes, settings, device=device, solve=solve)
@@ -143,7 +142,7 @@ def dense_errors(name, shapes, particles):
 def print_table(path):
     """Print medians over the seeds of each study and figure, the distances side by side."""
     rows = [json.loads(line) for line in path.read_text().splitlines()]
-    columns = [name for name in ("straight", *ELEMENTS) if any(row["distances"] == name for row in rows)]
+    columns = [name for name in DISTANCES if any(row["distances"] == name for row in rows)]
     print(f"| cohort | particles | figure | {' | '.join(columns)} |\n|{'---|' * (3 + len(columns))}")
     for study in dict.fromkeys((row["cohort"], row["particles"]) for row in rows):
         here = [row for row in rows if (row["cohort"], row["particles"]) == study]
@@ -163,7 +162,7 @@ def main():
     parser.add_argument("what", choices=["groom", "run", "table"])
     parser.add_argument("path", type=Path)
     parser.add_argument("--cohorts", nargs="+", choices=[*BEANS, *REAL], default=[*BEANS, *REAL])
-    parser.add_argument("--distances", nargs="+", choices=["straight", *ELEMENTS], default=[*ELEMENTS])
+    parser.add_argument("--distances", nargs="+", choices=DISTANCES, default=["circular"])
     parser.add_argument("--particles", nargs="+", type=int, default=[256, 1024])
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
     parser.add_argument("--device", default="auto")

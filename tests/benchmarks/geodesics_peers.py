@@ -15,7 +15,7 @@ import scipy.sparse
 from meshlib import mrmeshnumpy, mrmeshpy
 from scipy.sparse.csgraph import dijkstra
 
-from homolog.geodesics import geodesic_distances, solve_tables
+from homolog.geodesics import geodesic_distances
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import edges
 
@@ -27,13 +27,6 @@ def homolog(mesh: TriangleMesh, d_max: float, sources: np.ndarray) -> Rows:
     """Whole CSR matrix by the public call."""
     begin = time.process_time()
     matrix = geodesic_distances(mesh.vertices, mesh.faces, d_max, device="cpu")
-    return matrix[sources].toarray(), time.process_time() - begin
-
-
-def homolog_linear(mesh: TriangleMesh, d_max: float, sources: np.ndarray) -> Rows:
-    """The same with the paper's planar element."""
-    begin = time.process_time()
-    matrix = solve_tables([mesh], d_max, element="linear")[0].to_csr()
     return matrix[sources].toarray(), time.process_time() - begin
 
 
@@ -120,7 +113,6 @@ def meshlib_surface(mesh: TriangleMesh, d_max: float, sources: np.ndarray) -> Ro
 
 PEERS: dict[str, Callable[[TriangleMesh, float, np.ndarray], Rows]] = {
     "homolog": homolog,
-    "homolog, planar element": homolog_linear,
     "gdist (exact)": exact,
     "scipy Dijkstra": dijkstra_edges,
     "potpourri3d heat": heat_geometry_central,

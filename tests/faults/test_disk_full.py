@@ -17,6 +17,7 @@ from homolog.files.records import ProjectRecord
 from homolog.files.results import surface_file
 from homolog.files.tables import write_table
 from homolog.geodesics import solve_tables
+from homolog.geodesics.cache import save_table
 from homolog.grooming import groom_cohort
 from homolog.run import Phase, Run
 from homolog.surfaces.mesh import TriangleMesh
@@ -53,7 +54,9 @@ WRITES = {
     "a.mrk.json": lambda project: write_markups(project.folder / "a.mrk.json", np.ones((9, 3))),
     r"shapeworks[^:]*": lambda project: write_shapeworks(project, project.folder / "shapeworks"),
     "project": lambda project: mapped(project.folder),
-    r"tables/\w+\.npz": lambda project: solve_tables([octahedron()], np.inf, cache=project.folder / "tables"),
+    r"tables/a\.npz": lambda project: save_table(
+        project.folder / "tables" / "a.npz", solve_tables([octahedron()], np.inf)[0]
+    ),
 }
 
 

@@ -318,10 +318,9 @@ def good_particles_folder(folder: Path) -> None:
 def good_table(folder: Path) -> None:
     """A geodesic table in blocks."""
     from homolog.geodesics import solve_tables
+    from homolog.geodesics.cache import save_table
 
-    solve_tables([octahedron()], 1.0, memory_limit=70, cache=folder)
-    (result,) = folder.glob("*.npz")
-    result.rename(folder / "table.npz")
+    save_table(folder / "table.npz", solve_tables([octahedron()], 1.0, memory_limit=70)[0])
 
 
 def read_table(folder: Path) -> object:

@@ -322,12 +322,6 @@ def add_geodesics(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the
     )
     parser.add_argument("--device", default="auto", help="auto, cpu, cuda:0 …; auto takes the first GPU")
     parser.add_argument(
-        "--element",
-        choices=["point", "linear"],
-        default="point",
-        help="local solver: fronts from a point (default) or planar fronts, as in the paper",
-    )
-    parser.add_argument(
         "--memory-limit", type=float, default=8.0, metavar="GB", help="largest table allowed (default 8)"
     )
     parser.add_argument(
@@ -356,7 +350,6 @@ def run_geodesics(arguments: argparse.Namespace) -> int:
         [mesh],
         arguments.d_max,
         names=[str(arguments.mesh)],
-        element=arguments.element,
         memory_limit=int(1e9 * arguments.memory_limit),
     )
     device = choose_device(arguments.device)

@@ -2,13 +2,12 @@
 
 from homolog.geodesics.accuracy import Accuracy, measure_accuracy
 from homolog.geodesics.field import distances_from
-from homolog.geodesics.plan import Element, TablePlan, plan_tables
-from homolog.geodesics.solve import check_room, geodesic_distances, solve_plan, solve_table, solve_tables
+from homolog.geodesics.plan import TablePlan, plan_tables
+from homolog.geodesics.solve import check_room, geodesic_distances, solve_plan, solve_tables
 from homolog.geodesics.table import GeodesicTable
 
 __all__ = [
     "Accuracy",
-    "Element",
     "GeodesicTable",
     "TablePlan",
     "check_room",
@@ -17,6 +16,5 @@ __all__ = [
     "measure_accuracy",
     "plan_tables",
     "solve_plan",
-    "solve_table",
     "solve_tables",
 ]

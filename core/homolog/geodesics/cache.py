@@ -41,7 +41,7 @@ def table_path(folder: Path, plan: TablePlan, task: Task) -> Path:
     digest = hashlib.sha256()
     for part in (task.mesh.vertices, task.mesh.faces):
         digest.update(part.tobytes())
-    digest.update(repr((VERSION, task.d_max, task.max_distance, plan.element, plan.dense)).encode())
+    digest.update(repr((VERSION, task.d_max, task.max_distance, plan.dense)).encode())
     return Path(folder) / f"{digest.hexdigest()[:32]}.npz"
 
 

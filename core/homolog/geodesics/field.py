@@ -83,6 +83,6 @@ def distances_from(
         clusters.corners = fans.corners
         clusters.bounds = fans.bounds
         tick(0.0, f"geodesic distances of {name}")
-        advance(front, clusters, range(1), planar=False)
+        advance(front, clusters, range(1))
     distances: Float32Array = values.copy()
     return distances

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -18,10 +18,8 @@ from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh, edges
 
-__all__ = ["Element", "TablePlan", "Task", "block_rows", "plan_tables"]
+__all__ = ["TablePlan", "Task", "block_rows", "plan_tables"]
 
-Element = Literal["point", "linear"]
-"""Local solver: circular fronts, as from a point, or the paper's planar fronts, which err by some percent."""
 DENSE_BUDGET = 1_500_000_000
 """Limit [bytes] up to which a cohort's tables are dense, which is faster to read than blocks."""
 DENSE_TABLE_LIMIT = 250_000_000
@@ -71,8 +69,6 @@ class TablePlan:
     ----------
     tasks : tuple of Task
         One for each table.
-    element : {"point", "linear"}
-        Local solver.
     dense : bool
         Dense tables, or blocks.
     nbytes : int
@@ -80,14 +76,8 @@ class TablePlan:
     """
 
     tasks: tuple[Task, ...]
-    element: Element
     dense: bool
     nbytes: int
-
-    @property
-    def is_planar(self) -> bool:
-        """Whether fronts are planar, not circular."""
-        return self.element == "linear"
 
 
 def plan_tables(
@@ -95,7 +85,6 @@ def plan_tables(
     d_max: float | Sequence[float],
     *,
     names: Sequence[str] | None = None,
-    element: Element = "point",
     memory_limit: int | None = None,
     tick: Tick = no_tick,
 ) -> TablePlan:
@@ -103,7 +92,7 @@ def plan_tables(
 
     Parameters
     ----------
-    meshes, d_max, names, element, memory_limit, tick
+    meshes, d_max, names, memory_limit, tick
         As of `homolog.geodesics.solve_tables`.
 
     Returns
@@ -127,13 +116,13 @@ def plan_tables(
     ceiling = math.inf if memory_limit is None else memory_limit
     small = dense <= DENSE_BUDGET and max(squares, default=0) <= DENSE_TABLE_LIMIT
     if dense <= min(ceiling, DENSE_LIMIT) and (small or dense <= blocks):
-        return TablePlan(tuple(tasks), element, dense=True, nbytes=dense)
+        return TablePlan(tuple(tasks), dense=True, nbytes=dense)
     if blocks > ceiling:
         raise InputError(
             f"geodesic tables of {len(meshes)} shapes would take about {blocks / 1e9:.3g} GB, above the "
             f"limit of {ceiling / 1e9:.3g} GB: raise the limit, shorten d_max or use coarser meshes"
         )
-    return TablePlan(tuple(tasks), element, dense=False, nbytes=blocks)
+    return TablePlan(tuple(tasks), dense=False, nbytes=blocks)
 
 
 def _task(name: str, mesh: TriangleMesh, d_max: float) -> Task:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import warp as wp
@@ -11,16 +10,15 @@ from scipy.sparse import csr_array
 from homolog.arrays import ArrayLike
 from homolog.device import choose_device, cores
 from homolog.errors import InputError
-from homolog.geodesics.cache import load_table, save_table, table_path
 from homolog.geodesics.cpu.solver import solve_on_cpu
 from homolog.geodesics.cuda.solver import solve_on_cuda
-from homolog.geodesics.plan import Element, TablePlan, plan_tables
+from homolog.geodesics.plan import TablePlan, plan_tables
 from homolog.geodesics.table import GeodesicTable
 from homolog.memory import free_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["check_room", "geodesic_distances", "solve_plan", "solve_table", "solve_tables"]
+__all__ = ["check_room", "geodesic_distances", "solve_plan", "solve_tables"]
 
 
 def solve_tables(
@@ -28,12 +26,10 @@ def solve_tables(
     d_max: float | Sequence[float],
     *,
     device: str = "auto",
-    element: Element = "point",
     memory_limit: int | None = None,
     names: Sequence[str] | None = None,
     tick: Tick = no_tick,
     threads: int | None = None,
-    cache: Path | None = None,
 ) -> list[GeodesicTable]:
     """Return the geodesic tables of a cohort's meshes.
 
@@ -46,8 +42,6 @@ def solve_tables(
         to r between arbitrary points need r plus two longest edges.
     device : str
         ``"auto"``, ``"cpu"`` or ``"cuda:<n>"``: where to solve and where the tables stay.
-    element : {"point", "linear"}
-        Local solver.
     memory_limit : int, optional
         Ceiling for all tables together [bytes]; what is free on the device if not given.
     names : sequence of str, optional
@@ -56,8 +50,6 @@ def solve_tables(
         Progress and cancelling.
     threads : int, optional
         Threads on the CPU, one per core if not given; the result does not depend on it.
-    cache : Path, optional
-        Folder of tables solved before: those of the same mesh and parameters are read, others added.
 
     Returns
     -------
@@ -67,11 +59,10 @@ def solve_tables(
     Raises
     ------
     InputError
-        For a mesh or d_max that can't be used, tables above the memory limit, or a cache that can't be
-        written to.
+        For a mesh or d_max that can't be used, and tables above the memory limit.
     """
-    plan = plan_tables(meshes, d_max, names=names, element=element, memory_limit=memory_limit, tick=tick)
-    return solve_plan(plan, device=device, tick=tick, threads=threads, cache=cache)
+    plan = plan_tables(meshes, d_max, names=names, memory_limit=memory_limit, tick=tick)
+    return solve_plan(plan, device=device, tick=tick, threads=threads)
 
 
 def solve_plan(
@@ -80,7 +71,6 @@ def solve_plan(
     device: str = "auto",
     tick: Tick = no_tick,
     threads: int | None = None,
-    cache: Path | None = None,
 ) -> list[GeodesicTable]:
     """Return the tables of a plan.
 
@@ -88,7 +78,7 @@ def solve_plan(
     ----------
     plan : TablePlan
         As `plan_tables` makes it.
-    device, tick, threads, cache
+    device, tick, threads
         As of `solve_tables`.
 
     Returns
@@ -99,57 +89,15 @@ def solve_plan(
     Raises
     ------
     InputError
-        If the tables do not fit the device, or the cache can't be written to.
+        If the tables do not fit the device.
     """
     where = choose_device(device)
-    if cache is None:
-        return _solve(plan, where, tick, threads)
-    paths = [table_path(cache, plan, task) for task in plan.tasks]
-    tables = {path: table for path in paths if (table := load_table(path, where)) is not None}
-    absent = {path: task for path, task in zip(paths, plan.tasks, strict=True) if path not in tables}
-    if absent:
-        rest = TablePlan(tuple(absent.values()), plan.element, plan.dense, plan.nbytes)
-        tables |= dict(zip(absent, _solve(rest, where, tick, threads), strict=True))
-        for path in absent:
-            save_table(path, tables[path])
-    tick(1.0, "geodesic distances")
-    return [tables[path] for path in paths]
-
-
-def solve_table(
-    mesh: TriangleMesh,
-    d_max: float,
-    *,
-    device: str = "auto",
-    element: Element = "point",
-    memory_limit: int | None = None,
-    name: str = "mesh",
-    tick: Tick = no_tick,
-) -> GeodesicTable:
-    """Return the geodesic table of one mesh.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        A closed surface.
-    d_max : float
-        All vertex pairs up to this geodesic distance [mm] are kept; inf for a complete table.
-    device, element, memory_limit, tick
-        As of `solve_tables`.
-    name : str
-        The subject, for messages.
-
-    Returns
-    -------
-    GeodesicTable
-
-    Raises
-    ------
-    InputError
-        As `solve_tables` does.
-    """
-    plan = plan_tables([mesh], d_max, names=[name], element=element, memory_limit=memory_limit)
-    return solve_plan(plan, device=device, tick=tick)[0]
+    check_room(plan, where)
+    if where != "cpu":
+        room = (int(wp.get_device(where).free_memory) - plan.nbytes) // 2  # half of what the tables leave
+        return solve_on_cuda(plan, where, room, tick)
+    n = len(plan.tasks)
+    return [solve_on_cpu(plan, k, threads or cores(), part_of(tick, k / n, (k + 1) / n)) for k in range(n)]
 
 
 def geodesic_distances(
@@ -198,14 +146,6 @@ def geodesic_distances(
     return solve_plan(plan, device=device)[0].to_csr()
 
 
-def _solve(plan: TablePlan, device: str, tick: Tick, threads: int | None) -> list[GeodesicTable]:
-    check_room(plan, device)
-    if device != "cpu":
-        return solve_on_cuda(plan, device, _scratch(device, plan.nbytes), tick)
-    n = len(plan.tasks)
-    return [solve_on_cpu(plan, k, threads or cores(), part_of(tick, k / n, (k + 1) / n)) for k in range(n)]
-
-
 def check_room(plan: TablePlan, device: str) -> None:
     """Refuse tables that the memory of the device can't hold.
 
@@ -221,8 +161,3 @@ def check_room(plan: TablePlan, device: str) -> None:
             f"geodesic tables of {len(plan.tasks)} shapes take {plan.nbytes / 1e9:.3g} GB, but "
             f"{free / 1e9:.3g} GB are free on {device}: {remedy}, fewer particles or a core set"
         )
-
-
-def _scratch(device: str, table_bytes: int) -> int:
-    """Return how much memory a batch may take beside the tables: half of what is left."""
-    return (int(wp.get_device(device).free_memory) - table_bytes) // 2

@@ -7,9 +7,9 @@ import numpy as np
 import warp as wp
 from scipy.sparse import csr_array
 
-from homolog.geodesics.cpu.kernels.csr import count_blocks, count_dense, fill_blocks, fill_dense
+from homolog.geodesics.cpu.kernels.csr import fill_blocks
 from homolog.geodesics.cpu.kernels.patch import LaneCodes
-from homolog.geodesics.kernels.lookup import LANES, TableData
+from homolog.geodesics.kernels.lookup import LANES, MISSING, TableData
 from homolog.memory import Store, in_memory
 
 __all__ = ["GeodesicTable"]
@@ -84,23 +84,23 @@ class GeodesicTable:
 
     def to_csr(self) -> csr_array:
         """Return the distances [mm], (V, V) float32, columns sorted; the zeros of the diagonal are stored."""
-        codes = self.codes.to("cpu")
+        n, codes = self.n_vertices, self.codes.numpy()
+        present = codes != MISSING
         if self.row is None:
-            count, fill, rows, inputs = count_dense, fill_dense, self.n_vertices, [codes]
+            ends = np.append(0, np.cumsum(np.count_nonzero(present, axis=1)))
+            distances = codes[present] * np.float32(self.unit)
+            columns = np.broadcast_to(np.arange(n, dtype=np.int32), present.shape)[present]
         else:
-            row, start = self.row.to("cpu"), self.start.to("cpu")
+            row, start, slot = self.row.to("cpu"), self.start.numpy(), self.slot.numpy()
+            ends = np.append(0, np.cumsum(np.add.reduceat(present, start, dtype=np.int64).ravel()[slot]))
             vertex = np.full((len(start), LANES), -1, np.int32)
-            vertex.ravel()[self.slot.numpy()] = np.arange(self.n_vertices)
-            lanes = wp.array(codes.numpy(), dtype=LaneCodes, device="cpu", copy=False)
-            count, fill, rows, inputs = count_blocks, fill_blocks, len(start), [lanes, row, start, vertex]
-        row_vertices = [] if self.row is None else [np.empty(self.n_vertices, np.int32)]
-        ends = np.zeros(self.n_vertices + 1, np.int64)
-        wp.launch(count, rows, inputs=[*inputs, ends[1:]], device="cpu")
-        np.cumsum(ends, out=ends)
-        columns, distances = np.empty(ends[-1] + 1, np.int32), np.empty(ends[-1] + 1, np.float32)
-        outputs = [ends[:-1].copy(), columns, distances, *row_vertices]
-        wp.launch(fill, rows, inputs=[*inputs, self.unit, *outputs], device="cpu")
+            vertex.ravel()[slot] = np.arange(n)
+            columns, distances = np.empty(ends[-1] + 1, np.int32), np.empty(ends[-1] + 1, np.float32)
+            lanes = wp.array(codes, dtype=LaneCodes, device="cpu", copy=False)
+            outputs = [ends[:-1].copy(), columns, distances, np.empty(n, np.int32)]
+            inputs = [lanes, row, start, vertex, self.unit, *outputs]
+            wp.launch(fill_blocks, len(start), inputs=inputs, device="cpu")
+            columns, distances = columns[:-1], distances[:-1]
         index = np.int32 if ends[-1] < 2**31 else np.int64
-        columns, distances = columns[:-1], distances[:-1]
-        parts = (distances, columns.astype(index, copy=False), ends.astype(index))
-        return csr_array(parts, shape=(self.n_vertices,) * 2)
+        parts = distances, columns.astype(index, copy=False), ends.astype(index)
+        return csr_array(parts, shape=(n, n))

@@ -9,8 +9,6 @@ wp.set_module_options({"enable_backward": False})
 
 __all__ = ["closest_points_on", "pair_distances"]
 
-LOOKUP_SQUARED = wp.constant(0)
-
 
 @wp.kernel
 def closest_points_on(
@@ -49,4 +47,4 @@ def pair_distances(
     """Geodesic distance between the two particles of each pair, negative beyond the table's reach."""
     p = wp.tid()
     pair = pairs[p]
-    distances[p] = geodesic(surfaces[0].table, closest[pair[0]], closest[pair[1]], LOOKUP_SQUARED)[3]
+    distances[p] = geodesic(surfaces[0].table, closest[pair[0]], closest[pair[1]]).distance

@@ -14,7 +14,7 @@ from homolog.correspondence.kernels.particles import locate
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.surface_sets import Similarity, build_surface_set, morton_ordered, nearest_faces
 from homolog.errors import InputError
-from homolog.geodesics import distances_from, solve_table
+from homolog.geodesics import distances_from, solve_tables
 from homolog.geodesics.kernels.lookup import SurfacePoint
 from homolog.geometry import transform_points
 from homolog.inspection import kernels
@@ -207,7 +207,8 @@ def _distances(
     """Geodesic distances between neighbouring particles over their spacing."""
     reach = REACH * spacing
     light = morton_ordered(simplified(mesh, max(_FEWEST_VERTICES, round(_VERTICES * len(points)))))
-    table = solve_table(light, reach + 2.0 * longest_edge(light), device="cpu", name=name, tick=tick)
+    far = reach + 2.0 * longest_edge(light)
+    (table,) = solve_tables([light], far, device="cpu", names=[name], tick=tick)
     middle = light.vertices.mean(axis=0)
     surface_set = build_surface_set([light], [table], [Similarity(np.eye(3), -middle)], "cpu")
     pairs: IntArray = cKDTree(points).query_pairs(reach, output_type="ndarray")  # straight ≤ geodesic

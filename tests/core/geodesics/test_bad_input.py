@@ -2,20 +2,20 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.geodesics import distances_from, geodesic_distances, plan_tables, solve_table
+from homolog.geodesics import distances_from, geodesic_distances, plan_tables, solve_tables
 from homolog.surfaces.mesh import TriangleMesh
 
 
 @pytest.mark.parametrize("d_max", [0.0, -3.0, np.nan])
 def test_a_length_that_is_none_is_refused(sphere, d_max):
     with pytest.raises(InputError, match=r"femur_07: d_max is .*positive length"):
-        solve_table(sphere(50), d_max, name="femur_07")
+        solve_tables([sphere(50)], d_max, names=["femur_07"])[0]
 
 
 def test_an_open_mesh_is_refused_by_name(sphere):
     mesh = sphere(50)
     with pytest.raises(InputError, match=r"femur_07: .* not closed: 3 edges"):
-        solve_table(TriangleMesh(mesh.vertices, mesh.faces[1:]), 5.0, name="femur_07")
+        solve_tables([TriangleMesh(mesh.vertices, mesh.faces[1:])], 5.0, names=["femur_07"])[0]
     with pytest.raises(InputError, match="not closed"):
         geodesic_distances(mesh.vertices, mesh.faces[1:], 5.0)
     with pytest.raises(InputError, match="not closed"):
@@ -37,7 +37,7 @@ def test_storage_follows_the_memory(sphere):
 
 def test_the_size_is_foretold(sphere):
     plan = plan_tables([sphere(2000)], 10.0, memory_limit=4_000_000)
-    table = solve_table(sphere(2000), 10.0, memory_limit=4_000_000)
+    table = solve_tables([sphere(2000)], 10.0, memory_limit=4_000_000)[0]
     assert table.nbytes == pytest.approx(plan.nbytes, rel=0.25)
 
 

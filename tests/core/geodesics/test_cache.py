@@ -2,8 +2,23 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.geodesics import solve_tables
+from homolog.geodesics import plan
 from homolog.geodesics.cache import load_table
+from homolog.progress import no_tick
+from homolog.run import table_cache
+
+
+@pytest.fixture
+def solve(tmp_path, monkeypatch):
+    """Return a function that solves tables and keeps all of them in a folder."""
+    monkeypatch.setattr(table_cache, "WORTH_S", 0.0)
+
+    def solved(meshes, d_max, folder=tmp_path, tick=no_tick):
+        names = [chr(97 + k) for k in range(len(meshes))]
+        limits = [d_max] * len(meshes)
+        return table_cache.TableCache(folder).solve(meshes, limits, device="cpu", names=names, tick=tick)
+
+    return solved
 
 
 def same(first, other):
@@ -14,42 +29,40 @@ def same(first, other):
     ) and (first.n_vertices, first.d_max, first.unit) == (other.n_vertices, other.d_max, other.unit)
 
 
-def test_a_table_is_solved_once(sphere, slotted, tmp_path, storage):
-    said = []
-    first = solve_tables([sphere(300), slotted], 7.0, cache=tmp_path)
-    second = solve_tables(
-        [sphere(300), slotted], 7.0, cache=tmp_path, names=["a", "b"], tick=lambda _, text: said.append(text)
-    )
+def test_a_table_is_solved_once(solve, sphere, slotted, tmp_path, storage, monkeypatch):
+    first = solve([sphere(300), slotted], 7.0)
+    monkeypatch.setattr(table_cache, "solve_plan", None)
+    second = solve([sphere(300), slotted], 7.0)
     assert len(list(tmp_path.iterdir())) == 2
     assert all(same(*pair) for pair in zip(first, second, strict=True))
-    assert said == ["mesh of a checked", "mesh of b checked", "geodesic distances"]  # nobody's
 
 
-def test_other_meshes_and_parameters_are_solved_anew(sphere, tmp_path):
-    solve_tables([sphere(300)], 7.0, cache=tmp_path)
-    solve_tables([sphere(301)], 7.0, cache=tmp_path)
-    solve_tables([sphere(300)], 7.5, cache=tmp_path)
-    solve_tables([sphere(300)], 7.0, element="linear", cache=tmp_path)
-    solve_tables([sphere(300)], 7.0, memory_limit=150_000, cache=tmp_path)
-    assert len(list(tmp_path.iterdir())) == 5
+def test_other_meshes_and_parameters_are_solved_anew(solve, sphere, tmp_path, monkeypatch):
+    solve([sphere(300)], 7.0)
+    solve([sphere(301)], 7.0)
+    solve([sphere(300)], 7.5)
+    monkeypatch.setattr(plan, "DENSE_BUDGET", 0)
+    monkeypatch.setattr(plan, "DENSE_LIMIT", 0)
+    solve([sphere(300)], 7.0)
+    assert len(list(tmp_path.iterdir())) == 4
 
 
 @pytest.mark.parametrize(
     "damage", [lambda data: data[:-500], lambda data: b"", lambda data: data[:200] + bytes(len(data) - 200)]
 )
-def test_a_damaged_file_is_solved_anew(sphere, tmp_path, damage):
-    first = solve_tables([sphere(300)], 7.0, cache=tmp_path)[0]
+def test_a_damaged_file_is_solved_anew(solve, sphere, tmp_path, damage):
+    first = solve([sphere(300)], 7.0)[0]
     file = next(tmp_path.iterdir())
     whole = file.read_bytes()
     file.write_bytes(damage(whole))
-    assert same(first, solve_tables([sphere(300)], 7.0, cache=tmp_path)[0])
+    assert same(first, solve([sphere(300)], 7.0)[0])
     assert len(file.read_bytes()) == len(whole)
 
 
-def test_a_folder_that_cannot_be_written_is_named(sphere, tmp_path):
+def test_a_folder_that_cannot_be_written_is_named(solve, sphere, tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="can't be written"):
-        solve_tables([sphere(100)], 7.0, cache=tmp_path / "file" / "tables")
+        solve([sphere(100)], 7.0, tmp_path / "file" / "tables")
 
 
 @pytest.mark.parametrize(
@@ -65,18 +78,22 @@ def test_a_folder_that_cannot_be_written_is_named(sphere, tmp_path):
         ("facts", lambda item: item * np.inf),
     ],
 )
-def test_a_file_whose_entries_would_lead_kernels_out_of_it_is_solved_anew(sphere, tmp_path, name, change):
-    first = solve_tables([sphere(300)], 7.0, memory_limit=150_000, cache=tmp_path)[0]
+def test_a_file_whose_entries_would_lead_kernels_out_of_it_is_solved_anew(
+    solve, sphere, tmp_path, name, change, monkeypatch
+):
+    monkeypatch.setattr(plan, "DENSE_BUDGET", 0)
+    monkeypatch.setattr(plan, "DENSE_LIMIT", 0)
+    first = solve([sphere(300)], 7.0)[0]
     file = next(tmp_path.iterdir())
     with np.load(file) as stored:
         arrays = dict(stored)
     np.savez(file, **(arrays | {name: change(arrays[name])}))
     assert load_table(file, "cpu") is None
-    assert same(first, solve_tables([sphere(300)], 7.0, memory_limit=150_000, cache=tmp_path)[0])
+    assert same(first, solve([sphere(300)], 7.0)[0])
 
 
-def test_a_dense_file_that_claims_more_vertices_than_it_holds_is_none(sphere, tmp_path):
-    solve_tables([sphere(300)], 7.0, cache=tmp_path)
+def test_a_dense_file_that_claims_more_vertices_than_it_holds_is_none(solve, sphere, tmp_path):
+    solve([sphere(300)], 7.0)
     file = next(tmp_path.iterdir())
     with np.load(file) as stored:
         arrays = dict(stored)

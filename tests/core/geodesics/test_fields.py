@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from homolog.geodesics import distances_from, solve_table
+from homolog.geodesics import distances_from, solve_tables
 from homolog.surfaces.mesh import TriangleMesh
 
 
@@ -51,7 +51,7 @@ def globe():
 
 def test_a_vertex_of_eighty_triangles_is_no_obstacle_from_any_side(globe):
     pole = len(globe.vertices) - 2
-    table = solve_table(globe, 20.0).to_csr()
+    table = solve_tables([globe], 20.0)[0].to_csr()
     for source in range(6 * 80, 7 * 80, 4):
         across = 30 * np.arccos(np.clip(globe.vertices @ globe.vertices[source] / 900, -1, 1))
         for row, reach in ((distances_from(globe, [source]), 40), (table[[source]].toarray()[0], 19)):
@@ -61,7 +61,7 @@ def test_a_vertex_of_eighty_triangles_is_no_obstacle_from_any_side(globe):
 
 
 def test_a_field_is_a_row_of_the_table(slotted):
-    table = solve_table(slotted, 6.5).to_csr()
+    table = solve_tables([slotted], 6.5)[0].to_csr()
     field = distances_from(slotted, [42])
     row = table[[42]].toarray()[0]
     near = row > 0

@@ -2,10 +2,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from homolog.geodesics import solve_table
+from homolog.geodesics import solve_tables
 from homolog.geodesics.kernels.lookup import TableData, geodesic, surface_point, table_distance
-
-SQUARED, PLAIN = 0, 1
 
 
 @wp.kernel
@@ -15,13 +13,13 @@ def look_up(
     faces: wp.array(dtype=wp.vec3i),
     face: wp.array2d(dtype=wp.int32),
     point: wp.array2d(dtype=wp.vec3),
-    form: int,
     distances: wp.array(dtype=wp.vec4),
 ):
     k = wp.tid()
     x = surface_point(vertices, faces, face[k, 0], point[k, 0])
     y = surface_point(vertices, faces, face[k, 1], point[k, 1])
-    distances[k] = geodesic(tables[0], x, y, form)
+    pair = geodesic(tables[0], x, y)
+    distances[k] = wp.vec4(pair.at_x[0], pair.at_x[1], pair.at_x[2], pair.distance)
 
 
 @wp.kernel
@@ -32,7 +30,7 @@ def look_up_vertices(
     distances[k] = table_distance(tables[k % 2], pairs[k][0], pairs[k][1])
 
 
-def between(mesh, table, faces, points, form=SQUARED):
+def between(mesh, table, faces, points):
     """Derivative at x and distance of pairs of points, (n, 4); faces (n, 2), points (n, 2, 3)."""
     data = table.on_device("cpu")
     distances = wp.zeros(len(faces), dtype=wp.vec4, device="cpu")
@@ -42,7 +40,6 @@ def between(mesh, table, faces, points, form=SQUARED):
         wp.array(mesh.faces, dtype=wp.vec3i, device="cpu"),
         wp.array(faces.astype(np.int32), dtype=wp.int32, ndim=2, device="cpu"),
         wp.array(points.astype(np.float32), dtype=wp.vec3, ndim=2, device="cpu"),
-        form,
     ]
     wp.launch(look_up, len(faces), inputs=inputs, outputs=[distances], device="cpu")
     return distances.numpy()
@@ -69,7 +66,7 @@ def pairs(sphere):
     away = a * np.einsum("ij,ij->i", a, b)[:, None] - b
     return (
         mesh,
-        solve_table(mesh, 15.0),
+        solve_tables([mesh], 15.0)[0],
         faces,
         points,
         arc,
@@ -77,9 +74,9 @@ def pairs(sphere):
     )
 
 
-def test_the_squared_form_is_the_arc_between_any_points(pairs, storage):
+def test_the_distance_is_the_arc_between_any_points(pairs, storage):
     mesh, _, faces, points, arc, _ = pairs
-    distances = between(mesh, solve_table(mesh, 15.0), faces, points)[:, 3]
+    distances = between(mesh, solve_tables([mesh], 15.0)[0], faces, points)[:, 3]
     known = (distances >= 0) & (arc > mesh.mean_edge / 4)
     assert np.count_nonzero(known) > 5000
     assert np.abs(distances[known] / arc[known] - 1).mean() < 0.0015
@@ -104,14 +101,11 @@ def test_the_derivative_is_that_of_the_distance(pairs):
     moved[:, 0] += step
     back = points.copy()
     back[:, 0] -= step
-    for form in (SQUARED, PLAIN):
-        edge_slope = between(mesh, table, faces, points, form)[:, :3]
-        measured = (
-            between(mesh, table, faces, moved, form)[:, 3] - between(mesh, table, faces, back, form)[:, 3]
-        )
-        far = arc > mesh.mean_edge
-        predicted = np.einsum("ij,ij->i", edge_slope, 2 * step)
-        assert np.abs(measured - predicted)[far].max() < 1e-4 * mesh.mean_edge
+    edge_slope = between(mesh, table, faces, points)[:, :3]
+    measured = between(mesh, table, faces, moved)[:, 3] - between(mesh, table, faces, back)[:, 3]
+    far = arc > mesh.mean_edge
+    predicted = np.einsum("ij,ij->i", edge_slope, 2 * step)
+    assert np.abs(measured - predicted)[far].max() < 1e-4 * mesh.mean_edge
 
 
 def test_a_point_has_no_distance_from_itself(pairs):
@@ -122,20 +116,9 @@ def test_a_point_has_no_distance_from_itself(pairs):
     assert distances[:, 3].max() < 0.01 * mesh.mean_edge
 
 
-def test_the_papers_form_is_the_weighted_mean_of_nine(pairs):
-    mesh, table, faces, _, _, _ = pairs
-    matrix = table.to_csr().toarray()
-    corners = mesh.faces[faces]
-    centres = mesh.vertices[corners].mean(axis=2)
-    nine = matrix[corners[:, 0, :, None], corners[:, 1, None, :]]
-    distances = between(mesh, table, faces, centres, PLAIN)[:, 3]
-    known = distances >= 0
-    assert distances[known] == pytest.approx(nine[known].mean(axis=(1, 2)), abs=1e-4)
-
-
 def test_a_pair_with_a_missing_entry_is_out_of_range(pairs):
     mesh, _, faces, points, arc, _ = pairs
-    table = solve_table(mesh, 4.0)
+    table = solve_tables([mesh], 4.0)[0]
     distances = between(mesh, table, faces, points)
     out = distances[:, 3] < 0
     assert out[arc > 4.0 + 2 * mesh.mean_edge].all()
@@ -145,7 +128,7 @@ def test_a_pair_with_a_missing_entry_is_out_of_range(pairs):
 
 def test_tables_of_several_shapes_lie_in_one_array_scaled(sphere, storage):
     meshes = [sphere(300), sphere(500)]
-    tables = [solve_table(mesh, 10.0) for mesh in meshes]
+    tables = [solve_tables([mesh], 10.0)[0] for mesh in meshes]
     data = [tables[0].on_device("cpu"), tables[1].on_device("cpu", scale=0.1)]
     pairs = np.random.default_rng(0).integers(300, size=(400, 2)).astype(np.int32)
     distances = wp.zeros(400, dtype=float, device="cpu")
@@ -165,7 +148,7 @@ def test_within_one_triangle_the_distance_is_straight(pairs, storage):
     faces = np.repeat(random.integers(len(mesh.faces), size=(200, 1)), 2, axis=1)
     points = random_points(mesh, faces, random)
     points[:20, 1] = points[:20, 0]
-    distances = between(mesh, solve_table(mesh, 15.0), faces, points)
+    distances = between(mesh, solve_tables([mesh], 15.0)[0], faces, points)
     apart = points[:, 0] - points[:, 1]
     np.testing.assert_allclose(distances[:, 3], np.linalg.norm(apart, axis=1), atol=1e-5)
     assert (distances[:20] == 0).all()

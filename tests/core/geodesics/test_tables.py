@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from homolog.geodesics import geodesic_distances, measure_accuracy, solve_table, solve_tables
+from homolog.geodesics import geodesic_distances, measure_accuracy, solve_tables
 from homolog.surfaces.mesh import TriangleMesh
 
 
@@ -12,7 +12,7 @@ def arcs(mesh, radius=30.0):
 
 def test_distances_on_a_sphere_are_its_arcs(sphere, storage):
     mesh = sphere(1500)
-    table = solve_table(mesh, 15.0)
+    table = solve_tables([mesh], 15.0)[0]
     assert table.storage == storage
     matrix, exact = table.to_csr().toarray(), arcs(mesh)
     near = (exact > 0) & (exact < 14.9)
@@ -23,7 +23,7 @@ def test_distances_on_a_sphere_are_its_arcs(sphere, storage):
 
 def test_a_table_has_every_pair_up_to_d_max_and_no_other(sphere, storage):
     mesh = sphere(800)
-    matrix, exact = solve_table(mesh, 12.0).to_csr().toarray(), arcs(mesh)
+    matrix, exact = solve_tables([mesh], 12.0)[0].to_csr().toarray(), arcs(mesh)
     off_diagonal = ~np.eye(len(matrix), dtype=bool)
     assert (matrix[off_diagonal & (exact < 11.9)] > 0).all()
     assert (matrix[exact > 12.1] == 0).all()
@@ -31,7 +31,7 @@ def test_a_table_has_every_pair_up_to_d_max_and_no_other(sphere, storage):
 
 
 def test_a_table_is_symmetric_and_zero_on_the_diagonal(slotted, storage):
-    matrix = solve_table(slotted, 8.0).to_csr()
+    matrix = solve_tables([slotted], 8.0)[0].to_csr()
     assert (matrix != matrix.T).nnz == 0
     assert (matrix.diagonal() == 0).all()
     stored = matrix.copy()
@@ -42,9 +42,9 @@ def test_a_table_is_symmetric_and_zero_on_the_diagonal(slotted, storage):
 def test_both_storages_hold_the_same_distances(slotted, monkeypatch):
     from homolog.geodesics import plan
 
-    dense = solve_table(slotted, 8.0)
+    dense = solve_tables([slotted], 8.0)[0]
     monkeypatch.setattr(plan, "DENSE_BUDGET", 0)
-    blocks = solve_table(slotted, 8.0)
+    blocks = solve_tables([slotted], 8.0)[0]
     assert (dense.storage, blocks.storage) == ("dense", "blocks")
     assert (dense.to_csr() != blocks.to_csr()).nnz == 0
     assert blocks.nbytes < dense.nbytes
@@ -78,7 +78,7 @@ def test_the_other_side_of_a_thin_wall_is_far(plate):
 
 def test_infinite_d_max_gives_every_pair(sphere, storage):
     mesh = sphere(300)
-    table = solve_table(mesh, np.inf)
+    table = solve_tables([mesh], np.inf)[0]
     assert table.to_csr().nnz == 300**2
     exact = arcs(mesh)
     error = np.abs(table.to_csr().toarray() - exact) / (30 * np.pi)
@@ -87,26 +87,13 @@ def test_infinite_d_max_gives_every_pair(sphere, storage):
 
 
 def test_d_max_beyond_the_mesh_gives_every_pair(sphere):
-    assert solve_table(sphere(300), 1e9).to_csr().nnz == 300**2
-
-
-def test_the_planar_element_of_the_paper_overestimates(sphere):
-    mesh = sphere(1500)
-    exact = arcs(mesh)
-    near = (exact > 0) & (exact < 9.9)
-    mean = {}
-    for element in ("point", "linear"):
-        matrix = solve_table(mesh, 10.0, element=element).to_csr().toarray()
-        there = near & (matrix > 0)
-        mean[element] = (matrix[there] / exact[there] - 1).mean()
-    assert abs(mean["point"]) < 0.002
-    assert mean["linear"] > 0.01
+    assert solve_tables([sphere(300)], 1e9)[0].to_csr().nnz == 300**2
 
 
 @pytest.mark.parametrize("factor", [1e-3, 1e4])
 def test_the_unit_of_length_does_not_matter(slotted, factor):
     scaled = TriangleMesh(slotted.vertices * factor, slotted.faces)
-    first, other = solve_table(slotted, 8.0), solve_table(scaled, 8.0 * factor)
+    first, other = solve_tables([slotted], 8.0)[0], solve_tables([scaled], 8.0 * factor)[0]
     codes = [table.codes.numpy().astype(int) for table in (first, other)]
     apart = np.abs(codes[0] - codes[1])[(codes[0] < 65535) & (codes[1] < 65535)]
     assert ((codes[0] == 65535) != (codes[1] == 65535)).mean() < 1e-4  # at the very rim
@@ -116,11 +103,13 @@ def test_the_unit_of_length_does_not_matter(slotted, factor):
 
 def test_the_place_in_the_world_does_not_matter(slotted):
     moved = TriangleMesh(slotted.vertices + np.array([-512.0, 1024.0, 4096.0]), slotted.faces)
-    assert np.array_equal(solve_table(slotted, 8.0).codes.numpy(), solve_table(moved, 8.0).codes.numpy())
+    assert np.array_equal(
+        solve_tables([slotted], 8.0)[0].codes.numpy(), solve_tables([moved], 8.0)[0].codes.numpy()
+    )
 
 
 def test_errors_against_the_exact_solver_are_within_the_goal(slotted):
-    accuracy = measure_accuracy(slotted, solve_table(slotted, 6.5), 48)  # 20 % of the diagonal
+    accuracy = measure_accuracy(slotted, solve_tables([slotted], 6.5)[0], 48)  # 20 % of the diagonal
     assert accuracy.pairs > 3000
     assert accuracy.missing == 0
     assert accuracy.mean < 0.0006
@@ -133,7 +122,7 @@ def test_real_surfaces_are_as_accurate(data):
     from homolog.files.meshes import read_mesh
 
     mesh = read_mesh(sorted((data / "vertebra_l1_verse" / "meshes").glob("*.ply"))[0])
-    accuracy = measure_accuracy(mesh, solve_table(mesh, 2.5), 4)
+    accuracy = measure_accuracy(mesh, solve_tables([mesh], 2.5)[0], 4)
     assert accuracy.missing == 0
     assert accuracy.mean < 0.0005
     assert accuracy.p99 < 0.003

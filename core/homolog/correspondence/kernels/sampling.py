@@ -4,7 +4,7 @@ import warp as wp
 
 from homolog.correspondence.kernels.functions import tangent
 from homolog.correspondence.kernels.particles import Layout, Surface
-from homolog.geodesics.kernels.lookup import SurfacePoint, geodesic, geodesic_pair
+from homolog.geodesics.kernels.lookup import SurfacePoint, geodesic
 
 wp.set_module_options({"enable_backward": False})
 
@@ -26,7 +26,6 @@ CUTOFF_RATIO = wp.constant(CUTOFF)
 MAX_WIDTH = wp.constant(MAX_WIDTH_RATIO)
 MIN_WIDTH = wp.constant(0.1)
 STRAIGHT_MARGIN = wp.constant(1.05)  # geodesic distances are interpolated, and may be that much too short
-SQUARED_FORM = wp.constant(0)
 
 
 @wp.kernel
@@ -79,7 +78,7 @@ def link_neighbours(
         if other != p and other // c.per_shape == shape and near:
             d = float(0.0)
             if c.geodesic == 1:
-                d = geodesic(table, closest_point, closest[other], SQUARED_FORM)[3]
+                d = geodesic(table, closest_point, closest[other]).distance
             if d >= 0.0 and d < cutoff:
                 if count < neighbours.shape[1]:
                     neighbours[p, count] = other
@@ -143,7 +142,7 @@ def measure_pairs(
             reach = STRAIGHT_MARGIN * CUTOFF_RATIO * wp.max(s, widths[j])
             if wp.length_sq(straight) < reach * reach:
                 if c.geodesic == 1:
-                    pair = geodesic_pair(table, closest_point, closest[j])
+                    pair = geodesic(table, closest_point, closest[j])
                     own = away(pair.at_x, n, pair.distance)
                     other = away(pair.at_y, normals[j], pair.distance)
                 else:

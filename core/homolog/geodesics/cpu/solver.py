@@ -43,7 +43,6 @@ class PreparedMesh:
     groups: Any
     margin: Any  # (K,) see `fan_kernels.find_margins`
     limits: Any
-    planar: bool
 
     @property
     def n_vertices(self) -> int:
@@ -65,11 +64,11 @@ class PreparedMesh:
         scratch.size = wp.zeros(1, dtype=wp.int32, device="cpu")
         fans = self.fans
         inputs = [scratch, fans.position, fans.start, fans.corners, self.margin, self.limits, self.groups]
-        sweep = _recorded(sweep_kernels.sweep_cluster, 1, [*inputs, int(self.planar), 0])
+        sweep = _recorded(sweep_kernels.sweep_cluster, 1, [*inputs, 0])
         return scratch, lambda cluster: _launch(sweep, cluster)
 
 
-def _prepare(plan: TablePlan, task: Task, delaunay: Triangulation, clusters: Clusters) -> PreparedMesh:
+def _prepare(task: Task, delaunay: Triangulation, clusters: Clusters) -> PreparedMesh:
     """Renumber the vertices by slot and compute what the kernels need."""
     mesh_vertex = np.argsort(clusters.slot).astype(np.int32)
     number = np.empty_like(mesh_vertex)
@@ -96,7 +95,7 @@ def _prepare(plan: TablePlan, task: Task, delaunay: Triangulation, clusters: Clu
     inputs = [fans.start, fans.corners, margin]
     wp.launch(fan_kernels.find_margins, len(mesh_vertex), inputs=inputs, device="cpu")
     limits = task.kernel_limits()
-    return PreparedMesh(task, fans, clusters, mesh_vertex_array, groups, margin, limits, plan.is_planar)
+    return PreparedMesh(task, fans, clusters, mesh_vertex_array, groups, margin, limits)
 
 
 def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> GeodesicTable:
@@ -128,7 +127,7 @@ def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> Geode
         wp.load_module(module, device="cpu")
     delaunay = triangulate([task.mesh])
     clusters = find_clusters(delaunay)
-    prepared = _prepare(plan, task, delaunay, clusters)
+    prepared = _prepare(task, delaunay, clusters)
     arrays = (_solve_dense if plan.dense else _solve_blocks)(prepared, threads, report)
     return GeodesicTable(len(task.mesh.vertices), task.d_max, float(prepared.limits.unit), *arrays)
 

@@ -83,10 +83,10 @@ def start(front: Any, sources: Any, clusters: range, halo: float) -> None:  # no
     wp.launch(front_kernels.build_patches, (len(clusters), block_dim), inputs=inputs, block_dim=block_dim)
 
 
-def advance(front: Any, sources: Any, clusters: range, planar: bool) -> None:  # noqa: ANN401
+def advance(front: Any, sources: Any, clusters: range) -> None:  # noqa: ANN401
     """Advance some clusters to convergence, from the patches and pending triangles of the front."""
     block_dim = _block_dim(front)
-    inputs = [front, sources, clusters.start, int(planar), block_dim]
+    inputs = [front, sources, clusters.start, block_dim]
     wp.launch(front_kernels.advance_front, (len(clusters), block_dim), inputs=inputs, block_dim=block_dim)
 
 

@@ -41,7 +41,6 @@ class DeviceCohort:
     sources: Any
     limits: list[Any]
     halo: float
-    planar: bool
 
     @property
     def max_vertices(self) -> int:
@@ -105,7 +104,7 @@ def _upload(plan: TablePlan, device: str) -> DeviceCohort:
         sources.corners = fans.corners
         sources.bounds = fans.bounds
     halo = float(delaunay.length.max())
-    return DeviceCohort(fans, clusters, sources, limits, halo, plan.is_planar)
+    return DeviceCohort(fans, clusters, sources, limits, halo)
 
 
 def _solve(front: Any, cohort: DeviceCohort, clusters: range, dense: bool) -> None:  # noqa: ANN401
@@ -113,7 +112,7 @@ def _solve(front: Any, cohort: DeviceCohort, clusters: range, dense: bool) -> No
     if dense:
         clear(front)  # all distances are read
     start(front, cohort.sources, clusters, cohort.halo)
-    advance(front, cohort.sources, clusters, cohort.planar)
+    advance(front, cohort.sources, clusters)
 
 
 class _DenseStore:

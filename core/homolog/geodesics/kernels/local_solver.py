@@ -85,18 +85,6 @@ def path_lower_bound(corner: Corner, da: float, db: float) -> float:
 
 
 @wp.func
-def planar_update(corner: Corner, da: float, db: float) -> float:
-    """Return the distance at c from a planar front through da and db, as in the paper (Fu et al. 2011)."""
-    best = wp.min(da + corner.ac, db + corner.bc)
-    slope_x = (db - da) * 2.0 * corner.half
-    squared = 1.0 - slope_x * slope_x
-    slope_y = wp.sqrt(wp.max(squared, 0.0))
-    crossing = corner.x * slope_y - slope_x * corner.y
-    inside = squared > 0.0 and crossing >= 0.0 and crossing <= corner.length * slope_y
-    return wp.where(inside, wp.min(best, da + slope_x * corner.x + slope_y * corner.y), best)
-
-
-@wp.func
 def encode(distance: float, limits: DistanceLimits) -> wp.uint16:
     """Return the code of a distance, MISSING beyond `max_encoded`."""
     return wp.uint16(wp.where(distance <= limits.max_encoded, int(distance / limits.unit + 0.5), MISSING))

@@ -15,7 +15,6 @@ __all__ = [
     "SurfacePoint",
     "TableData",
     "geodesic",
-    "geodesic_pair",
     "surface_point",
     "table_distance",
 ]
@@ -54,7 +53,7 @@ class SurfacePoint:
 
 @wp.struct
 class PairDistance:
-    """The geodesic distance of two points; negative if it is out of the table's range."""
+    """The geodesic distance of two points, in the table's unit; negative beyond its range."""
 
     distance: float
     at_x: wp.vec3  # derivative with respect to the first point, in the plane of its triangle
@@ -147,39 +146,13 @@ def surface_point(
 
 
 @wp.func
-def geodesic(table: TableData, x: SurfacePoint, y: SurfacePoint, form: int) -> wp.vec4:
-    """Return the derivative of the geodesic distance D(x, y) with respect to x, and D.
+def geodesic(table: TableData, x: SurfacePoint, y: SurfacePoint) -> PairDistance:
+    """Return the geodesic distance D(x, y), with its derivatives with respect to x and to y.
 
-    Form 0 interpolates the square: D² = Σ aᵢ bⱼ dᵢⱼ² - Σ aᵢ |vᵢ - x|² - Σ bⱼ |wⱼ - y|², exact in the plane
-    and smooth at x = y; within one triangle D is |x - y|. Form 1 is the paper's (Datar et al. 2011,
-    section 2): D = Σ aᵢ bⱼ dᵢⱼ, too long for points closer than an edge or two, and not 0 at x = y.
-
-    Returns
-    -------
-    vec4
-        The derivative, in the plane of x's triangle (its length is about 1; it is 0 where D is 0), then D
-        in the table's unit of length. D is negative, and the derivative 0, if one of the nine vertex
-        distances is out of the table's range.
+    D² = Σ aᵢ bⱼ dᵢⱼ² - Σ aᵢ |vᵢ - x|² - Σ bⱼ |wⱼ - y|² is exact in the plane and smooth at x = y; within one
+    triangle D is |x - y|. Derivatives have a length of about 1, 0 where D is 0. D is negative if one of the
+    nine vertex distances is out of the table's range.
     """
-    if form == 0:
-        pair = geodesic_pair(table, x, y)
-        return wp.vec4(pair.at_x[0], pair.at_x[1], pair.at_x[2], pair.distance)
-    codes = corner_codes(table, x.corners, y.corners)
-    interpolated = wp.vec3(0.0, 0.0, 0.0)  # y's interpolation at each corner of x
-    for i in range(3):
-        total = float(0.0)
-        for j in range(3):
-            if codes[i, j] == MISSING:
-                return wp.vec4(0.0, 0.0, 0.0, -1.0)
-            total += y.weights[j] * float(codes[i, j]) * table.unit
-        interpolated[i] = total
-    gradient = wp.transpose(x.gradients) * interpolated
-    return wp.vec4(gradient[0], gradient[1], gradient[2], wp.dot(x.weights, interpolated))
-
-
-@wp.func
-def geodesic_pair(table: TableData, x: SurfacePoint, y: SurfacePoint) -> PairDistance:
-    """Return the geodesic distance D(x, y) in form 0, with its derivatives with respect to x and to y."""
     pair = PairDistance()
     if x.corners == y.corners:
         # straight, where rounded codes would be a hundredth of an edge off

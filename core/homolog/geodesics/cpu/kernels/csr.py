@@ -1,9 +1,9 @@
-"""Kernels that turn the codes of a table into the rows of a sparse matrix."""
+"""Kernel that turns the blocks of a table into the rows of a sparse matrix."""
 
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.cpu.kernels.patch import LaneCodes, LaneCounts, load_code
+from homolog.geodesics.cpu.kernels.patch import LaneCodes, load_code
 from homolog.geodesics.kernels.lookup import LANES, MISSING
 from homolog.geodesics.kernels.memory import load_int
 
@@ -23,59 +23,6 @@ def store_entry(
 
 
 @wp.kernel
-def count_dense(codes: wp.array2d(dtype=wp.uint16), count: wp.array(dtype=wp.int64)):
-    """Count the entries of each row."""
-    i = wp.tid()
-    n = int(0)
-    for j in range(codes.shape[1]):
-        n += wp.where(int(codes[i, j]) != MISSING, 1, 0)
-    count[i] = wp.int64(n)
-
-
-@wp.kernel
-def fill_dense(
-    codes: wp.array2d(dtype=wp.uint16),
-    unit: float,
-    row_end: wp.array(dtype=wp.int64),
-    columns: wp.array(dtype=wp.int32),
-    distances: wp.array(dtype=wp.float32),
-):
-    """Write the entries of each row; `row_end` holds where it begins, and afterwards where it ends."""
-    i = wp.tid()
-    k = row_end[i]
-    for j in range(codes.shape[1]):
-        code = int(codes[i, j])
-        if code != MISSING:
-            columns[k] = j
-            distances[k] = float(code) * unit
-            k += wp.int64(1)
-    row_end[i] = k
-
-
-@wp.kernel
-def count_blocks(
-    codes: wp.array(dtype=LaneCodes),
-    row: wp.array2d(dtype=wp.uint16),
-    start: wp.array(dtype=wp.int32),
-    vertex: wp.array2d(dtype=wp.int32),
-    count: wp.array(dtype=wp.int64),
-):
-    """Count the entries of the rows of one cluster's vertices (-1: a lane without one)."""
-    cluster = wp.tid()
-    last = codes.shape[0]
-    if cluster + 1 < start.shape[0]:
-        last = start[cluster + 1]
-    n = LaneCounts(0)
-    for k in range(start[cluster], last):
-        codes_of_row = codes[k]
-        for lane in range(LANES):
-            n[lane] += wp.where(int(codes_of_row[lane]) != MISSING, 1, 0)
-    for lane in range(LANES):
-        if vertex[cluster, lane] >= 0:
-            count[vertex[cluster, lane]] = wp.int64(n[lane])
-
-
-@wp.kernel
 def fill_blocks(
     codes: wp.array(dtype=LaneCodes),
     row: wp.array2d(dtype=wp.uint16),
@@ -87,9 +34,10 @@ def fill_blocks(
     distances: wp.array(dtype=wp.float32),
     row_vertices: wp.array(dtype=wp.int32),
 ):
-    """Write the entries of the rows of one cluster's vertices; `row_end` as in `fill_dense`.
+    """Write the entries of the rows of one cluster's vertices (-1: a lane without one).
 
-    `row_vertices` is scratch, one entry for each vertex.
+    `row_end` holds where each row begins, and afterwards where it ends; `row_vertices` is scratch, one entry
+    for each vertex.
     """
     cluster = wp.tid()
     spare = wp.int64(columns.shape[0] - 1)  # in place of a branch, which would be mispredicted half the time

@@ -26,7 +26,6 @@ from homolog.geodesics.kernels.local_solver import (
     UNREACHED,
     Corner,
     DistanceLimits,
-    planar_update,
     straight_path_squared,
 )
 from homolog.geodesics.kernels.lookup import LANES
@@ -45,7 +44,6 @@ def triangle_updates(
     v: int,
     fan: wp.array(dtype=wp.int32),
     corners: wp.array(dtype=Corner),
-    planar: int,
 ) -> Lanes:
     """Return the shortest distances at v through its triangles, in all lanes."""
     best = Lanes(UNREACHED)
@@ -57,16 +55,12 @@ def triangle_updates(
         corner = corners[k]
         k += 1
         db = load_lanes(u, corner.b)
-        if planar == 0:
-            # This comparison takes one instruction; wp.min takes three.
-            for lane in range(LANES):
-                via_edge = db[lane] + corner.bc
-                best[lane] = wp.where(via_edge < best[lane], via_edge, best[lane])
-                straight = straight_path_squared(corner, da[lane], db[lane])
-                squared[lane] = wp.where(straight < squared[lane], straight, squared[lane])
-        else:
-            for lane in range(LANES):
-                best[lane] = wp.min(best[lane], planar_update(corner, da[lane], db[lane]))
+        # This comparison takes one instruction; wp.min takes three.
+        for lane in range(LANES):
+            via_edge = db[lane] + corner.bc
+            best[lane] = wp.where(via_edge < best[lane], via_edge, best[lane])
+            straight = straight_path_squared(corner, da[lane], db[lane])
+            squared[lane] = wp.where(straight < squared[lane], straight, squared[lane])
         da = db  # the next triangle's
     for lane in range(LANES):
         via_edge = wp.sqrt(squared[lane])
@@ -82,11 +76,10 @@ def relax_vertex(
     corners: wp.array(dtype=Corner),
     margins: wp.array(dtype=wp.float32),
     limits: DistanceLimits,
-    planar: int,
 ):
     """Update a vertex; if it decreases, activate the neighbours that may follow (see `find_margins`)."""
     old = load_lanes(scratch.u, v)
-    new = triangle_updates(scratch.u, v, fan, corners, planar)
+    new = triangle_updates(scratch.u, v, fan, corners)
     announced = Lanes()
     # Flags are combined by "or": a sum would not be vectorized.
     any_decrease = int(0)
@@ -123,7 +116,6 @@ def sweep_cluster(
     margins: wp.array(dtype=wp.float32),
     limits: DistanceLimits,
     groups: Groups,
-    planar: int,
     cluster: int,
 ):
     """Solve the distances from one cluster's sources: sweeps over active vertices, near to far."""
@@ -155,4 +147,4 @@ def sweep_cluster(
                             if load_flag(scratch.active, p) != 0:
                                 set_flag(scratch.active, p, 0)
                                 v = load_int(scratch.patch, p)
-                                relax_vertex(scratch, v, fan, corners, margins, limits, planar)
+                                relax_vertex(scratch, v, fan, corners, margins, limits)

@@ -36,7 +36,6 @@ from homolog.geodesics.kernels.local_solver import (
     DistanceLimits,
     edge_path,
     path_lower_bound,
-    planar_update,
     straight_path_squared,
 )
 from homolog.geodesics.kernels.memory import (
@@ -137,10 +136,8 @@ def build_patches(front: Front, sources: Sources, offset: int, halo: float, thre
 
 
 @wp.func
-def triangle_update(corner: Corner, da: float, db: float, best: float, planar: int) -> float:
+def triangle_update(corner: Corner, da: float, db: float, best: float) -> float:
     """Return the shorter of the best known distance and that through a triangle."""
-    if planar != 0:
-        return wp.min(best, planar_update(corner, da, db))
     best = wp.min(best, edge_path(corner, da, db))
     if path_lower_bound(corner, da, db) < best:
         best = wp.min(best, wp.sqrt(straight_path_squared(corner, da, db)))
@@ -156,7 +153,6 @@ def relax_vertex(
     v: int,
     lane: int,
     pending_triangles: int,
-    planar: int,
 ) -> wp.vec2i:
     """Update a vertex's distance in one lane from its pending triangles.
 
@@ -178,7 +174,7 @@ def relax_vertex(
         next_c = wp.where(remaining != 0, begin + count_trailing_zeros(remaining), c)
         next_a = load(front.u, origin + corner_a(sources.corners, next_c) * ctx.lanes)
         next_b = load(front.u, origin + corner_b(sources.corners, next_c) * ctx.lanes)
-        best = triangle_update(load_corner(sources.corners, c), da, db, best, planar)
+        best = triangle_update(load_corner(sources.corners, c), da, db, best)
         c = next_c
         da = next_a
         db = next_b
@@ -186,7 +182,7 @@ def relax_vertex(
         for k in range(begin + LAST_TRIANGLE_BIT + 1, last + 1):
             da = load(front.u, origin + corner_a(sources.corners, k) * ctx.lanes)
             db = load(front.u, origin + corner_b(sources.corners, k) * ctx.lanes)
-            best = triangle_update(load_corner(sources.corners, k), da, db, best, planar)
+            best = triangle_update(load_corner(sources.corners, k), da, db, best)
     if DECREASE_TOLERANCE * best < old:
         store(front.u, origin + v * ctx.lanes, best)
         memory_fence()
@@ -196,7 +192,7 @@ def relax_vertex(
 
 
 @wp.kernel(launch_bounds=(BLOCK_DIM, 4))
-def advance_front(front: Front, sources: Sources, offset: int, planar: int, threads: int):
+def advance_front(front: Front, sources: Sources, offset: int, threads: int):
     """Lower each cluster's distances until no vertex is active; thread (cluster, thread of the block)."""
     b, thread = wp.tid()
     ctx = thread_context(front, sources, b, offset, thread, threads)
@@ -223,7 +219,7 @@ def advance_front(front: Front, sources: Sources, offset: int, planar: int, thre
                     affected = wp.vec2i(0, 0)
                     lane = ctx.lane
                     while lane < ctx.lanes:
-                        own = relax_vertex(front, sources, ctx, limits, v, lane, pending_triangles, planar)
+                        own = relax_vertex(front, sources, ctx, limits, v, lane, pending_triangles)
                         affected = wp.vec2i(affected[0] | own[0], affected[1] | own[1])
                         lane += ctx.lane_step
                     warp_sync()
