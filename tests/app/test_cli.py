@@ -50,7 +50,7 @@ def test_a_wrong_use_ends_with_two_and_a_hint(options, capsys):
         (NumericalError("a: no surface"), 1, "homolog: a: no surface\n"),
         (
             PermissionError(13, "Permission denied", "/x/a.nrrd"), 2,
-            "homolog: /x/a.nrrd: Permission denied; see who may read or write it, or choose another place\n",
+            "homolog: /x/a.nrrd: Permission denied; check its permissions, or choose another location\n",
         ),
         (Cancelled("cancelled"), 130, "cancelled\n"),
         (KeyboardInterrupt(), 130, "cancelled\n"),

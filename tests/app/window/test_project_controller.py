@@ -256,7 +256,7 @@ def test_what_the_system_refuses_is_said_with_the_file(window, errors, monkeypat
     monkeypatch.setattr("homolog_app.studies.study.read_cohort", refuse)
     window.projects.open_paths([tmp_path])
     ((_, error),) = errors
-    assert user_message(error).startswith(f"{tmp_path}: Permission denied; see who")
+    assert user_message(error).startswith(f"{tmp_path}: Permission denied; ")
 
 
 @pytest.mark.window
