@@ -196,14 +196,14 @@ def add_screenshot(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
         kinds,
         "screenshot",
         "the window's views as PNG",
-        "Draw the views like the window's Screenshot. VIEW is JSON with page, shapes and cameras, as shown "
+        "Draw the views like the window's Screenshot. SCENE is JSON with page, shapes and cameras, as shown "
         "in the window's "
         'dialog. The shortest is \'{"view": {"page": "modes"}}\'; pages are subjects, '
-        "modes, groups, measure and check. VIEW may also be a file NAME.views.npz, which the window writes "
+        "modes, groups, measure and check. SCENE may also be a file NAME.views.npz, which the window writes "
         "with pictures of views that a project does not contain, such as those of a run in progress.",
         "FILE (.png)",
     )
-    parser.add_argument("--view", required=True, metavar="VIEW", help="JSON, or a file that contains it")
+    parser.add_argument("--scene", required=True, metavar="SCENE", help="JSON, or a file that contains it")
     add_options(parser, ScreenshotSettings)
 
 
@@ -216,10 +216,10 @@ def run_screenshot(arguments: argparse.Namespace) -> int:
     from homolog_app.views.snapshot import view_contents_of
 
     with exporting(arguments) as tick:
-        if arguments.view.endswith(KEPT):
-            shown, canvas = read_shown(Path(arguments.view))
+        if arguments.scene.endswith(KEPT):
+            shown, canvas = read_shown(Path(arguments.scene))
         else:
-            wanted = _snapshot(arguments.view)
+            wanted = _snapshot(arguments.scene)
             shown, canvas = view_contents_of(ProjectFolder(arguments.project), wanted, tick), wanted.canvas
         tick(0.9, "drawing")
         pixels = with_opengl(_drawn, shown, canvas, settings.scale, settings.transparent)
@@ -244,11 +244,11 @@ def _snapshot(text: str) -> "Snapshot":
         content = text if text.lstrip().startswith("{") else Path(text).read_bytes()
         return Snapshot.model_validate_json(content)
     except OSError as error:
-        raise InputError(f"--view {text}: can't be read: {error.strerror}") from error
+        raise InputError(f"--scene {text}: can't be read: {error.strerror}") from error
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"])) or "the JSON"
-        raise InputError(f"--view: {where}: {fault_text(first)}") from error
+        raise InputError(f"--scene: {where}: {fault_text(first)}") from error
 
 
 _PLOT_SUFFIXES = (".svg", ".pdf", ".png")

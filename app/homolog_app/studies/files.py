@@ -47,7 +47,7 @@ class ViewRecord(BaseModel):
     Attributes
     ----------
     step, page : str
-        The open step, and the open page of Explore by its title.
+        The open step, empty if unknown, and the open page of Explore by its title.
     selection : tuple of str
     layout : int
         Subjects a page of the views.
@@ -61,7 +61,7 @@ class ViewRecord(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    step: str = "cohort"
+    step: str = ""
     page: str = ""
     selection: tuple[str, ...] = ()
     layout: Literal[1, 4, 9, 16] = 4

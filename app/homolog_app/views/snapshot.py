@@ -74,7 +74,7 @@ def view_contents_of(project: ProjectFolder, wanted: Snapshot, tick: Tick) -> Vi
 
 def _check(fine: bool, fault: str) -> None:
     if not fine:
-        raise InputError(f"--view: {fault}")
+        raise InputError(f"--scene: {fault}")
 
 
 def _needed(project: ProjectFolder, loaded: LoadedResult | None) -> LoadedResult:

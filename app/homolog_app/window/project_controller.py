@@ -126,7 +126,8 @@ class ProjectController(Controller):
         self.show_recent()
         self._commands[f"view.grid{opened.view.layout}"].trigger()
         resumable = opened.unfinished and project.checkpoint.is_file()
-        self._workspace.session.show_step("correspond" if resumable and not opened.has_result else "cohort")
+        stopped = resumable and not opened.has_result
+        self._workspace.session.show_step("correspond" if stopped else opened.view.step or "cohort")
         if opened.has_result:
             self._workspace.work.open_result(project, lambda: self._show_as(opened.view))
         if resumable:
@@ -320,8 +321,7 @@ class ProjectController(Controller):
         )
         if not path or not self.may_leave():
             return
-        source = Path(path)
-        source = source.parent if source.suffix.lower() in (".particles", ".pts") else source
+        source = Path(path).parent if Path(path).suffix.lower() in (".particles", ".pts") else Path(path)
         folder, _ = QFileDialog.getSaveFileName(
             self._window, "Save project as (creates a folder)", source.stem
         )
@@ -363,8 +363,8 @@ class ProjectController(Controller):
 
     def _group(self) -> None:
         session = self._workspace.session
-        text = f"Group of {len(session.selection)} subjects:"
-        name, chosen = QInputDialog.getItem(self._window, "Set group", text, session.study.groups or [""])
+        text, groups = f"Group of {len(session.selection)} subjects:", session.study.groups or [""]
+        name, chosen = QInputDialog.getItem(self._window, "Set group", text, groups)
         if chosen:
             session.set_group(name.strip() or None)
 
@@ -383,7 +383,7 @@ class ProjectController(Controller):
     def _show_as(self, view: ViewRecord) -> None:
         """Restore the view state of the saved project."""
         explore, views = self._explore, self.views
-        self._workspace.session.show_step("explore")
+        self._workspace.session.show_step(view.step or "explore")
         for page in explore.pages:
             if page.title == view.page:
                 explore.open_page(page)

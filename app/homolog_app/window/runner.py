@@ -205,12 +205,25 @@ REST = 100.0
 """Pause after a full collection, relative to its duration."""
 
 
+_ACTIVE: set[int] = set()
+"""Collectors in place of the automatic one."""
+
+
+def _release(number: int, *_: object) -> None:
+    _ACTIVE.discard(number)
+    if not _ACTIVE:
+        gc.enable()
+
+
 class GarbageCollector(QObject):
     """Replaces Python's automatic garbage collection until `close`."""
 
     def __init__(self, parent: QObject) -> None:
         super().__init__(parent)
         self._next_whole = 0.0
+        self._release = partial(_release, id(self))
+        _ACTIVE.add(id(self))
+        self.destroyed.connect(self._release)
         gc.disable()
         self._timer = QTimer(self, interval=_EVERY_MS)
         self._timer.timeout.connect(self.sweep)
@@ -221,9 +234,9 @@ class GarbageCollector(QObject):
         gc.freeze()
 
     def close(self) -> None:
-        """Enable Python's automatic collection again."""
+        """Enable Python's automatic collection again, unless another window's collector is at work."""
         self._timer.stop()
-        gc.enable()
+        self._release()
 
     @Slot()
     def sweep(self) -> None:

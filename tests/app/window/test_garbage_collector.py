@@ -47,6 +47,14 @@ def tie_knots(freed):
     return work
 
 
+def test_the_automatic_collection_stays_off_until_the_last_window_has_closed(make_window):
+    first, second = (make_window(views=False).workspace.garbage_collector for _ in range(2))
+    second.close()
+    assert not gc.isenabled()
+    first.close()
+    assert gc.isenabled()
+
+
 def test_what_the_computing_thread_leaves_is_collected_in_the_windows(
     make_window, wait, collections, monkeypatch
 ):

@@ -251,8 +251,8 @@ def test_shapes_leave_room_for_the_texts_of_their_views(groomed, count):
 def test_wide_shapes_stand_below_captions_and_narrow_ones_beside_them():
     from homolog_app.views.cell import ViewMargins
 
-    margins = ViewMargins(width=360.0, height=210.0, beside=24.0, above=26.0, caption=80.0, below=44.0)
-    for across, rim in ((20.0, 26.0), (60.0, 44.0)):
+    margins = ViewMargins(width=360.0, height=300.0, beside=24.0, above=26.0, caption=80.0, below=44.0)
+    for across, rim in ((20.0, 26.0), (50.0, 44.0)):
         along = 40.0
         a_pixel = 2.0 * margins.scale(across, along) / margins.height
         assert (margins.height - 2.0 * along / a_pixel) / 2.0 == pytest.approx(rim)

@@ -81,7 +81,7 @@ def test_views_that_are_turned_alone_and_a_page_of_them_are_drawn_again(explored
     camera.Zoom(1.7)
     mine, theirs, text = both()
     assert_same(mine, theirs)
-    assert json.loads(text[text.index("--view") + 1])["canvas"]["page"] == 1
+    assert json.loads(text[text.index("--scene") + 1])["canvas"]["page"] == 1
 
 
 def test_a_moment_of_the_run_is_drawn_again(explored, both, wait):
@@ -90,7 +90,7 @@ def test_a_moment_of_the_run_is_drawn_again(explored, both, wait):
     time.setValue(0)
     mine, theirs, text = both()
     assert_same(mine, theirs)
-    assert '"moment":0' in text[text.index("--view") + 1]
+    assert '"moment":0' in text[text.index("--scene") + 1]
 
 
 def test_modes_are_drawn_again_alone_in_rows_and_beside_a_subject(explore, finished, window, both):
@@ -178,7 +178,7 @@ def test_a_picture_needs_no_display(explored, both, tmp_path):
 def test_what_is_wrong_with_a_view_is_said(finished, tmp_path, capsys, view, message):
     from homolog_app.cli import main
 
-    line = ["export", "screenshot", str(finished), "--view", view, "--out", str(tmp_path / "p.png")]
+    line = ["export", "screenshot", str(finished), "--scene", view, "--out", str(tmp_path / "p.png")]
     assert main([*line, "--progress", "none"]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "p.png").exists()
@@ -234,7 +234,7 @@ def test_what_was_not_saved_is_drawn_again_from_the_file_beside_the_picture(expl
     page.arrows.setChecked(True)
     mine, theirs, text = both()
     assert_same(mine, theirs)
-    assert text[text.index("--view") + 1].endswith("mine.views.npz")
+    assert text[text.index("--scene") + 1].endswith("mine.views.npz")
 
 
 def test_a_picture_shows_what_was_seen_when_it_was_asked_for(explored, tmp_path):
@@ -276,7 +276,7 @@ def test_damaged_files_beside_a_picture_are_refused(explored, tmp_path, capsys):
     (tmp_path / "cut.views.npz").write_bytes(whole.read_bytes()[:-2000])
     for damage in ("cut", *damages):
         path = tmp_path / f"{damage}.views.npz"
-        line = ["export", "screenshot", str(tmp_path), "--view", str(path), "--out", str(tmp_path / "p.png")]
+        line = ["export", "screenshot", str(tmp_path), "--scene", str(path), "--out", str(tmp_path / "p.png")]
         assert main([*line, "--progress", "none"]) == 2, damage
         assert f"{damage}.views.npz: " in capsys.readouterr().err
         assert not (tmp_path / "p.png").exists(), damage

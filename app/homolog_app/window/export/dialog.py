@@ -362,7 +362,7 @@ class ScreenshotDialog(ExportDialog):
 
     def content(self) -> list[str]:
         """Return what is shown as options of the command line."""
-        return ["--view", self._snapshot.as_json if self._snapshot else str(self.kept)]
+        return ["--scene", self._snapshot.as_json if self._snapshot else str(self.kept)]
 
     def _warning(self) -> str:
         beside = self.kept
