@@ -69,7 +69,8 @@ def ask(
     str
         The answer; nothing if the question was settled.
     """
-    box = QMessageBox(QMessageBox.Icon.Question, title, title, parent=parent)
+    icon = QMessageBox.Icon.Question if len(answers) > 1 else QMessageBox.Icon.Information
+    box = QMessageBox(icon, title, title, parent=parent)
     box.setInformativeText(details)
     role = QMessageBox.ButtonRole
     buttons = [

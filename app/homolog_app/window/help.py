@@ -74,25 +74,26 @@ class HelpController(Controller):
         ).open()
 
     def _remedies(self, kind: str, message: str) -> dict[str, Callable[[], object]]:
-        """Return remedies for the subject named in an error of grooming or a run."""
+        """Return remedies for the subject that an error of grooming or a run names, by itself or its file."""
         session, commands = self._workspace.session, self._commands
         names = [
-            subject.name for subject in session.study.included if message.startswith(f"{subject.name}: ")
+            subject.name
+            for subject in session.study.included
+            if message.startswith((f"{subject.name}: ", f"{subject.path}: "))
         ]
-        if kind not in _AGAIN or len(names) != 1:
+        if kind not in _AGAIN or not names:
             return {}
-        (name,) = names
 
         def show() -> None:
             session.show_step("cohort")
-            session.select([name])
+            session.select(names)
 
         def leave_out() -> None:
-            session.select([name])
+            session.select(names)
             session.toggle_included()
             commands[_AGAIN[kind]].trigger()
 
-        return {f"Show {name}": show, "Exclude it and continue": leave_out}
+        return {f"Show {names[0]}": show, "Exclude it and continue": leave_out}
 
     def show_palette(self) -> None:
         """Open the command palette."""

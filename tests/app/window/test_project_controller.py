@@ -386,14 +386,16 @@ def test_the_subject_that_an_error_names_can_be_shown_or_left_out(groomed, wait)
 
     from homolog_app.window.dialogs import ErrorDialog
 
-    def pressed(text):
-        groomed.help.show_error("run", InputError("c: its surface is open; close it"))
+    path = next(item.subject.path for item in groomed.workspace.session.study.members if item.name == "c")
+
+    def pressed(text, named="c"):
+        groomed.help.show_error("run", InputError(f"{named}: its surface is open; close it"))
         (dialog,) = groomed.findChildren(ErrorDialog)
         next(button for button in dialog.findChildren(QPushButton) if button.text() == text).click()
         wait(lambda: not groomed.findChildren(ErrorDialog))
 
     groomed.workspace.session.show_step("correspond")
-    pressed("Show c")
+    pressed("Show c", named=path)
     assert groomed.workspace.session.step == "cohort"
     assert groomed.workspace.session.selection == ("c",)
     pressed("Exclude it and continue")
