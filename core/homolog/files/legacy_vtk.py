@@ -42,7 +42,8 @@ def read_legacy_vtk(content: bytes) -> Polygons:
     """
     head = _HEAD.match(content)
     if head is None or head[4].lower() not in _SETS:
-        raise ValueError("neither POLYDATA nor UNSTRUCTURED_GRID of a VTK file" if head else "no VTK file")
+        kind = "" if head is None else head[4].decode("latin-1").upper()
+        raise ValueError(f"it holds {kind}, no surface; save images as NRRD" if head else "no VTK file")
     file = _File(content, head.end(), binary=head[3].lower() == b"binary", version=int(head[1]))
     points, cells, space = np.empty((0, 3)), dict.fromkeys(_CELLS, Cells.of_lists([])), ""
     types: Array = np.empty(0, np.int64)

@@ -92,7 +92,7 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     if len(every) - len(faces) > _MOST_LOST * len(every):
         raise InputError(f"{path}: contains coordinates that aren't numbers; export the surface again")
     if not len(faces):
-        raise InputError(f"{path}: contains no triangles; export the surface again")
+        raise InputError(f"{path}: contains no triangles; export the surface, not its points only")
     turn = (-1.0, -1.0, 1.0) if "SPACE=RAS" in surface.header else (1.0, 1.0, 1.0)
     return TriangleMesh(*_welded(surface.points * turn, faces))
 

@@ -27,8 +27,10 @@ def read_ply(content: bytes) -> Polygons:
 
     header = content.partition(b"end_header")[0].decode("latin-1")
     counts = {kind: int(count) for kind, count in re.findall(r"element\s+(\w+)\s+(\d+)", header)}
-    if not {"vertex", "face"} <= counts.keys():
-        raise ValueError("no points or no faces")
+    if "vertex" not in counts or b"end_header" not in content:
+        raise ValueError("no points")
+    if not counts.get("face"):  # a cloud of points
+        return Polygons(np.empty((0, 3)), Cells.of_lists([]), header=header)
     if max(counts["vertex"], counts["face"]) > len(content):
         raise ValueError("fewer bytes than points or faces")
     model = load_ply(io.BytesIO(content), skip_materials=True)

@@ -76,21 +76,19 @@ def labels_from(path: Path, values: Array, spacing: FloatArray) -> tuple[Array, 
     """
     if not np.issubdtype(values.dtype, np.floating):
         return values, ""
+    values, numbers = _without_nan(path, values)
     whole = np.empty_like(values, dtype=np.int32)  # in the order of the file, slice by slice
     off, low, high = 0.0, np.inf, -np.inf
     for source, target in zip(slices_of(values), slices_of(whole), strict=True):
-        if not np.isfinite(source).all():
-            raise InputError(f"{path}: contains values that are not numbers; export the label map again")
         rounded = np.rint(source)
         off = max(off, float(np.abs(source - rounded).max()))
         low, high = min(low, float(source.min())), max(high, float(source.max()))
-        target[...] = np.clip(rounded, -1, _LARGEST)
+        target[...] = np.clip(rounded, -_LARGEST, _LARGEST)
     if off <= _ROUNDING:
-        return whole, ""
+        return whole, numbers
     if low >= 0.0 and (only := _only_value(values)):
-        return (values > 0).astype(
-            np.uint8
-        ), f"its values are 0 and {only:.3g}: the latter was taken for the structure"
+        note = f"its values are 0 and {only:.3g}: the latter was taken for the structure"
+        return (values > 0).astype(np.uint8), note
     full = float(np.median(values[values > _HALF * high])) if high > 0.0 else 0.0
     within = -_OVERSHOOT * full <= low and high <= (1.0 + _OVERSHOOT) * full
     if within and full >= _PERCENT * (1.0 - _ROUNDING) and _are_probabilities(values / full):
@@ -98,25 +96,69 @@ def labels_from(path: Path, values: Array, spacing: FloatArray) -> tuple[Array, 
     if low >= -_OVERSHOOT and high <= 1.0 + _OVERSHOOT and _are_probabilities(values):
         return (values >= _HALF).astype(np.uint8), _PROBABILITY
     if low < 0.0 < high and (sign := _outward_sign(values, spacing)):
-        inside = "negative" if sign > 0 else "positive"
-        note = f"its values are signed distances: where they are {inside} was taken for the structure"
-        return (values * sign < 0.0).astype(np.uint8), note
+        return _inside(values, sign)
+    if low < 0.0 and abs(low + high) <= _ROUNDING * high:  # distances cut off at both ends
+        for sign in (1, -1):
+            if _are_probabilities(_HALF - _HALF * sign * values / high):
+                return _inside(values, sign)
     raise InputError(f"{path}: contains fractions, so it is not a label map; threshold it first")
 
 
-def hardened(values: Array) -> tuple[Array, str]:
-    """Return a soft mask of whole numbers (percent, bytes) as 0 and 1, with a note; label maps as they are.
+def hardened(values: Array, spacing: FloatArray) -> tuple[Array, str]:
+    """Return a mask of other whole numbers than labels as 0 and 1, with a note; label maps as they are.
 
-    Most voxels of a soft mask have nearly its largest value, and others have many values in between.
+    Most voxels of a soft mask (percent, bytes) have nearly its largest value, and others have many values in
+    between. Of values below 0 two make a mask, and distances change as `labels_from` says.
+
+    Parameters
+    ----------
+    values : (I, J, K) array of whole numbers
+    spacing : (3,) float64 array
+        Of the voxels [mm].
     """
     seen = _sample(values)
+    if seen.min() < 0:
+        return _hardened_signed(values, spacing)
     full = int(seen.max(initial=0))
-    if full < _PERCENT or seen.min() < 0:
+    if full < _PERCENT:
         return values, ""
     between = seen[(seen > _SURE[0] * full) & (seen < _SURE[1] * full)]
     if len(between) > np.count_nonzero(seen >= _SURE[1] * full) or len(np.unique(between)) <= _FEW_VALUES:
         return values, ""
     return _half_of(values, full)
+
+
+def _hardened_signed(values: Array, spacing: FloatArray) -> tuple[Array, str]:
+    """Return two values, one of them below 0, or signed distances as 0 and 1."""
+    low, high = int(values.min()), int(values.max())
+    if not ((values != low) & (values != high)).any():
+        border = _border(values)
+        outside = high if np.count_nonzero(border == high) > _HALF * border.size else low
+        inside = low + high - outside
+        note = f"its values are {low} and {high}: {inside} was taken for the structure"
+        return (values == inside).astype(np.uint8), note
+    distances = values.astype(np.float32)
+    for field in (distances, np.sign(distances) * np.sqrt(np.abs(distances))):  # SimpleITK squares them
+        if low < 0 < high and (sign := _outward_sign(field, spacing)):
+            return _inside(values, sign)
+    return values, ""
+
+
+def _inside(distances: Array, sign: int) -> tuple[Array, str]:
+    """Return 1 where signed distances are inside their surface, and a note."""
+    inside = "negative" if sign > 0 else "positive"
+    note = f"its values are signed distances: where they are {inside} was taken for the structure"
+    return (distances * sign < 0).astype(np.uint8), note
+
+
+def _without_nan(path: Path, values: Array) -> tuple[Array, str]:
+    """Return values with 0 where they are not numbers, if that is the background; and a note if so."""
+    if all(np.isfinite(entry).all() for entry in slices_of(values)):
+        return values, ""
+    border = _border(values)
+    if np.isinf(values).any() or np.mean(np.isnan(border) | (border == 0)) < _MOST_OF_BORDER:
+        raise InputError(f"{path}: contains values that are not numbers; export the label map again")
+    return np.nan_to_num(values), "voxels without a number (NaN) were taken for the background"
 
 
 def _half_of(values: Array, full: float) -> tuple[Array, str]:
@@ -128,11 +170,8 @@ def _half_of(values: Array, full: float) -> tuple[Array, str]:
 def _only_value(values: Array) -> float:
     """Return the value that all voxels other than 0 have; 0 if there are several."""
     high = float(values.max())
-    return (
-        high
-        if all(((entry == 0) | (entry > high * (1.0 - _ROUNDING))).all() for entry in slices_of(values))
-        else 0.0
-    )
+    same = (((entry == 0) | (entry > high * (1.0 - _ROUNDING))).all() for entry in slices_of(values))
+    return high if all(same) else 0.0
 
 
 def _sample(values: Array) -> Array:

@@ -239,7 +239,7 @@ class Volume:
     def _everything(self) -> Segmentation:
         notes = self.notes
         if len(self.layers) == 1:
-            layer, note = (self._labels(0), "") if self.named else hardened(self._labels(0))
+            layer, note = (self._labels(0), "") if self.named else hardened(self._labels(0), self._spacing)
             notes = (*notes, note) if note else notes
             several = labels_seen(self.path, layer) > 1
             crop = _cropped(layer, lambda values: values > 0)

@@ -206,6 +206,40 @@ def test_differences_of_two_distance_transforms_are_signed_distances(save):
     assert result.mask.sum() == mask.sum()
 
 
+BALL = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) < 8.0
+AWAY = ndimage.distance_transform_edt(~BALL) - ndimage.distance_transform_edt(BALL)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        (np.sign(AWAY) * AWAY**2).astype(np.int32),  # as SimpleITK's SignedMaurerDistanceMap
+        (-np.rint(AWAY)).astype(np.int16),
+        np.clip(AWAY / 4.0, -1.0, 1.0).astype(np.float32),
+        np.where(BALL, -1, 0).astype(np.int8),
+        np.where(BALL, 1, -1024).astype(np.int16),
+        np.where(BALL, 1.0, np.nan).astype(np.float32),
+    ],
+    ids=[
+        "squared",
+        "whole numbers",
+        "cut off",
+        "value below 0",
+        "background below 0",
+        "not a number outside",
+    ],
+)
+def test_other_values_of_a_mask_are_read_with_a_note(save, values):
+    result = read_segmentation(save(values), None)
+    assert result.mask.sum() == BALL.sum()
+    assert len(result.notes) == 1
+
+
+def test_values_that_are_not_numbers_inside_are_refused(save):
+    with pytest.raises(InputError, match="not numbers"):
+        read_segmentation(save(np.where(BALL, np.nan, 1.0).astype(np.float32)), None)
+
+
 @pytest.mark.parametrize("scale", [1.0, 100.0, 255.0])
 @pytest.mark.parametrize("order", [1, 3])
 def test_interpolated_masks_are_the_structure_from_half_on(save, scale, order):
