@@ -171,6 +171,35 @@ def test_the_index_lists_structures_and_what_is_to_be_said_of_subjects(finished)
     assert table[3].endswith(",,0.001")
 
 
+def test_structures_whose_masks_are_all_empty_are_reported_and_not_fatal(tmp_path, capsys):
+    values = brain((9, 7, 6), rare=False, clipped=False)
+    for name in "ab":
+        folder = tmp_path / "scans" / name / "segmentations"
+        folder.mkdir(parents=True)
+        for structure, mask in (("liver", values == OVAL), ("spleen", values * 0)):
+            image = SimpleITK.GetImageFromArray(mask.T.astype(np.uint8))
+            SimpleITK.WriteImage(image, folder / f"{structure}.nii.gz")
+    arguments = [
+        "batch",
+        str(tmp_path / "scans"),
+        "--out",
+        str(tmp_path / "out"),
+        "--min-subjects",
+        "2",
+        *QUICK,
+    ]
+    assert main([*arguments, *QUIET]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:2] == ["spleen: empty: the masks of all subjects are empty", "liver: finished (2 subjects)"]
+    page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert "2 structures: 1 finished, 1 empty" in page
+    assert "the masks of all subjects are empty" in page
+    assert main(["labels", str(tmp_path / "scans"), "--progress", "none"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].split()[:3] == ["spleen", "-", "0/2"]
+    assert main([*arguments, *QUIET, "--labels", "spleen"]) == 2
+    assert "empty: spleen" in capsys.readouterr().err
+
+
 def test_a_batch_that_is_run_again_keeps_what_is_finished(finished, scans, tmp_path, capsys):
     out = shutil.copytree(finished[1], tmp_path / "out")
     arguments = ["batch", str(scans), "--out", str(out), *QUICK, *QUIET]

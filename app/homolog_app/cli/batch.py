@@ -60,10 +60,11 @@ def run_labels(arguments: argparse.Namespace) -> int:
 
 
 def _print_structures(listed: "Structures", subjects: int) -> None:
-    if not listed.structures:
+    if not listed.structures and not listed.empty:
         sys.stdout.write("the files contain no labelled structure\n")
         return
     rows = [_HEADS, *(_structure_row(structure, subjects) for structure in listed.structures)]
+    rows += [(name, "-", f"0/{subjects}", "-", "-", "-", "-") for name in listed.empty]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         cells = [
@@ -95,7 +96,7 @@ def _record(listed: "Structures") -> dict[str, object]:
         }
         for structure in listed.structures
     ]
-    return {"structures": structures, "problems": dict(listed.problems)}
+    return {"structures": structures, "empty": listed.empty, "problems": dict(listed.problems)}
 
 
 def add_batch(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
@@ -146,11 +147,17 @@ def run_batch(arguments: argparse.Namespace) -> int:
         listed = run_in_background(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
     for message in listed.problems.values():
         sys.stderr.write(f"homolog: skipped: {message}\n")
-    if not listed.structures:
+    if not listed.structures and not listed.empty:
         raise InputError(
             f"{arguments.cohort}: its files contain no labelled structure; use homolog run for surfaces"
         )
-    structures = chosen_structures(listed.structures, wanted)
+    structures = chosen_structures(listed.structures, wanted, listed.empty)
+    if not structures:
+        raise InputError(
+            f"{arguments.cohort}: the masks of all subjects are empty: {', '.join(listed.empty)}"
+        )
+    for name in listed.empty:
+        _print_empty(name, arguments.progress)
     batch = Batch(
         cohort.without(set(listed.problems)),
         structures,
@@ -169,7 +176,7 @@ def run_batch(arguments: argparse.Namespace) -> int:
             if arguments.figures and item.state is ItemState.FINISHED and not item.was_there:
                 _draw(item, progress)
             _print_item(item, arguments.progress)
-            write_index(batch, cohort, listed.problems)
+            write_index(batch, cohort, listed.problems, listed.empty)
 
         reason = batch.execute(observe, ended)
     failed = [entry for entry in batch.items if entry.state is ItemState.FAILED]
@@ -188,6 +195,15 @@ def _draw(item: "BatchItem", progress: Progress) -> None:
         draw_figures(item.project, progress.tick)
     except (InputError, NumericalError) as error:
         sys.stderr.write(f"homolog: {item.structure.title}: no pictures: {error}\n")
+
+
+def _print_empty(name: str, mode: str) -> None:
+    """Print a line for a structure of which no subject has a voxel."""
+    message = "the masks of all subjects are empty"
+    if mode == "json":
+        sys.stdout.write(json.dumps({"structure": name, "state": "empty", "message": message}) + "\n")
+    else:
+        sys.stdout.write(f"{name}: empty: {message}\n")
 
 
 def _print_item(item: "BatchItem", mode: str) -> None:

@@ -146,7 +146,7 @@ _HEADS = (
 _ENDED = {"iterations": "not converged"}
 
 
-def write_index(batch: Batch, cohort: Cohort, problems: Mapping[str, str]) -> Path:
+def write_index(batch: Batch, cohort: Cohort, problems: Mapping[str, str], empty: Sequence[str] = ()) -> Path:
     """Write ``index.html`` and ``volumes.csv`` of a batch, also of one that is still going on.
 
     Parameters
@@ -156,6 +156,8 @@ def write_index(batch: Batch, cohort: Cohort, problems: Mapping[str, str]) -> Pa
         All its subjects.
     problems : mapping of str to str
         Why files of subjects can't be read, by the subjects' names.
+    empty : sequence of str
+        Structures of which no subject has a voxel.
 
     Returns
     -------
@@ -171,13 +173,17 @@ def write_index(batch: Batch, cohort: Cohort, problems: Mapping[str, str]) -> Pa
     page = Page(f"Structures of {cohort.folder.resolve().name}", NOTICE)
     states = [item.state for item in items]
     parts = [f"{states.count(state)} {state}" for state in ItemState if state in states]
-    page.paragraph(f"{len(cohort.subjects)} subjects, {len(items)} structures: {', '.join(parts)}.")
+    parts += [f"{len(empty)} empty"] if empty else []
+    count = len(items) + len(empty)
+    page.paragraph(f"{len(cohort.subjects)} subjects, {count} structures: {', '.join(parts)}.")
     page.table(_HEADS, [_row(item, batch.folder) for item in items])
     page.pictures([picture for item in items for picture in _pictures(item, batch.folder)])
     failed = [item for item in items if item.state in (ItemState.FAILED, ItemState.TOO_FEW)]
-    if failed:
+    without = [(item.structure.title, item.message) for item in failed]
+    without += [(name, "the masks of all subjects are empty") for name in empty]
+    if without:
         page.heading("Structures without a model")
-        page.points((item.structure.title, item.message) for item in failed)
+        page.points(without)
     remarks = [row for item in items for row in _remarks(item)]
     if remarks or problems:
         page.heading("Subjects")

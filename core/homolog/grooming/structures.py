@@ -97,10 +97,13 @@ class Structures:
         In the order of their labels, then of their names.
     problems : mapping of str to str
         Why a subject's files can't be read, by its name.
+    empty : tuple of str
+        Structures that have files of their own, in none of which is a voxel.
     """
 
     structures: tuple[Structure, ...]
     problems: Mapping[str, str]
+    empty: tuple[str, ...] = ()
 
 
 def masks_of(subject: Subject) -> dict[str, Path]:
@@ -211,7 +214,13 @@ def list_structures(cohort: Cohort, tick: Tick = no_tick) -> Structures:
             by_subject[subject.name] = structures_of(subject)
         except InputError as error:
             problems[subject.name] = str(error)
-    return Structures(joined(_named_alike(by_subject)), problems)
+    structures = joined(_named_alike(by_subject))
+    known, empty = [structure.name for structure in structures], list[str]()
+    for subject in cohort.subjects:
+        for name in masks_of(subject) if subject.name in by_subject else ():
+            if not any(same_name(name, other) for other in (*known, *empty)):
+                empty.append(name)
+    return Structures(structures, problems, tuple(empty))
 
 
 def _named_alike(
@@ -258,8 +267,19 @@ def _structure(by_subject: Mapping[str, SubjectStructure]) -> Structure:
     return Structure(max(names, key=names.count), tuple(values), by_subject)
 
 
-def chosen_structures(structures: Sequence[Structure], wanted: Sequence[str]) -> list[Structure]:
+def chosen_structures(
+    structures: Sequence[Structure], wanted: Sequence[str], empty: Sequence[str] = ()
+) -> list[Structure]:
     """Return the structures chosen by name or number; all of them for ``all``.
+
+    Parameters
+    ----------
+    structures : sequence of Structure
+        To choose from.
+    wanted : sequence of str
+        Names or numbers.
+    empty : sequence of str
+        Names of structures without a voxel, which may be named too and are passed over.
 
     Raises
     ------
@@ -275,6 +295,8 @@ def chosen_structures(structures: Sequence[Structure], wanted: Sequence[str]) ->
             matches = [structure for structure in structures if int(text) in structure.values]
         if len(matches) == 1:
             chosen.append(matches[0])
+        elif not matches and matching(((name, name) for name in empty), text):
+            continue
         elif matches:
             titles = " and ".join(structure.title for structure in matches)
             wrong.append(f"{text!r} is {titles}; give the full name of one")

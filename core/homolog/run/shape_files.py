@@ -90,7 +90,7 @@ def write_model(new: ProjectFolder, cohort: Cohort, model: ShapeModel) -> None:
             strict=True,
         ),
     )
-    flat = model.components.reshape(len(modes), -1).T.tolist()
+    flat = model.components.reshape(len(modes), model.mean.size).T.tolist()
     write_table(
         new.model / "eigenvectors.csv",
         ["particle", "axis", *modes],

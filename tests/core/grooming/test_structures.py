@@ -222,6 +222,16 @@ def test_folders_of_masks_are_listed_without_the_empty_ones(patients):
     assert all(item.values == () for item in result)
 
 
+def test_masks_that_are_empty_in_all_subjects_are_named_and_may_be_chosen(nifti, patients):
+    for name in ("a", "b"):
+        nifti(f"scans/{name}/segmentations/gallbladder.nii.gz", ball() * 0)
+    result = list_structures(read_cohort(patients))
+    assert result.empty == ("gallbladder",)
+    assert [
+        item.name for item in chosen_structures(result.structures, ["gallbladder", "liver"], result.empty)
+    ] == ["liver"]
+
+
 def test_bids_table_at_the_top_of_the_data_set_names_the_labels(nifti, brain, tmp_path):
     (tmp_path / "sub-1" / "ses-1" / "anat").mkdir(parents=True)
     path = nifti("sub-1/ses-1/anat/sub-1_ses-1_desc-own_dseg.nii.gz", (brain == 17).astype(np.int32))
