@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from homolog.errors import InputError
 from homolog.files.meshes import write_mesh
 from homolog.files.particles import read_particles, write_particles
 from homolog.files.project import ProjectFolder
@@ -18,6 +19,7 @@ from homolog.files.tables import write_table
 from homolog.settings import RunSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.cli import main
+from homolog_app.report.details import Axes, ReportDetails, directions_of, read_details
 from homolog_app.report.findings import corrections_text, p_text
 from homolog_app.report.request import (
     Answered,
@@ -29,7 +31,7 @@ from homolog_app.report.request import (
 )
 from homolog_app.report.sample import sample_rows
 from homolog_app.report.study import run_study
-from homolog_app.report.surface_maps import SurfaceCarrier
+from homolog_app.report.surface_maps import EDGE, INNER, OUTER, SurfaceCarrier
 
 HOSTILE = "<script>alert('x')</script> & co"
 QUICK = ["--permutations", "199", "--null-repeats", "50", "--progress", "none"]
@@ -131,7 +133,7 @@ def test_three_groups_are_analyzed_with_and_without_size_and_written_as_tables(p
 def test_regions_say_where_the_difference_is_how_large_and_which_way(project):
     assert _analyze(project, "--between", "A", "C", "--alignment", "as-it-lies") == 0
     (row,) = _rows(project.folder / "analysis" / "groups_group_A_C_as_it_lies" / "regions.csv")
-    assert row["peak_place"] == "superior"
+    assert row["peak_place"] == row["peak_displacement_towards"] == "+z"
     assert float(row["peak_z_mm"]) > 15.0
     low, value, high = (float(row[f"peak_outward{end}_mm"]) for end in ("_low_95", "", "_high_95"))
     assert 0.0 < low < value < high
@@ -150,10 +152,78 @@ def test_the_inner_surface_of_a_hollow_shape_is_told_from_the_outer_one(unit_sph
         np.concatenate([20.0 * points, 14.0 * points]), np.concatenate([faces, faces[:, ::-1] + len(points)])
     )
     solid = TriangleMesh(20.0 * points, faces)
-    for mesh, inner in ((wall, [False, True]), (solid, [False, False])):
+    for mesh, walls in ((wall, [OUTER, INNER]), (solid, ["", ""])):
         nearest = np.arange(len(mesh.vertices)) // len(points)
         carrier = SurfaceCarrier(mesh, np.zeros((len(nearest), 2)), np.arange(2), nearest)
-        assert carrier.inner_at_particles(2).tolist() == inner
+        assert carrier.walls_at_particles(2) == walls
+
+
+def test_the_edge_of_an_opening_is_told_from_both_walls():
+    """A tube that is closed at one end; its inner wall sees much of the outside near the opening."""
+    heights, turns = np.linspace(0.0, 30.0, 16), np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+    outline = [*((10.0, z) for z in heights), (8.0, 30.0), *((6.0, z) for z in heights[:0:-1]), (0.0, 3.0)]
+    outline = [(0.0, 0.0), *outline]
+    points = np.array([[r * np.cos(t), r * np.sin(t), z] for r, z in outline for t in turns])
+    ring = np.arange(32)
+    faces = np.array(
+        [
+            face
+            for row in range(len(outline) - 1)
+            for i, k in zip(32 * row + ring, 32 * row + (ring + 1) % 32, strict=True)
+            for face in ((i, k, k + 32), (i, k + 32, i + 32))
+        ]
+    )
+    mesh = TriangleMesh(points, faces)
+    at = np.repeat(np.arange(len(outline)), 32)
+    walls = SurfaceCarrier(mesh, np.zeros((len(at), 2)), np.arange(2), at).walls_at_particles(len(outline))
+    assert walls[17] == EDGE
+    assert set(walls[:14]) == {OUTER}
+    assert set(walls[20:32]) == {INNER}
+
+
+def test_structure_cohort_and_axes_are_kept_and_used(project, without_figures):
+    assert _analyze(project, "--between", "A", "C", "--size", "with", "--axes", "patient") == 0
+    (row,) = _rows(project.folder / "analysis" / "groups_group_A_C" / "regions.csv")
+    assert row["peak_place"] == "superior"
+    told = "--structure", "left <ventricle>", "--cohort", "Twins"
+    assert main(["report", str(project.folder), *told, "--progress", "none"]) == 0
+    details = read_details(project)
+    assert (details.structure, details.cohort, details.axes) == ("left <ventricle>", "Twins", Axes.PATIENT)
+    page = (project.folder / "report" / "report.html").read_text(encoding="utf-8")
+    assert "left &lt;ventricle&gt;" in page
+    assert "Cohort: Twins." in page
+    assert main(["report", str(project.folder), "--cohort", "", "--progress", "none"]) == 0
+    assert read_details(project).cohort == ""
+    (project.folder / "report.json").write_text("[", encoding="utf-8")
+    with pytest.raises(InputError, match="is damaged"):
+        read_details(project)
+
+
+def test_axes_are_those_of_the_patient_only_if_all_files_say_so(project):
+    record = project.read().result
+    image = {"voxel": [1.0, 1.0, 1.0]}
+    note = {"notes": ["its header gives no patient orientation (no qform or sform); RAS axes were assumed"]}
+    for last, stated in ((image, True), (image | note, False), ({}, False)):
+        rows = [item.model_copy(update=image) for item in record.subjects[:-1]]
+        rows.append(record.subjects[-1].model_copy(update=last))
+        directions = directions_of(ReportDetails(), record.model_copy(update={"subjects": rows}))
+        assert directions.are_the_patients == stated
+    assert not directions_of(ReportDetails(axes=Axes.FILE), None).are_the_patients
+
+
+def test_a_p_that_cannot_be_lower_is_told_as_a_bound():
+    assert p_text(0.003, 1999, least=True) == "p ≤ 0.003"
+    assert p_text(0.003, 1999) == "p = 0.003"
+    assert p_text(0.0001, 19999, least=True) == "p < 0.001"
+
+
+def test_tables_and_figures_are_numbered_and_referred_to(report):
+    page = report.read_text(encoding="utf-8")
+    for kind in ("Table", "Figure"):
+        numbers = [int(number) for number in re.findall(rf"caption>{kind} (\d+)\. ", page)]
+        assert numbers == list(range(1, len(numbers) + 1))
+    assert "those of the table" not in page
+    assert page.count("Size alone") <= 3
 
 
 def test_regression_and_pairs_are_analyzed(project, capsys):

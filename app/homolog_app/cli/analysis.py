@@ -16,6 +16,7 @@ from homolog_app.cli.options import (
     with_options,
 )
 from homolog_app.exports.settings import CutSettings
+from homolog_app.report.details import ReportDetails, directions_of, read_details, write_details
 
 if TYPE_CHECKING:
     from homolog.files.results import Result
@@ -97,6 +98,7 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
         help="repeat correspondence and tests with N seeds in all, and report how the answers vary; the runs "
         "are stored in PROJECT/seeds",
     )
+    add_options(parser, ReportDetails)
     add_progress_option(parser)
 
 
@@ -122,7 +124,9 @@ def run_analyze(arguments: argparse.Namespace) -> int:
         )
     with project.locked(new=False), show_progress(arguments.progress) as progress:
         result = read_result(project)
-        carrier = SurfaceCarrier.of(result)
+        details = with_options(read_details(project), arguments)
+        write_details(project, details)
+        carrier = SurfaceCarrier.of(result, directions_of(details, project.read().result))
         requests = [_request(arguments, result, alignment, len(alignments)) for alignment in alignments]
         for index, request in enumerate(requests):
             own = part_of(progress.tick, 0.0, 1.0 / arguments.seeds)
@@ -291,6 +295,7 @@ def add_report(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         "network.",
     )
     parser.add_argument("project", type=Path, help="project folder")
+    add_options(parser, ReportDetails)
     add_options(parser, CutSettings)
     add_progress_option(parser)
 
@@ -302,6 +307,7 @@ def run_report(arguments: argparse.Namespace) -> int:
     clip = with_options(CutSettings(), arguments).cutting
     project = ProjectFolder(arguments.project)
     with project.locked(new=False), show_progress(arguments.progress) as progress:
+        write_details(project, with_options(read_details(project), arguments))
         path = write_report(project, progress.tick, clip)
     sys.stdout.write(f"{path}\n")
     return 0

@@ -22,6 +22,7 @@ from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.exports.settings import TableSettings
+from homolog_app.report.details import directions_of, read_details
 from homolog_app.report.request import Answered, StudyRequest, read_requests
 from homolog_app.report.study import Study, run_study
 from homolog_app.report.surface_maps import SurfaceCarrier
@@ -104,7 +105,8 @@ def write_tables(
             run_study(result, request, part_of(rest, index / len(requests), (index + 1) / len(requests)))
             for index, request in enumerate(requests)
         ]
-    carrier = SurfaceCarrier.of(result) if studies else None
+    directions = directions_of(read_details(project), project.read().result)
+    carrier = SurfaceCarrier.of(result, directions) if studies else None
     stems = file_stems([item.request.name for item in studies])
     for study, stem in zip(studies, stems, strict=True):
         assert carrier is not None

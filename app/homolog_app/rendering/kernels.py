@@ -171,3 +171,20 @@ def occlude(
         if not hit.result:
             free += 1.0
     openness[i] = free / float(count)
+
+
+@wp.kernel
+def find_opposite(
+    mesh: wp.uint64,
+    points: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    start: float,
+    ahead: wp.array(dtype=float),
+    behind: wp.array(dtype=float),
+):
+    """How far the surface is along the normal of a vertex and against it; infinite where there is none."""
+    i = wp.tid()
+    out = wp.mesh_query_ray(mesh, points[i] + start * normals[i], normals[i], 1.0e30)
+    ahead[i] = wp.where(out.result, out.t + start, wp.inf)
+    into = wp.mesh_query_ray(mesh, points[i] - start * normals[i], -normals[i], 1.0e30)
+    behind[i] = wp.where(into.result, into.t + start, wp.inf)

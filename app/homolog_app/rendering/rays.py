@@ -14,7 +14,7 @@ from homolog_app.rendering import kernels
 from homolog_app.rendering.camera import Frame
 from homolog_app.rendering.scene import Balls, Scene, Surface, surface
 
-__all__ = ["Software", "hollows", "openness", "shaded", "warp_mesh", "warp_vectors"]
+__all__ = ["Software", "faces_itself", "hollows", "openness", "shaded", "warp_mesh", "warp_vectors"]
 
 
 _DEVICE = "cpu"
@@ -61,6 +61,20 @@ def openness(mesh: TriangleMesh, reach: float) -> FloatArray:
     for _ in range(_SMOOTHING_ROUNDS):
         light = _mean_around(light, mesh.faces)
     return np.asarray(light, np.float64)
+
+
+def faces_itself(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
+    """Return how far the surface is from each vertex along its normal, and against it, (V,) each [mm].
+
+    Infinite where there is none.
+    """
+    cast_on, count = warp_mesh(mesh.vertices, mesh.faces), len(mesh.vertices)
+    vectors = [warp_vectors(item) for item in (mesh.vertices, mesh.vertex_normals)]
+    ways = [wp.empty(count, dtype=float, device=_DEVICE) for _ in range(2)]
+    start = 0.05 * mesh.mean_edge
+    wp.launch(kernels.find_opposite, count, inputs=[cast_on.id, *vectors, start, *ways], device=_DEVICE)
+    ahead, behind = (way.numpy().astype(np.float64) for way in ways)
+    return ahead, behind
 
 
 def _mean_around(values: FloatArray, faces: IntArray) -> FloatArray:

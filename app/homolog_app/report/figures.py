@@ -18,7 +18,7 @@ from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.progress import Tick
-from homolog_app.pictures import LIGHT, VIEWS, ModeSurfaces, Theme, draw_differences, draw_modes
+from homolog_app.pictures import LIGHT, ModeSurfaces, Theme, draw_differences, draw_modes
 from homolog_app.pictures.layout import Panel, arrange, view_of_region
 from homolog_app.plots import (
     draw_discriminant,
@@ -29,14 +29,14 @@ from homolog_app.plots import (
     group_order,
     new_figure,
 )
-from homolog_app.rendering.camera import Clip, ClipPlane, View, frame_around
+from homolog_app.rendering.camera import Clip, ClipPlane, frame_around
 from homolog_app.rendering.colours import page_colours
 from homolog_app.rendering.draw import draw
 from homolog_app.rendering.rays import hollows
 from homolog_app.rendering.scene import Scene, surface
 from homolog_app.report.findings import LEVEL
 from homolog_app.report.study import Study
-from homolog_app.report.surface_maps import SIDES, Region, SurfaceCarrier, significant_regions
+from homolog_app.report.surface_maps import Region, SurfaceCarrier, significant_regions
 
 __all__ = [
     "ReportFigure", "discriminant_figure", "energies_figure", "map_figure", "model_figures", "quality_figure",
@@ -54,12 +54,13 @@ _MARKED = (0.84, 0.37, 0.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportFigure:
-    """A figure with its file name and caption, and a heading if it begins a part of the page."""
+    """A figure with its file name and caption, the heading that it is below, and whether it shows regions."""
 
     name: str
     figure: Figure
     caption: str
     heading: str = ""
+    shows_regions: bool = False
 
 
 def model_figures(
@@ -88,7 +89,9 @@ def model_figures(
             modes=range(shown),
             clip=clip,
         ),
-        "The first modes at ±2 standard deviations. Blue is out of the tissue, yellow into it."
+        "The first modes at ±2 standard deviations (signs are arbitrary). Blue is out of the tissue, yellow "
+        "into "
+        "it."
         f"{mirrored}{_cut_text(clip)}",
     )
     if len(result.world) > 2:
@@ -125,14 +128,18 @@ def study_figures(
                 f"Regions of significant particles, {item.title}, each coloured and seen from where most of "
                 "it is in sight; the numbers are those of the table."
                 + (f" The {_MOST_REGIONS} largest are shown." if len(regions) > len(shown) else ""),
+                item.title,
+                shows_regions=True,
             )
         if item.discriminant is not None:
             yield ReportFigure(
                 f"{stem}_discriminant",
                 discriminant_figure(study, item),
-                "Subjects along the discriminant (root mean square displacement of the particles); bars "
+                f"Subjects of {item.title} along the discriminant (root mean square displacement of the "
+                "particles); bars "
                 "are the groups' means. These positions are not "
-                "cross-validated; accuracy and AUC in the table are.",
+                "cross-validated; accuracy and AUC are.",
+                item.title,
             )
 
 
@@ -218,7 +225,7 @@ def map_figure(
         way = carrier.moved(comparison.discriminant.displacement)
         firm = carrier.discriminant_is_firm(comparison)
         rows["discriminant, 95 % bounds"] = (mesh, way * firm[:, None])
-    views = [VIEWS[name] for name in _VIEWS]
+    views = [carrier.directions.view(name) for name in _VIEWS]
     return draw_differences(rows, views=views, clip=clip, theme=theme, width=300)
 
 
@@ -237,16 +244,9 @@ def regions_figure(
         centre = int(KDTree(mesh.vertices).query(region.position)[1])
         frame = frame_around([mesh.vertices], view_of_region(mesh, vertices, centre), width=widest)
         picture = draw(Scene((surface(mesh, colours, light),)), frame, _REGION_WIDTH)
-        panels.append(Panel(picture, f"{number}: from {seen_from(frame.view)}"))
+        side = carrier.directions.way(np.array(frame.view.toward))
+        panels.append(Panel(picture, f"{number}: from {side}"))
     return arrange([panels[start : start + 3] for start in range(0, len(panels), 3)], theme=theme)
-
-
-def seen_from(view: View) -> str:
-    """Return the side from which a view looks, such as ``"left anterior"``."""
-    toward = np.array(view.toward) / np.linalg.norm(view.toward)
-    return " ".join(
-        pair[int(part > 0.0)] for pair, part in zip(SIDES, toward, strict=True) if abs(part) > 0.35
-    )
 
 
 def _cut_text(clip: Clip | None) -> str:
@@ -268,7 +268,7 @@ def _map_caption(study: Study, comparison: Comparison) -> str:
     caption = (
         f"{what[study.request.kind]}, {comparison.title}, on the mean shape: blue is out of the tissue, "
         f"yellow into it. Second row: only where significant (family-wise p ≤ {LEVEL:g}, corrected for "
-        "pairs of groups and analyses)."
+        "pairs of groups and analyses). The colour scale is that of this figure; others differ."
     )
     if comparison.discriminant is not None:
         caption += (

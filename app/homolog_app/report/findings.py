@@ -1,12 +1,14 @@
 """What was found, in plain language with its numbers: effects with intervals, then p-values."""
 
+from collections import Counter
 from dataclasses import dataclass
+from math import factorial, prod
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from homolog.analysis.assumptions import shape_outliers
-from homolog.analysis.cautions import LEVEL, cautions_of, p_text
+from homolog.analysis.cautions import LEVEL, cautions_of, dispersion_caution, p_text
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.effects import Effect, SizeVariance
 from homolog.analysis.procrustes import Alignment
@@ -25,11 +27,14 @@ __all__ = [
     "corrections_text",
     "findings",
     "interval_text",
+    "is_least",
     "landmark_text",
     "outlier_text",
     "p_text",
     "percent_text",
     "region_text",
+    "shown_variance",
+    "shows_size",
     "size_variance_text",
     "tested_text",
 ]
@@ -57,7 +62,9 @@ def _statistics_text(comparison: Comparison, *, corrected: bool) -> str:
     how = f"all {test.permutations + 1}" if test.exact else f"{test.permutations}"
     before = " before correction" if corrected else ""
     return (
-        f"Permutation test of the whole shape in {test.modes} {noun} ({how} permutations): studentized "
+        f"Permutation test of the whole shape in {test.modes} {noun} with {shown_variance(comparison):.0f} % "
+        "of "
+        f"the variance ({how} permutations): studentized "
         f"statistic {test.studentized:.2f}, {p_text(test.p_permutation, test.permutations)}{before}. "
         f"{name}, F({test.dof[0]:g}, {test.dof[1]:.4g}) = {test.f:.2f}, {p_text(test.p)}."
     )
@@ -74,6 +81,23 @@ def correction_text(study: Study, *, size: bool = False, overall: bool = False) 
     return f"corrected for {' and '.join(parts)}" if parts else ""
 
 
+def is_least(effect: Effect) -> bool:
+    """Return whether no permutation was as extreme as what was observed, so that p is the least possible."""
+    return effect.p is not None and effect.p <= 1.0 / (effect.permutations + 1) * (1.0 + 1e-9)
+
+
+def shows_size(study: Study) -> bool:
+    """Return whether a study tells of size, which its other answer, on form, does if there is one."""
+    request = study.request
+    return request.answers == 1 or request.alignment is not Alignment.SIMILARITY
+
+
+def shown_variance(comparison: Comparison) -> float:
+    """Return the share of the variance that the tested modes hold [%]."""
+    eigenvalues = comparison.test.parallel.eigenvalues
+    return 100.0 * float(eigenvalues[: comparison.test.modes].sum() / max(eigenvalues.sum(), 1e-300))
+
+
 def corrections_text(study: Study) -> str:
     """Return a sentence on what the p-values of a study are corrected for, and how small they can be."""
     correction = correction_text(study)
@@ -81,10 +105,15 @@ def corrections_text(study: Study) -> str:
         return "p values are not corrected for other questions."
     size = correction_text(study, size=True) or "not corrected"
     overall = correction_text(study, overall=True) or "not corrected"
-    together = f"; those of all groups together are {overall}" if study.pairwise else ""
+    pairwise = " of two groups" if study.pairwise else ""
+    sentences = [f"p values of the {tested_text(study)}{pairwise} are {correction}"]
+    if study.pairwise:
+        sentences.append(f"; those of all groups together are {overall}")
+    if shows_size(study):
+        sentences.append(f"; those of size{pairwise} are {size}")
+        sentences.append(", that of all groups together is not corrected" if study.pairwise else "")
     return (
-        f"p values of the {tested_text(study)} are {correction}{together}; those of size are {size}."
-        f"{_least_text(study)}"
+        f"{''.join(sentences)}. p values of dispersion, skewness and F are not corrected.{_least_text(study)}"
     )
 
 
@@ -106,13 +135,27 @@ def _least_text(study: Study) -> str:
     if len(counts) != 1:
         return ""
     ((count, exact),) = counts
-    # Of all signs, the observed ones and their opposites have the same statistic.
-    least = (2.0 if exact and study.request.kind == "pairs" else 1.0) / (count + 1)
+    least = (_alike(study) if exact else 1) / (count + 1)
     corrected = least * max(len(study.pairwise), 1) * study.request.answers
     how = f"all {count + 1}" if exact else f"{count}"
     return (
         f" With {how} permutations the least possible p of whole shape and particles is {least:.2g}, "
         f"{corrected:.2g} after correction."
+    )
+
+
+def _alike(study: Study) -> int:
+    """Return how many of all permutations have the observed statistic in any case.
+
+    These are the opposite signs, and groups of equal numbers that change places.
+    """
+    if study.request.kind == "pairs":
+        return 2
+    if study.request.kind == "regression":
+        return 1
+    return min(
+        prod(factorial(times) for times in Counter(comparison.counts.values()).values())
+        for comparison in study.comparisons
     )
 
 
@@ -248,18 +291,39 @@ def _effects(study: Study, comparison: Comparison) -> tuple[str, ...]:
         sentence = "No mode has more variance than chance gives; the whole shape was not tested."
     sentences = [
         sentence,
-        f"Locally significant: {region_text(study, comparison)} (p ≤ {LEVEL:g}, corrected over the surface).",
+        f"Locally significant: {region_text(study, comparison)} (p ≤ {LEVEL:g}, "
+        f"{_local_correction(study, comparison)}).",
     ]
     if comparison.discriminant is not None:
         separation = comparison.discriminant
-        accuracy = _tested(comparison.accuracy_p_adjusted, separation.accuracy.permutations)
-        auc = _tested(comparison.auc_p_adjusted, separation.auc.permutations)
+        accuracy = _tested(comparison.accuracy_p_adjusted, separation.accuracy)
+        auc = _tested(comparison.auc_p_adjusted, separation.auc)
         sentences.append(
             f"Cross-validated linear discriminant: balanced accuracy {percent_text(separation.accuracy)}"
             f"{accuracy} (correct on average: {classified_text(comparison)}), "
             f"AUC {interval_text(separation.auc)}{auc}."
         )
-    return (*sentences, *_size_text(study, comparison))
+    if dispersion_caution(comparison.dispersion, comparison.counts) and len(comparison.counts) == 2:
+        sentences.append(
+            "The interval of D and the p values of accuracy and AUC assume equal dispersion, which these "
+            "groups "
+            "do not have."
+        )
+    return (*sentences, *(_size_text(study, comparison) if shows_size(study) else ()))
+
+
+def _local_correction(study: Study, comparison: Comparison) -> str:
+    """Return what p-values of particles are corrected for."""
+    parts = ["the surface"]
+    if comparison in study.pairwise:
+        parts.append(f"{len(study.pairwise)} pairs")
+    if study.request.answers > 1:
+        parts.append(f"{study.request.answers} analyses")
+    return (
+        f"corrected over {', '.join(parts[:-1])} and {parts[-1]}"
+        if len(parts) > 1
+        else ("corrected over the surface")
+    )
 
 
 def _details(study: Study, comparison: Comparison) -> tuple[str, ...]:
@@ -271,12 +335,16 @@ def _details(study: Study, comparison: Comparison) -> tuple[str, ...]:
     tested = "whole shape and of particles"
     if comparison.discriminant is not None:
         tested = "whole shape, of particles and of the discriminant"
-    size = correction_text(study, size=True, overall=overall) or "not corrected"
-    return (*statistics, f"p values of the {tested} are {correction}; that of size is {size}.")
+    size = ""
+    if shows_size(study):
+        size = f"; that of size is {correction_text(study, size=True, overall=overall) or 'not corrected'}"
+    return (*statistics, f"p values of the {tested} are {correction}{size}.")
 
 
-def _tested(p: float | None, permutations: int) -> str:
-    return f", permutation {p_text(p, permutations)}" if p is not None else ""
+def _tested(p: float | None, effect: Effect) -> str:
+    if p is None:
+        return ""
+    return f", permutation {p_text(p, effect.permutations, least=is_least(effect))}"
 
 
 def size_variance_text(between: SizeVariance) -> str:
@@ -301,4 +369,8 @@ def _size_text(study: Study, comparison: Comparison) -> list[str]:
     if study.request.kind != "regression":
         first, second = study.request.between if study.request.kind == "pairs" else comparison.counts
         larger = f", {second if size.value > 0.0 else first} larger"
-    return [f"Size alone: {value} {unit}{larger} (95 % CI {low} to {high}), {sentence}."]
+    relative = ""
+    if (own := comparison.size_standardized) is not None and study.request.kind != "regression":
+        name = "Hedges' g" if study.request.kind == "groups" else "standardized"
+        relative = f"; {name} = {interval_text(own)}"
+    return [f"Size alone: {value} {unit}{larger} (95 % CI {low} to {high}), {sentence}{relative}."]

@@ -2,16 +2,15 @@
 
 from collections.abc import Iterator, Sequence
 
-from pydantic import BaseModel
-
 from homolog.analysis.procrustes import Alignment
 from homolog.files.records import ResultRecord
 from homolog.settings import Procrustes
 from homolog_app.report.findings import LEVEL, correction_text, tested_text
 from homolog_app.report.sample import voxel_text
+from homolog_app.report.settings_rows import values_of
 from homolog_app.report.study import Study
 
-__all__ = ["methods", "pose_text", "settings_rows"]
+__all__ = ["methods", "pose_text"]
 
 
 def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
@@ -34,7 +33,7 @@ def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
 def _groomed(record: ResultRecord) -> str:
     if record.source:
         return "Surfaces and their alignment are those of that program."
-    values = dict(_values(record.settings.groom))
+    values = dict(values_of(record.settings.groom))
     spacings = [subject.spacing for subject in record.subjects if subject.spacing]
     if spacings:
         automatic = " (automatic)" if record.settings.groom.spacing is None else ""
@@ -161,10 +160,12 @@ def _statistics(study: Study) -> list[str]:
         "the method of Benjamini and Hochberg.",
         f"The level was alpha = {LEVEL:g}; tests are two-sided{_one_sided(study)}.",
         "Size is the root mean square distance of a shape's particles from their centroid; it was tested by "
-        f"permutation of {_SIZE_STATISTIC[request.kind]}.",
+        f"permutation of {_SIZE_STATISTIC[request.kind]}"
+        f"{_OF_ALL_GROUPS if study.pairwise else ''}.",
         *_size_of_groups(study),
-        "95 % intervals of size and of displacements at particles are those of Welch (with covariates and "
-        "for variables: with HC2 standard errors); they are not corrected over the surface or for pairs.",
+        f"95 % intervals of size and of displacements at particles {_intervals(study)}; they are not "
+        "corrected "
+        "over the surface or for pairs.",
         *_adjustments(study),
         *_further_measures(study),
         *_discriminants(study),
@@ -177,11 +178,18 @@ def _statistics(study: Study) -> list[str]:
     return sentences
 
 
+def _intervals(study: Study) -> str:
+    if study.request.kind == "regression" or study.request.covariates:
+        return "have HC2 standard errors"
+    return "are those of Student's t" if study.request.kind == "pairs" else "are those of Welch"
+
+
 _SIZE_STATISTIC = {
-    "groups": "its studentized difference (of all groups together: of Welch's F)",
+    "groups": "its studentized difference",
     "regression": "its studentized slope",
     "pairs": "the signs of the studentized mean difference of the pairs",
 }
+_OF_ALL_GROUPS = ", that of all groups together by permutation of Welch's F"
 _EXCHANGED = {
     "groups": "Labels were permuted",
     "regression": "Values were permuted",
@@ -238,10 +246,19 @@ def _adjustments(study: Study) -> Iterator[str]:
         size = correction_text(study, size=True)
         overall = correction_text(study, overall=True) or "not corrected"
         together = f"; those of all groups together were {overall}, their size not" if study.pairwise else ""
+        two = " of two groups" if study.pairwise else ""
         yield (
-            f"P-values of the {tested_text(study)} were {correction}{together}; p-values of size were "
+            f"P-values of the {tested_text(study)} were {correction}{together}; p-values of size{two} were "
             f"{size or 'not corrected'}."
         )
+        if study.pairwise:
+            yield (
+                "For particles, the pairs were put in the order of their smallest p corrected over the "
+                "surface; "
+                f"all p of the first were multiplied by {len(study.pairwise)}, of the next by one less, and "
+                "so "
+                "on (Holm over surfaces)."
+            )
     else:
         yield "P-values were not corrected for other questions."
     yield f"The tests of the {tested_text(study, 'of size')} were not corrected for each other."
@@ -252,15 +269,22 @@ def _further_measures(study: Study) -> Iterator[str]:
     request = study.request
     if study.overall.dispersion is not None:
         yield (
-            "Equality of dispersion was tested by the distances of subjects to their group's centroid (or "
-            "fitted shape) in the tested modes; residuals were permuted "
-            f"{study.overall.dispersion.permutations} times, and centroids fitted to them again."
+            f"Equality of dispersion was tested by the distances of subjects to {_centre(study)} in the "
+            "tested "
+            "modes: residuals were permuted, and distances computed to the centroids of the permuted "
+            "residuals "
+            f"({study.overall.dispersion.permutations} permutations, p not corrected)."
         )
     if any(comparison.distance is not None for comparison in study.comparisons):
         yield (
             f"{_DISTANCES[request.kind]} were corrected for bias; their intervals come from the noncentral F "
             "distribution, assume equal covariances and are not corrected for pairs."
         )
+
+
+def _centre(study: Study) -> str:
+    of_groups = study.request.kind == "groups" and not study.request.covariates
+    return "their group's centroid" if of_groups else "the shape fitted to them"
 
 
 _DISTANCES = {
@@ -278,13 +302,15 @@ def _discriminants(study: Study) -> Iterator[str]:
     ]
     if not fits:
         return
+    adjusted = ", covariates' effects" if study.request.covariates else ""
     folds = " to ".join(str(item) for item in sorted({fit.folds for fit in fits}))
     yield (
         "The linear discriminant was computed in the retained modes with the covariance shrunk after "
         f"Ledoit and Wolf. Balanced accuracy and area under the curve (AUC) come from {folds}-fold "
-        f"stratified cross-validation, repeated {fits[0].repeats} times, with modes, covariates' "
-        "effects and direction fitted without the left-out subjects; their intervals are those of Wilson "
-        "(joined as by Newcombe) and of DeLong (an AUC of 1 is taken as half an error). Their p-values come "
+        f"stratified cross-validation, repeated {fits[0].repeats} times; in each fold as many modes as the "
+        f"comparison retained{adjusted} and the direction were fitted without the left-out subjects. Their "
+        "intervals are those of Wilson (joined as by Newcombe) and of DeLong (of an AUC of 1, whose variance "
+        "would be zero: the exact binomial bound of the smaller group). Their p-values come "
         f"from {fits[0].auc.permutations} permutations: before correction the least possible is "
         f"{1.0 / (fits[0].auc.permutations + 1):.2g}. Bounds of "
         f"the discriminant's map come from {len(fits[0].bootstrap)} bootstrap cohorts drawn within "
@@ -293,8 +319,12 @@ def _discriminants(study: Study) -> Iterator[str]:
 
 
 _SCALED = (
-    "Before permutation the groups were scaled to one dispersion, and afterwards to their own; the mean that "
-    "centring took was drawn at random"
+    "Before subjects were exchanged, each was divided by the dispersion of its group, and afterwards "
+    "multiplied "
+    "by that of the group it came to, so that permuted groups have the dispersions of the real ones; the "
+    "mean "
+    "that centring had taken was put back, at random or, where all permutations were taken, as that of each "
+    "subject in turn"
 )
 
 
@@ -302,7 +332,10 @@ def _statistic(study: Study) -> str:
     """Return what the permutation tests of a study compare."""
     request = study.request
     if request.kind == "groups" and not request.covariates:
-        statistic = "Welch's F over standardized modes, from each group's own variance"
+        statistic = (
+            "Welch's F with squared distances in the standardized modes, divided by their number, from each "
+            "group's own variance"
+        )
         return f"{statistic}. {_SCALED}"
     statistic = (
         "the tested sum of squares in standardized modes divided by its expectation without an effect, "
@@ -331,38 +364,3 @@ def _permutations(study: Study) -> str:
         return f"{tests} took {listed} permutations."
     few = f", and {', '.join(all_of)}" if all_of else ""
     return f"{tests} took {random[0]} random permutations (seed {study.request.seed}){few}."
-
-
-_NOT_GIVEN = {"core_set": "none", "segment": "none", "pairs": "none", "label": "all above 0"}
-"""What settings are that are not given; others are then chosen by the program."""
-
-
-def _values(settings: BaseModel) -> Iterator[tuple[str, str]]:
-    """Yield the name and the value, with its unit, of each setting."""
-    for name, value in settings.model_dump(mode="json").items():
-        extra = type(settings).model_fields[name].json_schema_extra
-        unit = f" {extra['unit']}" if isinstance(extra, dict) and "unit" in extra else ""
-        if value is None:
-            yield name, _NOT_GIVEN.get(name, "automatic")
-        elif isinstance(value, bool):
-            yield name, "yes" if value else "no"
-        elif isinstance(value, list):
-            yield name, ", ".join(map(str, value)) or "none"
-        else:
-            yield name, f"{value}{unit}"
-
-
-def settings_rows(record: ResultRecord, studies: list[Study]) -> list[tuple[str, str, str]]:
-    """Return every setting and version: part, name, value."""
-    rows = [
-        (part, name, value)
-        for part, model in (("groom", record.settings.groom), ("optimize", record.settings.optimize))
-        for name, value in _values(model)
-    ]
-    rows += [("run", "alignment by particles", record.settings.placing.procrustes.value)]
-    rows += [("run", "device", record.device), ("run", "fingerprint", record.fingerprint)]
-    for study in studies:
-        rows += [
-            (study.request.name, name, value) for name, value in _values(study.request) if name != "earlier"
-        ]
-    return rows + [("version", name, number) for name, number in record.versions.items()]

@@ -5,7 +5,7 @@ import csv
 import io
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -54,6 +54,16 @@ class Page:
     def __init__(self, title: str, notice: str, *, footer: str = "") -> None:
         self.title, self.notice, self._footer = title, notice, footer
         self.parts: list[dict[str, object]] = []
+        self._numbers = {"Table": 0, "Figure": 0}
+
+    def following(self, kind: str, after: int = 1) -> str:
+        """Return what a table or figure to come is called: "Table 3"."""
+        return f"{kind} {self._numbers[kind] + after}"
+
+    def _numbered(self, kind: str, caption: str) -> str:
+        number = self.following(kind)
+        self._numbers[kind] += 1
+        return f"{number}. {caption}"
 
     def heading(self, text: str, level: int = 2) -> None:
         """Add a heading."""
@@ -79,20 +89,23 @@ class Page:
         as_text: bool = False,
         summary: str = "",
         omit: str | None = None,
+        caption: str = "",
     ) -> None:
         """Add a table; of text its cells are set to the left, with a summary it is folded away.
 
-        Columns whose cells all are `omit` are left out.
+        Columns whose cells all are `omit` are left out. A table with a caption is numbered.
         """
         rows = list(rows)
         kept = [index for index in range(len(columns)) if any(row[index] != omit for row in rows)]
         columns = [columns[index] for index in kept]
         rows = [[row[index] for index in kept] for row in rows]
-        self._add("table", columns=columns, rows=rows, as_text=as_text, summary=summary)
+        caption = self._numbered("Table", caption) if caption else ""
+        self._add("table", columns=columns, rows=rows, as_text=as_text, summary=summary, caption=caption)
 
     def figures(self, figures: Sequence[ReportFigure]) -> None:
-        """Add figures, beside each other where they fit."""
-        self._add("figures", figures=[_embedded(figure) for figure in figures])
+        """Add figures, numbered, beside each other where they fit."""
+        numbered = [replace(item, caption=self._numbered("Figure", item.caption)) for item in figures]
+        self._add("figures", figures=[_embedded(figure) for figure in numbered])
 
     def pictures(self, pictures: Sequence[Picture]) -> None:
         """Add small pictures that lie beside the page, as many in a row as fit."""

@@ -7,11 +7,14 @@ import numpy as np
 
 from homolog.analysis.design import numbers
 from homolog.errors import InputError
+from homolog.files.records import ResultRecord
 from homolog.files.results import Result
+from homolog_app.report.details import ReportDetails
+from homolog_app.report.page import Page
 from homolog_app.report.request import SHAPE_SIZE, category_of, column_of
 from homolog_app.report.study import Study
 
-__all__ = ["VOXEL", "SampleRow", "sample_rows", "voxel_text"]
+__all__ = ["VOXEL", "SampleRow", "add_missing", "sample_rows", "voxel_text"]
 
 VOXEL = "voxel"
 """Variable whose categories are edges of voxels [mm], the shortest first."""
@@ -111,3 +114,26 @@ def _describes(values: set[str]) -> bool:
         )
     except InputError:  # commas that may be between thousands
         return False
+
+
+def add_missing(page: Page, record: ResultRecord, details: ReportDetails, studies: Sequence[Study]) -> None:
+    """Add one list of what a paper needs and only its authors know."""
+    points = [] if details.structure else ["the anatomical structure (--structure)"]
+    if not details.cohort:
+        points.append(
+            "the cohort (--cohort): where and when subjects were recruited, criteria of inclusion and "
+            "diagnosis, what the groups are"
+        )
+    if not any(subject.voxel for subject in record.subjects):
+        points.append("voxel size")
+    points += [
+        "scanner, protocol and phase or time of imaging, with the spacing of the original slices",
+        "who segmented, how, and how well segmentations of one subject agree",
+        "units of columns whose names do not tell them",
+        "why there are as many subjects and particles",
+        "ethics approval",
+    ]
+    if studies:
+        points.append("how answers vary with the seed of the correspondence (homolog analyze --seeds 5)")
+    given = "" if not details.cohort else ", where the description of the cohort does not say it"
+    page.paragraph(f"For the authors to add{given}: {'; '.join(points)}.")

@@ -40,7 +40,9 @@ _BOLD = 1.12
 """Width of bold letters."""
 _CAPITALS = 0.3
 """By which a capital letter is wider than others."""
-_MOST_COLUMNS = 7
+_MOST_COLUMNS = 9
+_UNCUT = 0.6
+"""Share of a sheet up to which a table is not cut."""
 _MOST_TURNED = 4
 """Rows of a turned table beside each other."""
 _MOST_ROWS = 200
@@ -195,10 +197,16 @@ class _Flow:
                 for first, rest in points:
                     self.paragraph(f"• {first}", bold=True, gap=0.0)
                     self.paragraph(rest)
-            case {"kind": "table", "columns": columns, "rows": list(rows), "summary": str(summary)}:
+            case {
+                "kind": "table",
+                "columns": columns,
+                "rows": list(rows),
+                "summary": str(summary),
+                "caption": str(caption),
+            }:
                 assert isinstance(columns, Sequence)
-                if summary:
-                    self._headings.append((summary, False))
+                if name := caption or summary:
+                    self._headings.append((name, False))
                 self.table(columns, [[_cell_text(cell) for cell in row] for row in rows])
             case {"kind": "figures", "figures": list(figures)}:
                 self.figures(figures)
@@ -214,7 +222,7 @@ class _Flow:
             self.sheets.append(Sheet(self._title))
         headings, self._headings = self._headings, []
         for text, large in headings:
-            self.sheet.heading(text) if large else self.sheet.text(text, 9.5, bold=True)
+            self.sheet.heading(text) if large else self.sheet.text(text, 9.0, bold=True)
 
     def paragraph(self, text: str, *, bold: bool = False, colour: str = "#1a1a1e", gap: float = 0.05) -> None:
         """Add a paragraph, which may go on on the next sheet."""
@@ -232,7 +240,10 @@ class _Flow:
                 self.table(turned[0], turned[1:])
             return
         starts = _starts([columns, *rows[:_MOST_ROWS]])
-        self.room(_LINE * 4)
+        lines = [max(map(len, wrapped_cells(columns, starts, _BOLD)))]
+        lines += [max(map(len, wrapped_cells(row, starts))) for row in rows[:_MOST_ROWS]]
+        whole = _LINE * sum(lines)
+        self.room(whole if whole < _UNCUT * (BOTTOM - EDGE) else _LINE * (sum(lines[:3]) + 1))
         self.sheet.row(columns, starts, bold=True)
         for row in rows[:_MOST_ROWS]:
             high = _LINE * max(map(len, wrapped_cells(row, starts)))
@@ -279,8 +290,8 @@ def _cell_text(cell: str | Link) -> str:
 def _starts(rows: Sequence[Sequence[str]]) -> list[float]:
     """Return where columns start, so that long ones are wide and no word is broken without need."""
     columns = list(zip(*([typeset(cell) for cell in row] for row in rows), strict=True))
-    least = np.array([2 + _letters([cell.split(" ") for cell in column]) for column in columns])
-    whole = np.array([2 + _letters([[cell] for cell in column]) for column in columns])
+    least = np.array([3 + _letters([cell.split(" ") for cell in column]) for column in columns])
+    whole = np.array([3 + _letters([[cell] for cell in column]) for column in columns])
     room = (WIDE - 2 * EDGE) * _ACROSS
     left = max(room - least.sum(), 0.0)
     widths = least + (whole - least) * min(1.0, left / max((whole - least).sum(), 1))

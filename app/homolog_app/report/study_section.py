@@ -1,6 +1,7 @@
 """The part of a report on one study: sample, results, where, assumptions, figures."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from math import floor, log10
 from pathlib import Path
 
@@ -17,14 +18,18 @@ from homolog_app.report.findings import (
     LEVEL,
     classified_text,
     corrections_text,
+    is_least,
+    shown_variance,
+    shows_size,
     size_variance_text,
 )
 from homolog_app.report.page import Page
+from homolog_app.report.regions_section import add_regions, effect_cell, interval_cell, scale_text
 from homolog_app.report.request import SHAPE_SIZE
 from homolog_app.report.sample import VOXEL, SampleRow, sample_rows
 from homolog_app.report.seeds import read_spread, spread_text
 from homolog_app.report.study import Study
-from homolog_app.report.surface_maps import Region, SurfaceCarrier, significant_regions
+from homolog_app.report.surface_maps import SurfaceCarrier
 
 __all__ = ["add_study"]
 
@@ -50,17 +55,25 @@ def add_study(
         _sample(page, study, result)
     page.heading("Results", 3)
     _results(page, study)
-    _where(page, study, carrier)
+    pictured = {
+        figure.heading: page.following("Figure", number)
+        for number, figure in enumerate(figures, start=1)
+        if figure.shows_regions
+    }
+    tables = add_regions(page, study, carrier, pictured)
     spread = spread_text(read_spread(*kept))
     page.paragraph(
         "The seed of the correspondence is part of the uncertainty. "
-        + (" ".join(spread) or "Its share was not computed; homolog analyze --seeds 5 computes it.")
+        + (" ".join(spread) or "One seed was used, so that its share is not known.")
     )
     add_assumptions(page, study)
+    heading = ""
     for figure in figures:
-        if figure.heading:
-            page.heading(figure.heading, 3)
-        page.figures([figure])
+        if figure.heading != heading:
+            heading = figure.heading
+            page.heading(heading, 3)
+        caption = figure.caption.replace("those of the table", f"those of {tables.get(heading, 'the table')}")
+        page.figures([replace(figure, caption=caption)])
     add_false_positives(page, study)
 
 
@@ -76,46 +89,74 @@ def _results(page: Page, study: Study) -> None:
             "Where subjects lie far from the rest, whole shape, particles, size and classification are given "
             "without them, too."
         )
+    first, last = page.following("Table"), page.following("Table", 2)
+    sentences.append(f"{first} has the tests of the whole shape, {last} those of particles.")
     page.paragraph(" ".join(sentences))
     page.table(
         [
-            "whole shape", "modes", f"D (SD{_per(study)}, 95 % CI)", "p", "p, not corrected",
+            "comparison", "modes (variance)", f"D (SD{_per(study)}, 95 % CI)", "p", "p, not corrected",
             "studentized statistic", "T² or Λ", "F (df)", "p (F)",
         ],
         (_whole_shape_row(study, *item) for item in tested),
+        caption="Tests of the whole shape",
     )  # fmt: skip
     page.paragraph(
         f"{_DISTANCE[study.request.kind]} The studentized statistic, by which p was found, is "
         f"{_STATISTIC[study.request.kind == 'groups' and not study.request.covariates]}. T² is Hotelling's, "
         "Λ is Wilks' lambda. df: degrees of freedom. p (F) assumes normal data and equal covariances and is "
-        "not corrected."
+        "not corrected. Modes are those that the comparison was tested in, with their share of the variance "
+        "of "
+        "its subjects. Statistics of different numbers of modes can't be compared."
     )
     page.table(
         [
-            "particles", f"significant (p ≤ {LEVEL:g})", "area (mm²)", "area (%)", "smallest p",
+            "comparison", f"significant particles (p ≤ {LEVEL:g})", "area (mm²)", "area (%)", "smallest p",
             f"q ≤ {LEVEL:g}", "smallest q",
         ],
         (_particles_row(study, *item) for item in tested),
+        caption="Tests of particles",
     )  # fmt: skip
     page.paragraph(
-        "p of particles is corrected over the surface (family-wise error). q is the false discovery rate "
-        "over the surface (Benjamini and Hochberg), not corrected for pairs or analyses."
+        "Areas are of the whole surface, of hollow shapes its inner and outer side together. p of particles "
+        "is "
+        "corrected over the surface (family-wise error), pairs and analyses; it is the one to report, and "
+        "maps "
+        "and regions use it. q is the false discovery rate over the surface (Benjamini and Hochberg), not "
+        "corrected for pairs or analyses, and only describes how widespread an effect is: of the particles "
+        "with q ≤ 0.05 one in twenty is expected to be false. q is no smaller than the number of particles "
+        "divided by that of the permutations and of the particles that reach the least p, and so may be "
+        "larger "
+        "than p." + scale_text(study)
     )
-    rows = [_separation_row(study, *item) for item in tested]
-    if any(cell != "–" for row in rows for cell in row[1:]):
+    _size_and_separation(page, study, tested)
+
+
+def _size_and_separation(page: Page, study: Study, tested: Sequence[tuple[str, Comparison]]) -> None:
+    """Add the tests of size, unless the study of form has them, and how well groups can be told apart."""
+    if not shows_size(study):
+        page.paragraph("Size by itself is the same as in the study of form, and is given there.")
+    elif rows := [row for item in tested if (row := _size_row(study, *item))]:
+        page.table(
+            ["comparison", f"size (mm{_per(study)}, 95 % CI)", "standardized size (95 % CI)", "p"],
+            rows,
+            omit="–",
+            caption="Tests of size",
+        )
+        page.paragraph(_STANDARDIZED[study.request.kind])
+    if rows := [_separation_row(*item) for item in tested if item[1].discriminant is not None]:
         page.table(
             [
-                "size and separation", f"size (mm{_per(study)}, 95 % CI)", "p",
-                "balanced accuracy (%, 95 % CI)", "p", "classified correctly", "AUC (95 % CI)", "p",
+                "comparison", "balanced accuracy (%, 95 % CI)", "p of accuracy", "classified correctly",
+                "AUC (95 % CI)", "p of AUC",
             ],
             rows,
             as_text=True,
             omit="–",
+            caption="Separation by the linear discriminant",
         )  # fmt: skip
-    if any(comparison.discriminant is not None for comparison in study.comparisons):
         page.paragraph(
             "Accuracy, AUC and the numbers of those classified correctly are cross-validated and means over "
-            "the repeats."
+            "the repeats. “≤” stands before the least p that the permutations can give after correction."
         )
 
 
@@ -127,8 +168,19 @@ _DISTANCE = {
     "pairs": "D is the length of the mean difference of the pairs in the retained modes, in standard "
     "deviations of the differences, corrected for bias.",
 }
+_STANDARDIZED = {
+    "groups": "Standardized size is Hedges' g: the difference in standard deviations within groups (pooled), "
+    "corrected for bias; its interval comes from the noncentral t distribution and assumes equal variances.",
+    "pairs": "Standardized size is the mean difference in standard deviations of the differences, corrected "
+    "for "
+    "bias; its interval comes from the noncentral t distribution.",
+    "regression": "Standardized size is the change per unit in standard deviations of what the model leaves "
+    "unexplained, corrected for bias; its interval comes from the noncentral t distribution.",
+}
 _STATISTIC = {
-    True: "Welch's F, summed over the modes",
+    True: "Welch's F with squared distances in all modes in the place of squared differences, divided by "
+    "their "
+    "number",
     False: "the tested sum of squares in the modes divided by its expectation without an effect",
 }
 """By whether groups are compared without covariates."""
@@ -153,8 +205,8 @@ def _whole_shape_row(study: Study, title: str, comparison: Comparison) -> tuple[
         return (title, "0", *["–"] * 7)
     return (
         title,
-        str(test.modes),
-        _effect(study, comparison.distance) if comparison.distance is not None else "–",
+        f"{test.modes} ({shown_variance(comparison):.0f} %)",
+        effect_cell(study, comparison.distance) if comparison.distance is not None else "–",
         p_number(comparison.p_adjusted, test.permutations),
         p_number(test.p_permutation, test.permutations),
         f"{test.studentized:.2f}",
@@ -179,105 +231,32 @@ def _particles_row(study: Study, title: str, comparison: Comparison) -> tuple[st
     )
 
 
-def _separation_row(study: Study, title: str, comparison: Comparison) -> tuple[str, ...]:
-    line, size, size_p = comparison.discriminant, comparison.size, comparison.size_p_adjusted
-    sizes = ["–", "–"]
-    if size is not None and size_p is not None:
-        between = comparison.size_variance
-        effect = _effect(study, size) if between is None else size_variance_text(between)
-        sizes = [effect, p_number(size_p, size.permutations)]
-    if line is None:
-        return (title, *sizes, *["–"] * 5)
+def _size_row(study: Study, title: str, comparison: Comparison) -> tuple[str, ...]:
+    """Return a row on size; empty where it is tested or adjusted for itself."""
+    size, p = comparison.size, comparison.size_p_adjusted
+    if size is None or p is None:
+        return ()
+    between, own = comparison.size_variance, comparison.size_standardized
+    effect = effect_cell(study, size) if between is None else size_variance_text(between)
+    relative = "–" if own is None else effect_cell(study, own)
+    return title, effect, relative, p_number(p, size.permutations)
+
+
+def _separation_row(title: str, comparison: Comparison) -> tuple[str, ...]:
+    line = comparison.discriminant
+    assert line is not None
     return (
         title,
-        *sizes,
-        _interval(line.accuracy, 0, 100.0),
-        _known(comparison.accuracy_p_adjusted, line.accuracy.permutations),
+        interval_cell(line.accuracy, 0, 100.0),
+        _known(comparison.accuracy_p_adjusted, line.accuracy),
         classified_text(comparison),
-        _interval(line.auc),
-        _known(comparison.auc_p_adjusted, line.auc.permutations),
+        interval_cell(line.auc),
+        _known(comparison.auc_p_adjusted, line.auc),
     )
 
 
-def _interval(effect: Effect, digits: int = 2, scale: float = 1.0) -> str:
-    """Return an estimate with its interval as tables have it, such as ``"1.27 (0.41 to 2.02)"``."""
-    value, low, high = (f"{scale * item:.{digits}f}" for item in (effect.value, effect.low, effect.high))
-    return f"{value} ({low} to {high})"
-
-
-def _effect(study: Study, effect: Effect) -> str:
-    """Return an effect with its interval; changes per unit have three digits of the interval's width."""
-    return _interval(effect, _digits(study, effect.high - effect.low))
-
-
-def _digits(study: Study, width: float) -> int:
-    if study.request.kind != "regression" or not width > 0.0:
-        return 2
-    return max(2, 2 - floor(log10(width)))
-
-
-def _known(p: float | None, permutations: int) -> str:
-    return "–" if p is None else p_number(p, permutations)
-
-
-def _where(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
-    """Add the regions where particles are significant."""
-    rows = [
-        (
-            comparison.title,
-            f"{number}",
-            f"{len(region.particles)}",
-            f"{region.area:.0f}",
-            region.where,
-            f"{_effect(study, region.outward)}, {region.direction(region.outward.value)}",
-            f"{region.length:.{_digits(study, region.outward.high - region.outward.low)}f}",
-            _outward(study, region),
-            p_number(region.p, comparison.pointwise.permutations),
-        )
-        for comparison in study.comparisons
-        for number, region in enumerate(significant_regions(study, comparison, carrier), start=1)
-    ]
-    if not rows:
-        return
-    page.heading("Where", 3)
-    hollow = any("surface" in row[4] for row in rows)
-    page.paragraph(
-        f"Connected regions of particles with p ≤ {LEVEL:g}, corrected over the surface, pairs and "
-        "analyses; the pictures below show them by number. Places are directions from the middle of the "
-        "mean shape along the axes of the input files: left is towards the patient's left (file axis +L), "
-        "anterior towards the front (+A), superior towards the head (+S). They hold if the files' axes are "
-        "those of the patient. Give the parts their anatomical names from the pictures."
-        + (
-            " The shape is hollow: a region is on its inner surface, which mostly faces itself across the "
-            "cavity, or on its outer surface."
-            if hollow
-            else ""
-        )
-    )
-    page.table(
-        [
-            "comparison", "region", "particles", "area (mm²)", "place of the peak",
-            f"outward at the peak (mm{_per(study)}, 95 % CI)", f"displacement of the peak (mm{_per(study)})",
-            f"outward: mean (least to largest) (mm{_per(study)})", "p at the peak",
-        ],
-        rows,
-        as_text=True,
-    )  # fmt: skip
-    page.paragraph(
-        "The peak is the particle with the largest studentized statistic. Outward is along the normal of "
-        "the mean surface, positive out of the tissue; its mean over a region's area is given with the least "
-        "and the largest of its particles, as parts of a region may move in opposite directions. The "
-        "position was tested in all directions: the interval of its outward part alone may hold zero. "
-        "Intervals are of the peak by itself, not corrected over the surface; since the peak was chosen by "
-        "its statistic, its effect is overestimated."
-    )
-
-
-def _outward(study: Study, region: Region) -> str:
-    digits = _digits(study, region.outward.high - region.outward.low)
-    low, high = (f"{value:.{digits}f}" for value in region.outward_range)
-    mean = f"{region.mean_outward:.{digits}f}"
-    return mean if len(region.particles) == 1 else f"{mean} ({low} to {high})"
+def _known(p: float | None, effect: Effect) -> str:
+    return "–" if p is None else p_number(p, effect.permutations, least=is_least(effect))
 
 
 def _mean_text(mean: float, spread: float) -> str:
@@ -313,7 +292,9 @@ def _sample(page: Page, study: Study, result: Result) -> None:
         title = f"{row.variable}{unit}{f': {row.category}' if row.category else ''}"
         cells.setdefault(title, {})[row.group] = _sample_text(row, sizes[row.group])
     page.table(
-        ["", *groups], ([title, *(own.get(group, "–") for group in groups)] for title, own in cells.items())
+        ["", *groups],
+        ([title, *(own.get(group, "–") for group in groups)] for title, own in cells.items()),
+        caption="Subjects of the study",
     )
     page.paragraph(
         "Mean ± standard deviation (least to largest), or number of subjects (share of the group). "
@@ -330,9 +311,4 @@ def _sample(page: Page, study: Study, result: Result) -> None:
     gone = [f"{name} ({why})" for name, why in study.left_out.items()]
     excluded = f"Not compared: {len(gone)} of {len(result.names)} subjects. {', '.join(gone)}"
     page.paragraph(excluded if gone else "All subjects were compared.")
-    known = any(row.variable == VOXEL for row in rows)
-    page.paragraph(
-        "Not in the files, for the authors to add: where and when subjects were recruited, criteria of "
-        f"inclusion and diagnosis, scanner and protocol{'' if known else ', voxel size'}, who segmented "
-        "and how, units of columns whose names don't tell them, ethics approval."
-    )
+    page.paragraph("Columns of the table are described, and differences of groups in them not tested.")

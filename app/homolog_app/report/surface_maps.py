@@ -17,9 +17,13 @@ from homolog.files.results import Result
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import nearest_particles
 from homolog_app.rendering.colours import outward_displacement
+from homolog_app.report.directions import PATIENT_AXES, Directions
 from homolog_app.report.study import Study
 
-__all__ = ["SIDES", "Region", "SurfaceCarrier", "significant_regions"]
+__all__ = ["EDGE", "INNER", "OUTER", "Region", "SurfaceCarrier", "significant_regions"]
+
+INNER, OUTER, EDGE = "inner surface", "outer surface", "edge of the opening"
+"""The walls of a hollow shape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,22 +40,25 @@ class SurfaceCarrier:
         Which particles those are.
     nearest : (V,) int array
         The particle nearest to each vertex, of those on its side of a wall.
+    directions : Directions
+        How places are called.
     """
 
     mesh: TriangleMesh
     operator: FloatArray
     centres: IntArray
     nearest: IntArray
+    directions: Directions = PATIENT_AXES
 
     @classmethod
-    def of(cls, result: Result) -> "SurfaceCarrier":
-        """Prepare the mean surface of a result."""
+    def of(cls, result: Result, directions: Directions = PATIENT_AXES) -> "SurfaceCarrier":
+        """Prepare the mean surface of a result, whose places have these names."""
         mean = result.world.mean(axis=0)
         centres = farthest_points(mean, MOST_CENTRES)
         vertices = result.mean_surface.vertices
         operator = thin_plate_operator(mean[centres], vertices, smoothing=result.smoothing[centres])
         nearest = nearest_particles(result.mean_surface, mean)
-        return cls(result.mean_surface, operator, centres, nearest)
+        return cls(result.mean_surface, operator, centres, nearest, directions)
 
     def mean_of(self, comparison: Comparison) -> TriangleMesh:
         """Return the mean surface of the subjects of a comparison."""
@@ -75,28 +82,40 @@ class SurfaceCarrier:
         low, high = comparison.discriminant.bounds(np.array(maps))
         return np.asarray(((low > 0.0) | (high < 0.0)) & (comparison.p_adjusted <= LEVEL))
 
-    def inner_at_particles(self, count: int) -> BoolArray:
-        """Return which of so many particles (N,) are on an inner surface, which mostly sees itself.
+    def walls_at_particles(self, count: int) -> list[str]:
+        """Return on which wall each of so many particles is: `INNER`, `OUTER` or `EDGE`.
 
-        None are where such places are a tenth of the area or less: the shape is not hollow.
+        An inner surface mostly sees itself, or faces itself across the cavity; the edge of an opening lies
+        between both. All are empty where inner surfaces are a tenth of the area or less: the shape is not
+        hollow.
         """
-        inner, areas = self._inner
-        share = np.bincount(self.nearest, areas * inner, minlength=count)
-        whole = np.bincount(self.nearest, areas, minlength=count)
-        return np.asarray(share > 0.5 * whole)
+        inner, edge, areas = self._walls
+        if not inner.any():
+            return [""] * count
+        parts = np.array(
+            [
+                np.bincount(self.nearest, areas * part, minlength=count)
+                for part in (inner, ~inner & ~edge, edge)
+            ]
+        )
+        return [(INNER, OUTER, EDGE)[part] for part in parts.argmax(axis=0).tolist()]
 
     @cached_property
-    def _inner(self) -> tuple[BoolArray, FloatArray]:
-        """Whether each vertex is on an inner surface, and the area around it."""
-        from homolog_app.rendering.rays import openness  # loads Warp
+    def _walls(self) -> tuple[BoolArray, BoolArray, FloatArray]:
+        """Which vertices are on an inner surface and on the edge of its opening, and the area around each."""
+        from homolog_app.rendering.rays import faces_itself, openness  # loads Warp
 
         diagonal = float(np.linalg.norm(np.ptp(self.mesh.vertices, axis=0)))
         inner = openness(self.mesh, diagonal) < 1.0 - _ENCLOSED
         shares, count = np.repeat(self.mesh.face_areas, 3), len(self.mesh.vertices)
         areas = np.bincount(self.mesh.faces.ravel(), shares, minlength=count).astype(np.float64)
         if float(areas[inner].sum()) <= _HOLLOW * float(areas.sum()):
-            inner = np.zeros(len(inner), dtype=bool)
-        return inner, areas
+            return np.zeros(count, dtype=bool), np.zeros(count, dtype=bool), areas
+        ahead, behind = faces_itself(self.mesh)
+        inner |= np.isfinite(ahead)
+        across = float(np.median(behind[inner & np.isfinite(behind)]))
+        near = KDTree(self.mesh.vertices[inner]).query(self.mesh.vertices)[0] < _NEAR_THE_WALL * across
+        return inner, ~inner & near & (behind > _ALONG_THE_WALL * across), areas
 
     def outward_at_particles(self, comparison: Comparison, displacement: FloatArray) -> FloatArray:
         """Return the outward part of displacements of the particles (..., N, 3) [mm], shape (..., N)."""
@@ -111,12 +130,10 @@ class SurfaceCarrier:
         return normals
 
 
-SIDES = (("right", "left"), ("anterior", "posterior"), ("inferior", "superior"))
-"""Of the axes of LPS coordinates: towards smaller and larger values."""
-_OFF_THE_MIDDLE = 1.0 / 3.0
-"""Share of half the extent along an axis from which a place is called by that axis' side."""
 _ENCLOSED = 0.5
 """Share of directions in which a place of an inner surface sees the surface again, as in a cavity."""
+_NEAR_THE_WALL, _ALONG_THE_WALL = 1.5, 1.7
+"""Of the wall's thickness: how near an edge lies to the inner surface, and how long the way through it is."""
 _HOLLOW = 0.1
 """Share of the area that inner surfaces need, for a shape to be called hollow."""
 
@@ -138,12 +155,14 @@ class Region:
     place : str
         The same in words, from the middle of the mean shape along the axes of the files.
     wall : str
-        ``"inner surface"`` or ``"outer surface"`` of a hollow shape; empty for others.
+        `INNER`, `OUTER` or `EDGE` of a hollow shape; empty for others.
     outward : Effect
         Displacement at the peak along the outward normal [mm] with its interval, not corrected over the
         surface.
     length : float
         Of the whole displacement at the peak [mm].
+    way : str
+        Which way that points.
     mean_outward : float
         Outward displacement, mean over the region's area [mm].
     outward_range : (float, float)
@@ -160,6 +179,7 @@ class Region:
     wall: str
     outward: Effect
     length: float
+    way: str
     mean_outward: float
     outward_range: tuple[float, float]
     p: float
@@ -173,7 +193,7 @@ class Region:
     def direction(self, outward: float) -> str:
         """Return which way an outward displacement moves the surface, in words."""
         way = "out of the tissue" if outward > 0.0 else "into the tissue"
-        if not self.wall.startswith("inner"):
+        if self.wall != INNER:
             return way
         return f"{way} (cavity {'narrower' if outward > 0.0 else 'wider'})"
 
@@ -181,15 +201,16 @@ class Region:
 def significant_regions(study: Study, comparison: Comparison, carrier: SurfaceCarrier) -> list[Region]:
     """Return the regions of a comparison with one effect, the largest first.
 
-    Of a hollow shape, those on its inner and on its outer surface are apart.
+    Of a hollow shape, those on its inner surface, outer surface and edge are apart.
     """
     inside = comparison.p_fwe <= LEVEL
     if len(comparison.pointwise.effect) > 1 or not inside.any():
         return []
     faces = carrier.mesh.faces
     edges = carrier.nearest[np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])]
-    inner = carrier.inner_at_particles(len(inside))
-    kept = edges[inside[edges].all(axis=1) & (inner[edges[:, 0]] == inner[edges[:, 1]])]
+    walls = carrier.walls_at_particles(len(inside))
+    of_wall = np.array(walls)
+    kept = edges[inside[edges].all(axis=1) & (of_wall[edges[:, 0]] == of_wall[edges[:, 1]])]
     graph = coo_matrix((np.ones(len(kept)), kept.T), shape=(len(inside), len(inside)))
     labels = connected_components(graph, directed=False)[1]
     normals = carrier.normals_at_particles(comparison)
@@ -207,10 +228,11 @@ def significant_regions(study: Study, comparison: Comparison, carrier: SurfaceCa
                 area=float(areas.sum()),
                 peak=peak,
                 position=comparison.mean[peak],
-                place=_place(comparison.mean, peak),
-                wall=("inner surface" if inner[peak] else "outer surface") if inner.any() else "",
+                place=carrier.directions.place(comparison.mean, peak),
+                wall=walls[peak],
                 outward=Effect(float(outward[peak]), float(low[peak]), float(high[peak])),
                 length=float(np.linalg.norm(effect[peak])),
+                way=carrier.directions.way(effect[peak]),
                 mean_outward=float(outward[own] @ areas / max(float(areas.sum()), 1e-300)),
                 outward_range=(float(outward[own].min()), float(outward[own].max())),
                 p=float(comparison.p_fwe[peak]),
@@ -218,13 +240,3 @@ def significant_regions(study: Study, comparison: Comparison, carrier: SurfaceCa
             )
         )
     return sorted(regions, key=lambda region: -region.area)
-
-
-def _place(mean: FloatArray, particle: int) -> str:
-    """Return where a particle lies from the middle of the shape, such as ``"left posterior"``."""
-    middle = (mean.min(axis=0) + mean.max(axis=0)) / 2.0
-    share = (mean[particle] - middle) / np.maximum(np.ptp(mean, axis=0) / 2.0, 1e-300)
-    sides = [
-        pair[int(part > 0.0)] for pair, part in zip(SIDES, share, strict=True) if abs(part) > _OFF_THE_MIDDLE
-    ]
-    return " ".join(sides) or "middle"

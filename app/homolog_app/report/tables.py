@@ -16,6 +16,7 @@ from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.files.tables import write_table
+from homolog_app.report.details import directions_of, read_details
 from homolog_app.report.findings import LEVEL
 from homolog_app.report.request import (
     SHAPE_SIZE,
@@ -57,7 +58,9 @@ def save_study(
     """
     folder = study_folder(project, study.request)
     answered = Answered.now(project)
-    write_study_tables(folder, study, result, carrier or SurfaceCarrier.of(result), answered)
+    if carrier is None:
+        carrier = SurfaceCarrier.of(result, directions_of(read_details(project), project.read().result))
+    write_study_tables(folder, study, result, carrier, answered)
     write_request(study.request, folder, answered)
     return folder
 
@@ -274,7 +277,7 @@ _REGION_COLUMNS = (
     "largest_outward_mm", "peak_particle",
     "peak_x_mm", "peak_y_mm", "peak_z_mm", "peak_wall", "peak_place", "peak_outward_mm",
     "peak_outward_low_95_mm", "peak_outward_high_95_mm", "peak_displacement_mm", "peak_p_fwe_corrected",
-    "peak_q",
+    "peak_q", "peak_displacement_towards",
 )  # fmt: skip
 
 
@@ -285,7 +288,7 @@ def _regions(study: Study, carrier: SurfaceCarrier) -> Iterator[list[_Cell]]:
                 comparison.title, number, len(region.particles), region.area, region.mean_outward,
                 *region.outward_range, region.peak, *region.position.tolist(), region.wall, region.place,
                 region.outward.value, region.outward.low, region.outward.high, region.length, region.p,
-                region.q,
+                region.q, region.way,
             ]  # fmt: skip
 
 

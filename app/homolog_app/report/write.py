@@ -20,8 +20,10 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog_app.pictures import write_picture
 from homolog_app.rendering.camera import Clip
 from homolog_app.report import NOTICE
+from homolog_app.report.details import ReportDetails, directions_of, read_details
 from homolog_app.report.figures import ReportFigure, model_figures, quality_rows, study_figures
 from homolog_app.report.findings import (
+    LEVEL,
     Finding,
     cautions,
     corrections_text,
@@ -29,9 +31,12 @@ from homolog_app.report.findings import (
     landmark_text,
     outlier_text,
 )
-from homolog_app.report.methods import methods, pose_text, settings_rows
+from homolog_app.report.methods import methods, pose_text
 from homolog_app.report.page import Page
-from homolog_app.report.request import read_requests, study_folder
+from homolog_app.report.regions_section import digits_of
+from homolog_app.report.request import read_requests, reference_first, study_folder
+from homolog_app.report.sample import add_missing
+from homolog_app.report.settings_rows import settings_rows
 from homolog_app.report.sheets import write_page
 from homolog_app.report.study import Study, run_study
 from homolog_app.report.study_section import add_study
@@ -74,11 +79,13 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     for index, request in enumerate(requests):
         share = 0.5 / len(requests)
         studies.append(run_study(result, request, part_of(tick, index * share, (index + 1) * share)))
-    carrier = SurfaceCarrier.of(result)
+    details = read_details(project)
+    carrier = SurfaceCarrier.of(result, directions_of(details, record))
     model = ShapeModel.fit(result.world, names=result.names)
     figures = list(model_figures(project, result, model, carrier, part_of(tick, 0.5, 0.6), clip))
-    page = Page(f"Shape analysis of {project.folder.resolve().name}", f"{NOTICE} {_made(record)}")
-    _summary(page, record, result, studies, carrier)
+    of = f": {details.structure}" if details.structure else ""
+    page = Page(f"Shape analysis of {project.folder.resolve().name}{of}", f"{NOTICE} {_made(record)}")
+    _summary(page, record, result, studies, carrier, details)
     _model_section(page, folder, record, result, model, figures)
     for index, study in enumerate(studies):
         part = part_of(tick, 0.6 + 0.3 * index / len(studies), 0.6 + 0.3 * (index + 1) / len(studies))
@@ -105,16 +112,19 @@ def _made(record: ResultRecord) -> str:
 
 
 def _summary(
-    page: Page, record: ResultRecord, result: Result, studies: Sequence[Study], carrier: SurfaceCarrier
-) -> None:
+    page: Page, record: ResultRecord, result: Result, studies: Sequence[Study], carrier: SurfaceCarrier,
+    details: ReportDetails,
+) -> None:  # fmt: skip
     groups = list(result.groups)
-    counts = ", ".join(
-        f"{groups.count(fromkey)} {fromkey or 'no group'}" for fromkey in dict.fromkeys(groups)
-    )
+    counts = ", ".join(f"{groups.count(group)} {group or 'no group'}" for group in _in_order(groups, studies))
+    what = f"Structure: {details.structure}. " if details.structure else ""
     page.paragraph(
-        f"{len(groups)} subjects{f' ({counts})' if any(groups) else ''} with {record.particles} "
+        f"{what}{len(groups)} subjects{f' ({counts})' if any(groups) else ''} with {record.particles} "
         f"corresponding particles each, placed with {record.metric} distances."
     )
+    if details.cohort:
+        page.paragraph(f"Cohort: {details.cohort.rstrip('.')}.")
+    add_missing(page, record, details, studies)
     if record.excluded:
         page.paragraph(f"Excluded before the run: {len(record.excluded)}. {' '.join(record.excluded)}")
     if record.mirrored_text:
@@ -138,6 +148,13 @@ def _summary(
             page.caution(text)
 
 
+def _in_order(groups: Sequence[str | None], studies: Sequence[Study]) -> list[str | None]:
+    """Return the different groups, in the order of the first study of them."""
+    asked = [group for study in studies for group in study.request.between]
+    there = list(dict.fromkeys([*asked, *reference_first(filter(None, groups)), *groups]))
+    return [group for group in there if group in groups]
+
+
 def _effects(study: Study, comparison: Comparison, finding: Finding, carrier: SurfaceCarrier) -> str:
     """Return the sentences of a finding, after that on particles one on their largest region."""
     regions = significant_regions(study, comparison, carrier)
@@ -148,16 +165,23 @@ def _effects(study: Study, comparison: Comparison, finding: Finding, carrier: Su
     per = f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
     low, high = region.outward_range
     on_wall = f" of the {region.wall}" if region.wall else ""
+    digits = digits_of(study, region.outward.high - region.outward.low) - (0 if per else 1)
     if len(region.particles) == 1:
         largest = f"{count}: {region.area:.0f} mm²{on_wall}, {region.place}"
     else:
         largest = (
-            f"{count}: {region.area:.0f} mm²{on_wall}, on average {abs(region.mean_outward):.2g} mm{per} "
-            f"{region.direction(region.mean_outward)}; outward {low:+.2g} to {high:+.2g} mm{per}. "
-            f"The peak is {region.place}"
+            f"{count}: {region.area:.0f} mm²{on_wall}, on average {abs(region.mean_outward):.{digits}f} "
+            f"mm{per} "
+            f"{region.direction(region.mean_outward)}; outward {low:+.{digits}f} to {high:+.{digits}f} "
+            f"mm{per}. "
+            f"The peak is {'' if carrier.directions.are_the_patients else 'towards '}{region.place}"
         )
     peak = region.outward.value
-    largest += f", where the surface moves {abs(peak):.2g} mm{per} {region.direction(peak)}."
+    largest += f", where the surface moves {abs(peak):.{digits}f} mm{per} {region.direction(peak)}."
+    inside = comparison.p_fwe <= LEVEL
+    outward = carrier.outward_at_particles(comparison, comparison.pointwise.effect[0])
+    out, into = (float(study.areas[inside & (sign * outward > 0.0)].sum()) for sign in (1.0, -1.0))
+    largest += f" Of the significant area {out:.0f} mm² move out of the tissue, {into:.0f} mm² into it."
     return " ".join([*finding.effects[:2], largest, *finding.effects[2:]])
 
 
@@ -181,7 +205,11 @@ def _model_section(
         f"a particle stands for {each:.3g} mm² of it on average, so that particles are about "
         f"{each**0.5:.2g} mm apart. "
         "The modes below are those of all subjects; tests use modes of the subjects and the alignment of "
-        "each comparison."
+        "each comparison. The sign of a mode is arbitrary. Scores and standard deviations are root mean "
+        "squares "
+        "over the particles. Generalization is computed of all numbers of modes that models without a "
+        "held-out "
+        "subject have, specificity of some only, as it takes long."
     )
     small = [figure for figure in figures if figure.name in ("scree", "scores")]
     page.figures(small)
@@ -200,6 +228,7 @@ def _model_section(
                 for k, share, left_out, drawn in rows
                 if drawn is not None
             ),
+            caption="Quality of the model",
         )
     deviations = model.standard_deviations / len(model.mean) ** 0.5
     shares = zip(
@@ -212,6 +241,7 @@ def _model_section(
             for mode, (deviation, share, total) in enumerate(shares, start=1)
         ),
         summary="All modes",
+        caption="All modes",
     )
 
 
@@ -229,13 +259,18 @@ def _closing(
     for paragraph in references(record, studies):
         page.paragraph(paragraph)
     page.table(
-        ["part", "setting", "value"], settings_rows(record, studies), as_text=True, summary="All settings"
+        ["part", "setting", "value"],
+        settings_rows(record, studies),
+        as_text=True,
+        summary="All settings",
+        caption="All settings, by the names that the program's options have",
     )
     page.table(
         ["subject", "group", "notes"],
         ((subject.name, subject.group or "", "; ".join(subject.notes)) for subject in record.subjects),
         as_text=True,
         summary="All subjects",
+        caption="All subjects",
     )
     page.heading("Files")
     page.links(["report.pdf"], "This page as PDF")

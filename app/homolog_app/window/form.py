@@ -25,7 +25,7 @@ __all__ = ["SettingsForm", "SettingsPair"]
 
 _HINT = "Point at a setting for its help."
 _LINES = 3
-_EDITOR = 112
+_EDITOR, _TEXT_EDITOR = 112, 280
 _NO_BOUND = 2**31 - 1  # as many as an editor of whole numbers takes
 _LABELS = {
     "geodesic-normals": "Geodesics and normals",
@@ -254,8 +254,11 @@ class _Row(QWidget):
             number.valueChanged.connect(self._report)
             return number
         text = QLineEdit(placeholderText="automatic" if parameter.automatic else "")
-        text.setFixedWidth(_EDITOR)
-        text.setAlignment(Qt.AlignmentFlag.AlignRight)
+        if parameter.kind is str:
+            text.setMinimumWidth(_TEXT_EDITOR)
+        else:
+            text.setFixedWidth(_EDITOR)
+            text.setAlignment(Qt.AlignmentFlag.AlignRight)
         text.textEdited.connect(self._report_text)
         return text
 
@@ -265,6 +268,9 @@ class _Row(QWidget):
     def _report_text(self, text: str) -> None:
         if not text.strip() and self._parameter.automatic:
             self._report(None)
+            return
+        if self._parameter.kind is str:
+            self._report(text)
             return
         try:
             number = parse_number(text)

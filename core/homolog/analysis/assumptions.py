@@ -24,7 +24,9 @@ __all__ = [
     "Dispersion",
     "SizeSkewness",
     "dispersion_test",
+    "outlier_limit",
     "outliers_in_groups",
+    "relative_distances",
     "shape_outliers",
     "size_skewness",
 ]
@@ -265,17 +267,29 @@ def outliers_in_groups(
     limit : float
         See `shape_outliers`.
     """
+    return _far(relative_distances(particles, design, members), limit)
+
+
+def relative_distances(
+    particles: FloatArray, design: Design, members: Collection[BoolArray] = ()
+) -> FloatArray:
+    """Return what outliers are told by, (M,): see `outliers_in_groups`."""
     rest = design.residuals(particles.reshape(len(particles), -1))
     rest -= design.tested @ (design.tested.T @ rest)
-    distance = np.sqrt(np.square(rest).mean(axis=1))
+    distance: FloatArray = np.sqrt(np.square(rest).mean(axis=1))
     for own in members:
         distance[own] /= max(float(np.median(distance[own])), np.finfo(float).tiny)
-    return _far(distance, limit)
+    return distance
+
+
+def outlier_limit(distance: FloatArray, limit: float = _LIMIT) -> float:
+    """Return the distance above which subjects are outliers; infinite if half of them are alike."""
+    middle = float(np.median(distance))
+    deviation = 1.4826 * float(np.median(np.abs(distance - middle)))
+    return middle + limit * deviation if deviation > 0.0 else float("inf")
 
 
 def _far(distance: FloatArray, limit: float) -> IntArray:
-    above = distance - np.median(distance)
-    deviation = 1.4826 * np.median(np.abs(above))
-    far = np.flatnonzero(above > limit * deviation) if deviation > 0.0 else np.zeros(0, np.int64)
+    far = np.flatnonzero(distance > outlier_limit(distance, limit))
     order: IntArray = far[np.argsort(-distance[far])]
     return order

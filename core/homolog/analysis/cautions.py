@@ -65,10 +65,18 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
             "for that only approximately, T² and F not at all."
         )
     mean = ", ".join(f"{name} {value:.2f} mm" for name, value in dispersion.by_group.items())
+    what = (
+        "Hotelling's T², F, the interval of D and the p-values of accuracy and AUC of this comparison assume "
+        "equal dispersion: do not rely on them."
+        if len(numbers) == 2
+        else "Wilks' lambda and F of all groups together assume equal dispersion: do not rely on them. Each "
+        "pair of groups has a test of dispersion of its own; where a pair gets no caution, its D, accuracy "
+        "and "
+        "AUC may be used."
+    )
     return (
         f"the groups differ in dispersion (mean distance to the centroid: {mean}; {p})"
-        f"{' and in number of subjects' if uneven else ''}. Hotelling's T², Wilks' lambda, F, the "
-        "interval of D and the p-values of accuracy and AUC assume equal dispersion: do not rely on them. "
+        f"{' and in number of subjects' if uneven else ''}. {what} "
         "The permutation tests of the whole shape, particles and size restore each group's dispersion and "
         "hold approximately; with few subjects or skewed shapes their type I error rate may still differ "
         "from the nominal one."
@@ -123,9 +131,9 @@ def outlier_caution(
         if far is not None:
             value, low, high = (f"{bound:.{digits}f}" for bound in (far.value, far.low, far.high))
             effect = f"D = {value} {unit} (95 % CI {low} to {high}), "
-        p = p_text(test.p_permutation, test.permutations)
+        p = p_text(without.p_adjusted, test.permutations)
         pronoun = "it" if len(outliers) == 1 else "them"
-        rest = f" Without {pronoun}, the whole shape has {effect}{p}, not corrected."
+        rest = f" Without {pronoun}, the whole shape has {effect}{p}."
     outlying = "is an outlier" if len(outliers) == 1 else "are outliers"
     return (
         f"{who} {outlying}, {_FAR.get(kind, _FAR_FROM_GROUP)}. Look at segmentation and particles before "
@@ -133,7 +141,7 @@ def outlier_caution(
     )
 
 
-_FAR_FROM_GROUP = "far from the mean of the group (with covariates: from the fitted shape)"
+_FAR_FROM_GROUP = "far from the shape that the group and any covariates predict"
 _FAR = {
     "all": "far from the shape that is fitted to the value of the variable",
     "pairs": "whose difference within the pair is far from the mean difference",
@@ -141,13 +149,13 @@ _FAR = {
 """What an outlier is far from, by the name of the only group."""
 
 
-def p_text(p: float, permutations: int | None = None) -> str:
+def p_text(p: float, permutations: int | None = None, *, least: bool = False) -> str:
     """Return a p-value as papers print it, such as ``"p = 0.034"`` or ``"p < 0.001"`` (see `p_number`)."""
-    number = p_number(p, permutations)
-    return f"p {number}" if number[0] in "<>" else f"p = {number}"
+    number = p_number(p, permutations, least=least)
+    return f"p {number}" if number[0] in "<>≤" else f"p = {number}"
 
 
-def p_number(p: float, permutations: int | None = None) -> str:
+def p_number(p: float, permutations: int | None = None, *, least: bool = False) -> str:
     """Return a p-value for a cell of a table, such as ``"0.034"`` or ``"< 0.001"``.
 
     Parameters
@@ -156,9 +164,13 @@ def p_number(p: float, permutations: int | None = None) -> str:
         The p-value.
     permutations : int, optional
         Permutations that it was counted over: no more digits are given than these can tell.
+    least : bool
+        Whether the permutations can't tell a lower one: it is then given as "≤ 0.003".
     """
     if p < 0.001:
         return "< 0.001"
+    if least and p < 1.0:
+        return f"≤ {p:.2g}"
     digits = 3 if p < 0.0995 else 2
     if permutations is not None:
         digits = min(digits, max(1, ceil(log10(permutations + 1))))

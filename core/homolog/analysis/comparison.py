@@ -9,13 +9,22 @@ from homolog.analysis.assumptions import (
     Dispersion,
     SizeSkewness,
     dispersion_test,
+    outlier_limit,
     outliers_in_groups,
+    relative_distances,
     size_skewness,
 )
 from homolog.analysis.cautions import cautions_of, p_text
 from homolog.analysis.design import Design
 from homolog.analysis.discriminant import Discriminant
-from homolog.analysis.effects import Effect, SizeVariance, corrected_distance, size_effect, size_variance
+from homolog.analysis.effects import (
+    Effect,
+    SizeVariance,
+    corrected_distance,
+    size_effect,
+    size_variance,
+    standardized_size,
+)
 from homolog.analysis.mode_test import ModeTest, mode_test
 from homolog.analysis.null_simulation import FalsePositives, null_simulation
 from homolog.analysis.pointwise_test import PointwiseTest, pointwise_test
@@ -118,6 +127,13 @@ class Comparison:
         Size between three or more groups; None otherwise.
     pairwise : tuple of Comparison
         Each two groups, of three or more that `homolog.compare_groups` compared.
+    size_standardized : Effect or None
+        The effect on size in standard deviations within groups (Hedges' g), of the differences of pairs, or
+        of what a regression leaves; None where `size` is.
+    outlier_distances : tuple of float
+        How far the outliers lie from the mean of their group, divided by the median distance of the group.
+    outlier_limit : float
+        From where on a subject is an outlier.
     """
 
     title: str
@@ -142,6 +158,9 @@ class Comparison:
     auc_p_adjusted: float | None = None
     size_variance: SizeVariance | None = None
     pairwise: tuple["Comparison", ...] = ()
+    size_standardized: Effect | None = None
+    outlier_distances: tuple[float, ...] = ()
+    outlier_limit: float = float("inf")
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -236,6 +255,7 @@ def run_comparison(
         )
     effect = size_effect(size, design, alike, **drawn)
     several = effect is not None and design.tested.shape[1] > 1
+    distances = relative_distances(data, design, list(members.values()))
     outliers = outliers_in_groups(data, design, list(members.values()))
     kept = np.full(len(subjects), True)
     kept[outliers] = False
@@ -272,9 +292,12 @@ def run_comparison(
         p_fwe=np.minimum(options.answers * pointwise.p_fwe, 1.0),
         size_p_adjusted=None if effect is None else effect.p,
         size_variance=size_variance(size, design, alike) if several else None,
+        size_standardized=None if effect is None else standardized_size(size, design),
         false_positives=false_positives,
         size_skewness=size_skewness(size, data, design, members),
         outliers=subjects[outliers],
+        outlier_distances=tuple(distances[outliers].tolist()),
+        outlier_limit=outlier_limit(distances),
         without_outliers=remainder,
     )
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize, special, stats
 
 from homolog.analysis.design import Design
 from homolog.analysis.permutation import (
@@ -35,6 +35,7 @@ __all__ = [
     "shares_below",
     "size_effect",
     "size_variance",
+    "standardized_size",
 ]
 
 CONFIDENCE = 0.95
@@ -198,8 +199,9 @@ def size_effect(
         rest = rest - some.covariates @ (np.swapaxes(some.covariates, 1, 2) @ rest)
         return studentized_ratio(rest, some, design)
 
-    null_statistics = null_distribution(statistic, design, permutations, chunk=_CHUNK, seed=seed)
-    p = float(permutation_p_value(statistic(observed_design(design)), null_statistics)[0])
+    means = welch.takes_means if welch else equalized is not None and equalized.mean_spread > 0.0
+    null_statistics = null_distribution(statistic, design, permutations, chunk=_CHUNK, seed=seed, means=means)
+    p = float(permutation_p_value(statistic(observed_design(design)), null_statistics, count)[0])
     if design.tested.shape[1] > 1:
         return Effect(float("nan"), float("nan"), float("nan"), p, count)
     value, low, high = (
@@ -253,6 +255,41 @@ def size_variance(size: FloatArray, design: Design, members: Sequence[BoolArray]
     low, high = (_noncentrality(f, between, within, tail) for tail in tails)
     omega = Effect(max(share, 0.0) / (max(share, 0.0) + count), low / (low + count), high / (high + count))
     return SizeVariance(f, (float(between), within), omega)
+
+
+def standardized_size(size: FloatArray, design: Design) -> Effect | None:
+    """Return the effect on size in standard deviations of what the design leaves, for one tested column.
+
+    Of two groups it is Hedges' g, of pairs the mean difference in standard deviations of the differences.
+    Bounds come from the noncentral t distribution and assume equal variances. None for several columns, or
+    if nothing is left.
+    """
+    residuals = design.residuals(size[:, None])[:, 0]
+    along = design.tested.T @ residuals
+    left = float(np.square(residuals - design.tested @ along).sum())
+    dof = design.error_dof
+    if len(along) > 1 or dof < 2 or left <= _NEGLIGIBLE * float(np.square(residuals).sum()):
+        return None
+    t = float(along[0]) / np.sqrt(left / dof)
+    unit = float(np.linalg.norm(design.columns[:, 0]))
+    unbiased = np.exp(special.gammaln(dof / 2) - special.gammaln((dof - 1) / 2)) * np.sqrt(2 / dof)
+    low, high = (_noncentral_t(t, dof, tail) for tail in ((1.0 + CONFIDENCE) / 2.0, (1.0 - CONFIDENCE) / 2.0))
+    return Effect(float(unbiased * t / unit), low / unit, high / unit)
+
+
+def _noncentral_t(t: float, dof: int, probability: float) -> float:
+    """Return the noncentrality at which Student's t is below t with this probability."""
+
+    def above(noncentrality: float) -> float:
+        return float(special.nctdtr(dof, noncentrality, t)) - probability
+
+    step, way = 1.0, 1.0 if above(t) > 0.0 else -1.0
+    while above(t + way * step) * way > 0.0:  # also ends where the distribution can't be computed
+        step *= 1.5
+    low, high = sorted((t, t + way * step))
+    if not np.isfinite([above(low), above(high)]).all():
+        return float("nan")
+    return float(optimize.brentq(above, low, high, xtol=1e-9))
 
 
 def _welch_f(parts: Sequence[FloatArray]) -> tuple[float, float]:

@@ -198,6 +198,12 @@ class ModeStatistic:
             return studentized_ratio(restored, permuted, self._design)
         return studentized_ratio(self._scores(permuted), permuted, self._design)
 
+    @property
+    def takes_means(self) -> bool:
+        """Whether permutations differ by the mean that is put back; see `draw_permutations`."""
+        welch = self._welch is not None and self._welch.takes_means
+        return welch or (self._equalized is not None and self._equalized.mean_spread > 0.0)
+
     def _modes_of(self, rows: FloatArray) -> FloatArray:
         """Return the scores of rows (M, P) in their leading modes, (M, n_modes), columns of length 1."""
         if self._many:
@@ -249,12 +255,13 @@ def mode_test(
     shapes = checked_particles(particles)
     residuals = design.residuals(shapes.reshape(len(shapes), -1))
     null = Null.SIGNS if design.exchange is Exchange.SIGNS else Null.PERMUTATION
+    count, exact = permutation_count(design, permutations)
+    drawn = 0 if exact else seed  # p of all permutations does not depend on the seed
     parallel = parallel_analysis(
-        residuals, nuisance=design.nuisance, null=null, seed=seed, tick=part_of(tick, 0.0, 0.3)
+        residuals, nuisance=design.nuisance, null=null, seed=drawn, tick=part_of(tick, 0.0, 0.3)
     )
     n_modes = parallel.n_retained if modes is None else modes
     _check_modes(n_modes, design, len(parallel.eigenvalues))
-    count, exact = permutation_count(design, permutations)
     statistic = ModeStatistic(residuals, design, n_modes)
     original = observed_design(design)
     projected = statistic.projections(original)
@@ -265,6 +272,7 @@ def mode_test(
         permutations,
         chunk=max(1, min(_CHUNK, _CHUNK_VALUES // (len(shapes) * max(n_modes, 1)))),
         seed=seed,
+        means=statistic.takes_means,
         tick=part_of(tick, 0.3, 1.0),
         message="permutations of the whole shape",
     )
@@ -284,7 +292,7 @@ def mode_test(
         dof=(between, within) if n_modes else (0.0, 0.0),
         p=float(np.exp(observed[0])),
         studentized=statistic.statistic(),
-        p_permutation=float(permutation_p_value(statistic.studentized(original), null_statistics)[0]),
+        p_permutation=float(permutation_p_value(statistic.studentized(original), null_statistics, count)[0]),
         permutations=count,
         exact=exact,
         parallel=parallel,

@@ -14,6 +14,7 @@ from homolog.progress import Tick, no_tick
 __all__ = [
     "PermutedDesigns",
     "draw_permutations",
+    "mean_draws",
     "null_distribution",
     "permutation_count",
     "permutation_p_value",
@@ -22,6 +23,9 @@ __all__ = [
 
 _ROUNDING = 1e-9
 """Statistics that differ by less than this part are equal: the same split computed in another order."""
+_MOST_DRAWS = 10
+"""All permutations are taken if those with all means (see `mean_draws`) are no more than so many times the
+number asked for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +42,7 @@ class PermutedDesigns:
     covariates : (c, M, q - 1) array
         The nuisance basis of each, without the intercept.
     signs : (c, M) array, optional
-        A random sign for each subject, for what else a statistic draws at random.
+        A weight for each subject, of mean square 1: a random sign, or those of `mean_draws`.
     """
 
     tested: FloatArray
@@ -53,11 +57,22 @@ def permutation_count(design: Design, count: int) -> tuple[int, bool]:
     labels are not among them.
     """
     possible = _possible(design)
-    return (possible - 1, True) if possible <= count else (count, False)
+    most = count * min(mean_draws(design), _MOST_DRAWS)
+    exact = possible <= count and possible * mean_draws(design) <= most
+    return (possible - 1, True) if exact else (count, False)
+
+
+def mean_draws(design: Design) -> int:
+    """Return how many means each of all permutations is taken with, where a statistic takes any.
+
+    The mean that equalizing took from the subjects (`homolog.analysis.statistics`) is put back as that of
+    each subject in turn, with both signs: so that it has the covariance of the data, and nothing is random.
+    """
+    return 1 if design.exchange is Exchange.SIGNS else 2 * len(design.tested)
 
 
 def draw_permutations(
-    design: Design, count: int, *, chunk: int, seed: int, exhaustive: bool = True
+    design: Design, count: int, *, chunk: int, seed: int, exhaustive: bool = True, means: bool = False
 ) -> Iterator[PermutedDesigns]:
     """Yield random permutations in chunks, or each distinct one if there are no more than `count`.
 
@@ -73,9 +88,11 @@ def draw_permutations(
         Same seed, same permutations, whatever the chunk.
     exhaustive : bool
         Take each different permutation once where there are no more than `count`; else draw always.
+    means : bool
+        Take each of all permutations with each of its means, one after another.
     """
     if exhaustive and permutation_count(design, count)[1]:
-        yield from _all_permutations(design, chunk, seed)
+        yield from _all_permutations(design, chunk, means=means)
         return
     generator, of_signs = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     subjects = len(design.tested)
@@ -98,33 +115,39 @@ def null_distribution(
     *,
     chunk: int,
     seed: int,
+    means: bool = False,
     tick: Tick = no_tick,
     message: str = "permutations",
 ) -> FloatArray:
     """Return a statistic of each permutation, shape (P,); as many as `permutation_count` says.
 
+    Of all permutations with means it is that of each of these (`mean_draws`), one after another.
+
     Parameters
     ----------
     statistic : callable
         Returns its values (c,) for c permuted designs.
-    design, permutations, chunk, seed
+    design, permutations, chunk, seed, means
         See `draw_permutations`.
     tick : Tick
         Progress and cancelling.
     message : str
         What is told meanwhile.
     """
-    count, _ = permutation_count(design, permutations)
+    count, exact = permutation_count(design, permutations)
+    count *= mean_draws(design) if exact and means else 1
     values, done = np.empty(count), 0
-    for some in draw_permutations(design, permutations, chunk=chunk, seed=seed):
+    for some in draw_permutations(design, permutations, chunk=chunk, seed=seed, means=means):
         tick(done / max(count, 1), message)
         values[done : done + len(some.tested)] = statistic(some)
         done += len(some.tested)
     return values
 
 
-def permutation_p_value(observed: FloatArray | float, null_statistics: FloatArray) -> FloatArray:
-    """Return the share of permutations at least as extreme, the including the observed labels.
+def permutation_p_value(
+    observed: FloatArray | float, null_statistics: FloatArray, permutations: int | None = None
+) -> FloatArray:
+    """Return the share of permutations at least as extreme, including the observed labels.
 
     Parameters
     ----------
@@ -132,16 +155,19 @@ def permutation_p_value(observed: FloatArray | float, null_statistics: FloatArra
         Statistics of the observed labels, larger meaning more extreme.
     null_statistics : (P,) array
         The statistic, or its maximum over the surface, of each permutation.
+    permutations : int, optional
+        Their number, if there are several statistics of each.
 
     Returns
     -------
     (...) array
         ``(b + 1) / (P + 1)``, never zero (Phipson and Smyth 2010).
     """
+    count = len(null_statistics) if permutations is None else permutations
     ordered = np.sort(null_statistics)
     limit = subtract_rounding(np.asarray(observed, dtype=np.float64))
     beyond = len(ordered) - np.searchsorted(ordered, limit, side="left")
-    return np.asarray((beyond + 1.0) / (len(ordered) + 1.0), np.float64)
+    return np.asarray((beyond * (count / max(len(ordered), 1)) + 1.0) / (count + 1.0), np.float64)
 
 
 def subtract_rounding(observed: FloatArray) -> FloatArray:
@@ -169,7 +195,7 @@ def _signs(generator: np.random.Generator, count: int, subjects: int) -> FloatAr
     return generator.choice(np.array([-1.0, 1.0]), size=(count, subjects))
 
 
-def _all_permutations(design: Design, chunk: int, seed: int) -> Iterator[PermutedDesigns]:
+def _all_permutations(design: Design, chunk: int, *, means: bool) -> Iterator[PermutedDesigns]:
     subjects = len(design.tested)
     if design.exchange is Exchange.SIGNS:
         numbers = np.arange(1, 2**subjects)
@@ -183,11 +209,13 @@ def _all_permutations(design: Design, chunk: int, seed: int) -> Iterator[Permute
     orders = np.array(
         [arrangement for arrangement in _distinct_orders(kinds.tolist()) if arrangement != kinds.tolist()]
     )
-    generator = np.random.default_rng([seed, 1])
-    for start in range(0, len(orders), chunk):
-        rows = first_of[orders[start : start + chunk]]
-        signs = _signs(generator, len(rows), subjects)
-        yield PermutedDesigns(design.tested[rows], design.covariates[rows], signs)
+    draws = mean_draws(design) if means else 1
+    each: FloatArray = np.concatenate([np.eye(subjects), -np.eye(subjects)]) * subjects**0.5
+    for start in range(0, draws * len(orders), chunk):
+        which = np.arange(start, min(start + chunk, draws * len(orders)))
+        rows = first_of[orders[which // draws]]
+        own = each[which % draws] if means else None
+        yield PermutedDesigns(design.tested[rows], design.covariates[rows], own)
 
 
 def _distinct_orders(kinds: list[int]) -> Iterator[list[int]]:

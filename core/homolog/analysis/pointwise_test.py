@@ -21,6 +21,7 @@ from homolog.analysis.effects import CONFIDENCE
 from homolog.analysis.permutation import (
     PermutedDesigns,
     draw_permutations,
+    mean_draws,
     permutation_count,
     permutation_p_value,
     subtract_rounding,
@@ -192,6 +193,12 @@ class PointwiseStatistic:
         ratio: FloatArray = explained / np.maximum(expected, np.finfo(float).tiny)
         return np.where(explained > 0.0, ratio, 0.0)
 
+    @property
+    def takes_means(self) -> bool:
+        """Whether permutations differ by the mean that is put back; see `draw_permutations`."""
+        welch = self._welch is not None and self._welch.takes_means
+        return welch or (self._equalized is not None and self._equalized.mean_spread > 0.0)
+
     def _projections(self, columns: FloatArray) -> list[FloatArray]:
         """Inner products of the columns (c, M, q) with each whitened axis: three arrays (q, c, N)."""
         projected = np.ascontiguousarray(columns.transpose(2, 0, 1))
@@ -249,33 +256,34 @@ def pointwise_test(
             "use more subjects or fewer covariates"
         )
     rows = shapes.reshape(len(shapes), -1)
-    count, _ = permutation_count(design, permutations)
+    count, exact = permutation_count(design, permutations)
     statistic = PointwiseStatistic(design.residuals(rows).reshape(shapes.shape), design)
+    repeats = mean_draws(design) if exact and statistic.takes_means else 1
     original = observed_design(design)
     explained, observed = statistic.explained(original)[0], statistic.studentized(original)[0]
-    largest, beyond = np.empty(count), np.zeros(len(observed), np.int64)
+    largest, beyond = np.empty(count * repeats), np.zeros(len(observed), np.int64)
     limit, done = subtract_rounding(observed), 0
     chunk = max(1, _CHUNK_VALUES // (statistic.particles * (1 + design.tested.shape[1])))
-    draws = draw_permutations(design, permutations, chunk=chunk, seed=seed)
+    draws = draw_permutations(design, permutations, chunk=chunk, seed=seed, means=repeats > 1)
     from homolog.device import cores  # loads Warp, which the window's start does without
 
     workers = cores() if len(shapes) >= _MANY else 1
     with ThreadPoolExecutor(workers) as pool:
         while some := list(islice(draws, workers)):
-            tick(done / max(count, 1), "permutations of the pointwise tests")
+            tick(done / max(len(largest), 1), "permutations of the pointwise tests")
             for drawn in pool.map(statistic.studentized, some):
                 largest[done : done + len(drawn)] = drawn.max(axis=1)
                 beyond += np.count_nonzero(drawn >= limit, axis=0)
                 done += len(drawn)
     value = statistic.statistic()
-    p = np.where(value > 0.0, (beyond + 1.0) / (count + 1.0), 1.0)
+    p = np.where(value > 0.0, (beyond / repeats + 1.0) / (count + 1.0), 1.0)
     return PointwiseTest(
         effect=design.coefficients(rows).reshape(-1, *shapes.shape[1:]),
         explained=explained,
         p_f=wilks_p(1.0 - explained, statistic.variables, design.tested.shape[1], design.error_dof),
         studentized=value,
         p=p,
-        p_fwe=permutation_p_value(observed, largest),
+        p_fwe=permutation_p_value(observed, largest, count),
         q=stats.false_discovery_control(p),
         permutations=count,
         variables=statistic.variables,

@@ -217,6 +217,11 @@ class WelchStatistic:
         self._dispersions = groups.dispersions[:, None]
         self._mean_spread = groups.mean_spread
 
+    @property
+    def takes_means(self) -> bool:
+        """Whether permutations differ by the mean that is put back."""
+        return self._mean_spread > 0.0 and float(np.ptp(self._dispersions)) > 0.0
+
     def f(self, permuted: PermutedDesigns) -> tuple[FloatArray, FloatArray]:
         """Return F and the degrees of freedom of its denominator (Welch 1951), (c, N) each."""
         memberships = _memberships(permuted, self._design)

@@ -7,7 +7,7 @@ import numpy as np
 from scipy import stats
 
 from homolog.analysis.design import group_design
-from homolog.analysis.permutation import null_distribution, permutation_p_value
+from homolog.analysis.permutation import null_distribution, permutation_count, permutation_p_value
 from homolog.analysis.statistics import WelchStatistic, equalize_groups, observed_design
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
@@ -101,12 +101,14 @@ def welch_map(
         permutations,
         chunk=max(1, _CHUNK_VALUES // values.shape[1]),
         seed=seed,
+        means=welch.takes_means,
         tick=tick,
         message="permutations of the outward map",
     )
     t = np.copysign(np.sqrt(f), difference)
     p = np.asarray(2.0 * stats.t.sf(np.abs(t), dof), np.float64)
-    p_fwe = permutation_p_value(welch.deviate(original)[0], largest)
+    count, _ = permutation_count(design, permutations)
+    p_fwe = permutation_p_value(welch.deviate(original)[0], largest, count)
     return WelchMap(difference, t, p, p_fwe, stats.false_discovery_control(p))
 
 

@@ -5,6 +5,9 @@ import shlex
 import pytest
 from filelock import FileLock, Timeout
 
+from homolog.files.project import ProjectFolder
+from homolog_app.report.details import read_details
+
 pytestmark = pytest.mark.window
 
 
@@ -91,13 +94,20 @@ def test_a_cancelled_film_leaves_nothing(dialog, wait, tmp_path, qapp):
 
 
 def test_the_report_is_written_into_the_project_which_is_held_again_after(explored, wait):
+    from PySide6.QtTest import QTest
+    from PySide6.QtWidgets import QLineEdit
+
     from homolog_app.window.export.dialog import ExportDialog
 
     explored.commands["export.report"].trigger()
     (report,) = explored.findChildren(ExportDialog)
+    (structure,) = (box for box in report.findChildren(QLineEdit) if box.accessibleName() == "structure")
+    QTest.keyClicks(structure, "left femur")
+    assert "'--structure=left femur'" in report.line.text()
     assert export(report, wait) == "done", report.note.text()
     folder = explored.workspace.project.folder
-    assert (folder / "report" / "report.html").is_file()
+    assert read_details(ProjectFolder(folder)).structure == "left femur"
+    assert "left femur" in (folder / "report" / "report.html").read_text(encoding="utf-8")
     with pytest.raises(Timeout):  # as for other programs
         FileLock(folder / ".lock", timeout=0).acquire()
     report.close()

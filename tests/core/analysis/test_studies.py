@@ -128,3 +128,20 @@ def test_the_null_simulation_comes_with_the_comparison_where_it_is_asked_for(cor
     with_null = compare_two_groups(shapes, groups, ("a", "b"), options=options)
     assert [false_positive.repeats for false_positive in with_null.false_positives] == [50] * 4
     assert compare_two_groups(shapes, groups, ("a", "b"), options=QUICK).false_positives == ()
+
+
+def test_p_of_all_permutations_depends_neither_on_the_seed_nor_on_the_order_of_groups_and_subjects():
+    generator = np.random.default_rng(3)
+    labels = np.repeat(["a", "b"], [4, 5])
+    shapes = generator.normal(size=(9, 12, 3)) * np.where(labels == "a", 2.0, 1.0)[:, None, None]
+    order = generator.permutation(9)
+    options = Options(modes=2, classifications=19, bootstraps=5)
+    answers = [
+        compare_two_groups(shapes, list(labels), ("a", "b"), options=options),
+        compare_two_groups(shapes, list(labels), ("b", "a"), options=options),
+        compare_two_groups(shapes, list(labels), ("a", "b"), options=replace(options, seed=7)),
+        compare_two_groups(shapes[order], list(labels[order]), ("a", "b"), options=options),
+    ]
+    assert all(found.test.exact for found in answers)
+    p = [(found.test.p_permutation, found.size.p, found.pointwise.p_fwe.min()) for found in answers]
+    np.testing.assert_allclose(p, [p[0]] * 4, rtol=1e-12)

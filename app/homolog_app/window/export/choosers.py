@@ -8,8 +8,10 @@ from pydantic import BaseModel
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
+from homolog.files.project import ProjectFolder
 from homolog_app.exports.settings import (
     SIGHTS,
+    CutAway,
     CutSettings,
     FilmSettings,
     MeshSettings,
@@ -19,6 +21,8 @@ from homolog_app.exports.settings import (
     StillSettings,
     TableSettings,
 )
+from homolog_app.rendering.camera import Clip
+from homolog_app.report.details import ReportSettings, read_details
 from homolog_app.window.theme import scaled
 from homolog_app.window.widgets import GRID, choice, label
 
@@ -30,6 +34,7 @@ __all__ = [
     "GroupChooser",
     "MotionChooser",
     "content_problem",
+    "first_settings",
     "group_columns",
     "place_problem",
 ]
@@ -143,7 +148,7 @@ KINDS = {
             "report",
             "Report",
             "One page about the model and its studies, in the project's folder.",
-            CutSettings,
+            ReportSettings,
             place=False,
         ),
     )
@@ -347,3 +352,19 @@ def place_problem(out: Path | None, suffixes: tuple[str, ...]) -> str:
     if is_folder and out.exists() and (not out.is_dir() or any(out.iterdir())):
         return "That folder already exists; choose a new name."
     return ""
+
+
+def first_settings(kind: ExportKind, project: Path, clip: Clip | None) -> BaseModel | None:
+    """Return the usual settings, which cut the shapes open where the window's views do.
+
+    Those of a report have what the project keeps for it.
+    """
+    if kind.settings is None:
+        return None
+    settings = kind.settings()
+    if isinstance(settings, ReportSettings):
+        settings = settings.model_copy(update=dict(read_details(ProjectFolder(project))))
+    if clip is not None and isinstance(settings, CutSettings):
+        cut = {"clip": CutAway(clip.plane), "clip_at": clip.position, "clip_flip": clip.flipped}
+        settings = settings.model_copy(update=cut)
+    return settings

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import BaseModel
 from PySide6.QtCore import QUrl, Signal, Slot
 from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication, Qt
 from PySide6.QtWidgets import (
@@ -22,8 +21,9 @@ from PySide6.QtWidgets import (
 from homolog.errors import InputError
 from homolog_app.cli.options import options_of
 from homolog_app.exports.encode import write_still
-from homolog_app.exports.settings import CutAway, CutSettings, PictureSettings, ScreenshotSettings
+from homolog_app.exports.settings import PictureSettings, ScreenshotSettings
 from homolog_app.rendering.camera import Canvas, Clip
+from homolog_app.report.details import ReportSettings
 from homolog_app.views.content import KEPT, ViewContents, write_shown
 from homolog_app.views.grid import drawn
 from homolog_app.views.view_states import Snapshot
@@ -34,6 +34,7 @@ from homolog_app.window.export.choosers import (
     GroupChooser,
     MotionChooser,
     content_problem,
+    first_settings,
     place_problem,
 )
 from homolog_app.window.export.process import ExportProcess, Preview
@@ -94,7 +95,7 @@ class ExportDialog(QDialog):
         self.setWindowTitle(f"Export: {kind.title}")
         self.kind, self.exported = kind, what
         self.child = ExportProcess(self)
-        self.settings = _first_settings(kind, what.clip)
+        self.settings = first_settings(kind, what.project, what.clip)
         self.chooser: MotionChooser | GroupChooser | None = None
         self.preview: Preview | None = None
         self.help: QLabel | None = None
@@ -121,6 +122,8 @@ class ExportDialog(QDialog):
     def arguments(self) -> list[str]:
         """Return the arguments of ``homolog``."""
         settings = options_of(self.settings) if self.settings else []
+        if isinstance(self.settings, ReportSettings):
+            settings += self.settings.emptied
         place = [f"--out={self.out}"] if self.out else []
         return ["export", self.kind.name, str(self.exported.project), *self.content(), *settings, *place]
 
@@ -312,13 +315,6 @@ class ExportDialog(QDialog):
         target = self.out or self.exported.project / "report"
         folder = target if target.is_dir() else target.parent
         QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
-
-
-def _first_settings(kind: ExportKind, clip: Clip | None) -> BaseModel | None:
-    """Return the default settings, with the cutting plane of the window's views."""
-    if kind.settings is None or clip is None or not issubclass(kind.settings, CutSettings):
-        return kind.settings() if kind.settings else None
-    return kind.settings(clip=CutAway(clip.plane), clip_at=clip.position, clip_flip=clip.flipped)
 
 
 def _row(text: str, line: QLineEdit, *after: QWidget) -> QHBoxLayout:

@@ -1,0 +1,94 @@
+"""What only the authors know of a project, kept with it: structure, cohort, and what the axes are."""
+
+import json
+from enum import StrEnum
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from homolog.errors import InputError
+from homolog.files.atomic import write_text
+from homolog.files.project import ProjectFolder
+from homolog.files.records import ResultRecord
+from homolog_app.exports.settings import CutSettings
+from homolog_app.report.directions import FILE_AXES, PATIENT_AXES, Directions
+
+__all__ = ["Axes", "ReportDetails", "ReportSettings", "directions_of", "read_details", "write_details"]
+
+_FILE = "report.json"
+_ASSUMED = "axes were assumed"
+"""What the notes of all files say whose header gives no orientation."""
+
+
+class Axes(StrEnum):
+    """What the axes of the files are."""
+
+    AUTO = "auto"
+    PATIENT = "patient"
+    FILE = "file"
+
+
+class ReportDetails(BaseModel):
+    """Details for reports."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    structure: Annotated[
+        str,
+        Field(
+            max_length=200, description="What the shapes are, such as: left ventricle. Used in the report."
+        ),
+    ] = ""
+    cohort: Annotated[
+        str,
+        Field(
+            max_length=2000,
+            description="Who the subjects are: recruitment, criteria, what the groups mean, scanner. Used in "
+            "the report.",
+        ),
+    ] = ""
+    axes: Annotated[
+        Axes,
+        Field(
+            description="Whether the axes of the files are those of the patient, so that places are called "
+            "left, anterior or superior, or the file's own, so that they are called +x or -z; auto: those of "
+            "the patient if all files are images whose headers say so."
+        ),
+    ] = Axes.AUTO
+
+
+class ReportSettings(CutSettings, ReportDetails):
+    """Report."""
+
+    @property
+    def emptied(self) -> list[str]:
+        """Options that empty what is empty here, as a project keeps what was given before."""
+        empty = [f"--{name}=" for name in ("structure", "cohort") if not getattr(self, name)]
+        return empty + (["--axes=auto"] if self.axes is Axes.AUTO else [])
+
+
+def read_details(project: ProjectFolder) -> ReportDetails:
+    """Return the details kept in a project; raises InputError if their file is damaged."""
+    path = project.folder / _FILE
+    try:
+        return ReportDetails.model_validate(json.loads(path.read_bytes()))
+    except FileNotFoundError:
+        return ReportDetails()
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is damaged; delete it and give its details again") from error
+
+
+def write_details(project: ProjectFolder, details: ReportDetails) -> None:
+    """Keep the details in a project; raises InputError if it can't be written to."""
+    if details != read_details(project):
+        write_text(project.folder / _FILE, details.model_dump_json(indent=2) + "\n")
+
+
+def directions_of(details: ReportDetails, record: ResultRecord | None) -> Directions:
+    """Return how places are called."""
+    if details.axes is not Axes.AUTO:
+        return PATIENT_AXES if details.axes is Axes.PATIENT else FILE_AXES
+    stated = record is not None and all(
+        subject.voxel and not any(_ASSUMED in note for note in subject.notes) for subject in record.subjects
+    )
+    return PATIENT_AXES if stated else FILE_AXES

@@ -1,0 +1,179 @@
+"""The part of a study's report on where it found something: connected regions of significant particles."""
+
+from collections.abc import Mapping
+from math import floor, log10
+
+from homolog.analysis.cautions import p_number
+from homolog.analysis.comparison import Comparison
+from homolog.analysis.effects import Effect
+from homolog.analysis.procrustes import Alignment
+from homolog_app.report.findings import LEVEL
+from homolog_app.report.page import Page
+from homolog_app.report.study import Study
+from homolog_app.report.surface_maps import EDGE, INNER, OUTER, Region, SurfaceCarrier, significant_regions
+
+__all__ = ["add_regions", "digits_of", "effect_cell", "interval_cell", "scale_text"]
+
+
+def scale_text(study: Study) -> str:
+    """Return at what size millimetres are, where shapes were brought to one."""
+    if study.request.alignment is not Alignment.SIMILARITY:
+        return ""
+    return " mm and mm² are those of shapes of the cohort's mean size."
+
+
+def add_regions(
+    page: Page, study: Study, carrier: SurfaceCarrier, pictured: Mapping[str, str]
+) -> dict[str, str]:
+    """Add the regions where particles are significant, a table for each comparison.
+
+    `pictured` says which figure shows those of a comparison. Returns which table has them.
+    """
+    found = [
+        (comparison, regions)
+        for comparison in study.comparisons
+        if (regions := significant_regions(study, comparison, carrier))
+    ]
+    if not found:
+        return {}
+    page.heading("Where", 3)
+    hollow = any(regions[0].wall for _, regions in found)
+    page.paragraph(
+        f"Connected regions of particles with p ≤ {LEVEL:g}, corrected over the surface, pairs and "
+        "analyses; figures show them by the numbers of the tables. " + _axes_text(carrier)
+        + (
+            " The shape is hollow. Its inner surface mostly sees itself or faces itself across the cavity; "
+            "the "
+            "edge of the opening lies between the inner and the outer surface. A region is on one of them."
+            if hollow
+            else ""
+        )
+        + scale_text(study)
+    )  # fmt: skip
+    tables = {}
+    for comparison, regions in found:
+        tables[comparison.title] = page.following("Table")
+        _add_table(page, study, comparison, regions, pictured.get(comparison.title, ""))
+    page.paragraph(
+        "The peak is the particle with the largest studentized statistic. Outward is along the normal of "
+        "the mean surface, positive out of the tissue; its mean over a region's area is given with the least "
+        "and the largest of its particles, as parts of a region may move in opposite directions. The "
+        "position was tested in all directions: the interval of its outward part alone may contain zero. "
+        "Where "
+        "the displacement is much longer than its outward part, particles move along the surface, towards "
+        "the "
+        "side named: along a smooth surface this may be a different distribution of corresponding points "
+        "rather "
+        "than of tissue, and should be claimed only near edges and landmarks. "
+        "Intervals are of the peak by itself, not corrected over the surface; since the peak was chosen by "
+        "its statistic, its effect is overestimated."
+    )
+    if hollow:
+        _add_walls(page, study, carrier)
+    return tables
+
+
+def _axes_text(carrier: SurfaceCarrier) -> str:
+    if carrier.directions.are_the_patients:
+        return (
+            "Places are directions from the middle of the mean shape along the patient's axes, as the files "
+            "state them: left is towards the patient's left, anterior towards the front, superior towards "
+            "the "
+            "head."
+        )
+    return (
+        "Places are directions from the middle of the mean shape along the axes of the coordinates (of "
+        "images: "
+        "x to the left, y to the back, z to the head, as their headers have it), which are not taken to be "
+        "those "
+        "of the patient: +z is the side of larger z. Describe parts by their anatomical names from the "
+        "figures."
+    )
+
+
+def _add_table(
+    page: Page, study: Study, comparison: Comparison, regions: list[Region], pictured: str
+) -> None:
+    per = f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
+    rows = [
+        (
+            f"{number}",
+            f"{len(region.particles)}",
+            f"{region.area:.0f}",
+            region.where,
+            effect_cell(study, region.outward),
+            f"{region.length:.{digits_of(study, region.outward.high - region.outward.low)}f}, {region.way}",
+            _outward(study, region),
+            p_number(region.p, comparison.pointwise.permutations),
+        )
+        for number, region in enumerate(regions, start=1)
+    ]
+    page.table(
+        [
+            "region", "particles", "area (mm²)", "place of the peak",
+            f"outward at the peak (mm{per}, 95 % CI)",
+            f"displacement of the peak (mm{per}), towards", f"outward: mean (least to largest) (mm{per})",
+            "p at the peak",
+        ],
+        rows,
+        as_text=True,
+        caption=f"Regions of {comparison.title}" + (f" ({pictured})" if pictured else ""),
+    )  # fmt: skip
+
+
+def _add_walls(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
+    """Add how much of each wall of a hollow shape is significant, and moves which way."""
+    walls = carrier.walls_at_particles(len(study.areas))
+    rows = []
+    for comparison in study.comparisons:
+        if len(comparison.pointwise.effect) > 1:
+            continue
+        outward = carrier.outward_at_particles(comparison, comparison.pointwise.effect[0])
+        for wall in (INNER, OUTER, EDGE):
+            own = [index for index, name in enumerate(walls) if name == wall]
+            if not own:
+                continue
+            areas, inside = study.areas[own], comparison.p_fwe[own] <= LEVEL
+            out = inside & (outward[own] > 0.0)
+            whole = float(areas.sum())
+            rows.append(
+                (
+                    comparison.title, wall, f"{whole:.0f}",
+                    *(
+                        f"{areas[some].sum():.0f} ({100.0 * areas[some].sum() / whole:.1f} %)"
+                        for some in (inside, out, inside & ~out)
+                    ),
+                )
+            )  # fmt: skip
+    page.table(
+        ["comparison", "wall", "area (mm²)", "significant (mm²)", "out of the tissue (mm²)",
+         "into the tissue (mm²)"],
+        rows,
+        as_text=True,
+        caption="Significant area of each wall, and which way it moves",
+    )  # fmt: skip
+
+
+def _outward(study: Study, region: Region) -> str:
+    digits = digits_of(study, region.outward.high - region.outward.low)
+    low, high = (f"{value:.{digits}f}" for value in region.outward_range)
+    mean = f"{region.mean_outward:.{digits}f}"
+    return mean if len(region.particles) == 1 else f"{mean} ({low} to {high})"
+
+
+def interval_cell(effect: Effect, digits: int = 2, scale: float = 1.0) -> str:
+    """Return an estimate with its interval as tables have it, such as ``"1.27 (0.41 to 2.02)"``."""
+    value, low, high = (f"{scale * item:.{digits}f}" for item in (effect.value, effect.low, effect.high))
+    return f"{value} ({low} to {high})"
+
+
+def effect_cell(study: Study, effect: Effect) -> str:
+    """Return an effect with its interval; changes per unit have three digits of the interval's width."""
+    return interval_cell(effect, digits_of(study, effect.high - effect.low))
+
+
+def digits_of(study: Study, width: float) -> int:
+    """Return the decimals of an effect whose interval is so wide."""
+    if study.request.kind != "regression" or not width > 0.0:
+        return 2
+    return max(2, 2 - floor(log10(width)))
