@@ -177,14 +177,14 @@ def test_the_edge_of_an_opening_is_told_from_both_walls():
     at = np.repeat(np.arange(len(outline)), 32)
     walls = SurfaceCarrier(mesh, np.zeros((len(at), 2)), np.arange(2), at).walls_at_particles(len(outline))
     assert walls[17] == EDGE
-    assert set(walls[:14]) == {OUTER}
-    assert set(walls[20:32]) == {INNER}
+    assert set(walls[2:16]) == {OUTER}  # sharp corners may be either
+    assert set(walls[19:]) == {INNER}
 
 
 def test_structure_cohort_and_axes_are_kept_and_used(project, without_figures):
     assert _analyze(project, "--between", "A", "C", "--size", "with", "--axes", "patient") == 0
-    (row,) = _rows(project.folder / "analysis" / "groups_group_A_C" / "regions.csv")
-    assert row["peak_place"] == "superior"
+    rows = _rows(project.folder / "analysis" / "groups_group_A_C" / "regions.csv")
+    assert "superior" in {row["peak_place"] for row in rows}
     told = "--structure", "left <ventricle>", "--cohort", "Twins"
     assert main(["report", str(project.folder), *told, "--progress", "none"]) == 0
     details = read_details(project)

@@ -8,6 +8,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from homolog_app.rendering.camera import Clip, ClipPlane, View
+from homolog_app.report.details import Axes, ReportDetails
 
 __all__ = [
     "SIGHTS",
@@ -23,6 +24,7 @@ __all__ = [
     "PictureSettings",
     "Plot",
     "PlotSettings",
+    "ReportSettings",
     "ScreenshotSettings",
     "StillSettings",
     "TableSettings",
@@ -108,6 +110,16 @@ class CutSettings(BaseModel):
         if self.clip is CutAway.NONE:
             return None
         return Clip(plane=ClipPlane(self.clip.value), position=self.clip_at, flipped=self.clip_flip)
+
+
+class ReportSettings(CutSettings, ReportDetails):
+    """Report."""
+
+    @property
+    def emptied(self) -> list[str]:
+        """Options that empty what is empty here, as a project keeps what was given before."""
+        empty = [f"--{name}=" for name in ("structure", "cohort") if not getattr(self, name)]
+        return empty + (["--axes=auto"] if self.axes is Axes.AUTO else [])
 
 
 class PictureSettings(CutSettings):

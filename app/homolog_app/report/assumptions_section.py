@@ -57,8 +57,7 @@ def add_assumptions(page: Page, study: Study) -> None:
         "Outliers have r above median(r) + 5 x 1.4826 MAD(r) of all that are compared: MAD is the median "
         "absolute deviation, 1.4826 MAD the standard deviation of normal data, r "
         f"{_FAR[kind].format(mean=mean)}. No p of this table is corrected; F of dispersion is compared with "
-        "its "
-        "permutations and needs no degrees of freedom."
+        "its permutations and needs no degrees of freedom."
     )
     page.paragraph(" ".join(filter(None, sentences)))
     page.table(
@@ -112,11 +111,9 @@ def add_false_positives(page: Page, study: Study) -> None:
         f"{_EXCHANGED[study.request.kind]} {study.request.null_repeats} times, so that there is nothing to "
         "find, and tested without scaling of dispersions. Permutation tests then have a type I error rate of "
         "5 % by construction: their rows check the software and do not validate the comparison. The bounds "
-        "of "
-        "about one row in twenty miss its true rate by chance. The rows of F show whether normal "
-        "distributions "
-        f"may be assumed: {_f_verdict(study)} The table can't show what differences in dispersion do; see "
-        "Assumptions."
+        "of about one row in twenty miss its true rate by chance. The rows of F show whether normal "
+        f"distributions may be assumed: {_f_verdict(study)} The table can't show what differences in "
+        "dispersion do; see Assumptions."
     )
     page.table(
         ["comparison", "test", "type I error (%)", "95 % bounds"],
@@ -138,6 +135,5 @@ def _f_verdict(study: Study) -> str:
         return "here all bounds of the F of whole shapes include 5 %."
     return (
         f"here the bounds of the F of whole shapes exclude 5 % in {'; '.join(off)}, so that p (F) is not to "
-        "be "
-        "used there."
+        "be used there."
     )

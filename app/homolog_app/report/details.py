@@ -10,10 +10,9 @@ from homolog.errors import InputError
 from homolog.files.atomic import write_text
 from homolog.files.project import ProjectFolder
 from homolog.files.records import ResultRecord
-from homolog_app.exports.settings import CutSettings
 from homolog_app.report.directions import FILE_AXES, PATIENT_AXES, Directions
 
-__all__ = ["Axes", "ReportDetails", "ReportSettings", "directions_of", "read_details", "write_details"]
+__all__ = ["Axes", "ReportDetails", "directions_of", "read_details", "write_details"]
 
 _FILE = "report.json"
 _ASSUMED = "axes were assumed"
@@ -55,16 +54,6 @@ class ReportDetails(BaseModel):
             "the patient if all files are images whose headers say so."
         ),
     ] = Axes.AUTO
-
-
-class ReportSettings(CutSettings, ReportDetails):
-    """Report."""
-
-    @property
-    def emptied(self) -> list[str]:
-        """Options that empty what is empty here, as a project keeps what was given before."""
-        empty = [f"--{name}=" for name in ("structure", "cohort") if not getattr(self, name)]
-        return empty + (["--axes=auto"] if self.axes is Axes.AUTO else [])
 
 
 def read_details(project: ProjectFolder) -> ReportDetails:

@@ -51,12 +51,12 @@ class Directions:
         )
 
     def _named(self, parts: FloatArray, least: float) -> str:
-        words = [
+        names = [
             pair[int(part > 0.0)]
             for pair, part in zip(self.sides, parts.tolist(), strict=True)
             if abs(part) > least
         ]
-        return " ".join(words) or "middle"
+        return " ".join(names) or "middle"
 
 
 PATIENT_AXES = Directions((("right", "left"), ("anterior", "posterior"), ("inferior", "superior")))

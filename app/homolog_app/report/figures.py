@@ -90,8 +90,7 @@ def model_figures(
             clip=clip,
         ),
         "The first modes at ±2 standard deviations (signs are arbitrary). Blue is out of the tissue, yellow "
-        "into "
-        "it."
+        "into it."
         f"{mirrored}{_cut_text(clip)}",
     )
     if len(result.world) > 2:
@@ -136,8 +135,7 @@ def study_figures(
                 f"{stem}_discriminant",
                 discriminant_figure(study, item),
                 f"Subjects of {item.title} along the discriminant (root mean square displacement of the "
-                "particles); bars "
-                "are the groups' means. These positions are not "
+                "particles); bars are the groups' means. These positions are not "
                 "cross-validated; accuracy and AUC are.",
                 item.title,
             )

@@ -63,10 +63,9 @@ def _statistics_text(comparison: Comparison, *, corrected: bool) -> str:
     before = " before correction" if corrected else ""
     return (
         f"Permutation test of the whole shape in {test.modes} {noun} with {shown_variance(comparison):.0f} % "
-        "of "
-        f"the variance ({how} permutations): studentized "
-        f"statistic {test.studentized:.2f}, {p_text(test.p_permutation, test.permutations)}{before}. "
-        f"{name}, F({test.dof[0]:g}, {test.dof[1]:.4g}) = {test.f:.2f}, {p_text(test.p)}."
+        f"of the variance ({how} permutations): studentized statistic {test.studentized:.2f}, "
+        f"{p_text(test.p_permutation, test.permutations)}{before}. {name}, F({test.dof[0]:g}, "
+        f"{test.dof[1]:.4g}) = {test.f:.2f}, {p_text(test.p)}."
     )
 
 
@@ -306,8 +305,7 @@ def _effects(study: Study, comparison: Comparison) -> tuple[str, ...]:
     if dispersion_caution(comparison.dispersion, comparison.counts) and len(comparison.counts) == 2:
         sentences.append(
             "The interval of D and the p values of accuracy and AUC assume equal dispersion, which these "
-            "groups "
-            "do not have."
+            "groups do not have."
         )
     return (*sentences, *(_size_text(study, comparison) if shows_size(study) else ()))
 

@@ -254,10 +254,8 @@ def _adjustments(study: Study) -> Iterator[str]:
         if study.pairwise:
             yield (
                 "For particles, the pairs were put in the order of their smallest p corrected over the "
-                "surface; "
-                f"all p of the first were multiplied by {len(study.pairwise)}, of the next by one less, and "
-                "so "
-                "on (Holm over surfaces)."
+                f"surface; all p of the first were multiplied by {len(study.pairwise)}, of the next by one "
+                "less, and so on (Holm over surfaces)."
             )
     else:
         yield "P-values were not corrected for other questions."
@@ -270,10 +268,8 @@ def _further_measures(study: Study) -> Iterator[str]:
     if study.overall.dispersion is not None:
         yield (
             f"Equality of dispersion was tested by the distances of subjects to {_centre(study)} in the "
-            "tested "
-            "modes: residuals were permuted, and distances computed to the centroids of the permuted "
-            "residuals "
-            f"({study.overall.dispersion.permutations} permutations, p not corrected)."
+            "tested modes: residuals were permuted, and distances computed to the centroids of the permuted "
+            f"residuals ({study.overall.dispersion.permutations} permutations, p not corrected)."
         )
     if any(comparison.distance is not None for comparison in study.comparisons):
         yield (
@@ -320,11 +316,9 @@ def _discriminants(study: Study) -> Iterator[str]:
 
 _SCALED = (
     "Before subjects were exchanged, each was divided by the dispersion of its group, and afterwards "
-    "multiplied "
-    "by that of the group it came to, so that permuted groups have the dispersions of the real ones; the "
-    "mean "
-    "that centring had taken was put back, at random or, where all permutations were taken, as that of each "
-    "subject in turn"
+    "multiplied by that of the group it came to, so that permuted groups have the dispersions of the real "
+    "ones; the mean that centring had taken was put back, at random or, where all permutations were taken, "
+    "as that of each subject in turn"
 )
 
 

@@ -29,44 +29,41 @@ def add_regions(
 
     `pictured` says which figure shows those of a comparison. Returns which table has them.
     """
-    found = [
+    differing = [
         (comparison, regions)
         for comparison in study.comparisons
         if (regions := significant_regions(study, comparison, carrier))
     ]
-    if not found:
+    if not differing:
         return {}
     page.heading("Where", 3)
-    hollow = any(regions[0].wall for _, regions in found)
+    hollow = any(regions[0].wall for _, regions in differing)
     page.paragraph(
         f"Connected regions of particles with p ≤ {LEVEL:g}, corrected over the surface, pairs and "
         "analyses; figures show them by the numbers of the tables. " + _axes_text(carrier)
         + (
             " The shape is hollow. Its inner surface mostly sees itself or faces itself across the cavity; "
-            "the "
-            "edge of the opening lies between the inner and the outer surface. A region is on one of them."
+            "the edge of the opening lies between the inner and the outer surface. A region is on one of "
+            "them."
             if hollow
             else ""
         )
         + scale_text(study)
     )  # fmt: skip
     tables = {}
-    for comparison, regions in found:
+    for comparison, regions in differing:
         tables[comparison.title] = page.following("Table")
         _add_table(page, study, comparison, regions, pictured.get(comparison.title, ""))
     page.paragraph(
-        "The peak is the particle with the largest studentized statistic. Outward is along the normal of "
-        "the mean surface, positive out of the tissue; its mean over a region's area is given with the least "
-        "and the largest of its particles, as parts of a region may move in opposite directions. The "
-        "position was tested in all directions: the interval of its outward part alone may contain zero. "
-        "Where "
-        "the displacement is much longer than its outward part, particles move along the surface, towards "
-        "the "
+        "The peak is the particle with the largest studentized statistic. Outward is along the normal of the "
+        "mean surface, positive out of the tissue; its mean over a region's area is given with the least and "
+        "the largest of its particles, as parts of a region may move in opposite directions. The position "
+        "was tested in all directions: the interval of its outward part alone may contain zero. Where the "
+        "displacement is much longer than its outward part, particles move along the surface, towards the "
         "side named: along a smooth surface this may be a different distribution of corresponding points "
-        "rather "
-        "than of tissue, and should be claimed only near edges and landmarks. "
-        "Intervals are of the peak by itself, not corrected over the surface; since the peak was chosen by "
-        "its statistic, its effect is overestimated."
+        "rather than of tissue, and should be claimed only near edges and landmarks. Intervals are of the "
+        "peak by itself, not corrected over the surface; since the peak was chosen by its statistic, its "
+        "effect is overestimated."
     )
     if hollow:
         _add_walls(page, study, carrier)
@@ -78,16 +75,13 @@ def _axes_text(carrier: SurfaceCarrier) -> str:
         return (
             "Places are directions from the middle of the mean shape along the patient's axes, as the files "
             "state them: left is towards the patient's left, anterior towards the front, superior towards "
-            "the "
-            "head."
+            "the head."
         )
     return (
         "Places are directions from the middle of the mean shape along the axes of the coordinates (of "
-        "images: "
-        "x to the left, y to the back, z to the head, as their headers have it), which are not taken to be "
-        "those "
-        "of the patient: +z is the side of larger z. Describe parts by their anatomical names from the "
-        "figures."
+        "images: x to the left, y to the back, z to the head, as their headers have it), which are not taken "
+        "to be those of the patient: +z is the side of larger z. Describe parts by their anatomical names "
+        "from the figures."
     )
 
 

@@ -105,8 +105,7 @@ def _results(page: Page, study: Study) -> None:
         f"{_STATISTIC[study.request.kind == 'groups' and not study.request.covariates]}. T² is Hotelling's, "
         "Λ is Wilks' lambda. df: degrees of freedom. p (F) assumes normal data and equal covariances and is "
         "not corrected. Modes are those that the comparison was tested in, with their share of the variance "
-        "of "
-        "its subjects. Statistics of different numbers of modes can't be compared."
+        "of its subjects. Statistics of different numbers of modes can't be compared."
     )
     page.table(
         [
@@ -118,14 +117,12 @@ def _results(page: Page, study: Study) -> None:
     )  # fmt: skip
     page.paragraph(
         "Areas are of the whole surface, of hollow shapes its inner and outer side together. p of particles "
-        "is "
-        "corrected over the surface (family-wise error), pairs and analyses; it is the one to report, and "
-        "maps "
-        "and regions use it. q is the false discovery rate over the surface (Benjamini and Hochberg), not "
-        "corrected for pairs or analyses, and only describes how widespread an effect is: of the particles "
-        "with q ≤ 0.05 one in twenty is expected to be false. q is no smaller than the number of particles "
-        "divided by that of the permutations and of the particles that reach the least p, and so may be "
-        "larger "
+        "is corrected over the surface (family-wise error), pairs and analyses; it is the one to report, and "
+        "maps and regions use it. q is the false discovery rate over the surface (Benjamini and Hochberg), "
+        "not corrected for pairs or analyses, and only describes how widespread an effect is: of the "
+        "particles with q ≤ 0.05 one in twenty is expected to be false. q cannot be smaller than the number "
+        "of particles divided by that of the permutations and of the particles that reach the least p, and "
+        "so may be larger "
         "than p." + scale_text(study)
     )
     _size_and_separation(page, study, tested)

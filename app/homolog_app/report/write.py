@@ -150,8 +150,8 @@ def _summary(
 
 def _in_order(groups: Sequence[str | None], studies: Sequence[Study]) -> list[str | None]:
     """Return the different groups, in the order of the first study of them."""
-    asked = [group for study in studies for group in study.request.between]
-    there = list(dict.fromkeys([*asked, *reference_first(filter(None, groups)), *groups]))
+    compared = [group for study in studies for group in study.request.between]
+    there = list(dict.fromkeys([*compared, *reference_first(filter(None, groups)), *groups]))
     return [group for group in there if group in groups]
 
 
@@ -171,10 +171,9 @@ def _effects(study: Study, comparison: Comparison, finding: Finding, carrier: Su
     else:
         largest = (
             f"{count}: {region.area:.0f} mm²{on_wall}, on average {abs(region.mean_outward):.{digits}f} "
-            f"mm{per} "
-            f"{region.direction(region.mean_outward)}; outward {low:+.{digits}f} to {high:+.{digits}f} "
-            f"mm{per}. "
-            f"The peak is {'' if carrier.directions.are_the_patients else 'towards '}{region.place}"
+            f"mm{per} {region.direction(region.mean_outward)}; outward {low:+.{digits}f} to "
+            f"{high:+.{digits}f} mm{per}. The peak is "
+            f"{'' if carrier.directions.are_the_patients else 'towards '}{region.place}"
         )
     peak = region.outward.value
     largest += f", where the surface moves {abs(peak):.{digits}f} mm{per} {region.direction(peak)}."
@@ -201,15 +200,12 @@ def _model_section(
     area = result.mean_surface.area
     each = area / record.particles
     page.paragraph(
-        f"{len(result.names)} shapes, {pose_text(record)}. The mean surface has an area of {area:.0f} mm²; "
-        f"a particle stands for {each:.3g} mm² of it on average, so that particles are about "
-        f"{each**0.5:.2g} mm apart. "
-        "The modes below are those of all subjects; tests use modes of the subjects and the alignment of "
-        "each comparison. The sign of a mode is arbitrary. Scores and standard deviations are root mean "
-        "squares "
-        "over the particles. Generalization is computed of all numbers of modes that models without a "
-        "held-out "
-        "subject have, specificity of some only, as it takes long."
+        f"{len(result.names)} shapes, {pose_text(record)}. The mean surface has an area of {area:.0f} mm²; a "
+        f"particle stands for {each:.3g} mm² of it on average, so that particles are about {each**0.5:.2g} "
+        "mm apart. The modes below are those of all subjects; tests use modes of the subjects and the "
+        "alignment of each comparison. The sign of a mode is arbitrary. Scores and standard deviations are "
+        "root mean squares over the particles. Generalization is computed of all numbers of modes that "
+        "models without a held-out subject have, specificity of some only, as it takes long."
     )
     small = [figure for figure in figures if figure.name in ("scree", "scores")]
     page.figures(small)

@@ -71,8 +71,7 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
         if len(numbers) == 2
         else "Wilks' lambda and F of all groups together assume equal dispersion: do not rely on them. Each "
         "pair of groups has a test of dispersion of its own; where a pair gets no caution, its D, accuracy "
-        "and "
-        "AUC may be used."
+        "and AUC may be used."
     )
     return (
         f"the groups differ in dispersion (mean distance to the centroid: {mean}; {p})"
@@ -141,7 +140,7 @@ def outlier_caution(
     )
 
 
-_FAR_FROM_GROUP = "far from the shape that the group and any covariates predict"
+_FAR_FROM_GROUP = "far from the mean of the group, given any covariates"
 _FAR = {
     "all": "far from the shape that is fitted to the value of the variable",
     "pairs": "whose difference within the pair is far from the mean difference",

@@ -17,12 +17,13 @@ from homolog_app.exports.settings import (
     MeshSettings,
     ParticleSettings,
     PlotSettings,
+    ReportSettings,
     ScreenshotSettings,
     StillSettings,
     TableSettings,
 )
 from homolog_app.rendering.camera import Clip
-from homolog_app.report.details import ReportSettings, read_details
+from homolog_app.report.details import read_details
 from homolog_app.window.theme import scaled
 from homolog_app.window.widgets import GRID, choice, label
 

@@ -21,9 +21,8 @@ from PySide6.QtWidgets import (
 from homolog.errors import InputError
 from homolog_app.cli.options import options_of
 from homolog_app.exports.encode import write_still
-from homolog_app.exports.settings import PictureSettings, ScreenshotSettings
+from homolog_app.exports.settings import PictureSettings, ReportSettings, ScreenshotSettings
 from homolog_app.rendering.camera import Canvas, Clip
-from homolog_app.report.details import ReportSettings
 from homolog_app.views.content import KEPT, ViewContents, write_shown
 from homolog_app.views.grid import drawn
 from homolog_app.views.view_states import Snapshot
