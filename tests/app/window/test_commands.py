@@ -153,3 +153,22 @@ def test_a_tool_without_a_text_says_its_name_when_the_pointer_is_on_it(window, q
     wait(QToolTip.isVisible, 5.0)
     assert QToolTip.text().startswith(command("view.clip").title)
     QToolTip.hideText()
+
+
+@pytest.mark.window
+def test_a_plot_fills_its_place_though_it_is_painted_before_it_knows_its_size(window, monkeypatch):
+    from homolog_app.window.explore.plot_canvas import PlotCanvas
+    from homolog_app.window.run_particles import EnergyCurves
+
+    curves = EnergyCurves(window.workspace.theme)
+    curves.show_rows([[k, 1.0, 2.0, 3.0 + k] for k in range(5)])
+    curves.resize(500, 220)
+    curves.show()
+    canvas = curves.canvas
+    canvas.grab()
+    monkeypatch.setattr(PlotCanvas, "resizeEvent", lambda *_: None)
+    curves.resize(800, 300)
+    canvas.grab()
+    assert canvas.figure.bbox.size.tolist() == [canvas.width(), canvas.height()]
+    curves.close()
+    curves.deleteLater()

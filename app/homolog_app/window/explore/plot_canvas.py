@@ -98,6 +98,11 @@ class PlotCanvas(FigureCanvasQTAgg):
         if (self._is_due or extent != self._drawn) and self.width() > 0 and self.height() > 0:
             self._is_new |= extent != self._drawn  # the size decides which texts are shortened
             self._is_due, self._drawn = False, extent
+            scale = self.device_pixel_ratio / self.figure.dpi
+            size = scale * self.width(), scale * self.height()
+            self.figure.set_size_inches(
+                *size, forward=False
+            )  # the event of a resize may come after the paint
             self.draw()
         super().paintEvent(event)  # type: ignore[no-untyped-call]
 

@@ -179,7 +179,8 @@ class ExportDialog(QDialog):
         self.go.setDefault(True)
         height = 300 if self.settings is None else 430
         room = self.screen().availableGeometry().height() - _FRAME
-        self.resize(940 if self.preview else 640, min(760, room) if self.chooser else height)
+        wide, high = (1040, 1000) if self.preview else (640, 760)
+        self.resize(wide, min(high, room) if self.chooser else height)
 
     def _make_middle(self) -> QHBoxLayout:
         """Return the choices, the form of the settings, and the preview."""
