@@ -137,7 +137,7 @@ def tilt(content):
         (lambda content: delattr(content, "ImageOrientationPatient"), "can't be read as a slice"),
         (
             lambda content: setattr(content, "ImagePositionPatient", [0, 0, 0]),
-            r"several of its \d+ slices lie at one place",
+            r"several of its \d+ slices have the same position",
         ),
         (lambda content: setattr(content, "PixelSpacing", [0.0, 1.0]), "its pixels are"),
         (lambda content: setattr(content.file_meta, "TransferSyntaxUID", DEFLATED), "deflate"),
