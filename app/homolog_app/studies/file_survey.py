@@ -98,7 +98,8 @@ class FileSurvey:
 def survey_subject(subject: Subject, label: int | None, segment: str | None = None) -> FileSurvey:
     """Preview a subject's file. An unusable file gives a preview with a problem, not an error.
 
-    A file whose structures can't be taken together, because they overlap, has a problem and its labels.
+    A file whose structures can't be taken together, because they overlap or lie apart, has a problem and
+    its labels.
     """
     survey = FileSurvey(subject, label, segment=segment)
     try:

@@ -38,7 +38,7 @@ _MANY_VALUES = 50
 """From this number on, it is looked at how often neighbours differ."""
 _MOST_DIFFERENT = 0.5
 """Share of neighbouring voxels above 0 that differ in a picture, at least."""
-_MOST_IN_ONE = 0.7
+_MOST_IN_ONE = 0.85
 """Share of the voxels in the largest piece from which on labels are one structure."""
 _LOOKED_AT = 2_000_000
 
@@ -265,7 +265,7 @@ def _outward_sign(values: Array, spacing: FloatArray) -> int:
 def labels_apart(values: Array) -> list[int]:
     """Return the labels of a map if they are structures that lie apart, as the bones of a hand; else none.
 
-    The largest piece has less than 70 % of the voxels then, and at least half of the labels lie mostly
+    The largest piece has less than 85 % of the voxels then, and at least half of the labels lie mostly
     elsewhere.
     """
     pieces, count = ndimage.label(values > 0, np.ones((3, 3, 3)))
