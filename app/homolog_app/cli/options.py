@@ -128,7 +128,7 @@ def with_all_options(settings: RunSettings, arguments: argparse.Namespace) -> Ru
         As `with_options` does.
     """
     structure = getattr(arguments, "label", None)
-    if structure is not None:  # names the structure anew: what was chosen before is no more
+    if structure is not None:  # a new structure replaces the one that was chosen before
         named = structure != _AUTO and not structure.strip().lstrip("+-").isdecimal()
         defaults = {"label": _AUTO, "segment": structure} if named else {"segment": _AUTO} | vars(arguments)
         arguments = argparse.Namespace(**(vars(arguments) | defaults))

@@ -171,7 +171,9 @@ def run_demo(arguments: argparse.Namespace) -> int:
         for method, start, end in zip(_METHODS, _ENDS, _ENDS[1:], strict=False):
             settings = optimize.model_copy(update={"method": method})
             name = _NAMES[method]
-            for done in projects.values():  # groomed alike, so that the second method finds it in its cache
+            for (
+                done
+            ) in projects.values():  # groomed the same, so that the second method finds it in its cache
                 with report_os_errors(out / name):
                     shutil.copytree(done.groomed, out / name / done.groomed.name, dirs_exist_ok=True)
             projects[name] = _run_method(out / name, name, cohort, settings, part_of(tick, start, end))
@@ -199,7 +201,7 @@ def _check_folder(out: Path) -> None:
 def _run_method(
     folder: Path, name: str, cohort: "Cohort", optimize: OptimizeSettings, tick: Tick
 ) -> "ProjectFolder":
-    """Run one method on the cohort, whose shapes lie in one frame as they are."""
+    """Run one method on the cohort, whose shapes share a frame and need no alignment."""
     from homolog.files.project import ProjectFolder
     from homolog.run import Run
 

@@ -62,7 +62,7 @@ class Board:
         return text
 
     def scale_bar(self, x: float, y: float, most: float, millimetres_a_pixel: float) -> None:
-        """Draw a bar of a round length, at most so many pixels long, from (x, y) to the right."""
+        """Draw a bar of a round length, at most `most` pixels long, from (x, y) to the right."""
         length = round_length(most * millimetres_a_pixel)
         pixels = length / millimetres_a_pixel
         thick = max(round(0.15 * self.em), 2)
@@ -125,7 +125,7 @@ def _blend(image: Array, page: NDArray[np.uint8]) -> NDArray[np.uint8]:
     mixed = behind + front * (image - behind)
     mixed[..., 3:] = behind[..., 3:] + front * (255.0 - behind[..., 3:])
     clear = page[..., 3] < 255
-    if clear.any():  # what is behind counts as much as it is opaque
+    if clear.any():  # the background is weighted by its opacity
         share, own = mixed[clear, 3:], 255.0 * front[clear]
         colour = own * image[clear, :3] + (share - own) * behind[clear, :3]
         mixed[clear, :3] = colour / np.maximum(share, 1e-4)
@@ -150,12 +150,12 @@ class Film:
     turntable : bool
         Whether the views turn.
     transparent : bool
-        Whether there is no background.
+        Whether the background is transparent.
 
     Raises
     ------
     InputError
-        If the page is too small for so many pictures.
+        If the page is too small for the pictures.
     """
 
     def __init__(

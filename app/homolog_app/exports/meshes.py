@@ -154,7 +154,7 @@ def _group_surfaces(
 ) -> list[_Named]:
     """Return both means with the difference of the second from the first and its significance."""
     motion = group_motion(result, *groups)
-    # The means lie as the run left them, and so does what is tested.
+    # The means have the alignment of the run, and so have the tested shapes.
     study = compare(
         result, groups, settings.permutations, settings.seed, tick, alignment=Alignment.AS_IT_LIES
     )

@@ -35,13 +35,13 @@ class Motion:
     Attributes
     ----------
     start : TriangleMesh
-        Where nothing has moved.
+        The surface before it moves.
     displacement : (V, 3) array
-        How its vertices move for an amount of 1 [mm].
+        Displacement of its vertices for an amount of 1 [mm].
     low, high : float
         Amounts at the ends.
     label : function of the amount
-        The caption: what is shown, and how far it has moved.
+        The caption at that amount.
     """
 
     start: TriangleMesh

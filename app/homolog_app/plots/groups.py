@@ -44,7 +44,7 @@ def draw_discriminant(
     ----------
     axes : Axes
     places : (M,) array
-        Places along it [mm].
+        Positions along it [mm].
     second : (M,) bool array
         Members of the second group.
     names : (str, str)
@@ -53,7 +53,7 @@ def draw_discriminant(
         All groups in the order of their colours.
     colours : Colours
     along : str
-        What the places lie along.
+        Name of that direction.
     """
     dress(axes, colours, x_label=f"position along the {along}, RMS (mm)")
     points = discriminant_points(places, second)
@@ -81,7 +81,7 @@ def draw_slope(
     ----------
     axes : Axes
     values, places : (M,) array
-        The number, and the place along its effect [mm].
+        The number, and the position along its effect [mm].
     groups : sequence of str
         Group of each subject.
     column : str
@@ -114,7 +114,7 @@ def draw_boxes(
     names : sequence of str
         The groups. They are left out where there is room for a few letters only.
     means : sequence of sequence of str
-        The mean of each group, with its standard deviation beside it, below it, and without; the first for
+        The mean of each group, with its standard deviation next to it, below it, and without; the first for
         which there is room is written.
     title, unit : str
     colours : Colours

@@ -35,7 +35,7 @@ _SUBJECT_NAME = 28  # letters
 _MOST_BARS = 16
 _QUANTILE = 5.991464547107979  # 95 % of the chi-squared distribution with two degrees of freedom
 _LEAST = 3  # subjects of an ellipse
-_FIRST = 20  # one of so many iterations is among the first
+_FIRST = 20  # iterations that count as the first
 _RISES = "Energies rise while the regularization decreases; the run has converged where they are flat."
 _MEANINGS = {
     "Sampling": "evenness on each surface",

@@ -67,7 +67,7 @@ class SceneActors:
 
     @property
     def clickable(self) -> list[Vtk]:
-        """Actors of surfaces and of their caps, shown or not: caps hide what is behind them."""
+        """Actors of surfaces and of their caps, shown or not: caps occlude what is behind them."""
         return [actor for surface in self._surfaces for actor in (surface.actor, surface.cap)]
 
     def is_cap(self, actor: Vtk) -> bool:

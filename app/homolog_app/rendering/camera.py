@@ -280,16 +280,16 @@ class Canvas(BaseModel):
     Attributes
     ----------
     width, height : int
-        Of the views on the screen, in its pixels …
+        Of the views on the screen [pixels of the screen].
     ratio : float
-        … of which each takes so many of the picture.
+        Pixels of the picture for each pixel of the screen.
     text : float
         Size of the texts relative to a system font of 12 pixels.
     scheme : str
     layout, page : int
-        Number of subjects a page, and which one is open; shapes of the model have a layout of their own.
+        Number of subjects a page, and the open page; shapes of the model have their own layout.
     raw, groomed, particles : bool
-        What is shown.
+        Whether these are shown.
     opacity : float
         Of the surfaces.
     cameras : tuple of CameraState

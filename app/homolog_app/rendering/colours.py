@@ -156,10 +156,10 @@ def diverging_colours(values: FloatArray, limit: float) -> FloatArray:
 
 
 def colours_by_place(mean: FloatArray) -> Array:
-    """Return one colour for each particle, (N, 3) uint8, from its place on the mean shape.
+    """Return one colour for each particle, (N, 3) uint8, from its position on the mean shape.
 
     The angle about the shape's shortest axis gives the hue, the height along that axis the lightness, so that
-    neighbours look alike and places far apart differ.
+    neighbours have similar colours and distant particles different ones.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ _FAINT = 0.35
 GREY = (150, 150, 150)
 """Colour of missing or ignored values: neutral, and not part of any scale."""
 
-# Viridis (Smith and van der Walt 2015) at nine places.
+# Viridis (Smith and van der Walt 2015) at nine positions.
 _VIRIDIS = np.array(
     [(68, 1, 84), (71, 44, 122), (59, 81, 139), (44, 113, 142), (33, 144, 141), (39, 173, 129),
      (92, 200, 99), (170, 220, 50), (253, 231, 37)], float,
@@ -231,7 +231,7 @@ class ColourScale:
     def colours(self, values: Array, faded: BoolArray | None = None, faint: BoolArray | None = None) -> Array:
         """Return (V, 3) uint8 colours of values (V,).
 
-        Those marked in `faded` (V,) are greyed, those in `faint` (V,) as pale as what is within a limit.
+        Those marked in `faded` (V,) are greyed, those in `faint` (V,) as pale as values within a limit.
         """
         span = max(self.high - self.low, np.finfo(float).tiny)
         place = np.clip((values - self.low) * ((len(self.table) - 1) / span), 0, len(self.table) - 1)

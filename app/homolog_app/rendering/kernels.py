@@ -157,7 +157,7 @@ def occlude(
 ):
     """Share of directions (hemisphere around z) that are not occluded by the surface.
 
-    Every vertex looks along one of so many interleaved sets of the directions.
+    Every vertex samples one of several interleaved sets of directions.
     """
     i = first + wp.tid()
     own = (i * 7 + i // 5) % sets  # neighbours have different sets, however vertices are ordered

@@ -73,14 +73,15 @@ class GroupAnswer:
     first, second : str
         These groups, or the lowest and the highest value in words.
     start : (V, 3) array
-        Way from the model's mean surface to the first group's mean, or the shape at the lowest value [mm].
+        Displacement of the model's mean surface to the first group's mean, or to the shape at the lowest
+        value [mm].
     difference : GroupMap
         From there to the second.
     discriminant : GroupMap or None
-        Along the linear discriminant; None if no mode is above chance, and for a regression.
+        Along the linear discriminant; None without retained modes, and for a regression.
     places : (m,) array or None
-        Subjects' places along the discriminant, or along the mean difference of pairs or the change that the
-        number brings, as root mean square displacement of the particles [mm].
+        Positions of the subjects along the discriminant, the mean difference of pairs or the effect of the
+        number, as root mean square displacement of the particles [mm].
     values : (m,) array or None
         The number, for a regression.
     groups : tuple of str

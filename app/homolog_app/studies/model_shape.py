@@ -298,12 +298,12 @@ class PreliminaryFits:
         The project's, for captions.
     method : Method
     wanted : int
-        Particles that the run places in the end.
+        Final number of particles of the run.
 
     Attributes
     ----------
     newest : PreliminaryModel or None
-        A mailbox that any thread may look into.
+        Any thread may read it.
     """
 
     def __init__(self, run: "Run", name: str, method: Method, wanted: int) -> None:

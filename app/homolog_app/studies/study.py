@@ -194,7 +194,7 @@ class Extension:
     subjects : tuple of str
         New ones that can be fitted to it.
     message : str
-        What the run would do, or what is required.
+        What the run would do, or what it requires.
     """
 
     particles: int

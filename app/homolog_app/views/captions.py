@@ -287,7 +287,7 @@ def scale_picture(
 
 
 def _tick_labels(values: list[float]) -> list[str]:
-    """Return the labels of ticks, with three digits at the ends, and as many places in all."""
+    """Return the labels of ticks, with three digits at the ends, and equally many decimals in all."""
     most = max(abs(value) for value in values)
     places = max(0, 2 - int(np.floor(np.log10(most)))) if most else 0
     return tick_labels([round(value, places) for value in values])

@@ -327,7 +327,7 @@ class ViewCell:
 
     @property
     def surface_actors(self) -> list[Any]:
-        """Clickable actors of the surfaces, shown or not: caps hide what is behind them."""
+        """Clickable actors of the surfaces, shown or not: caps occlude what is behind them."""
         return self._actors.clickable
 
     def is_cap(self, actor: Any) -> bool:  # noqa: ANN401 - VTK is untyped

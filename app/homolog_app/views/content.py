@@ -34,7 +34,7 @@ class Numbers:
     colours : (k, 3) uint8 array
         Red, green, blue.
     beside : float
-        Distance of the number from its place [mm].
+        Distance of the number from its point [mm].
     """
 
     values: IntArray
@@ -113,7 +113,7 @@ class ViewContents:
     ----------
     contents : sequence of Content
     columns : int or None
-        All contents in rows of so many views; None pages through them in the layout that the user chose.
+        Views in a row, with all contents on one page; None pages through them in the user's layout.
     scale : ColourScale or None
         What the colours mean; drawn below the views.
     particles : mapping of str to (N, 3) array, or None
@@ -122,7 +122,7 @@ class ViewContents:
         Colours of the particles, the same on all contents or of each by name; None gives each its colour by
         place.
     stays : bool
-        Whether a close-up of what was shown before stays, if that said so too.
+        Whether a close-up stays when the contents change, if both the old and the new ones say so.
     """
 
     contents: Sequence[Content]
@@ -305,7 +305,7 @@ def _particles(arrays: _Arrays) -> tuple[Array, Array]:
 def _table(
     arrays: _Arrays, name: str, count: int | None = None, shape: tuple[int, ...] = (3,), kind: str = "f8"
 ) -> Array:
-    """Return an array with so many rows of a shape, of numbers that are; empty if there is none."""
+    """Return an array of finite numbers with `count` rows of a shape; empty if there is none."""
     array = arrays.get(name, np.empty((0, *shape), kind))
     fits = array.dtype.kind == kind[0] and array.shape[1:] == shape and count in (None, len(array))
     if not fits or not np.isfinite(array).all():

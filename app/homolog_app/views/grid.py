@@ -221,7 +221,7 @@ class Grid:
         return self.tints
 
     def _ball_radius(self, count: int) -> float:
-        """Return the radius of so many particles on the shapes of the page."""
+        """Return the radius of `count` particles on the shapes of the page."""
         bounds = self.bounds
         return 1.0 if bounds is None or not count else ball_radius(bounds, count)
 
@@ -284,8 +284,8 @@ def drawn(
 def _release_context_of_qt() -> None:
     """Tell Qt that its context is no longer current, if this process has Qt windows.
 
-    VTK makes its own context the thread's without telling. Qt would go on to believe that that of the views
-    were current, and free objects of OpenGL in none or in another one, when a window is deleted.
+    VTK makes its own context current without telling Qt. Qt would still take that of the views for current,
+    and free OpenGL objects in no context or in another one when a window is deleted.
     """
     gui = sys.modules.get("PySide6.QtGui")
     context = gui.QOpenGLContext.currentContext() if gui is not None else None

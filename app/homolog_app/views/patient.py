@@ -65,7 +65,9 @@ def about_text(reference: "Reference | None") -> str:
         return "No reference yet. Make one from this result or open a file."
     from homolog_app.report.patient_texts import reference_text
 
-    return "\n".join(reference_text(reference.anonymous()))  # the box above says what is saved besides
+    return "\n".join(
+        reference_text(reference.anonymous())
+    )  # the box above lists the other files that are saved
 
 
 EXPECTED, MEAN, Z = "expected", "mean", "z"

@@ -41,7 +41,7 @@ def mode_scene(view: ModesView, models: _Models, subject: Content | None = None)
     models : sequence of ModelShape
         The open result's, and one to compare with or none.
     subject : Content, optional
-        A subject whose own surface stands beside the shape.
+        A subject whose own surface is shown next to the shape.
     """
     look = _look(view, models)
     if view.count > 1:

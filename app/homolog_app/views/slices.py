@@ -156,11 +156,11 @@ class Grid:
         return np.asarray(np.linalg.norm(self.matrix[:3, :3], axis=0))
 
     def indices(self, points: FloatArray) -> FloatArray:
-        """Return places (P, 3) [mm] as indices."""
+        """Return points (P, 3) [mm] as indices."""
         return transform_points(np.asarray(np.linalg.inv(self.matrix)), points)
 
     def box_of(self, points: FloatArray) -> FloatArray:
-        """Return least and largest indices of places (P, 3) [mm], (2, 3); those of the grid without any."""
+        """Return the least and largest indices of points (P, 3) [mm], (2, 3); without points, of the grid."""
         if not len(points):
             return np.stack([np.zeros(3), np.array(self.shape) - 1.0])
         indices = self.indices(points)
@@ -192,7 +192,7 @@ class Plane:
     letters: tuple[str, str, str, str]
 
     def picture(self, values: Array) -> Array:
-        """Turn a slice, whose axes are in the order of the grid's, as it is seen: (down, across)."""
+        """Turn a slice from the order of the grid's axes to that of the screen: (down, across)."""
         if self.across < self.down:
             values = values.T
         return values[:: -1 if self.turned_down else 1, :: -1 if self.turned_across else 1]

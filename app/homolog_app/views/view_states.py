@@ -70,7 +70,7 @@ class ModesView(ColouredView):
     reach : float
         Standard deviations at the ends of rows.
     subject : str
-        Whose own surface stands beside the shape; nobody's if empty.
+        Whose own surface is shown next to the shape; nobody's if empty.
     colours, arrows : bool
         Whether displacement is shown so.
     """
@@ -93,16 +93,16 @@ class GroupsView(ColouredView):
     request : StudyRequest or None
         The question; the mean shape is shown without one.
     pair : int
-        Which two of the question's groups, in the order of its pairs.
+        Index of the two groups among the pairs of the question.
     outdated : bool
         Whether the question was changed since.
     map : str
     count : int
-        1 shows the map, 4 what it goes from and to as well.
+        1 shows the map, 4 also the shapes that it compares.
     way : float
-        Place of the shape, 0 at the first group or value and 1 at the second.
+        Position of the shape, 0 at the first group or value and 1 at the second.
     only_significant, arrows : bool
-        Whether what is not significant is greyed, and whether arrows are drawn.
+        Whether regions that are not significant are greyed, and whether arrows are drawn.
     """
 
     page: Literal["groups"] = "groups"
@@ -117,7 +117,7 @@ class GroupsView(ColouredView):
 
 
 class MeasureView(ColouredView):
-    """A shape along one mode (from 0) at so many SD, or a subject, and two particles on it.
+    """A shape along one mode, or a subject, and two particles on it.
 
     Attributes
     ----------
@@ -148,10 +148,10 @@ class CheckView(_View):
     particle : int or None
         The chosen one.
     subject : str
-        Where `others` are ringed.
+        On which `others` are ringed.
     others : tuple of int
     place : (x, y, z) or None
-        Where distances are from [mm], if not from the particle.
+        Point from which distances are shown [mm], if not from the particle.
     """
 
     page: Literal["check"] = "check"

@@ -284,7 +284,7 @@ REASONS: Mapping[str, str] = {
     "result": _NO_RESULT,
     "model": _NO_RESULT,
     "particles": _NO_RESULT,
-    "idle_result": f"{_NO_RESULT}, or wait for what is being computed",
+    "idle_result": f"{_NO_RESULT}, or wait for the present computation",
     "fit": "include new subjects in addition to those of the result, with its settings; save it first",
     "more": "set more particles than the result has, with the same subjects and settings; save it first",
     "answer": "compare groups first",

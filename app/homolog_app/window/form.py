@@ -147,7 +147,7 @@ class SettingsPair(QWidget):
         self.more.show_values(values)
 
     def _receive(self, name: str, values: BaseModel) -> None:
-        self.show_values(values)  # the other part goes on from here
+        self.show_values(values)  # the other part starts from these values
         self.edited.emit(name, values)
 
     def _fold(self, open_: bool) -> None:

@@ -205,7 +205,7 @@ class ProjectController(Controller):
             return True
         if workspace.session.job.is_busy:
             answer = ask(
-                self._window, "Stop what is being computed?",
+                self._window, "Stop the computation?",
                 "It has not finished. A run can be resumed from its checkpoint.", ("Stop", "Keep working"),
                 1, lambda: not workspace.session.job.is_busy,
             )  # fmt: skip

@@ -37,7 +37,7 @@ class RunParticles(QObject):
     particles : mapping of str to (N, 3) array
         By subject [mm].
     tints : (N, 3) array or None
-        Their colours, if they are not to be made from their places.
+        Their colours, if not those by position.
     frame : Frame or None
         The newest one of the run.
     """

@@ -173,7 +173,7 @@ class RangeDialog(QDialog):
         self.automatic.setToolTip("Set the range automatically from the values shown")
         buttons = QDialogButtonBox(
             QDialogButtonBox.StandardButton.Apply | QDialogButtonBox.StandardButton.Close,
-            parent=self,  # the style sheet is asked for icons at once
+            parent=self,  # icons are looked up in its style sheet at once
         )
         buttons.addButton(self.automatic, QDialogButtonBox.ButtonRole.ResetRole)
         self.apply = buttons.button(QDialogButtonBox.StandardButton.Apply)
@@ -340,7 +340,7 @@ class Stage(QWidget):
         self._pages.setCurrentWidget(self._split)
 
     def show_slices(self) -> None:
-        """Show the slices, alone or beside the views."""
+        """Show the slices, alone or next to the views."""
         self.slices.show()
         self._split.setSizes([1, 1])
         self.scene.setVisible(self.slices.beside.isChecked())

@@ -89,7 +89,7 @@ def interrupt_closes(window: MainWindow) -> Iterator[None]:
     """
 
     def close() -> None:
-        if not window.close():  # the user has answered that it is to go on
+        if not window.close():  # the user chose to continue
             signal.signal(signal.SIGINT, handle)
 
     def handle(_number: int, _frame: object) -> None:

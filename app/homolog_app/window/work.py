@@ -183,12 +183,12 @@ class Work(QObject):
 
         Waits for background jobs to end. Does nothing if the user waits for another job
         already (`Session.job`). The result is dropped if another study has been opened meanwhile; errors and
-        cancelling are told as with any job.
+        cancelling are reported as for any job.
 
         Parameters
         ----------
         kind : str
-            Names the work: `kind` and the log say it.
+            Name of the work for `kind` and the log.
         work : RunJob or callable
             A function takes a tick, knows no Qt, and imports what is heavy by itself.
         message : str

@@ -127,7 +127,7 @@ class PreferencesDialog(QDialog):
         form.addRow("Closing", self.ask)
         buttons = QDialogButtonBox(
             QDialogButtonBox.StandardButton.Ok | QDialogButtonBox.StandardButton.Cancel,
-            parent=self,  # the style sheet is asked for icons at once
+            parent=self,  # icons are looked up in its style sheet at once
         )
         buttons.accepted.connect(self.accept)
         buttons.rejected.connect(self.reject)

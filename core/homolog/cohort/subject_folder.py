@@ -190,7 +190,7 @@ def holds_files(folder: Path, skipping: re.Pattern[str] | None = None, depth: in
 
 
 def entries_of(folder: Path) -> list[Path]:
-    """Return what is in a folder, without hidden entries and the scans of others."""
+    """Return the entries of a folder, without hidden ones and the scans of others."""
     entries = [path for path in sorted(folder.iterdir()) if not path.name.startswith(".")]
     scans = {path: stem for path in entries if (stem := stem_of(path)).endswith(IMAGE_ENDING)}
     if not scans:

@@ -91,13 +91,13 @@ class TableChanges:
 def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     """Read groups and covariates of known subjects from a table.
 
-    The column called name, subject, id, path, … (the one that fits most subjects), else the first one, names
-    the subject: by its name, by the name of its file, with or without suffix, or by the beginning up to a
-    sign that is no letter or digit (``acdc004`` means ``acdc004_ED_myo``). A beginning that several names
-    share means all of them if they are one subject's sides or points in time (``sub-01`` means
-    ``sub-01_ses-01`` and ``sub-01_ses-02``) and have no row of their own. Columns for paths and landmarks
-    are left alone; relative paths of scans (column image) start at the table's folder. An empty cell leaves
-    what is there. A row of types below the header declares categories and numbers (`read_typed_rows`).
+    The column called name, subject, id, path, … (the one that matches most subjects), else the first one,
+    identifies the subject: by name, by file name with or without suffix, or by a prefix that ends before a
+    character other than a letter or digit (``acdc004`` means ``acdc004_ED_myo``). A prefix of several names
+    means all of them if they are one subject's sides or time points (``sub-01`` means ``sub-01_ses-01`` and
+    ``sub-01_ses-02``) and have no rows of their own. Columns for paths and landmarks are ignored; relative
+    paths of scans (column image) start at the table's folder. An empty cell keeps the present value. A row of
+    types below the header declares categories and numbers (`read_typed_rows`).
 
     Parameters
     ----------

@@ -60,8 +60,8 @@ class EnsembleCoupling(HostCoupling):
     ) -> None:
         """Apply (I + p P (S + aI)^-1 P)^-1 across the particles, P being the projection to the surface.
 
-        Without P, particles would be moved along modes off the surface, and what is left of that on the
-        surface would be no mode. The inverse is that of a matrix of low rank and the identity (Woodbury).
+        Without P, particles would be moved along modes off the surface, and the remaining tangential motion
+        would be no mode. The matrix is of low rank plus the identity (Woodbury).
         """
         step = np.asarray(self._rows(steps)[0], np.float64)
         a, p, ensemble = self._regularization, self._step, self._ensemble

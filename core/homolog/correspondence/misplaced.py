@@ -125,7 +125,7 @@ def repairs_text(repaired: IntArray) -> str:
 
 
 def find_swapped(aligned: FloatArray, means: FloatArray) -> IntArray:
-    """Return for each particle the one that it is swapped with, itself for nearly all, (M, N).
+    """Return for each particle the one it is swapped with, (M, N); for nearly all the particle itself.
 
     The expected position of a particle is its mean over the shapes plus the median deviation of its
     neighbours. Two particles are swapped if they lie much closer to each other's expected position than to
@@ -133,8 +133,8 @@ def find_swapped(aligned: FloatArray, means: FloatArray) -> IntArray:
 
     Parameters
     ----------
-    posed : (M, N, 3) array
-        Particles as they are compared.
+    aligned : (M, N, 3) array
+        Particles in the coordinates in which they are compared.
     means : (N, 3) array
         Mean unit normals.
     """

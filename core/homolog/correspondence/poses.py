@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 N_SWEEPS = 3  # over the shapes, in `entropy_step`
-# Many shapes: one sweep, as the next step goes on from it, one product for a block, and some moved together.
+# Many shapes: one sweep, which the next step continues, one product for a block, and some moved together.
 MANY_SHAPES, BLOCK, TOGETHER = 128, 32, 8
 OUTLIER_RATIO = 49.0  # of squared distances to their median, at which a particle's weight is a quarter
 MAX_ROUNDS, CONVERGENCE = (
@@ -194,14 +194,14 @@ def procrustes_step(
     scaling : bool
         Whether sizes are taken out too; the geometric mean of the scales is then 1.
     tangential_weight : float
-        How much the part of a particle's distance from its mean counts that lies in the mean tangent plane:
-        1 for Procrustes analysis; less where particles are still to slide over their surfaces, as a turned
-        shape with particles that turned with it would keep its pose for long (Chen and Medioni 1992).
+        Weight of the tangential part of a particle's distance from its mean: 1 for Procrustes analysis; less
+        while particles still slide over their surfaces, as a rotated shape whose particles rotated with it
+        would keep its pose for long (Chen and Medioni 1992).
 
     Notes
     -----
-    Particles much farther from their mean than the shape's others count little (Geman and McClure 1987): a
-    part that varies by itself, such as a slot that wanders, does not turn the rest.
+    Particles much farther from their mean than the shape's others have little weight (Geman and McClure
+    1987): a part that varies independently, such as a slot that wanders, does not rotate the rest.
 
     Returns
     -------
@@ -233,9 +233,9 @@ def entropy_step(
     """Return poses with a lower ensemble entropy H(Z): Newton's method, one shape after another.
 
     For a large regularization these are rounds of generalized Procrustes analysis, which minimises the trace
-    of the covariance; for a small one poses heed what few modes do not explain, so that a part that varies
-    by itself does not turn the rest. Particles much farther away than the shape's others count little, as in
-    `procrustes_step`.
+    of the covariance; for a small one poses depend on what few modes do not explain, so that a part that
+    varies independently does not rotate the rest. Particles much farther away than the shape's others have
+    little weight, as in `procrustes_step`.
 
     Parameters
     ----------
@@ -288,12 +288,12 @@ def robust_step(points: FloatArray, targets: FloatArray, *, scaling: bool) -> Fl
 
 
 def _blocks(free: BoolArray, size: int) -> list[IntArray]:
-    """Return the indices of free shapes, so many at a time."""
+    """Return the indices of free shapes in blocks of a size."""
     return np.split(np.flatnonzero(free), range(size, np.count_nonzero(free), size))
 
 
 def _even_steps(points: FloatArray, offsets: FloatArray, scaling: bool) -> FloatArray:
-    """Return robust steps (see `_steps`) in which all directions count alike."""
+    """Return robust steps (see `_steps`) with equal weight in all directions."""
     return _steps(points, offsets, _robust_weights(np.square(offsets).sum(axis=2)), scaling)
 
 

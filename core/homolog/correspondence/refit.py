@@ -102,15 +102,15 @@ def initialize_fit(
     local : (K, N, 3) array
         Particles of the known shapes, in their order, in file coordinates [mm].
     known : (M,) bool array
-        Which K of the shapes they are.
+        The K known shapes.
     tick : Tick
         Progress and cancelling.
 
     Returns
     -------
-    Start
-        On each new shape the particles of the known one that is nearest to it, carried by the registration
-        that also places first particles; only those may move.
+    InitialParticles
+        On each new shape the particles of the nearest known one, carried by the registration that also places
+        first particles; only those may move.
     """
     images = with_mirror_images(shapes)
     shapes, to_optimizer = images.shapes, _similarities(normalize_size(images.shapes))

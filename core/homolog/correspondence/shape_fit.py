@@ -1,9 +1,10 @@
 """Particles of one shape, placed against a frozen ensemble.
 
 The gradient of H(Z) by one shape's positions y while all others are held is ``(S + aI)^-1 y / (1 + h)``, with
-the covariance S of the others and ``h = y' (S + aI)^-1 y / c`` (Sherman and Morrison 1950); that of H(V) is
-alike. S is known by its leading modes, so a fit costs the same whatever the number of subjects, and holds one
-surface only. Going over all subjects again and again is a block descent of the joint objective.
+the covariance S of the others and ``h = y' (S + aI)^-1 y / c`` (Sherman and Morrison 1950); that of H(V) has
+the same form. S is represented by its leading modes, so the cost of a fit does not depend on the number of
+subjects, and it holds one surface only. Repeated passes over all subjects are a block descent of the joint
+objective.
 """
 
 from collections.abc import Sequence
@@ -38,17 +39,17 @@ from homolog.threads import on_one_thread
 __all__ = ["first_particles", "fit_shape", "fit_shape_from", "nearest_template", "shape_state"]
 
 _ANNEAL_ITERATIONS, _FIRST_REGULARIZATION = 200, 1.0
-"""Of a fit that starts from carried particles, which are near their places already."""
+"""Of a fit that starts from carried particles, which are already near their final positions."""
 _SETTLE_ITERATIONS, _SETTLED = 300, 0.01
 """At most, and the motion between two records at which 95 % of the particles have settled [spacings]: the
-objective of one shape fluctuates too much to tell."""
+objective of one shape fluctuates too much as a criterion."""
 _MOST_POSES, _PLACED_ANNEAL, _RELOCATED_AFTER = 4, 60, 40
 """Of a fit whose pose is searched for: poses that are tried, iterations of each, and those after which its
 misplaced particles are relocated."""
 _PLACED_WEIGHTS, _WEIGHTS_A_SUBJECT = 0.3, 0.03
 """Of such a fit: weights of the last stage over the run's, at most and for each subject. By then the
-particles have found their places, and lower weights spread them more evenly; a few subjects tell little of
-another one."""
+particles are near their final positions, and lower weights spread them more evenly; a few subjects predict
+little of another one."""
 _TEMPLATE_POINTS = 256
 
 
@@ -192,7 +193,7 @@ def fit_shape_from(
 
 
 def _stages(settings: OptimizeSettings, count: int, anneal: int) -> list[StagePlan]:
-    """Return the stages of a fit with at most so many iterations."""
+    """Return the stages of a fit with a limited number of iterations."""
     stages = plan_stages(settings, count)
     first = min(_FIRST_REGULARIZATION, settings.regularization_start)
     begin = replace(

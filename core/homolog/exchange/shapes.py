@@ -25,7 +25,7 @@ from homolog.surfaces.topology import check_mesh
 
 __all__ = ["SubjectSurface", "surfaces_of"]
 
-_NEAR = 0.05  # of the size, beside half an edge: how far from vertices and faces' middles particles may be
+_NEAR = 0.05  # of the size, plus half an edge: largest distance of particles from vertices and face centres
 _MOST = 0.95  # of them
 _VERTICES = 8000  # enough to see, and few enough to be carried by particles
 

@@ -44,7 +44,7 @@ class SubjectRecord(_Record):
 
 
 class ResultSubject(_Record):
-    """A subject of the result, with what is needed to use the result without the input files.
+    """A subject of the result, with everything needed to use the result without the input files.
 
     `file` is the stem of the subject's files, `content` the hash of its groomed surface, `alignment` the
     similarity from local to world coordinates (a reflection for a subject that was mirrored), `side` that of

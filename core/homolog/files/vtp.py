@@ -98,7 +98,7 @@ def _piece(file: "_File", piece: ElementTree.Element, size: int) -> Polygons:
 
 
 def _moved(cells: Cells, count: int, shift: int) -> Cells:
-    """Return lists whose numbers begin elsewhere; what refers to no point goes on doing so."""
+    """Return lists with shifted indices of points; invalid indices stay invalid."""
     inside = (cells.corners >= 0) & (cells.corners < count)
     return Cells.of(np.where(inside, cells.corners + shift, -1), cells.starts)
 
@@ -130,7 +130,7 @@ class _File:
         return np.frombuffer(self._stored(node, None), np.uint8)
 
     def values(self, node: ElementTree.Element | None, count: int) -> Array:
-        """Return an array's numbers, of which there must be so many."""
+        """Return the numbers of an array, whose length must be `count`."""
         if count == 0:
             return np.empty(0)
         if node is None:
@@ -174,7 +174,7 @@ class _File:
 
 
 class _Source:
-    """Bytes as they are, or as base64, from some place on; each part is encoded by itself."""
+    """Raw or base64 bytes from an offset on; each part is encoded separately."""
 
     def __init__(self, stored: bytes, at: int, *, raw: bool) -> None:
         self._stored = stored
@@ -185,14 +185,14 @@ class _Source:
         return len(self._stored) - self._at
 
     def peek(self, count: int) -> bytes:
-        """Return the next bytes without going on."""
+        """Return the next bytes without advancing."""
         size = count if self._raw else (count + 2) // 3 * 4
         encoded = self._stored[self._at : self._at + size]
         decoded = encoded if self._raw else binascii.a2b_base64(encoded)
         return _whole(decoded[:count], count)
 
     def take(self, count: int) -> bytes:
-        """Return the next bytes and go on behind them."""
+        """Return the next bytes and advance past them."""
         taken = self.peek(count)
         self._at += count if self._raw else (count + 2) // 3 * 4
         return taken

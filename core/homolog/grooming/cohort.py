@@ -116,12 +116,12 @@ def groom_cohort(
     cohort : Cohort
         At least one subject.
     settings : GroomSettings
-        Alignment and scaling play no part.
+        Alignment and scaling are ignored.
     executor : Executor, optional
         Where subjects are groomed, on workers that see the files; processes of this machine if not given.
     cache : Path, optional
-        Folder with what was groomed earlier; only what changed is made again and added. A file that is not
-        what it was then gets a note and a line in the log.
+        Folder of groomed subjects; only those that changed are groomed again and added. A file that has
+        changed since gets a note and a line in the log.
     tick : Tick
         Called at least every 0.1 s.
     left_out : list of Problem, optional
@@ -130,10 +130,9 @@ def groom_cohort(
     sources : mapping of str to Segmentation or TriangleMesh, optional
         Shapes in memory, by subject, in place of their files; not for a cache.
     keys : dict, optional
-        What was groomed is added to it as `content_key` says it, by subject, for `save_groomed`.
-
+        Filled with the `content_key` of each groomed subject, for `save_groomed`.
     reduced : callable, optional
-        Makes of each subject what is returned in its place, so that memory need not hold all of them.
+        Converts each groomed subject to what is returned for it, so that memory need not hold all of them.
 
     Returns
     -------

@@ -61,8 +61,8 @@ class Fit:
     pose : (4, 4) float64 array
         Similarity of the moving cloud onto the fixed one.
     distance : float
-        Mean distance of the matches in position and normal, over the size: it tells how a shape lies by the
-        few places where it is not symmetric, which a median leaves out.
+        Mean distance of the matches in position and normal, over the size. Unlike a median it includes the
+        few regions where a shape is not symmetric, which tell its orientation.
     """
 
     pose: FloatArray
@@ -87,8 +87,8 @@ def axes_rotation(moving: OrientedPoints, fixed: OrientedPoints) -> FloatArray:
 def registered(moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False) -> Fit:
     """Return the similarity of one point set to another, both centred and of about one size.
 
-    Matches are closest points in position and normal, in both directions; what is farther than usual counts
-    little, so that a part that one surface lacks, or has elsewhere, does not turn the rest. Starts are the
+    Matches are closest points in position and normal, in both directions; those farther apart than usual have
+    little weight, so that a part that is missing or displaced does not rotate the rest. Starts are the
     given orientation, the 24 ways of matching principal axes, and turns about the longest by 45°.
 
     Parameters
@@ -122,7 +122,7 @@ class _Half:
         self.tree = KDTree(np.concatenate([self.points, _NORMAL_WEIGHT * self.normals], axis=1))
 
     def some(self, count: int) -> slice:
-        """Return which points stand for all where about so many do."""
+        """Return a slice that takes about `count` points, evenly."""
         return slice(None, None, max(1, len(self.points) // count))
 
     def nearest(self, points: FloatArray, normals: FloatArray) -> tuple[FloatArray, IntArray]:

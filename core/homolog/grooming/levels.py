@@ -38,27 +38,27 @@ MANY_CROSSED = 1_000_000
 MANY_NODES = 2_000_000
 """A larger grid is made coarser, as far as the thinnest parts of the structure allow."""
 NEAR = 4
-"""Distances are exact up to so many nodes from the surface (eikonal equation)."""
+"""Nodes from the surface up to which distances are exact (eikonal equation)."""
 NODES_ACROSS_VOXELS = 4.0
-"""A part of a label map is resolved if so many nodes lie across it."""
+"""Nodes across a part of a label map that resolve it."""
 SAMPLED_VOXELS = 250_000
-"""Thickness of a label map is measured on about so many of its voxels."""
+"""Approximate number of voxels at which the thickness of a label map is measured."""
 UNRESOLVED_SHARE = 0.005
 """Largest share of a label map's volume that need not be resolved."""
 LEAST_COARSENING = 1.15
 """Spacing of a large grid over the finest voxel spacing, at least; the cube root of a voxel if smaller."""
 NODES_ACROSS_MESH = 2.5
-"""A thin part of a mesh is resolved if so many nodes lie across it: with fewer its walls get holes."""
+"""Nodes across a thin part of a mesh that resolve it: with fewer its walls get holes."""
 THIN_SHARE = 0.05
 """Share of a mesh's surface whose thickness is not considered: rims are thin on every shape."""
 THIN_NODES = 2**22
 """Largest grid that is chosen for the thin parts of a mesh."""
 WALL_NODES = 1.8
-"""Walls of a mesh with fewer nodes across are thickened to so many."""
+"""Least number of nodes across the walls of a mesh: thinner ones are thickened to it."""
 RIM_SHARE = 0.01
 """Walls are not thickened if this share of the surface or less is thinner."""
 STACK_RATIO = 2.0
-"""Slices are interpolated as outlines if their distance exceeds so many pixels."""
+"""Distance of slices, in pixels, above which they are interpolated as outlines."""
 HOLE_WALL_NODES = 2.0
 """Nodes across the wall around a hole between slices: thinner walls would be lost on the grid."""
 

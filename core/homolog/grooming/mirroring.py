@@ -47,13 +47,13 @@ def align_cohort(
 ) -> tuple[list[GroomedSubject], FloatArray]:
     """Align groomed subjects, those of one side of the body mirrored.
 
-    Where only names tell the sides, and most of those to be mirrored fit the others far better as they are,
-    their files hold mirror images already: then nobody is mirrored.
+    If only names tell the sides, and most subjects to be mirrored fit the others far better unmirrored, their
+    files already hold mirror images: then nobody is mirrored.
 
     Parameters
     ----------
     cohort : Cohort
-        Whose columns and names say the sides.
+        Its columns and names give the sides.
     groomed : sequence of GroomedSubject
         Of the cohort, in its order.
     settings : GroomSettings

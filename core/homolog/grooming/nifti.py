@@ -36,7 +36,7 @@ __all__ = [
     "stored_values",
 ]
 
-logger.setLevel(logging.CRITICAL + 1)  # what nibabel finds is said in messages, not on the standard error
+logger.setLevel(logging.CRITICAL + 1)  # nibabel's findings become messages, not lines on the standard error
 
 _TO_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 _UNITS = {"meter": 1000.0, "mm": 1.0, "micron": 0.001, "unknown": 1.0}
@@ -206,7 +206,7 @@ def stored_values(
 ) -> Array:
     """Return a file's voxels as stored: mapped, or unpacked into one array, part by part.
 
-    With `to_end`, a file that goes on after them is refused.
+    With `to_end`, data after the voxels are an error.
     """
     if not 0 <= begin <= _FARTHEST:
         raise InputError(f"{path}: says that its voxels begin at byte {begin}; export it again")

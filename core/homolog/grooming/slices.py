@@ -12,7 +12,7 @@ from homolog.surfaces.topology import without_cavities
 __all__ = ["Stack", "interpolated"]
 
 _CLOSES_BELOW = 0.5  # of a hole's largest area
-_BOTTOM = 0.1  # slices: how far a hole goes on beyond the last slice where it closes
+_BOTTOM = 0.1  # slices: distance that a closing hole continues beyond the last slice
 _ALONG = 0.6  # slices: standard deviation of the smoothing from slice to slice
 _FLAT = 0.5  # slices beyond the last one: where an open end is cut
 _DOME = 0.75  # slices: height of an ellipsoidal cap that holds as much as half a slice of its outline
@@ -22,14 +22,14 @@ _DOME = 0.75  # slices: height of an ellipsoidal cap that holds as much as half 
 class Stack:
     """Level functions between slices, negative inside [in-plane voxels].
 
-    The structure is what lies within `outline` and the `ends` and not within the `hole`.
+    The structure lies within `outline` and the `ends` and outside of the `hole`.
 
     Attributes
     ----------
     outline : (I, J, L) float32 array
-        The filled slices; goes on beyond open ends.
+        The filled slices, continued beyond open ends.
     hole : (I, J, L) float32 array or None
-        What the slices leave open inside their outlines.
+        The opening inside the outlines of the slices.
     ends : (L,) float32 array
         The planes that cut open ends.
     closed : bool

@@ -226,7 +226,7 @@ def list_structures(cohort: Cohort, tick: Tick = no_tick) -> Structures:
 def _named_alike(
     by_subject: Mapping[str, Sequence[SubjectStructure]],
 ) -> dict[str, Sequence[SubjectStructure]]:
-    """Return what was found, named by FreeSurfer's list also in files of too few labels to speak for it."""
+    """Return the structures, named by FreeSurfer's list also in files with too few labels to recognize it."""
     names = FREESURFER.names
     follow = any(
         item.name and item.name == names.get(item.value or 0) for ones in by_subject.values() for item in ones

@@ -17,18 +17,18 @@ from homolog.surfaces.topology import check_mesh, face_components, without_cavit
 __all__ = ["Triangles", "check_triangles", "deviation", "level_of_triangles"]
 
 _CRUMBS = 0.05
-"""Of the area: pieces of no more than this beside a sound one are left out without a look."""
+"""Of the area: pieces of at most this are dropped untested if there is a sound one."""
 _KEPT = 0.7
-"""Of the area: less than this kept is another structure."""
+"""Of the area: if less than this is kept, the result is another structure."""
 _THICK = 0.5
 """Nodes: a solid with less volume than half its surface times this encloses nothing."""
 _THINNEST = 1e-6
 """Of the longest extent: points that span less than this are in one plane."""
 _NEAR = 2  # nodes from a surface
 _PIECE = 1e-3
-"""Of the largest solid: what has fewer nodes is a crumb of the grid rather than a piece."""
+"""Of the largest solid: a piece with fewer nodes is an artefact of the grid."""
 _END = 0.1
-"""Of the diagonal: a wider opening with a flat rim is told of as an end that was cut off."""
+"""Of the diagonal: a wider opening with a flat rim is reported as an end that was cut off."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -44,7 +44,7 @@ _LOOKED_AT = 2_000_000
 
 
 def slices_of(values: Array) -> Iterator[Array]:
-    """Return slices of a volume, one after the other as they lie in memory."""
+    """Return slices of a volume in the order of memory."""
     axis = int(np.argmax(values.strides))
     return iter(np.moveaxis(values, axis, 0))
 

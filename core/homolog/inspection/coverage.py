@@ -16,13 +16,13 @@ from homolog.surfaces.topology import edges
 __all__ = ["uncovered"]
 
 _FAR = 1.4
-"""Distance to the nearest particle, in spacings, from which a place is uncovered; an even layout has 0.6 …"""
+"""Distance to the nearest particle, in spacings, from which a point is uncovered; even layouts have 0.6."""
 _BEYOND = 3.0
-"""… and from so many times the median distance."""
+"""The same in medians of that distance; both must be exceeded."""
 _AROUND = 6
-"""Particles that are named for a region."""
+"""Number of particles listed for a region."""
 _EDGE = 1.0
-"""Where the region around such a place ends, in spacings."""
+"""Distance to the nearest particle at which an uncovered region ends, in spacings."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +36,7 @@ class _Gap:
     distance : float
         How far that is, in spacings.
     area : float
-        Of what is more than a spacing away from every particle [mm²].
+        Of the region that is more than a spacing away from every particle [mm²].
     around : (k,) int array
         The particles nearest to the centre along the surface.
     """

@@ -22,13 +22,13 @@ __all__ = [
 ]
 
 BEYOND = 4.0
-"""A value so many times the usual one is unusual …"""
+"""Ratio to the usual value from which a value is unusual."""
 ANGLE = np.radians(45.0)
-"""… and matters from here on: an angle between normals,"""
+"""Angle between normals from which an unusual one matters."""
 STRETCH = 0.5
-"""the root mean square of log ratios of distances (1.65 times as far or as near),"""
+"""The same for the root mean square of log ratios of distances (1.65 times as far or as near)."""
 DISTORTION = np.radians(90.0)
-"""or the distortion of a triangle: at 90° it has collapsed, beyond it is folded over."""
+"""The same for the distortion of a triangle: at 90° it has collapsed, beyond it is folded over."""
 _PRIOR = 4.0
 """Weight of the cohort's median, in subjects."""
 
@@ -73,14 +73,14 @@ def swap_log_ratios(
     located: LocatedParticles,
     consensus: Neighbourhood,
 ) -> FloatArray:
-    """Return the log ratios, (n, K), as if some particles stood where others do.
+    """Return the log ratios, (n, K), after moving some particles to the positions of others.
 
     Parameters
     ----------
     standing : (n,) int array
-        Particles whose places on the subject are taken …
+        Particles whose positions are taken.
     stands_for : (n,) int array
-        … for those of these, by whose neighbours they are judged.
+        Particles that are moved there; their neighbours give the expected distances.
     """
     neighbours, far = consensus.neighbours[counterpart], consensus.distances[counterpart]
     rows = np.repeat(occupant, neighbours.shape[1])

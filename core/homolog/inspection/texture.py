@@ -11,9 +11,9 @@ from homolog.inspection.neighbourhood import Neighbourhood
 __all__ = ["carried_places", "checkerboard", "stripes"]
 
 _MOST = 2048
-"""Particles that carry the pattern together; of more only …"""
+"""Largest number of particles that carry the pattern together."""
 _GUIDES = 60
-"""… so many, those nearest to a vertex."""
+"""Of more particles: the number nearest to a vertex that carry it there."""
 
 
 def carried_places(located: LocatedParticles, consensus: Neighbourhood, subject: int) -> FloatArray:

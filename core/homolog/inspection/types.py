@@ -24,7 +24,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Suspect:
-    """A place of one subject where the correspondence may be wrong.
+    """A region of one subject where the correspondence may be wrong.
 
     Attributes
     ----------
@@ -32,11 +32,11 @@ class Suspect:
     subject : int
         Index of the subject.
     particles : (k,) int array
-        The particles that are meant, the worst first; of an uncovered region those around it.
+        The particles concerned, the worst first; for an uncovered region those around it.
     severity : float
-        1 is the least that is reported. Each sign counts the smaller of two ratios: how far beyond what is
-        usual at that particle, and how large; several signs add up as root of the sum of squares,
-        those of an exchange plainly.
+        1 is the least that is reported. Each indicator gives the smaller of two ratios: to the usual value
+        at that particle, and to the size that matters. Several indicators combine as the root of the sum of
+        squares, those of an exchange as the sum.
     place : (3,) float64 array
         Where to look [mm], in aligned coordinates.
     area : float
@@ -80,7 +80,7 @@ class Inspection:
     def movable(self, suspect: Suspect, rings: int = 2) -> BoolArray:
         """Return which particles to optimize again to repair a suspect, (M, N).
 
-        Those of the suspect and so many rings of neighbours around them, on the suspect's subject only.
+        Those of the suspect and `rings` rings of neighbours around them, on the suspect's subject only.
         """
         chosen = np.zeros(len(self.consensus.shape), dtype=bool)
         chosen[suspect.particles] = True

@@ -62,10 +62,10 @@ def make_reference(
         Covariates to adjust for: columns of the table.
     pairs, time : str
         Columns that identify a person and order the times, if controls were scanned twice. The first
-        time of each is the control; the change to the next one is what is expected of a patient.
+        time of each is the control; the change to the next one is the change expected of a patient.
     scores, names : bool
         Whether to store each control's scores, and its name with them, so that the nearest controls can
-        be told. They are data of single subjects.
+        be listed. They are data of single subjects.
     workers : int, optional
         Processes; one per core by default.
     tick : Tick

@@ -82,10 +82,10 @@ class ExpectedChange:
     local : LocalNorm
         Of the change at each vertex, averaged over neighbours.
     beyond, volume, maxima : (P,) arrays
-        Sorted each by itself: root mean square of a control's change beyond the mean of the others [mm], its
-        later volume over the first one, its largest absolute z by the others.
+        Each sorted: root mean square of a control's change beyond the mean of the others [mm], its later
+        volume over the first one, its largest absolute z against the others.
     limit : float
-        Of absolute z, which 5 % of healthy people exceed anywhere.
+        Absolute z that 5 % of healthy people exceed anywhere.
     between : str
         Interval between the two times, as text.
     """

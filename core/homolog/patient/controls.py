@@ -65,9 +65,9 @@ class Controls:
     names : tuple of str
         The M subjects.
     points : (M, P, 3) array
-        Vertices of the mean surface, as they lie on each subject, then particles [mm], read-only.
+        Vertices of the mean surface on each subject, then particles [mm], read-only.
     surface : TriangleMesh
-        The mean surface, whose vertices those are.
+        The mean surface, to which those vertices belong.
     meshes : tuple of TriangleMesh
         Groomed surfaces in the subjects' own frames, mirrored where the result mirrors them.
     particles : (M, N, 3) array

@@ -22,9 +22,9 @@ _ROUNDS = 40
 _SETTLED = 0.002
 """Of the residual: root mean square change of the model's points at which the fit ends."""
 _TOLERANT = 2.0
-"""Times the usual residual: from where on a vertex counts little (Geman and McClure 1987)."""
+"""Times the usual residual, from which a vertex has little weight (Geman and McClure 1987)."""
 _INDEPENDENT = 200.0
-"""Independent measurements that a surface is worth: residuals of near vertices are alike."""
+"""Number of independent measurements in a surface: residuals of neighbouring vertices are correlated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -36,11 +36,11 @@ class Measures:
     Attributes
     ----------
     mahalanobis : float
-        Distance from the mean in the modes above chance [standard deviations].
+        Distance from the mean in the retained modes [standard deviations].
     outside : float
         Root mean square of the residual over the surface [mm].
     size : float
-        Of the shape, over what is expected at its covariates.
+        Of the shape, over the size expected from its covariates.
     gap : float
         Median distance from the fitted model, over the size: how well it fits at all.
     """

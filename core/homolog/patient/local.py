@@ -16,8 +16,8 @@ __all__ = [
 ]  # fmt: skip
 
 BANDS: tuple[tuple[int, int], ...] = ((4, 0), (4, 32), (1, 8))
-"""Rounds of averaging over neighbours of what is looked at, and of what is taken from it: wide, middle and
-narrow differences. The deviation of n rounds is about 0.65 edges times the square root of n."""
+"""Rounds of averaging over neighbours, and of the average that is subtracted: wide, middle and narrow
+differences. The standard deviation of n rounds is about 0.65 edges times the square root of n."""
 _PRIOR_DOF = 4.0
 """Weight of the surface's mean variance against a vertex's own (Smyth 2004)."""
 _SMOOTHING_ROUNDS = 3

@@ -1,6 +1,6 @@
 """A core set of subjects that span the shapes of a cohort, and the fits of all others to it.
 
-The core set is optimized jointly. Every other subject is then fitted to its ensemble by itself, in worker
+The core set is optimized jointly. Every other subject is then fitted to its ensemble individually, in worker
 processes; further passes fit every subject to the ensemble of all, which is block descent of the joint
 objective. Each fit is stored: an interrupted run continues with the missing ones, and the result does not
 depend on the number of workers. No step has more surfaces in memory than the core set.

@@ -46,17 +46,17 @@ def grow(
     settings : RunSettings
         With a core set.
     folders : (Path, Path)
-        Of the groomed subjects, and of the fits, which are used again where they are there.
+        Of the groomed subjects, and of the fits; existing fits are reused.
     device : str
         Warp alias.
     control : Control
-        In its phase of aligning.
+        In its alignment phase.
     optimized : callable
         Places the particles of the core set.
     in_process : bool
         Fit in a thread of this process, one subject at a time, in place of processes.
     store : Store
-        Where the shapes of the core set lie.
+        Where the shapes of the core set are stored.
     registrations : Path, optional
         File with earlier registrations, as of `align_cohort`.
 

@@ -89,14 +89,14 @@ def united(*levels: FloatArray, blend: float) -> FloatArray:
 
 
 def surface_of(level: FloatArray, low: FloatArray, spacing: float, n_vertices: int) -> TriangleMesh:
-    """Return the largest piece of the zero level of values on a grid, closed, with so many vertices.
+    """Return the largest piece of the zero level of values on a grid as a closed mesh.
 
     Parameters
     ----------
     level : (I, J, K) array
         Negative inside, positive at the border.
     low : (3,) array
-        Place of the first node [mm].
+        Position of the first node [mm].
     spacing : float
         Distance of the nodes [mm].
     n_vertices : int

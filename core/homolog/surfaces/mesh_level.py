@@ -17,11 +17,11 @@ __all__ = ["REACH", "escaping", "mesh_level", "mesh_sides", "winding_around"]
 REACH = 2.5
 """Nodes: how far from the mesh its distance is computed."""
 _BLOCK = 4
-"""Nodes along the sides of the blocks that are looked at or left out as a whole."""
+"""Nodes along the sides of the blocks that are tested or skipped as a whole."""
 _BETWEEN = 1.001
 """Nodes: neighbours whose distances sum to more have no face between them."""
 _COARSE = 3
-"""Nodes between those that are asked first for their side, far from the mesh."""
+"""Nodes between those whose side is determined first, far from the mesh."""
 _UNITS = 1000.0
 """Length of a mesh's diagonal in the numbers that kernels see; single precision does for it."""
 
@@ -95,8 +95,8 @@ def _distances(surface: wp.Mesh, shape: tuple[int, ...]) -> Float32Array:
 def _sides(surface: wp.Mesh, distances: Float32Array) -> BoolArray:
     """Return which nodes are inside a closed mesh, from their distances to it.
 
-    Two neighbours whose distances sum to more than one node are on one side, as no face lies between. So each
-    patch of nodes that are a node away or more is asked once; of the others most have such a neighbour.
+    Two neighbours whose distances sum to more than one node are on the same side, as no face lies between. So
+    one test decides for each patch of nodes at least a node away; most other nodes have such a neighbour.
     """
     patches, count = ndimage.label(distances >= 1.0)
     owners = patches.ravel()

@@ -11,7 +11,7 @@ __all__ = ["areas_of_particles", "nearest_particles"]
 _LOOKED_AT = 12
 """Number of nearest particles that are tested."""
 _OPPOSITE = -0.5
-"""Cosine between the normals of two places below which they are on opposite sides of a wall."""
+"""Cosine between the normals of two points below which they are on opposite sides of a wall."""
 
 
 def nearest_particles(mesh: TriangleMesh, particles: FloatArray) -> IntArray:
@@ -34,6 +34,6 @@ def nearest_particles(mesh: TriangleMesh, particles: FloatArray) -> IntArray:
 
 
 def areas_of_particles(mesh: TriangleMesh, nearest: IntArray, count: int) -> FloatArray:
-    """Return the area of the surface that belongs to each of so many particles, (N,) [mm²]."""
+    """Return the area of the surface that belongs to each of N particles, (N,) [mm²]."""
     shares = np.repeat(mesh.face_areas / 3.0, 3)
     return np.asarray(np.bincount(nearest[mesh.faces].ravel(), shares, minlength=count), np.float64)

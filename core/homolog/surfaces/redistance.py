@@ -56,10 +56,10 @@ def redistanced(
 
 
 def _filled(signed: Float32Array, reach: float) -> Float32Array:
-    """Fill in what is far from the zero level: distances on a grid of every few nodes, interpolated."""
+    """Fill in distances far from the zero level by interpolation from a coarse grid."""
     far = np.abs(signed) == kernels.FAR
     rough: Array = ndimage.distance_transform_edt(far[::_EVERY, ::_EVERY, ::_EVERY])
-    rough = _EVERY * np.maximum(rough - 0.5, 0.0)  # the border of what is near lies between two nodes
+    rough = _EVERY * np.maximum(rough - 0.5, 0.0)  # the border of the near nodes lies between two nodes
     for axis, size in enumerate(signed.shape):
         places = np.arange(size) / _EVERY
         low = np.minimum(places.astype(int), rough.shape[axis] - 1)

@@ -38,7 +38,7 @@ def simplified(mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
 
 
 def levels_of_detail(mesh: TriangleMesh, counts: Sequence[int]) -> list[TriangleMesh]:
-    """Return meshes as `simplified` makes them, each of which goes on where the one before it ended.
+    """Return meshes as `simplified` makes them, each from the one before it.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def levels_of_detail(mesh: TriangleMesh, counts: Sequence[int]) -> list[Triangle
 
 
 def _merge(edges: HalfEdges, most: int) -> int:
-    """Merge so many of the cheapest edges, or as many as the topology allows, and return how many."""
+    """Merge at most `most` of the cheapest edges, as far as the topology allows, and return how many."""
     left, share = most, _SHARE
     for _ in range(_ROUNDS):
         if left <= 0:

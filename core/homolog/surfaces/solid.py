@@ -22,26 +22,26 @@ from homolog.surfaces.topology import FLATTEST, face_components
 __all__ = ["Solid", "clusters", "solid_of"]
 
 _SAME = (1e-6, 1e-5, 1e-4)
-"""Of the diagonal: vertices that are nearer to each other are welded; the larger ones for loose faces."""
+"""Of the diagonal: vertices nearer to each other are welded. Loose faces use the larger values."""
 _LOOSE = 0.1
-"""Of the sides: with more that have no other face the vertices were rounded for each face."""
+"""Of the sides: if more have no second face, the vertices were rounded for each face."""
 _LOST = 0.01
-"""Of the faces: with more that lose a corner the reach is too wide."""
+"""Of the faces: if more lose a corner, the distance of welding is too large."""
 _SAMPLES = 24
-"""Faces of a patch that are asked how much of the outside they see."""
+"""Faces of a patch whose view of the outside is sampled."""
 _DIRECTIONS = 16
 _PLACES = np.array([[1.0, 1.0, 1.0], [2.4, 0.3, 0.3], [0.3, 2.4, 0.3], [0.3, 0.3, 2.4]]) / 3.0
-"""On a face, where it is asked what is before and behind it."""
+"""Barycentric coordinates on a face at which its two sides are tested."""
 _ASIDE = 0.02
-"""Of the mean edge: how far before and behind."""
+"""Of the mean edge: distance of these tests from the face."""
 LARGE = 100_000
-"""Faces: of larger meshes two of each group are asked, and more where groups differ."""
+"""Faces: of larger meshes two of each group are tested, and more where groups differ."""
 _MOST_ASKED = 100_000
-"""Faces of a large mesh that are asked one by one, at most; others follow their neighbours."""
+"""Most faces of a large mesh that are tested one by one; others follow their neighbours."""
 _CELL = 4.0
 """Roots of the mean area of a patch's faces along the sides of the cells that make groups."""
 _MANY = 3000
-"""More pieces than this are looked at as one cluster."""
+"""More pieces than this are treated as one cluster."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,15 +158,15 @@ def _bounding(mesh: TriangleMesh, patches: IntArray) -> BoolArray:
         left = np.flatnonzero(~result & is_open & met[mesh.faces].any(axis=1))
         result[left] = bounds(left, place)
         met[:] = False
-        met[mesh.faces[result]] = True  # at further places only the neighbours of such faces
+        met[mesh.faces[result]] = True  # at the other points only the neighbours of such faces
     return result
 
 
 def _with_neighbours(mesh: TriangleMesh, bounding: BoolArray, other: BoolArray, steps: int) -> BoolArray:
-    """Return faces and those of others that are within so many steps over vertices.
+    """Return faces and those of others that are within `steps` over shared vertices.
 
-    Of large meshes, where faces are small: one too many beside the boundary changes the distance to it by a
-    few edges at most, and one that was not asked is not left out.
+    For large meshes, whose faces are small: an additional face next to the boundary changes distances by a
+    few edges at most, and no face is missing because it was not tested.
     """
     for _ in range(steps):
         met = np.zeros(len(mesh.vertices), dtype=bool)

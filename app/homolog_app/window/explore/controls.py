@@ -54,7 +54,7 @@ class NumbersTable(QWidget):
         while (item := self._grid.takeAt(0)) is not None:
             widget = item.widget()
             if widget is not None:
-                widget.hide()  # what is deleted later is painted until then
+                widget.hide()  # it would be painted until it is deleted
                 widget.deleteLater()
         self.texts = list(rows)
         lines = [("", *headings), *rows] if len(headings) > 1 else list(rows)
@@ -286,7 +286,7 @@ class ModeSliders(QWidget):
         for row in self.rows:
             self._choice.removeButton(row.name)
             self._column.removeWidget(row)
-            row.hide()  # it goes only when the event loop comes round
+            row.hide()  # the event loop deletes it later
             row.deleteLater()
         self.rows, self._shape = [], shape
         if shape is not None:

@@ -158,7 +158,7 @@ def _line(answer: "GroupAnswer") -> str:
 class GroupPlot(ScatterPlot):
     """Each subject's position between the groups, one line of markers per group; click selects, drag morphs.
 
-    `ends` are the places of the groups' means.
+    `ends` are the positions of the groups' means.
     """
 
     def __init__(self, theme: Theme) -> None:
@@ -172,7 +172,7 @@ class GroupPlot(ScatterPlot):
         self._answer: GroupAnswer | None = None
 
     def show_answer(self, answer: "GroupAnswer | None") -> None:
-        """Show the places of an answer's subjects, or none."""
+        """Show the positions of an answer's subjects, or none."""
         if answer is None or answer.places is None:
             self._answer = None
             self.show_scores(np.empty((0, 2)), (), (), ("", ""))

@@ -152,7 +152,7 @@ class ModesPage(ExplorePage):
             self.who.clear()
             self.who.addItems([_MODEL, *(shape.result.names if shape else ())])
             self._show_scores()
-            if refines:  # the same modes, of more particles: what is looked at stays
+            if refines:  # the same modes, of more particles: keep what is shown
                 self.who.setCurrentIndex(subject)
                 self.sliders.choose(chosen)
                 self.sliders.show_values(values)

@@ -77,7 +77,7 @@ class ModelCache(QObject):
 
     @property
     def both(self) -> "tuple[ModelShape, ...]":
-        """The models that are shown beside each other: none, the open one, or the other one after it."""
+        """The models that are shown side by side: none, the open one, or both."""
         return tuple(shape for shape in (self.shape, self.other) if shape is not None)
 
     @property
@@ -164,9 +164,9 @@ class ModelCache(QObject):
 class ExplorePage(Panel):
     """A page of the inspector that defines the contents of the views while it is open.
 
-    To change what is shown, emit `shown_changed`: the views then ask `shown`. To have them look at a place,
-    emit `place_wanted` with a subject's name, the place and the surface's normal there. A command that
-    needs the page to be seen emits `page_wanted`. Long work goes through `workspace.work.compute`.
+    To change what is shown, emit `shown_changed`: the views then call `shown`. To move the camera to a point,
+    emit `place_wanted` with a subject's name, the point and the surface's normal there. A command that
+    needs the page to be visible emits `page_wanted`. Long work goes through `workspace.work.compute`.
 
     Attributes
     ----------
@@ -175,11 +175,11 @@ class ExplorePage(Panel):
     plays : bool
         Whether the page plays something, so that the space bar does.
     plots : QWidget or None
-        What the dock below the views shows while the page is open.
+        Shown in the dock below the views while the page is open.
     views : QComboBox or None
-        What the views show of the model, each with its number of views; None if the page shows subjects.
+        Choice of contents, each with its number of views; None if the page shows subjects.
     colour_range : tuple of 2 float or None
-        Ends of the colour scale that were set by hand.
+        Ends of the colour scale, if set by hand.
     from_middle : bool
         Whether colours show displacements as positive away from the middle of the shape.
     """

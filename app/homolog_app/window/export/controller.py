@@ -82,7 +82,7 @@ class ExportController(Controller):
         """
         from homolog_app.window.export.dialog import ScreenshotDialog
 
-        what = replace(self._exported(), caution="")  # what is missing there is kept beside the picture
+        what = replace(self._exported(), caution="")  # what the project lacks is saved with the picture
         ScreenshotDialog(self._window, what, shown, canvas, snapshot).show()
 
     def may_close(self) -> bool:

@@ -341,8 +341,8 @@ class ScreenshotDialog(ExportDialog):
     shown : Shown
     canvas : Canvas
     snapshot : Snapshot or None
-        What the views show, for the command line. What no project holds, such as the particles of a run that
-        goes on, is written beside the picture instead.
+        Contents of the views, for the command line. If the project lacks them (particles of an unfinished
+        run), they are written next to the picture instead.
     """
 
     def __init__(
@@ -357,7 +357,7 @@ class ScreenshotDialog(ExportDialog):
         return self.out.with_suffix(KEPT) if self.out is not None and self._snapshot is None else None
 
     def content(self) -> list[str]:
-        """Return what is shown as options of the command line."""
+        """Return the contents as options of the command line."""
         return ["--scene", self._snapshot.as_json if self._snapshot else str(self.kept)]
 
     def _warning(self) -> str:

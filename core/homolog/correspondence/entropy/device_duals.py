@@ -83,7 +83,7 @@ class DeviceDuals:
         self._launch_blocks(dual_kernels.gram, (blocks, blocks), inputs)
 
     def _invert(self) -> DeviceArray:
-        """Return the inverses of the matrices; only what is on and above the diagonal is used."""
+        """Return the inverses of the matrices; only the upper triangle is used."""
         blocks = self._size // self.padding
         source, target = self._matrices, self._swept
         for pivot in range(blocks):

@@ -62,7 +62,7 @@ def ensemble_entropy(points: FloatArray, regularization: float) -> float:
 
 
 def inverse_dual(matrix: FloatArray, regularization: float) -> FloatArray:
-    """Return (C + aI)^-1 without the part that moves all shapes alike, which no covariance sees."""
+    """Return (C + aI)^-1 without the translation of all shapes, which the covariance does not contain."""
     shapes = len(matrix)
     inverse = np.linalg.inv(matrix + regularization * np.eye(shapes))
     result: FloatArray = (inverse - 1.0 / (regularization * shapes)).astype(np.float64)

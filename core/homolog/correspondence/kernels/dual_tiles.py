@@ -1,6 +1,6 @@
 """The dual of many shapes on a CUDA device: products and inversions by tiles in shared memory.
 
-The inversion is a Gauss-Jordan elimination by tiles of rows, in place, of the upper triangle: what is below
+The inversion is a Gauss-Jordan elimination by tiles of rows, in place, of the upper triangle: the part below
 the diagonal equals what is above it, or its negative between rows that have been eliminated and rows that
 have not.
 """
@@ -48,7 +48,7 @@ def gram(divisor: wp.float64, rows: wp.array2d(dtype=float), out: wp.array2d(dty
 
 @wp.kernel
 def start_corner(pivot: int, matrices: wp.array3d(dtype=wp.float64), corner: wp.array3d(dtype=wp.float64)):
-    """Write the tile of pivots beside the identity, (k, TILE, 2 TILE)."""
+    """Write the tile of pivots next to the identity, (k, TILE, 2 TILE)."""
     m, i, j = wp.tid()
     value = wp.where(i + TILE == j, wp.float64(1.0), wp.float64(0.0))
     if j < TILE:
