@@ -2,9 +2,8 @@
 
 The gradient of H(Z) by one shape's positions y while all others are held is ``(S + aI)^-1 y / (1 + h)``, with
 the covariance S of the others and ``h = y' (S + aI)^-1 y / c`` (Sherman and Morrison 1950); that of H(V) has
-the same form. S is represented by its leading modes, so the cost of a fit does not depend on the number of
-subjects, and it holds one surface only. Repeated passes over all subjects are a block descent of the joint
-objective.
+the same form. S is represented by its leading modes: the cost of a fit does not depend on the number of
+subjects, and one surface is in memory. Passes over all subjects are a block descent of the joint objective.
 """
 
 from collections.abc import Sequence
