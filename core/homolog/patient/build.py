@@ -45,6 +45,7 @@ def make_reference(
     time: str = "time",
     scores: bool = False,
     names: bool = False,
+    result: Result | None = None,
     workers: int | None = None,
     tick: Tick = no_tick,
 ) -> Reference:
@@ -66,6 +67,8 @@ def make_reference(
     scores, names : bool
         Whether to store each control's scores, and its name with them, so that the nearest controls can
         be listed. They are data of single subjects.
+    result : Result, optional
+        The project's, with groups and columns of a newer table; by default the one in its folder.
     workers : int, optional
         Processes; one per core by default.
     tick : Tick
@@ -79,9 +82,10 @@ def make_reference(
     InputError
         If the project has no result, its controls or those seen twice are too few, or a value is missing.
     """
-    result = read_result(project)
+    result = read_result(project) if result is None else result
     record = project.read().result
-    assert record is not None, "a result was read"
+    if record is None:
+        raise InputError(f"{project.folder}: has no result; run it first")
     if record.ended == IMPORTED:
         raise InputError(
             f"{project.folder}: its model was imported, so the grooming of its surfaces is "

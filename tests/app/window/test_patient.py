@@ -47,6 +47,25 @@ def patient(page, explored, ellipsoids, wait):
     return page
 
 
+def test_controls_are_those_of_the_present_table_though_it_was_not_saved(explored, wait, monkeypatch):
+    from homolog.errors import Cancelled
+
+    session, seen = explored.workspace.session, []
+    session.select(["a", "b", "c"])
+    session.set_group("Healthy")
+    explored.commands["explore.patient"].trigger()
+    wait(lambda: not session.job.is_busy)
+
+    def make(_project, *, result, **_given):
+        seen.append(result.groups)
+        raise Cancelled
+
+    monkeypatch.setattr("homolog.patient.make_reference", make)
+    explored.inspector.explore.page.make.click()
+    wait(lambda: bool(seen) and not session.job.is_busy)
+    assert seen[0][:3] == ("Healthy",) * 3
+
+
 def test_the_group_that_is_called_as_controls_are_is_chosen_first(explored):
     session = explored.workspace.session
     for names, group in ((["a", "b"], "ABC"), (["c", "d"], "Healthy")):

@@ -25,6 +25,7 @@ from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.progress import Tick
 from homolog_app.report.request import names_reference, reference_first
+from homolog_app.studies.study import with_present_table
 from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.follow_up import CHANGE, change_regions, change_scene
 from homolog_app.views.patient import (
@@ -246,13 +247,15 @@ class PatientPage(ExplorePage):
         group = None if self.group.currentIndex() <= 0 else self.group.currentText()
         columns = self.adjust.text().replace(",", " ").split()
         person, time, *_ = [*self.twice.text().replace(",", " ").split(), "", ""]
+        loaded, study = self.workspace.session.result, self.workspace.session.study
+        result = None if loaded is None else with_present_table(loaded.result, study)
 
         def make(tick: Tick) -> "Reference":
             from homolog.patient import make_reference
 
             return make_reference(
                 project, group=group, adjust=columns, pairs=person or None, time=time or "time", names=True,
-                tick=tick,
+                result=result, tick=tick,
             )  # fmt: skip
 
         self.workspace.work.compute("reference", make, "fitting controls one by one", self.set_reference)
@@ -266,8 +269,7 @@ class PatientPage(ExplorePage):
     def save_reference(self, path: Path) -> None:
         """Write the reference; raises InputError if it can't be written."""
         if self.reference is not None:
-            kept = self.reference if self.single.isChecked() else self.reference.anonymous()
-            kept.save(path)
+            (self.reference if self.single.isChecked() else self.reference.anonymous()).save(path)
 
     def set_reference(self, reference: "Reference") -> None:
         """Set the reference of further comparisons."""
