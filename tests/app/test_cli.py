@@ -36,6 +36,15 @@ def test_without_a_display_the_window_is_refused_with_a_hint(monkeypatch, capsys
     assert "homolog --help" in capsys.readouterr().err
 
 
+def test_files_in_place_of_their_folder_are_refused_with_the_remedy(tmp_path, capsys):
+    files = [tmp_path / "a.nrrd", tmp_path / "b.nrrd"]
+    for file in files:
+        file.touch()
+    with pytest.raises(SystemExit, match="2"):
+        main(["run", *map(str, files), "--out", str(tmp_path / "project")])
+    assert "folder of these files" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("options", [["nothing"], ["info"], ["run", "--particles"]])
 def test_a_wrong_use_ends_with_two_and_a_hint(options, capsys):
     with pytest.raises(SystemExit, match="2"):

@@ -61,7 +61,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return open_window(given)
     try:
         parser, modules = command_parser([command] if command in _COMMANDS else [])
-        arguments = parser.parse_args(given)
+        arguments, more = parser.parse_known_args(given)
+        if more and all(Path(item).exists() for item in more):  # as the shell writes out *.nii.gz
+            parser.error(f"{command} takes one folder or table; give the folder of these files: {more[0]}, …")
+        if more:
+            parser.error(f"unrecognized arguments: {' '.join(more)}")
         if arguments.command is None:
             return open_window([])
         return int(getattr(modules[arguments.command], f"run_{arguments.command}")(arguments))
