@@ -207,6 +207,7 @@ class _Row(QWidget):
             editor.setValue(int(str(value)))
         elif isinstance(editor, QLineEdit) and not editor.hasFocus():
             editor.setText("" if value is None else f"{value:g}" if isinstance(value, float) else str(value))
+            editor.setCursorPosition(0)
         editor.blockSignals(False)
         self.accept()
 

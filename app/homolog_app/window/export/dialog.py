@@ -177,7 +177,7 @@ class ExportDialog(QDialog):
         self.bar.setAccessibleName("Progress of the export")
         self.show_.hide()
         self.go.setDefault(True)
-        height = 300 if self.settings is None else 430
+        height = 300 if self.settings is None else 480
         room = self.screen().availableGeometry().height() - _FRAME
         wide, high = (1040, 1000) if self.preview else (640, 760)
         self.resize(wide, min(high, room) if self.chooser else height)
