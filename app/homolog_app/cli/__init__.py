@@ -25,8 +25,8 @@ OK, PROGRAM_ERROR, INPUT_ERROR, CANCELLED = 0, 1, 2, 130
 
 _COMMANDS = {
     "run": ("run", "groom a cohort, place corresponding particles, compute the shape model"),
-    "labels": ("batch", "list the structures in a cohort's label maps"),
-    "batch": ("batch", "compute a shape model of each structure of a cohort"),
+    "labels": ("project", "list the structures in a cohort's label maps"),
+    "batch": ("project", "compute a shape model of each structure of a cohort"),
     "info": ("project", "show what a project contains"),
     "table": ("project", "add or replace groups and covariates of a project"),
     "demo": ("samples", "run the paper's coffee-bean experiment"),

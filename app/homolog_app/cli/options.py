@@ -1,4 +1,4 @@
-"""Options of commands from settings, and progress on the command line."""
+"""Options of commands from settings; progress and the end of a run on the command line."""
 
 import argparse
 import json
@@ -14,6 +14,7 @@ from typing import Any, TextIO, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from homolog.errors import InputError
+from homolog.files.records import ResultRecord
 from homolog.parameters import Parameter, fault_text, parameters
 from homolog.settings import GroomSettings, RunSettings
 
@@ -22,6 +23,7 @@ __all__ = [
     "add_former_name",
     "add_options",
     "add_progress_option",
+    "describe_end",
     "handling",
     "options_of",
     "remaining_seconds",
@@ -258,3 +260,16 @@ def handling(number: int, handle: Callable[[int, FrameType | None], object]) -> 
         yield
     finally:
         signal.signal(number, before)
+
+
+_ENDINGS = {
+    "converged": "converged after {} iterations",
+    "iterations": "not converged after {} iterations",
+    "cancelled": "cancelled after {} iterations",
+    "imported": "imported, not optimized here",
+}
+
+
+def describe_end(result: ResultRecord) -> str:
+    """Describe why and when the optimization ended."""
+    return _ENDINGS.get(result.ended, result.ended).format(result.iterations)

@@ -1,26 +1,36 @@
-"""Contents of a project (``homolog info``), and its input (``table``, ``import``)."""
+"""Projects: ``homolog info``, ``table``, ``import``. Structures of label maps: ``labels``, ``batch``."""
 
 import argparse
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from homolog.cohort import with_table
 from homolog.errors import InputError, NumericalError
 from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord, ResultRecord
-from homolog_app.cli.options import add_progress_option, show_progress
+from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
+from homolog_app.cli.options import (
+    Progress,
+    add_former_name,
+    add_options,
+    add_progress_option,
+    describe_end,
+    show_progress,
+    with_all_options,
+)
+from homolog_app.cli.run import cohort_of, interrupt_cancels
 
-__all__ = ["add_import", "add_info", "add_table", "describe_end", "run_import", "run_info", "run_table"]
+if TYPE_CHECKING:
+    from homolog.grooming.structures import Structure, Structures
+    from homolog.run.batch import BatchItem
+    from homolog.run.events import RunStatus
 
-
-_ENDINGS = {
-    "converged": "converged after {} iterations",
-    "iterations": "not converged after {} iterations",
-    "cancelled": "cancelled after {} iterations",
-    "imported": "imported, not optimized here",
-}
+__all__ = [
+    "add_batch", "add_import", "add_info", "add_labels", "add_table", "run_batch",
+    "run_import", "run_info", "run_labels", "run_table",
+]  # fmt: skip
 
 
 def add_info(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
@@ -40,11 +50,6 @@ def run_info(arguments: argparse.Namespace) -> int:
     else:
         sys.stdout.write("".join(f"{name:<12} {value}\n" for name, value in _facts(project, record)))
     return 0
-
-
-def describe_end(result: ResultRecord) -> str:
-    """Describe why and when the optimization ended."""
-    return _ENDINGS.get(result.ended, result.ended).format(result.iterations)
 
 
 def _facts(project: ProjectFolder, record: ProjectRecord) -> list[tuple[str, str]]:
@@ -174,3 +179,200 @@ def run_import(arguments: argparse.Namespace) -> int:
         f"{len(result.subjects)} subjects x {result.particles} particles\nresults in {project.folder}\n"
     )
     return 0
+
+
+_HEADS = ("name", "number", "subjects", "volume (ml): min", "median", "max", "at border")
+
+
+def add_labels(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "labels",
+        description="List the structures in a cohort's files: names, numbers, how many subjects have them, "
+        "volumes, and in how many images they touch the border and may be cut off. Use homolog run COHORT "
+        "--label NAME for one of them, homolog batch for all.",
+    )
+    parser.add_argument("cohort", type=Path, help="folder of label maps, cohort.csv, or project")
+    parser.add_argument("--json", action="store_true", help="print all volumes as JSON")
+    add_progress_option(parser)
+
+
+def run_labels(arguments: argparse.Namespace) -> int:
+    """List the structures; return the exit code."""
+    from homolog.grooming.structures import list_structures
+    from homolog.progress import run_in_background
+
+    cohort = cohort_of(arguments.cohort)
+    with show_progress(arguments.progress) as progress:
+        listed = run_in_background(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
+    if arguments.json:
+        sys.stdout.write(json.dumps(_record(listed), indent=2) + "\n")
+    else:
+        _print_structures(listed, len(cohort.subjects))
+    for message in listed.problems.values():
+        sys.stderr.write(f"homolog: {message}\n")
+    return 0
+
+
+def _print_structures(listed: "Structures", subjects: int) -> None:
+    if not listed.structures and not listed.empty:
+        sys.stdout.write("the files contain no labelled structure\n")
+        return
+    rows = [_HEADS, *(_structure_row(structure, subjects) for structure in listed.structures)]
+    rows += [(name, "-", f"0/{subjects}", "-", "-", "-", "-") for name in listed.empty]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = [
+            row[0].ljust(widths[0]),
+            *(cell.rjust(w) for cell, w in zip(row[1:], widths[1:], strict=True)),
+        ]
+        sys.stdout.write("  ".join(cells) + "\n")
+
+
+def _structure_row(structure: "Structure", subjects: int) -> tuple[str, ...]:
+    return (
+        structure.name or "-",
+        "/".join(map(str, structure.values)) or "-",
+        f"{len(structure.by_subject)}/{subjects}",
+        *(f"{volume:.4g}" for volume in structure.volumes),
+        str(len(structure.at_border) or "-"),
+    )
+
+
+def _record(listed: "Structures") -> dict[str, object]:
+    structures = [
+        {
+            "name": structure.name,
+            "numbers": structure.values,
+            "volumes_ml": {
+                subject: round(there.volume, 6) for subject, there in structure.by_subject.items()
+            },
+            "at_border": structure.at_border,
+        }
+        for structure in listed.structures
+    ]
+    return {"structures": structures, "empty": listed.empty, "problems": dict(listed.problems)}
+
+
+def add_batch(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "batch",
+        description="Compute a shape model of each structure in a cohort's label maps, each in its own "
+        "project, and an index.html of them. A model contains the subjects that have the structure. If one "
+        "structure fails, the others continue. After Ctrl-C the same command continues.",
+    )
+    parser.add_argument("cohort", type=Path, help="folder of label maps, cohort.csv, or project")
+    parser.add_argument("--out", type=Path, required=True, help="folder for the projects and the index")
+    parser.add_argument(
+        "--labels",
+        default="all",
+        metavar="NAME,NAME",
+        help="names or numbers of structures, separated by commas, as homolog labels lists them (default: "
+        "all)",
+    )
+    parser.add_argument(
+        "--min-subjects",
+        type=int,
+        default=3,
+        metavar="N",
+        help="skip structures with fewer subjects (2 or more, default 3)",
+    )
+    restart = parser.add_argument("--restart", action="store_true", help="compute finished structures again")
+    add_former_name(parser, "--anew", restart)
+    parser.add_argument("--no-figures", dest="figures", action="store_false", help="write no pictures")
+    add_progress_option(parser)
+    for model in (OptimizeSettings, GroomSettings, RunSettings):
+        add_options(parser, model, leaving_out=("label", "segment"))
+
+
+def run_batch(arguments: argparse.Namespace) -> int:
+    """Run the batch; return the exit code."""
+    from homolog.grooming.structures import chosen_structures, list_structures
+    from homolog.progress import run_in_background
+    from homolog.run.batch import Batch, ItemState
+    from homolog.run.events import FinishReason
+    from homolog_app.cli import CANCELLED, OK, PROGRAM_ERROR
+    from homolog_app.report.page import write_index
+
+    wanted = [part.strip() for part in arguments.labels.split(",") if part.strip()]
+    settings = with_all_options(RunSettings(), arguments)
+    cohort = cohort_of(arguments.cohort)
+    with show_progress(arguments.progress) as progress:
+        listed = run_in_background(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
+    for message in listed.problems.values():
+        sys.stderr.write(f"homolog: skipped: {message}\n")
+    if not listed.structures and not listed.empty:
+        raise InputError(
+            f"{arguments.cohort}: its files contain no labelled structure; use homolog run for surfaces"
+        )
+    structures = chosen_structures(listed.structures, wanted, listed.empty)
+    if not structures:
+        raise InputError(
+            f"{arguments.cohort}: the masks of all subjects are empty: {', '.join(listed.empty)}"
+        )
+    for name in listed.empty:
+        _print_empty(name, arguments.progress)
+    batch = Batch(
+        cohort.without(set(listed.problems)),
+        structures,
+        arguments.out,
+        settings,
+        fewest=arguments.min_subjects,
+        anew=arguments.restart,
+    )
+    with show_progress(arguments.progress) as progress, interrupt_cancels(batch.cancel):
+
+        def observe(item: "BatchItem", fraction: float, status: "RunStatus") -> None:
+            progress.show(fraction, f"{item.structure.title}: {status.message}")
+
+        def ended(item: "BatchItem") -> None:
+            progress.close()
+            if arguments.figures and item.state is ItemState.FINISHED and not item.was_there:
+                _draw(item, progress)
+            _print_item(item, arguments.progress)
+            write_index(batch, cohort, listed.problems, listed.empty)
+
+        reason = batch.execute(observe, ended)
+    failed = [entry for entry in batch.items if entry.state is ItemState.FAILED]
+    if reason is FinishReason.CANCELLED:
+        sys.stderr.write("cancelled; the same command continues the batch\n")
+        return CANCELLED
+    if arguments.progress != "json":
+        sys.stdout.write(f"{arguments.out / 'index.html'}\n")
+    return PROGRAM_ERROR if failed else OK
+
+
+def _draw(item: "BatchItem", progress: Progress) -> None:
+    from homolog_app.pictures.figures import draw_figures
+
+    try:
+        draw_figures(item.project, progress.tick)
+    except (InputError, NumericalError) as error:
+        sys.stderr.write(f"homolog: {item.structure.title}: no pictures: {error}\n")
+
+
+def _print_empty(name: str, mode: str) -> None:
+    """Print a line for a structure of which no subject has a voxel."""
+    message = "the masks of all subjects are empty"
+    if mode == "json":
+        sys.stdout.write(json.dumps({"structure": name, "state": "empty", "message": message}) + "\n")
+    else:
+        sys.stdout.write(f"{name}: empty: {message}\n")
+
+
+def _print_item(item: "BatchItem", mode: str) -> None:
+    """Print a line for a structure, and for each subject that was skipped."""
+    counts = f"{len(item.structure.by_subject)} subjects" + (
+        f", absent in {len(item.absent)}" if item.absent else ""
+    )
+    kept = " before" if item.was_there else ""
+    why = f": {item.message}" if item.message else ""
+    if mode == "json":
+        record = {"structure": item.structure.title, "state": item.state, "message": item.message}
+        sys.stdout.write(json.dumps(record) + "\n")
+    else:
+        sys.stdout.write(f"{item.structure.title}: {item.state}{kept}{why} ({counts})\n")
+        sys.stdout.flush()
+    for line in item.left_out:
+        sys.stderr.write(f"homolog: {item.structure.title}: skipped: {line}\n")

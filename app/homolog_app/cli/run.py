@@ -33,11 +33,11 @@ from homolog_app.cli.options import (
     add_former_name,
     add_options,
     add_progress_option,
+    describe_end,
     handling,
     show_progress,
     with_all_options,
 )
-from homolog_app.cli.project import describe_end
 
 if TYPE_CHECKING:
     from homolog.run import Run, RunStatus

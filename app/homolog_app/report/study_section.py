@@ -12,7 +12,6 @@ from homolog.analysis.comparison import Comparison
 from homolog.analysis.design import lookalikes
 from homolog.analysis.effects import Effect
 from homolog.files.results import Result
-from homolog_app.report.assumptions_section import add_assumptions, add_false_positives
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.findings import (
     LEVEL,
@@ -24,11 +23,18 @@ from homolog_app.report.findings import (
     size_variance_text,
 )
 from homolog_app.report.page import Page
-from homolog_app.report.regions_section import add_regions, effect_cell, interval_cell, scale_text
 from homolog_app.report.request import SHAPE_SIZE
 from homolog_app.report.sample import VOXEL, SampleRow, sample_rows
 from homolog_app.report.seeds import read_spread, spread_text
 from homolog_app.report.study import Study
+from homolog_app.report.study_parts import (
+    add_assumptions,
+    add_false_positives,
+    add_regions,
+    effect_cell,
+    interval_cell,
+    scale_text,
+)
 from homolog_app.report.surface_maps import SurfaceCarrier
 
 __all__ = ["add_study"]
