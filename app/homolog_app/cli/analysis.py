@@ -45,6 +45,28 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
         "to homolog report.",
     )
     parser.add_argument("project", type=Path, help="project folder")
+    _add_question(parser)
+    parser.add_argument("--modes", type=int, help="number of modes to test (default: by parallel analysis)")
+    parser.add_argument("--permutations", type=int, default=10_000, help="permutations (default 10000)")
+    repeats = parser.add_argument(
+        "--null-repeats", type=int, default=1000, help="repeats of the null simulation (default 1000)"
+    )
+    add_former_name(parser, "--null", repeats)
+    parser.add_argument("--seed", type=int, default=0, help="random seed (default 0)")
+    parser.add_argument(
+        "--seeds",
+        type=int,
+        default=1,
+        metavar="N",
+        help="repeat correspondence and tests with N seeds in all, and report how the answers vary; the runs "
+        "are stored in PROJECT/seeds",
+    )
+    add_options(parser, ReportDetails)
+    add_progress_option(parser)
+
+
+def _add_question(parser: argparse.ArgumentParser) -> None:
+    """Declare what is asked: columns, groups, pairs, covariates, alignment."""
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--group", metavar="COLUMN", default="group", help="column of groups (default group)")
     what.add_argument("--regress", metavar="COLUMN", help="column of a continuous variable")
@@ -83,23 +105,6 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
         choices=["both", "with", "without"],
         help="short for --alignment: with is rigid, without is similarity",
     )
-    parser.add_argument("--modes", type=int, help="number of modes to test (default: by parallel analysis)")
-    parser.add_argument("--permutations", type=int, default=10_000, help="permutations (default 10000)")
-    repeats = parser.add_argument(
-        "--null-repeats", type=int, default=1000, help="repeats of the null simulation (default 1000)"
-    )
-    add_former_name(parser, "--null", repeats)
-    parser.add_argument("--seed", type=int, default=0, help="random seed (default 0)")
-    parser.add_argument(
-        "--seeds",
-        type=int,
-        default=1,
-        metavar="N",
-        help="repeat correspondence and tests with N seeds in all, and report how the answers vary; the runs "
-        "are stored in PROJECT/seeds",
-    )
-    add_options(parser, ReportDetails)
-    add_progress_option(parser)
 
 
 def run_analyze(arguments: argparse.Namespace) -> int:
