@@ -30,6 +30,7 @@ from homolog_app.report.request import (
     write_request,
 )
 from homolog_app.report.sample import sample_rows
+from homolog_app.report.sheets import wrapped_cells
 from homolog_app.report.study import run_study
 from homolog_app.report.surface_maps import EDGE, INNER, OUTER, SurfaceCarrier
 
@@ -215,6 +216,12 @@ def test_a_p_that_cannot_be_lower_is_told_as_a_bound():
     assert p_text(0.003, 1999, least=True) == "p ≤ 0.003"
     assert p_text(0.003, 1999) == "p = 0.003"
     assert p_text(0.0001, 19999, least=True) == "p < 0.001"
+
+
+def test_an_interval_that_is_wider_than_its_column_breaks_between_its_numbers():
+    (lines,) = wrapped_cells(["-9.64 (-11.52 to -7.77)"], [5.9])
+    assert len(lines) == 2
+    assert " ".join(lines).split() == ["\u22129.64", "(\u221211.52", "to", "\u22127.77)"]
 
 
 def test_tables_and_figures_are_numbered_and_referred_to(report):

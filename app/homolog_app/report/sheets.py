@@ -140,13 +140,14 @@ def wrapped(content: str, size: float = 8.5) -> list[str]:
 def wrapped_cells(row: Sequence[str], starts: Sequence[float], width: float = 1.0) -> list[list[str]]:
     """Return the lines of each cell of a row; letters are wider than usual by the factor `width`."""
     ends = [*starts[1:], WIDE - 2 * EDGE]
-    return [
-        textwrap.wrap(
-            typeset(cell), max(4, int((end - start) * _ACROSS / width * len(cell) / max(_length(cell), 1.0)))
-        )
-        or [""]
-        for cell, start, end in zip(row, starts, ends, strict=True)
-    ]
+    lines = []
+    for cell, start, end in zip(row, starts, ends, strict=True):
+        most = max(4, int((end - start) * _ACROSS / width * len(cell) / max(_length(cell), 1.0)))
+        text = typeset(cell)
+        if max(map(len, text.split(" "))) > most:  # rather between a number and its unit than within a number
+            text = text.replace("\u00a0", " ")
+        lines.append(textwrap.wrap(text, most) or [""])
+    return lines
 
 
 def write_sheets(path: Path, title: str, sheets: Sequence[Sheet]) -> None:
