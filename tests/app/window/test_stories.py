@@ -23,6 +23,7 @@ def test_a_dropped_folder_becomes_particles_that_are_saved_and_found_again(
     assert not errors
     before = groomed.workspace.session.result.result
     assert before.world.shape == (4, 32, 3)
+    groomed.workspace.session.show_step("explore")
     groomed.projects.save_to(tmp_path / "study")
     close(groomed)
 
