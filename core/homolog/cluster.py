@@ -253,17 +253,20 @@ def _distributed() -> Any:  # noqa: ANN401 - an optional library without types
 
 
 def _check_workers(client: Any, cluster: str) -> None:  # noqa: ANN401
-    try:
-        versions: dict[str, str] = client.run(_version)
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f"{cluster}: its workers have no Homolog; install version {__version__} there"
-        ) from error
-    if not versions:
+    answers: dict[str, object] = client.run(_version, on_error="return")
+    if not answers:
         raise InputError(f"{cluster}: its scheduler has no workers; start some with: homolog worker ADDRESS")
-    for worker, version in versions.items():
-        if version != __version__:
-            raise InputError(f"{worker}: has Homolog {version}, not {__version__}; install the same there")
+    for worker, answer in answers.items():
+        if isinstance(answer, ModuleNotFoundError):
+            raise InputError(
+                f"{cluster}: its workers have no Homolog; install version {__version__} there"
+            ) from answer
+        if isinstance(answer, OSError):  # it died meanwhile; what takes its place is of the same installation
+            continue
+        if isinstance(answer, Exception):
+            raise answer
+        if answer != __version__:
+            raise InputError(f"{worker}: has Homolog {answer}, not {__version__}; install the same there")
 
 
 def _version() -> str:
