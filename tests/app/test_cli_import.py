@@ -28,7 +28,7 @@ def test_an_imported_model_is_described_analyzed_and_reported(exported, tmp_path
     assert main(["import", str(folder), str(project), "--progress", "none"]) == 0
     printed = capsys.readouterr()
     assert "6 subjects x 48 particles" in printed.out
-    assert "without a surface" in printed.err
+    assert "no surface" in printed.err
     assert main(["info", str(project)]) == 0
     facts = capsys.readouterr().out
     assert "source       particles in the folder project_particles" in facts

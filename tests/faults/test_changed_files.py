@@ -12,7 +12,7 @@ def test_a_file_that_changed_is_groomed_again_and_told(project, run_of, results,
     before, scans = results(project.folder), project.folder.parent / "scans"
     shutil.copy(scans / "c.nrrd", scans / "b.nrrd")
     run_of(project).execute()
-    assert caplog.messages == ["b: its file has changed since it was groomed before; it was groomed again"]
+    assert caplog.messages == ["b: its file has changed since it was last groomed; it was groomed again"]
     notes = {subject.name: subject.notes for subject in project.read().result.subjects}
     assert [name for name, lines in notes.items() if any("has changed" in line for line in lines)] == ["b"]
     assert results(project.folder) != before

@@ -57,7 +57,7 @@ def test_a_gpu_that_is_lost_or_full_at_any_other_moment_leaves_the_last_result(
     with monkeypatch.context() as machine:
         machine.setattr(place, fail)
         machine.setattr("homolog.run.steps.device_faults", lambda alias: device_faults("cuda:0"))
-        with pytest.raises(InputError, match=rf"cuda:0: {text} .*saved is kept.*device cpu"):
+        with pytest.raises(InputError, match=rf"cuda:0: {text} .*kept: .*device cpu"):
             run_of(project).execute()
     assert project.read().unfinished
     assert results(project.folder) == whole

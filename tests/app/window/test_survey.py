@@ -27,7 +27,7 @@ def labelled(tmp_path):
 def test_each_label_is_listed_with_its_volume(labelled):
     survey = survey_subject(labelled, None)
     assert [(label.value, round(label.volume_ml, 6)) for label in survey.labels] == [(1, 1.8), (4, 1.8)]
-    assert survey.volume_ml == pytest.approx(3.6)
+    assert survey.awaits_choice  # they lie apart: not one structure
 
 
 def test_the_volume_of_an_open_surface_does_not_depend_on_its_place(tmp_path):
@@ -48,8 +48,6 @@ def test_the_thumbnail_is_seen_from_the_front_with_the_patients_right_at_the_lef
     picture = survey_subject(labelled, 4).thumbnail
     assert picture.shape == (64, 64)
     assert picture.max() > 200
-    both = survey_subject(labelled, None).thumbnail
-    assert both.any(axis=0).sum() > both.any(axis=1).sum()  # the two blocks lie side by side
 
 
 def test_a_label_that_a_file_lacks_is_a_problem_in_words_without_the_path(labelled):

@@ -149,7 +149,7 @@ def test_a_surface_that_the_particles_are_not_on_is_not_used(exported, content, 
 @pytest.mark.parametrize("pattern", ["*_world.particles", "*_local.particles", "*.particles"])
 def test_a_bare_folder_of_particles_is_a_model(bare, project, finished_run, pattern):
     (note,) = import_model(bare(pattern), project)
-    assert "without a surface" in note
+    assert "no surface" in note
     result, before = read_result(project), read_result(finished_run)
     assert result.names == before.names
     assert result.world.shape == before.world.shape

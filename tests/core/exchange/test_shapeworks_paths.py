@@ -75,7 +75,7 @@ def rewrite(exported, content):
 def test_a_project_written_on_windows_is_imported_whole(rewrite, tmp_path, finished_run, before):
     project = ProjectFolder(tmp_path / "imported")
     notes = import_model(rewrite(lambda path: before + path.replace("/", "\\")), project)
-    messages = ["16 of its paths lead out of its folder; those that lead nowhere were looked for in it"]
+    messages = ["16 of its paths lead out of its folder; missing files were searched for in the folder"]
     assert notes == (messages if before else [])
     assert np.array_equal(read_result(project).world, read_result(finished_run).world)
     again = json.loads(write_shapeworks(project, tmp_path / "again").read_text())
