@@ -184,17 +184,19 @@ class _Entropy:
     def survey(self) -> "_Survey":
         """Return what the changes by all pairs of all shapes have in common."""
         pulled = np.tensordot(self._inverse, self._rows, axes=1)
-        return _Survey(self, self._rows.transpose(1, 2, 0).copy(), pulled)
+        own = self._inverse.diagonal() - self._common
+        return _Survey(self, own, self._rows.transpose(1, 2, 0).copy(), pulled)
 
     def change(self, shape: int, pairs: IntArray, steps: FloatArray) -> FloatArray:
         """Return by how much the entropy changes, summed up over all particles."""
         across = self._across(pairs, steps)
         pulled = self._inverse @ across
-        return self.logarithm(shape, steps, pulled[shape], np.einsum("mp,mp->p", across, pulled))
+        own = float(self._inverse[shape, shape]) - self._common
+        return self.logarithm(own, steps, pulled[shape], np.einsum("mp,mp->p", across, pulled))
 
-    def logarithm(self, shape: int, steps: FloatArray, mixed: FloatArray, both: FloatArray) -> FloatArray:
-        """Return the change from the component of C^-1 y at the shape, and y' C^-1 y, (P,) each."""
-        own, c = self._inverse[shape, shape] - self._common, self._c
+    def logarithm(self, own: float, steps: FloatArray, mixed: FloatArray, both: FloatArray) -> FloatArray:
+        """Return the change from p' C^-1 p, p' C^-1 y and y' C^-1 y; the latter two are (P,)."""
+        c = self._c
         squared = np.square(steps).sum(axis=(1, 2))
         determinant = (c + squared * own + mixed) * (c + mixed) - own * (squared * mixed + both)
         return np.asarray(self._factor * np.log(determinant / c**2))
@@ -217,9 +219,13 @@ class _Entropy:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Survey:
-    """Changes by many pairs of many shapes at one state: y' C^-1 y is quadratic in d, by products of rows."""
+    """Changes by many pairs of many shapes at one state: y' C^-1 y is quadratic in d, by products of rows.
+
+    It shares no array with the entropy, which changes while threads read the survey.
+    """
 
     entropy: _Entropy
+    own: FloatArray  # (M,), p' C^-1 p of each shape
     rows: FloatArray  # (N, 3, M)
     pulled: FloatArray  # (M, N, 3), C^-1 times the rows
 
@@ -240,7 +246,7 @@ class _Survey:
         mixed = np.einsum("pki,pki->p", self.pulled[shape, pairs], steps)
         flat = steps.reshape(-1, 6)
         both = np.einsum("pa,pab,pb->p", flat, products.reshape(-1, 6, 6), flat, optimize=True)
-        return self.entropy.logarithm(shape, steps, mixed, both)
+        return self.entropy.logarithm(float(self.own[shape]), steps, mixed, both)
 
 
 def _sums(gains: FloatArray) -> FloatArray:

@@ -1,5 +1,7 @@
 """Exchanges of two particles of one shape, and how far they lower the entropies across the shapes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -69,6 +71,18 @@ def test_exchanged_particles_go_back_and_others_stay(rows):
     exchanges = Exchanges(after(rows, order))
     exchanges.make_all(np.ones((SHAPES, COUNT), dtype=bool))
     np.testing.assert_array_equal(placed(exchanges.order, order), np.tile(np.arange(COUNT), (SHAPES, 1)))
+
+
+def test_exchanges_do_not_depend_on_the_number_of_threads(rows, monkeypatch):
+    noisy = rows.positions + 2.0 * np.random.default_rng(1).normal(size=rows.positions.shape)
+    orders = []
+    for threads in (1, 4, 4):
+        monkeypatch.setattr("homolog.correspondence.exchanges.cores", lambda threads=threads: threads)
+        exchanges = Exchanges(replace(rows, positions=noisy))
+        exchanges.make_all(np.ones((SHAPES, COUNT), dtype=bool))
+        orders.append(exchanges.order)
+    assert (orders[0] != np.arange(COUNT)).sum() > 10
+    assert all(np.array_equal(order, orders[0]) for order in orders)
 
 
 def test_particles_that_may_not_move_are_not_exchanged(rows):
