@@ -34,7 +34,7 @@ from scipy import stats
 from scipy.spatial.distance import cdist
 
 from homolog import __version__
-from homolog.analysis.assumptions import dispersion_test, outliers_in_groups, size_skewness
+from homolog.analysis.assumptions import dispersion_test, outliers_by, relative_distances, size_skewness
 from homolog.analysis.cautions import dispersion_caution, outlier_caution, size_caution
 from homolog.analysis.design import Design, covariate_columns, group_design, paired_design, regression_design
 from homolog.analysis.discriminant import discriminant
@@ -178,7 +178,7 @@ def cautioned(data: np.ndarray, design: Design, members: dict, seed: int) -> tup
     sentences = (
         dispersion_caution(spread, counts),
         size_caution(size_skewness(size_of(data), data, design, members), counts),
-        outlier_caution(outliers_in_groups(data, design, list(members.values())), counts),
+        outlier_caution(outliers_by(relative_distances(data, design, list(members.values()))), counts),
     )
     return None if spread is None else spread.p, [int(bool(sentence)) for sentence in sentences]
 

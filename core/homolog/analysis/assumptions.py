@@ -25,7 +25,7 @@ __all__ = [
     "SizeSkewness",
     "dispersion_test",
     "outlier_limit",
-    "outliers_in_groups",
+    "outliers_by",
     "relative_distances",
     "shape_outliers",
     "size_skewness",
@@ -248,13 +248,13 @@ def shape_outliers(particles: FloatArray, *, limit: float = _LIMIT) -> IntArray:
     """
     apart = particles - np.median(particles, axis=0)
     distance = np.sqrt(np.square(apart).sum(axis=2).mean(axis=1))
-    return _far(distance, limit)
+    return outliers_by(distance, limit)
 
 
-def outliers_in_groups(
-    particles: FloatArray, design: Design, members: Collection[BoolArray] = (), *, limit: float = _LIMIT
-) -> IntArray:
-    """Return the indices of subjects that lie far from the mean of their group, the farthest first.
+def relative_distances(
+    particles: FloatArray, design: Design, members: Collection[BoolArray] = ()
+) -> FloatArray:
+    """Return how far each subject lies from the mean of its group, (M,).
 
     Parameters
     ----------
@@ -264,18 +264,8 @@ def outliers_in_groups(
         Distances are those from the shape that it fits to a subject.
     members : collection of (M,) bool arrays
         The groups; distances are divided by the median of their group.
-    limit : float
-        See `shape_outliers`.
     """
-    return _far(relative_distances(particles, design, members), limit)
-
-
-def relative_distances(
-    particles: FloatArray, design: Design, members: Collection[BoolArray] = ()
-) -> FloatArray:
-    """Return what outliers are told by, (M,): see `outliers_in_groups`."""
-    rest = design.residuals(particles.reshape(len(particles), -1))
-    rest -= design.tested @ (design.tested.T @ rest)
+    rest = _within(particles.reshape(len(particles), -1), design)
     distance: FloatArray = np.sqrt(np.square(rest).mean(axis=1))
     for own in members:
         distance[own] /= max(float(np.median(distance[own])), np.finfo(float).tiny)
@@ -289,7 +279,8 @@ def outlier_limit(distance: FloatArray, limit: float = _LIMIT) -> float:
     return middle + limit * deviation if deviation > 0.0 else float("inf")
 
 
-def _far(distance: FloatArray, limit: float) -> IntArray:
+def outliers_by(distance: FloatArray, limit: float = _LIMIT) -> IntArray:
+    """Return the indices of subjects beyond `outlier_limit`, the farthest first."""
     far = np.flatnonzero(distance > outlier_limit(distance, limit))
     order: IntArray = far[np.argsort(-distance[far])]
     return order

@@ -10,7 +10,7 @@ from homolog.analysis.assumptions import (
     SizeSkewness,
     dispersion_test,
     outlier_limit,
-    outliers_in_groups,
+    outliers_by,
     relative_distances,
     size_skewness,
 )
@@ -243,20 +243,11 @@ def run_comparison(
     test = mode_test(data, design, modes=options.modes, **drawn, tick=part_of(tick, 0.0, 0.4))
     alike = () if design.covariates.shape[1] else tuple(members.values())
     pointwise = pointwise_test(data, design, members=alike, **drawn, tick=part_of(tick, 0.4, 0.8))
-    false_positives: tuple[FalsePositives, ...] = ()
-    if options.null_repeats and test.modes:
-        false_positives = null_simulation(
-            data,
-            design,
-            modes=test.modes,
-            repeats=options.null_repeats,
-            seed=options.seed,
-            tick=part_of(tick, 0.8, 1.0),
-        )
+    false_positives = _false_positives(data, design, test.modes, options, part_of(tick, 0.8, 1.0))
     effect = size_effect(size, design, alike, **drawn)
     several = effect is not None and design.tested.shape[1] > 1
     distances = relative_distances(data, design, list(members.values()))
-    outliers = outliers_in_groups(data, design, list(members.values()))
+    outliers = outliers_by(distances)
     kept = np.full(len(subjects), True)
     kept[outliers] = False
     remainder = None
@@ -300,6 +291,15 @@ def run_comparison(
         outlier_limit=outlier_limit(distances),
         without_outliers=remainder,
     )
+
+
+def _false_positives(
+    data: FloatArray, design: Design, modes: int, options: Options, tick: Tick
+) -> tuple[FalsePositives, ...]:
+    repeats = options.null_repeats if modes else 0
+    if not repeats:
+        return ()
+    return null_simulation(data, design, modes=modes, repeats=repeats, seed=options.seed, tick=tick)
 
 
 def prepare_shapes(shapes: FloatArray, options: Options) -> FloatArray:

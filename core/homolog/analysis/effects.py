@@ -19,6 +19,7 @@ from homolog.analysis.statistics import (
     equalize_subjects,
     null_weights,
     observed_design,
+    restores_mean,
     studentized_ratio,
 )
 from homolog.arrays import BoolArray, FloatArray
@@ -199,7 +200,7 @@ def size_effect(
         rest = rest - some.covariates @ (np.swapaxes(some.covariates, 1, 2) @ rest)
         return studentized_ratio(rest, some, design)
 
-    means = welch.takes_means if welch else equalized is not None and equalized.mean_spread > 0.0
+    means = restores_mean(welch, equalized)
     null_statistics = null_distribution(statistic, design, permutations, chunk=_CHUNK, seed=seed, means=means)
     p = float(permutation_p_value(statistic(observed_design(design)), null_statistics, count)[0])
     if design.tested.shape[1] > 1:

@@ -31,6 +31,7 @@ from homolog.analysis.statistics import (
     hotelling,
     observed_design,
     rao_f,
+    restores_mean,
     studentized_ratio,
     wilks_p,
 )
@@ -199,10 +200,9 @@ class ModeStatistic:
         return studentized_ratio(self._scores(permuted), permuted, self._design)
 
     @property
-    def takes_means(self) -> bool:
-        """Whether permutations differ by the mean that is put back; see `draw_permutations`."""
-        welch = self._welch is not None and self._welch.takes_means
-        return welch or (self._equalized is not None and self._equalized.mean_spread > 0.0)
+    def restores_mean(self) -> bool:
+        """Whether the statistic depends on the mean that is added to permuted values."""
+        return restores_mean(self._welch, self._equalized)
 
     def _modes_of(self, rows: FloatArray) -> FloatArray:
         """Return the scores of rows (M, P) in their leading modes, (M, n_modes), columns of length 1."""
@@ -272,7 +272,7 @@ def mode_test(
         permutations,
         chunk=max(1, min(_CHUNK, _CHUNK_VALUES // (len(shapes) * max(n_modes, 1)))),
         seed=seed,
-        means=statistic.takes_means,
+        means=statistic.restores_mean,
         tick=part_of(tick, 0.3, 1.0),
         message="permutations of the whole shape",
     )

@@ -132,7 +132,7 @@ def null_distribution(
     tick : Tick
         Progress and cancelling.
     message : str
-        What is told meanwhile.
+        Progress message.
     """
     count, exact = permutation_count(design, permutations)
     count *= mean_draws(design) if exact and means else 1

@@ -34,6 +34,7 @@ from homolog.analysis.statistics import (
     equalize_subjects,
     null_weights,
     observed_design,
+    restores_mean,
     wilks_p,
 )
 from homolog.arrays import BoolArray, FloatArray, frozen
@@ -194,10 +195,9 @@ class PointwiseStatistic:
         return np.where(explained > 0.0, ratio, 0.0)
 
     @property
-    def takes_means(self) -> bool:
-        """Whether permutations differ by the mean that is put back; see `draw_permutations`."""
-        welch = self._welch is not None and self._welch.takes_means
-        return welch or (self._equalized is not None and self._equalized.mean_spread > 0.0)
+    def restores_mean(self) -> bool:
+        """Whether the statistic depends on the mean that is added to permuted values."""
+        return restores_mean(self._welch, self._equalized)
 
     def _projections(self, columns: FloatArray) -> list[FloatArray]:
         """Inner products of the columns (c, M, q) with each whitened axis: three arrays (q, c, N)."""
@@ -258,7 +258,7 @@ def pointwise_test(
     rows = shapes.reshape(len(shapes), -1)
     count, exact = permutation_count(design, permutations)
     statistic = PointwiseStatistic(design.residuals(rows).reshape(shapes.shape), design)
-    repeats = mean_draws(design) if exact and statistic.takes_means else 1
+    repeats = mean_draws(design) if exact and statistic.restores_mean else 1
     original = observed_design(design)
     explained, observed = statistic.explained(original)[0], statistic.studentized(original)[0]
     largest, beyond = np.empty(count * repeats), np.zeros(len(observed), np.int64)

@@ -36,6 +36,7 @@ __all__ = [
     "null_weights",
     "observed_design",
     "rao_f",
+    "restores_mean",
     "studentized_ratio",
     "wilks_p",
 ]
@@ -218,8 +219,8 @@ class WelchStatistic:
         self._mean_spread = groups.mean_spread
 
     @property
-    def takes_means(self) -> bool:
-        """Whether permutations differ by the mean that is put back."""
+    def restores_mean(self) -> bool:
+        """Whether F depends on the mean that is added to permuted values."""
         return self._mean_spread > 0.0 and float(np.ptp(self._dispersions)) > 0.0
 
     def f(self, permuted: PermutedDesigns) -> tuple[FloatArray, FloatArray]:
@@ -390,3 +391,10 @@ def wilks_p(
     f, between, within = rao_f(wilks, variables, columns, error_dof)
     tail = stats.f.logsf if log else stats.f.sf
     return np.asarray(tail(f, between, within), np.float64)
+
+
+def restores_mean(welch: WelchStatistic | None, equalized: EqualizedSubjects | None) -> bool:
+    """Return whether a statistic depends on the mean that is added to permuted values (see `mean_draws`)."""
+    if welch is not None:
+        return welch.restores_mean
+    return equalized is not None and equalized.mean_spread > 0.0

@@ -101,7 +101,7 @@ def welch_map(
         permutations,
         chunk=max(1, _CHUNK_VALUES // values.shape[1]),
         seed=seed,
-        means=welch.takes_means,
+        means=welch.restores_mean,
         tick=tick,
         message="permutations of the outward map",
     )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import homolog as hl
-from homolog.analysis.assumptions import outliers_in_groups, size_skewness
+from homolog.analysis.assumptions import outliers_by, relative_distances, size_skewness
 from homolog.analysis.cautions import outlier_caution, size_caution
 from homolog.analysis.design import group_design, paired_design
 
@@ -64,7 +64,7 @@ def test_an_outlier_is_found_in_its_group_whatever_the_groups_differ_by():
     shapes[8:] += 40.0
     two = ["a" if label == "a" else "b" for label in LABELS]
     members = [np.array(two) == name for name in "ab"]
-    assert outliers_in_groups(shapes, group_design(two, ["a", "b"]), members).tolist() == [3]
+    assert outliers_by(relative_distances(shapes, group_design(two, ["a", "b"]), members)).tolist() == [3]
     result = hl.compare_groups(shapes, [None, *two[1:]], modes=2, permutations=99, alignment="as-it-lies")
     assert result.outliers.tolist() == [3]
     assert any("subject 4 is an outlier" in caution for caution in result.cautions)
