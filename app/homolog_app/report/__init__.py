@@ -1,4 +1,4 @@
-"""Studies of a project's result and the page that reports them; no Qt."""
+"""Studies of a project's result and their report; no Qt."""
 
 __all__ = ["NOTICE"]
 

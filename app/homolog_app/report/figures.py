@@ -67,7 +67,7 @@ def model_figures(
     project: ProjectFolder, result: Result, model: ShapeModel, carrier: SurfaceCarrier, tick: Tick,
     clip: Clip | None = None,
 ) -> Iterator[ReportFigure]:  # fmt: skip
-    """Yield the figures of the shape model, whose shapes a plane may cut open."""
+    """Yield the figures of the shape model, optionally cut open by a plane."""
     parallel, record = parallel_analysis(result.world), project.read().result
     mirrored = f" {record.mirrored_text}." if record is not None and record.mirrored_text else ""
     yield ReportFigure("scree", scree_figure(parallel), _scree_caption(parallel, model))
@@ -104,7 +104,9 @@ def model_figures(
     energies = _energies(project)
     if len(energies) > 1:
         yield ReportFigure(
-            "energies", energies_figure(project), "The objective's parts along the optimization."
+            "energies",
+            energies_figure(project),
+            "The terms of the objective during the optimization (energies; lower is better).",
         )
 
 
@@ -191,7 +193,7 @@ def quality_rows(result: Result, model: ShapeModel) -> list[tuple[int, float, fl
 
 
 def energies_figure(project: ProjectFolder, theme: Theme = LIGHT) -> Figure:
-    """Draw the objective's parts along the run."""
+    """Draw the terms of the objective during the run."""
     figure = new_figure(7.2, 2.2, colours := page_colours(theme))
     draw_energies(figure.subplots(1, 3), _energies(project), colours)
     return figure
@@ -278,7 +280,7 @@ def _map_caption(study: Study, comparison: Comparison) -> str:
 
 
 def scree_figure(parallel: ParallelAnalysis, theme: Theme = LIGHT) -> Figure:
-    """Draw the eigenvalues with the line that chance reaches."""
+    """Draw the eigenvalues with the threshold of parallel analysis."""
     figure = new_figure(4.6, 3.0, colours := page_colours(theme))
     eigenvalues, threshold = parallel.eigenvalues, parallel.threshold
     draw_scree(figure.subplots(), eigenvalues, threshold, parallel.n_retained, parallel.percentile, colours)
@@ -299,7 +301,7 @@ def _scree_caption(parallel: ParallelAnalysis, model: ShapeModel) -> str:
 
 
 def _energies(project: ProjectFolder) -> FloatArray:
-    """Return iteration and the three parts of the objective, (T, 4)."""
+    """Return iteration and the three terms of the objective, (T, 4)."""
     path = project.folder / "energies.csv"
     names = ("iteration", "sampling", "ensemble", "normals")
     try:

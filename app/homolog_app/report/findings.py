@@ -1,4 +1,4 @@
-"""What was found, in plain language with its numbers: effects with intervals, then p-values."""
+"""Findings in plain language: effects with intervals, then p-values."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -70,7 +70,7 @@ def _statistics_text(comparison: Comparison, *, corrected: bool) -> str:
 
 
 def correction_text(study: Study, *, size: bool = False, overall: bool = False) -> str:
-    """Return what p-values are corrected for, such as ``"corrected for 2 analyses"``, or nothing.
+    """Return the corrections of p-values, such as ``"corrected for 2 analyses"``, or nothing.
 
     Those of size are corrected for pairs only, those of all groups together (`overall`) for analyses only.
     """
@@ -98,7 +98,7 @@ def shown_variance(comparison: Comparison) -> float:
 
 
 def corrections_text(study: Study) -> str:
-    """Return a sentence on what the p-values of a study are corrected for, and how small they can be."""
+    """Return a sentence on the corrections of a study's p-values and the smallest possible p."""
     correction = correction_text(study)
     if not correction:
         return "p values are not corrected for other questions."
@@ -117,7 +117,7 @@ def corrections_text(study: Study) -> str:
 
 
 def tested_text(study: Study, *further: str) -> str:
-    """Return what was tested, and what else is given: "whole shape, of particles and of the discriminant"."""
+    """Return the tested quantities: "whole shape, of particles and of the discriminant"."""
     parts = ["whole shape", "of particles", *further]
     if any(comparison.discriminant is not None for comparison in study.comparisons):
         parts.insert(2, "of the discriminant")
@@ -206,7 +206,7 @@ class Finding:
 def findings(study: Study) -> list[Finding]:
     """Return what each comparison of a study shows.
 
-    Significant is called what the permutation test, corrected for pairs of groups and answers, calls so.
+    *Significant* refers to the permutation test, corrected for pairs of groups and answers.
     """
     return [
         Finding(_verdict(study, comparison), _effects(study, comparison), _details(study, comparison))
@@ -237,7 +237,7 @@ def landmark_text(errors: "LandmarkErrors") -> str:
 
 
 def cautions(study: Study) -> list[str]:
-    """Return what a reader should be careful about."""
+    """Return the cautions of a study."""
     raised = [caution for comparison in study.comparisons for caution in cautions_of(comparison, study.names)]
     return [*raised, *study.notes]
 
@@ -248,7 +248,7 @@ _NOTHING = {
     ("regression", False): "no change of {} with {} can be shown",
     ("regression", True): "no change of the whole {} with {} can be shown, but single particles change",
 }
-"""What is said without an effect on the whole shape: without and with significant particles."""
+"""Texts without an effect on the whole shape: without and with significant particles."""
 
 
 _NOUNS = {Alignment.AS_IT_LIES: "form or pose", Alignment.RIGID: "form", Alignment.SIMILARITY: "shape"}
@@ -287,7 +287,7 @@ def _effects(study: Study, comparison: Comparison) -> tuple[str, ...]:
             interval = interval_text(comparison.distance, 3 if kind == "regression" else 2)
             sentence = f"{_DISTANCES[kind].format(interval, column=column)}; whole shape {p}."
     else:
-        sentence = "No mode has more variance than chance gives; the whole shape was not tested."
+        sentence = "No mode exceeds chance (parallel analysis); the whole shape was not tested."
     sentences = [
         sentence,
         f"Locally significant: {region_text(study, comparison)} (p ≤ {LEVEL:g}, "

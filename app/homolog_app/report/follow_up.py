@@ -50,7 +50,7 @@ _UNSIGNED = ("rms (mm)", "beyond (mm²)")
 
 
 def check_times(subjects: Sequence[Subject], repeats: Sequence[Path]) -> None:
-    """Raise InputError, before anything is computed, if a follow-up lacks times or a repeat is missing."""
+    """Raise InputError if a follow-up has too few times or a repeat is missing."""
     if len(subjects) < 2:
         raise InputError("--follow-up: needs two files at least; give the first time first")
     for path in repeats:
@@ -59,7 +59,7 @@ def check_times(subjects: Sequence[Subject], repeats: Sequence[Path]) -> None:
 
 
 def error_text(follow_up: FollowUp) -> str:
-    """Say what is known of the measurement error, and what a limit holds for."""
+    """Describe the measurement error and the scope of its limit."""
     if follow_up.error is None:
         return (
             "No measurement error is known: no repeated segmentations were given. A difference may be that "
@@ -238,7 +238,7 @@ def _page(follow_up: FollowUp, reference: Reference, panels: Sequence[Sequence[P
 
 
 def beyond_limit(change: Change, follow_up: FollowUp) -> BoolArray | None:
-    """Return where a change is beyond that of the controls, else beyond the error of measuring, (V,).
+    """Return where a change exceeds that of the controls, else the measurement error, (V,).
 
     None if neither is known.
     """
@@ -250,12 +250,12 @@ def beyond_limit(change: Change, follow_up: FollowUp) -> BoolArray | None:
 
 
 def limit_text(follow_up: FollowUp) -> str:
-    """Say of what the limit is that maps show."""
+    """Name the source of the limit in the maps."""
     return "controls' change" if follow_up.expected is not None else "measuring"
 
 
 def expected_sentence(change: Change, follow_up: FollowUp) -> str:
-    """Say how a change lies among those of controls; empty if these are not known."""
+    """Compare a change with those of the controls; empty if these are not known."""
     against, expected = change.expected, follow_up.expected
     if against is None or expected is None:
         return ""
@@ -275,7 +275,7 @@ def expected_sentence(change: Change, follow_up: FollowUp) -> str:
 
 
 def _sentences(follow_up: FollowUp) -> list[str]:
-    """Return what was found, and last what is known of the error of measuring."""
+    """Return the findings, followed by the measurement error."""
     said = []
     for change in follow_up.changes:
         said += [change_sentence(change, follow_up), expected_sentence(change, follow_up)]
@@ -310,7 +310,7 @@ def _numbers(change: Change, areas: Array) -> list[float | None]:
 
 
 def change_sentence(change: Change, follow_up: FollowUp) -> str:
-    """Say how much changed from the first time to a later one."""
+    """Describe the change from the first time to a later one."""
     since = f"{change.name} since {follow_up.comparisons[0].name}"
     volume = f"volume {signed(100.0 * (change.volume - 1.0), 1)} %"
     if change.z is None:

@@ -1,4 +1,4 @@
-"""Methods text and settings: what a reader needs to repeat the analysis."""
+"""Methods text and settings, to repeat the analysis."""
 
 from collections.abc import Iterator, Sequence
 
@@ -15,7 +15,7 @@ __all__ = ["methods", "pose_text", "settings_rows"]
 
 
 def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
-    """Return paragraphs for the methods section of a paper: the model, what studies share, what each did."""
+    """Return paragraphs for the methods section of a paper: model, common methods of studies, each study."""
     sentences = [_statistics(study) for study in studies]
     shared = [text for text in sentences[0] if all(text in each for each in sentences)] if studies else []
     own = [" ".join(text for text in each if text not in shared) for each in sentences]
@@ -111,7 +111,7 @@ def _jointly(record: ResultRecord) -> str:
 
 
 def pose_text(record: ResultRecord) -> str:
-    """Return how the shapes of the model are aligned and whether they have their own sizes."""
+    """Describe the alignment and size of the model's shapes."""
     if record.source:
         return "as they were imported"
     return _MODEL_POSES[record.settings.placing.procrustes]
@@ -150,7 +150,7 @@ _ALIGNED = {
 
 
 def _statistics(study: Study) -> list[str]:
-    """Return the sentences on a study's tests, one function a subject of them."""
+    """Return the sentences on a study's tests."""
     request = study.request
     sentences = [
         *_test_of_the_shape(study),
@@ -204,7 +204,7 @@ def _one_sided(study: Study) -> str:
 
 
 def _test_of_the_shape(study: Study) -> Iterator[str]:
-    """Yield what was compared, in which modes and by which statistic."""
+    """Yield the comparison, its modes and its statistic."""
     request, first = study.request, study.overall
     modes = (
         f"the first {request.modes} modes (chosen beforehand)"
@@ -233,7 +233,7 @@ def _test_of_the_shape(study: Study) -> Iterator[str]:
 
 
 def _adjustments(study: Study) -> Iterator[str]:
-    """Yield what the tests were adjusted and corrected for."""
+    """Yield adjustments and corrections of the tests."""
     request = study.request
     if request.covariates:
         yield (
@@ -264,7 +264,7 @@ def _adjustments(study: Study) -> Iterator[str]:
 
 
 def _further_measures(study: Study) -> Iterator[str]:
-    """Yield how dispersions were tested and distances corrected."""
+    """Yield the tests of dispersion and the correction of distances."""
     request = study.request
     if study.overall.dispersion is not None:
         yield (
@@ -324,7 +324,7 @@ _SCALED = (
 
 
 def _statistic(study: Study) -> str:
-    """Return what the permutation tests of a study compare."""
+    """Return the statistic of a study's permutation tests."""
     request = study.request
     if request.kind == "groups" and not request.covariates:
         statistic = (
@@ -346,7 +346,7 @@ def _statistic(study: Study) -> str:
 
 
 def _permutations(study: Study) -> str:
-    """Return how many permutations the tests took; comparisons of few subjects take all there are."""
+    """Return the number of permutations; comparisons of few subjects use all of them."""
     tests = "The tests of the whole shape, of particles and of size"
     counts = {
         comparison.title: (comparison.test.permutations, comparison.test.exact)

@@ -33,7 +33,7 @@ _DPI = 150
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """Words that lead to a file, by its path from the page."""
+    """A link to a file, by its path from the page."""
 
     text: str
     target: str
@@ -41,7 +41,7 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture beside the page, by its path from there, its caption, and the file that it leads to."""
+    """A linked picture: path from the page, caption, and target file."""
 
     source: str
     caption: str
@@ -49,7 +49,7 @@ class Picture:
 
 
 class Page:
-    """A page that grows from top to bottom. Texts are plain: markup in them is shown as it is."""
+    """A page that is built from top to bottom. Texts are plain: markup in them is escaped."""
 
     def __init__(self, title: str, notice: str, *, footer: str = "") -> None:
         self.title, self.notice, self._footer = title, notice, footer
@@ -74,11 +74,11 @@ class Page:
         self._add("paragraph", text=text)
 
     def caution(self, text: str) -> None:
-        """Add a paragraph that stands out."""
+        """Add a highlighted paragraph."""
         self._add("caution", text=text)
 
     def points(self, points: Iterable[tuple[str, str]]) -> None:
-        """Add a list of points: what stands out, and what follows."""
+        """Add a list of points: a highlighted beginning, and the rest."""
         self._add("points", points=list(points))
 
     def table(
@@ -137,7 +137,7 @@ _OPTION = re.compile(r"(?<!\S)--[a-z][\w-]*(?: \d+)?")
 
 
 def _typeset(text: str) -> Markup:
-    """Return an escaped text with the signs of print, and options of commands on one line."""
+    """Return an escaped text with typographic signs and unbroken command options."""
     return Markup(_OPTION.sub(r'<span class="unbroken">\g<0></span>', str(escape(typeset(text)))))
 
 

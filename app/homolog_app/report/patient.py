@@ -72,7 +72,7 @@ _SUMMARY = (
 
 @dataclass(frozen=True, slots=True)
 class PatientRequest:
-    """Who is compared.
+    """Patients to be compared, and how.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class PatientRequest:
 
 @dataclass(frozen=True, slots=True)
 class PatientSummary:
-    """What came out: a line for each patient, and for each that could not be compared."""
+    """Results: one line per patient, and one per file that could not be compared."""
 
     lines: tuple[str, ...]
     problems: tuple[str, ...]
@@ -237,7 +237,7 @@ def patients_of(files: Sequence[Path]) -> tuple[Subject, ...]:
 
 
 def with_label(reference: Reference, label: str | None) -> Reference:
-    """Return the reference with the structure to take from patients' files, if another is given."""
+    """Return the reference with another structure for patients' files, if given."""
     if label is None:
         return reference
     number = label.strip().isdecimal()

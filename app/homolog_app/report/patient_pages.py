@@ -127,7 +127,7 @@ def percentiles_figure(comparison: PatientComparison, reference: Reference) -> F
 
 
 def _views(comparison: PatientComparison) -> list[View]:
-    """Return a view at the most extreme region, or an oblique one, and anatomical ones."""
+    """Return a view of the most extreme region, or an oblique one, and anatomical views."""
     first = replace(three_quarter_view(comparison.own.mesh.vertices), name="oblique")
     if comparison.regions:
         region = comparison.regions[0]
@@ -147,7 +147,7 @@ def _row(solid: Surface, views: Sequence[View], width: int) -> tuple[Panel, ...]
 
 _MOST_REGIONS = 12
 _BESIDE_MAPS = 4.4
-"""Height of all else on the first page below the finding [inches]."""
+"""Height of the first page's other content below the finding [inches]."""
 
 
 def write_pdf(

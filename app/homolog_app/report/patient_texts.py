@@ -1,4 +1,4 @@
-"""What is said of a reference and of a patient, in rows and sentences."""
+"""Texts about a reference and a patient: rows and sentences."""
 
 from collections.abc import Callable, Sequence
 
@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 _USUALLY_NEAR = 0.95
-"""Share of particles in place from where on nothing is said."""
+"""Share of particles in place above which there is no caution."""
 _COARSE = 0.12
 """Of the size (root mean square radius): a limit above it finds gross changes only."""
 
@@ -104,7 +104,7 @@ def reference_text(reference: Reference) -> list[str]:
 
 
 def reference_rows(reference: Reference) -> list[tuple[str, str]]:
-    """Return what a reference is, as a table."""
+    """Describe a reference as a table."""
     about = reference.provenance
     groom = about.groom
     group = f", {about.group}" if about.group else ""
@@ -148,7 +148,7 @@ def _side_text(reference: Reference) -> str:
 
 
 def verdict(comparison: PatientComparison, reference: Reference) -> str:
-    """Say in a sentence what was found."""
+    """Summarize the findings in a sentence."""
     count = len(comparison.regions)
     if not count:
         return (
@@ -168,7 +168,7 @@ def verdict(comparison: PatientComparison, reference: Reference) -> str:
 
 
 def detectable_text(reference: Reference) -> str:
-    """Say how small a difference is found at all."""
+    """State the smallest difference that would be found."""
     least, most = np.quantile(reference.detectable, (0.05, 0.95)).tolist()
     return (
         f"Differences below about {reference.quality.limit_mm:.1f} mm ({least:.1f} to {most:.1f}, by place) "
@@ -177,14 +177,14 @@ def detectable_text(reference: Reference) -> str:
 
 
 def cut_off_text(comparison: PatientComparison) -> str:
-    """Say what grey is on the maps; empty if nothing is cut off."""
+    """Explain the grey part of maps; empty if nothing is cut off."""
     if not comparison.missing.any():
         return ""
     return " Grey: cut off by the border of the image, shown as it is expected; nothing is said of it."
 
 
 def nearest_controls_text(comparison: PatientComparison, reference: Reference) -> str:
-    """Name the controls that are most like the patient; empty if the reference keeps no scores."""
+    """Name the controls that are most similar to the patient; empty if the reference has no scores."""
     nearest = reference.nearest(comparison.fit.scores)
     if not nearest:
         return ""
@@ -196,7 +196,7 @@ def measure_rows(comparison: PatientComparison, reference: Reference) -> list[tu
     """Return the global numbers: name, value, percentile with interval, p."""
     named: list[tuple[str, str, Percentile]] = [
         ("Distance in the modes", f"{comparison.mahalanobis.value:.2f} SD", comparison.mahalanobis),
-        ("Distance outside of them", f"{comparison.outside.value:.2f} mm", comparison.outside),
+        ("Distance outside the modes", f"{comparison.outside.value:.2f} mm", comparison.outside),
         ("Size, of the expected", f"{100.0 * comparison.size.value:.0f} %", comparison.size),
         ("Largest |z| on the surface", f"{comparison.local.value:.1f}", comparison.local),
     ]
@@ -279,7 +279,7 @@ def group_rows(
 
 
 def group_sentence(row: GroupRow) -> str:
-    """Say how typical a patient is of a group, and how well that is calibrated."""
+    """State how typical a patient is of a group, and the calibration."""
     group, controls, modes, outside, p, held_modes, held_outside, problem = row
     if p is None:
         return f"{group}: can't be compared: {problem}"

@@ -1,4 +1,4 @@
-"""What a study asks: kept in the project, so that a report can be made again from it."""
+"""The question of a study, stored in the project so that the report can be generated again."""
 
 import json
 import re
@@ -112,12 +112,12 @@ _REFERENCES = frozenset([
 
 
 def names_reference(value: str) -> bool:
-    """Return whether a group is called as controls are, such as ``healthy``."""
+    """Return whether the name of a group is one of controls, such as ``healthy``."""
     return value.lower() in _REFERENCES
 
 
 def reference_first(values: Iterable[str]) -> list[str]:
-    """Return the different values in alphabetical order, those that name a reference first."""
+    """Return the distinct values in alphabetical order, names of controls first."""
     there = {value for value in values if not is_missing(value)}
     return sorted(there, key=lambda value: (not names_reference(value), value))
 
@@ -179,7 +179,7 @@ class StudyRequest(BaseModel):
 
     @property
     def title(self) -> str:
-        """The question in a line."""
+        """The question in one line."""
         what = {
             "groups": f"{self.column}: {', '.join(self.between)}",
             "regression": f"effect of {self.column}",
@@ -190,7 +190,7 @@ class StudyRequest(BaseModel):
 
     @property
     def arguments(self) -> list[str]:
-        """The options of ``homolog analyze`` that ask it."""
+        """The equivalent options of ``homolog analyze``."""
         options = ["--regress", self.column] if self.kind == "regression" else ["--group", self.column]
         options += ["--between", *self.between] if self.between else []
         options += ["--pairs", self.pairs] if self.pairs else []
@@ -200,7 +200,7 @@ class StudyRequest(BaseModel):
 
     @property
     def name(self) -> str:
-        """A file name for the question; `study_folder` keeps apart those that are cut to the same."""
+        """A file name for the question; `study_folder` resolves collisions of truncated names."""
         parts = [self.kind, self.column, *self.between]
         parts += ["paired_by", self.pairs] if self.pairs else []
         parts += ["for", *self.covariates] if self.covariates else []
@@ -215,12 +215,12 @@ class StudyRequest(BaseModel):
 
     @property
     def question(self) -> str:
-        """What makes two questions different; how precisely they were answered does not."""
+        """The identity of a question, regardless of the precision of its answer."""
         return self.model_dump_json(exclude={"permutations", "null_repeats", "answers", "earlier"})
 
 
 class Answered(BaseModel):
-    """Of what, when and by which version a question was answered."""
+    """Result, date and version of an answer."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
@@ -278,7 +278,7 @@ def _folder_in(root: Path, request: StudyRequest) -> Path:
 
 
 def write_request(request: StudyRequest, folder: Path, answered: Answered) -> None:
-    """Keep a question with what it was answered about; raises InputError if it can't be written."""
+    """Store a question with the record of its answer; raises InputError if it can't be written."""
     content = {
         "question": request.model_dump(mode="json", exclude={"earlier"}),
         "answered": answered.model_dump(mode="json"),
@@ -288,7 +288,7 @@ def write_request(request: StudyRequest, folder: Path, answered: Answered) -> No
 
 
 def read_requests(project: ProjectFolder) -> list[StudyRequest]:
-    """Return the questions kept in a project, by name, the answers to each next to each other.
+    """Return the questions stored in a project, by name, the answers to each next to each other.
 
     Raises
     ------
@@ -314,7 +314,7 @@ def kept_studies(project: ProjectFolder) -> list[tuple[StudyRequest, bool]]:
 
 
 def _place(request: StudyRequest) -> tuple[str, int]:
-    """Return what questions are ordered by: form before shape."""
+    """Return the sort key of questions: form before shape."""
     name = request.model_copy(update={"alignment": Alignment.RIGID}).name
     return name, list(Alignment).index(request.alignment)
 

@@ -1,4 +1,4 @@
-"""Who takes part in a study: numbers, sizes, covariates and voxels by group."""
+"""The sample of a study: numbers, sizes, covariates and voxels by group."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ class SampleRow:
 
 
 def sample_rows(study: Study, result: Result) -> list[SampleRow]:
-    """Describe those who take part by group: numbers, size of the shapes, covariates, other columns."""
+    """Describe the sample by group: numbers, size of the shapes, covariates, other columns."""
     request = study.request
     taking = [index for index, name in enumerate(result.names) if name not in study.left_out]
     groups: dict[str, list[int]] = {"all": taking}

@@ -1,4 +1,4 @@
-"""A question asked again of correspondences from other seeds: how much of the answer is chance of the run."""
+"""Repetition of a question with correspondences from other seeds: how much an answer depends on the seed."""
 
 import csv
 import shutil
@@ -55,7 +55,7 @@ def answer_by_seed(
     count: int,
     tick: Tick = no_tick,
 ) -> list[list[SeedAnswer]]:
-    """Place the particles of a result again with other seeds and answer questions about each.
+    """Repeat the run of a result with other seeds and answer questions about each.
 
     The runs are kept in ``seeds/`` of the project and used again as long as the result's settings and
     surfaces are the same.
@@ -149,7 +149,7 @@ def read_spread(folder: Path, fingerprint: str) -> list[SeedAnswer]:
 
 
 def spread_text(answers: Sequence[SeedAnswer]) -> list[str]:
-    """Return a sentence for each comparison: between what its answers lie."""
+    """Return a sentence for each comparison: the range of its answers."""
     sentences = []
     for title in dict.fromkeys(answer.comparison for answer in answers):
         own = [answer for answer in answers if answer.comparison == title]
@@ -179,7 +179,7 @@ def _range(low: str, high: str) -> str:
 
 
 def _repeated(project: ProjectFolder, record: ResultRecord, seed: int, tick: Tick) -> ProjectFolder:
-    """Return the project of another seed's run, computed now if it is not there."""
+    """Return the project of another seed's run; compute it if missing."""
     again = ProjectFolder(project.folder / _FOLDER / f"seed_{seed}")
     settings = record.settings.model_copy(
         update={"optimize": record.settings.optimize.model_copy(update={"seed": seed})}

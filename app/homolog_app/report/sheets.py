@@ -1,4 +1,4 @@
-"""Pages of A4, of which a report's PDF is made."""
+"""The A4 pages of a report's PDF."""
 
 import base64
 import io
@@ -35,16 +35,16 @@ BOTTOM = HIGH - 0.65
 """Where a page is full [inches]."""
 _ORANGE = "#a03c00"
 _SMALLEST = 0.75
-"""Of a figure's size, for it to fit beside another."""
+"""Smallest scale of a figure to fit next to another."""
 _BOLD = 1.12
 """Width of bold letters."""
 _CAPITALS = 0.3
-"""By which a capital letter is wider than others."""
+"""Relative width of capital letters."""
 _MOST_COLUMNS = 9
 _UNCUT = 0.6
 """Share of a sheet up to which a table is not cut."""
 _MOST_TURNED = 4
-"""Rows of a turned table beside each other."""
+"""Rows of a transposed table next to each other."""
 _MOST_ROWS = 200
 
 
@@ -60,7 +60,7 @@ class Sheet:
         self.y += 0.08
 
     def foot(self, number: int, pages: int) -> None:
-        """Write the number of the page below."""
+        """Write the page number at the bottom."""
         foot = f"{NOTICE} Homolog {__version__}. Page {number} of {pages}"
         self.figure.text(0.5, 0.35 / HIGH, foot, ha="center", fontsize=7)
 
@@ -100,7 +100,7 @@ class Sheet:
         self.y += _LINE * max(map(len, cells))
 
     def panels(self, panels: Sequence[Panel], limit: float, most: float = HIGH) -> None:
-        """Add a row of pictures, at most so high, with the colour bar."""
+        """Add a row of pictures of at most this height, with the colour bar."""
         width = (WIDE - 2.0 * EDGE - 1.05) / len(panels)
         slopes = [panel.image.shape[0] / panel.image.shape[1] for panel in panels]
         wide = min(width - 0.06, most / max(slopes))
@@ -125,7 +125,7 @@ class Sheet:
         self.y += max(tall, long + 0.5) + 0.28
 
     def picture(self, image: Array, left: float, top: float, width: float) -> None:
-        """Put a picture at a place."""
+        """Put a picture at a position."""
         high = image.shape[0] / image.shape[1] * width
         place = self.figure.add_axes((left / WIDE, 1.0 - (top + high) / HIGH, width / WIDE, high / HIGH))
         place.imshow(image, interpolation="antialiased", aspect="auto")
@@ -163,7 +163,7 @@ def write_sheets(path: Path, title: str, sheets: Sequence[Sheet]) -> None:
 
 
 def write_page(path: Path, page: Page) -> None:
-    """Write what a page shows as a PDF of A4 pages, folded tables too; lists of files are left out.
+    """Write a page as a PDF of A4 pages, including folded tables, without lists of files.
 
     Raises
     ------
@@ -186,7 +186,7 @@ class _Flow:
         self.sheets = [Sheet(title)]
 
     def add(self, part: dict[str, object]) -> None:
-        """Add a part as `Page.parts` has it."""
+        """Add one of `Page.parts`."""
         match part:
             case {"kind": "heading", "text": str(text), "level": level}:
                 self._headings.append((text, level == 2))
@@ -218,7 +218,7 @@ class _Flow:
         return self.sheets[-1]
 
     def room(self, height: float) -> None:
-        """Begin a sheet if so many inches do not fit on this one, and write the headings that come before."""
+        """Start a sheet if this one has less room [inches], and write the pending headings."""
         if self.sheet.y + height + 0.35 * len(self._headings) > BOTTOM:
             self.sheets.append(Sheet(self._title))
         headings, self._headings = self._headings, []
@@ -226,14 +226,14 @@ class _Flow:
             self.sheet.heading(text) if large else self.sheet.text(text, 9.0, bold=True)
 
     def paragraph(self, text: str, *, bold: bool = False, colour: str = "#1a1a1e", gap: float = 0.05) -> None:
-        """Add a paragraph, which may go on on the next sheet."""
+        """Add a paragraph, which may continue on the next sheet."""
         for number, line in enumerate(wrapped(text) if text else ()):
             self.room(_LINE * (1 if number else 3))
             self.sheet.line(line, bold=bold, colour=colour)
         self.sheet.y += gap
 
     def table(self, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        """Add a table; one with many columns is turned, so that each row becomes a column."""
+        """Add a table; one with many columns is transposed."""
         if len(columns) > _MOST_COLUMNS:
             some = ceil(len(rows) / max(ceil(len(rows) / _MOST_TURNED), 1))
             for start in range(0, len(rows), max(some, 1)):
@@ -257,7 +257,7 @@ class _Flow:
             self.paragraph(f"{len(rows) - _MOST_ROWS} more rows: see the HTML page.")
 
     def figures(self, figures: Iterable[dict[str, object]]) -> None:
-        """Add figures, beside each other where they fit or do when made a little smaller, with captions."""
+        """Add figures with captions, side by side if they fit, also when slightly reduced."""
         items, room = list(figures), WIDE - 2 * EDGE
         widths = [float(str(item["width"])) / 96.0 for item in items]
         smaller = (room - 0.1 * len(items)) / max(sum(widths), room)
@@ -289,7 +289,7 @@ def _cell_text(cell: str | Link) -> str:
 
 
 def _starts(rows: Sequence[Sequence[str]]) -> list[float]:
-    """Return where columns start, so that long ones are wide and no word is broken without need."""
+    """Return the left edges of the columns: wide for long texts, without broken words if possible."""
     columns = list(zip(*([typeset(cell) for cell in row] for row in rows), strict=True))
     least = np.array([3 + _letters([cell.split(" ") for cell in column]) for column in columns])
     whole = np.array([3 + _letters([[cell] for cell in column]) for column in columns])
@@ -308,5 +308,5 @@ def _letters(cells: Sequence[Sequence[str]]) -> float:
 
 
 def _length(text: str) -> float:
-    """Return how many letters of usual width are as long as a text; capitals are wider."""
+    """Return the length of a text in letters of average width; capitals are wider."""
     return len(text) + _CAPITALS * sum(letter.isupper() for letter in text)

@@ -45,13 +45,13 @@ class Study:
     labels : tuple of str
         Value of the request's column for each subject of the result.
     left_out : dict
-        Subjects of the result that take no part, and why.
+        Excluded subjects of the result, and why.
     areas : (N,) array
         Area of the mean surface that each particle stands for [mm²].
     names : tuple of str
         The subjects of the result.
     notes : tuple of str
-        What a reader should know of the data, in sentences.
+        Remarks on the data, in sentences.
     """
 
     request: StudyRequest
@@ -74,7 +74,7 @@ class Study:
 
 
 def study_options(request: StudyRequest) -> Options:
-    """Return how a question is to be computed."""
+    """Return the options of a question's computation."""
     return Options(
         alignment=request.alignment,
         modes=request.modes,
@@ -147,7 +147,7 @@ def run_study(result: Result, request: StudyRequest, tick: Tick = no_tick) -> St
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Question:
-    """A request with the shapes and labels of its subjects; labels of those left out are empty."""
+    """A request with the shapes and labels of its subjects; labels of excluded ones are empty."""
 
     result: Result
     request: StudyRequest
@@ -167,7 +167,7 @@ class _Details(TypedDict):
 
 
 def _check(result: Result, request: StudyRequest) -> None:
-    """Refuse what can't be asked, before anything is computed."""
+    """Refuse invalid questions before anything is computed."""
     known = columns_of(result)
     named = [category_of(covariate, known)[0] for covariate in request.covariates]
     twice = [item for item, count in Counter(named).items() if count > 1]
@@ -206,7 +206,7 @@ def _check(result: Result, request: StudyRequest) -> None:
 
 
 def _left_out(result: Result, request: StudyRequest, labels: Sequence[str]) -> dict[str, str]:
-    """Return the subjects that lack a value, by choice, and why; nobody if that was not chosen."""
+    """Return the subjects that lack a value, and why; empty unless complete cases are requested."""
     if not request.complete_cases:
         return {}
     known = columns_of(result)
@@ -227,7 +227,7 @@ def _left_out(result: Result, request: StudyRequest, labels: Sequence[str]) -> d
 def _partners(
     result: Result, request: StudyRequest, labels: Sequence[str], gone: Mapping[str, str]
 ) -> dict[str, str]:
-    """Return the subjects whose partner is not there."""
+    """Return the subjects whose partner is missing."""
     by_pair: dict[str, list[int]] = {}
     for index, pair in enumerate(column_of(result, request.pairs or "")):
         if labels[index] in request.between and pair and result.names[index] not in gone:
@@ -237,7 +237,7 @@ def _partners(
 
 
 def _details(question: _Question) -> _Details:
-    """Return what a comparison of groups takes beside shapes and labels."""
+    """Return the further arguments of a comparison of groups."""
     members = np.flatnonzero(np.isin(question.labels, question.request.between))
     return _Details(
         covariates=_covariates(question, members),

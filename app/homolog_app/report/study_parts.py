@@ -206,7 +206,7 @@ _EXCHANGED = {
 
 
 def add_assumptions(page: Page, study: Study) -> None:
-    """Add what the tests assume, with dispersion, skewness and outliers of each comparison."""
+    """Add the assumptions of the tests, with dispersion, skewness and outliers of each comparison."""
     kind = study.request.kind
     page.heading("Assumptions", 3)
     adjusted = bool(study.request.covariates)

@@ -1,4 +1,4 @@
-"""The part of a report on one study: sample, results, where, assumptions, figures."""
+"""The section of a report on one study: sample, results, regions, assumptions, figures."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -190,7 +190,7 @@ _STATISTIC = {
 
 
 def _tested(study: Study) -> Iterator[tuple[str, Comparison]]:
-    """Yield each comparison with its title, and after it the same without its outliers."""
+    """Yield each comparison with its title, followed by the same without its outliers."""
     for comparison in study.comparisons:
         yield comparison.title, comparison
         if comparison.without_outliers is not None:

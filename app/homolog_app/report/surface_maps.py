@@ -1,4 +1,4 @@
-"""Results at particles carried to the mean surface, and connected regions of significant ones."""
+"""Results at particles mapped to the mean surface, and connected regions of significant particles."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,7 +28,7 @@ INNER, OUTER, EDGE = "inner surface", "outer surface", "edge of the opening"
 
 @dataclass(frozen=True, eq=False)
 class SurfaceCarrier:
-    """The mean surface of a result and how it follows the particles.
+    """The mean surface of a result and its warp by the particles.
 
     Attributes
     ----------
@@ -37,9 +37,9 @@ class SurfaceCarrier:
     operator : (V, n) array
         Thin-plate weights of the particles that carry it.
     centres : (n,) int array
-        Which particles those are.
+        Indices of those particles.
     nearest : (V,) int array
-        The particle nearest to each vertex, of those on its side of a wall.
+        The closest particle to each vertex on the same side of a wall.
     directions : Directions
         How places are called.
     """
@@ -70,12 +70,12 @@ class SurfaceCarrier:
         return vertices
 
     def significant(self, comparison: Comparison, level: float) -> BoolArray:
-        """Return whether the effect is significant at each vertex, corrected for all that is tested, (V,)."""
+        """Return whether the effect is significant at each vertex after correction, (V,)."""
         significant: BoolArray = comparison.p_fwe[self.nearest] <= level
         return significant
 
     def discriminant_is_firm(self, comparison: Comparison) -> BoolArray:
-        """Return where the discriminant's map is unlike zero, (V,); nowhere if no whole shape differs."""
+        """Return where the interval of the map excludes zero, (V,); nowhere if whole shapes don't differ."""
         assert comparison.discriminant is not None
         mesh = self.mean_of(comparison)
         maps = [outward_displacement(mesh, self.moved(mode)) for mode in comparison.discriminant.modes]
@@ -140,7 +140,7 @@ _HOLLOW = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Region:
-    """Significant particles next to each other, of a hollow shape on one side of its wall.
+    """A connected region of significant particles, on one side of the wall of a hollow shape.
 
     Attributes
     ----------
@@ -191,7 +191,7 @@ class Region:
         return f"{self.wall}, {self.place}" if self.wall else self.place
 
     def direction(self, outward: float) -> str:
-        """Return which way an outward displacement moves the surface, in words."""
+        """Describe the direction of an outward displacement."""
         way = "out of the tissue" if outward > 0.0 else "into the tissue"
         if self.wall != INNER:
             return way

@@ -1,4 +1,4 @@
-"""A study as tidy CSV tables, one fact a column, with a dictionary of the columns."""
+"""A study as tidy CSV tables, with a dictionary of the columns."""
 
 import csv
 import re
@@ -330,14 +330,14 @@ def _subjects(study: Study, result: Result) -> tuple[list[str], Iterator[list[_C
 
 
 def _meanings() -> dict[str, str]:
-    """Return what each column of a study's tables holds."""
+    """Return the meaning of each column of a study's tables."""
     source = files("homolog_resources") / "report_columns.csv"
     with source.open(encoding="utf-8") as stream:
         return {row["column"]: row["meaning"] for row in csv.DictReader(stream)}
 
 
 def _meaning(column: str, meanings: Mapping[str, str]) -> str:
-    """Return what a column holds: of the meanings, or what its ending says."""
+    """Return the meaning of a column, from the dictionary or from its suffix."""
     plain = column.removesuffix("_per_unit")
     unit = ", per unit of the variable" if plain != column else ""
     for end, bound in (

@@ -46,7 +46,7 @@ __all__ = ["write_report"]
 
 
 def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None = None) -> Path:
-    """Answer all of a project's questions anew and write its report.
+    """Answer all questions of a project again and write its report.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def _summary(
     if not studies:
         for text in outlier_text(result):
             page.caution(text)
-        page.paragraph("No study yet: homolog analyze PROJECT --group COLUMN.")
+        page.paragraph("No group comparison yet: run homolog analyze PROJECT --group COLUMN.")
     for study in studies:
         page.heading(study.request.title, 3)
         page.points(
@@ -155,7 +155,7 @@ def _in_order(groups: Sequence[str | None], studies: Sequence[Study]) -> list[st
 
 
 def _effects(study: Study, comparison: Comparison, finding: Finding, carrier: SurfaceCarrier) -> str:
-    """Return the sentences of a finding, after that on particles one on their largest region."""
+    """Return the sentences of a finding, with one on the largest region after that on particles."""
     regions = significant_regions(study, comparison, carrier)
     if not regions:
         return " ".join(finding.effects)

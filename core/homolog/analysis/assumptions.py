@@ -1,4 +1,4 @@
-"""What tests assume, and whether it holds: dispersion of the groups, skewness of sizes, outliers.
+"""Assumptions of the tests: dispersion of the groups, skewness of sizes, outliers.
 
 Equal dispersion: each subject's distance to its group's centroid in the retained modes is compared between
 the groups (Anderson 2006, PERMDISP). Residuals are permuted, and centroids fitted to them again. Without
@@ -39,7 +39,7 @@ _LEAST_LEFT = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dispersion:
-    """Dispersion of the groups, and whether it differs.
+    """Dispersion of the groups, and the test for a difference.
 
     Attributes
     ----------

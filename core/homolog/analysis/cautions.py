@@ -1,4 +1,4 @@
-"""What a reader of a comparison should be careful about, in the words of every interface."""
+"""Cautions about a comparison, the same in every interface."""
 
 from collections.abc import Mapping, Sequence
 from math import ceil, log10
@@ -22,15 +22,15 @@ __all__ = [
 ]
 
 LEVEL = 0.05
-"""Corrected p-values up to this are called significant."""
+"""Significance level of corrected p-values."""
 _LOOSE = 0.02
-"""Excess of false positives of F that is worth a caution."""
+"""Excess of false positives of F that raises a caution."""
 _UNLIKE = 1.5
-"""Ratio of two groups' dispersions, or numbers of subjects, from which they are called different."""
+"""Ratio of two groups' dispersions, or numbers of subjects, that raises a caution."""
 
 
 def cautions_of(comparison: "Comparison", names: Sequence[str] | None = None) -> tuple[str, ...]:
-    """Return what to be careful about in a comparison, in sentences.
+    """Return the cautions about a comparison, in sentences.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ _FAR = {
 
 
 def p_text(p: float, permutations: int | None = None, *, least: bool = False) -> str:
-    """Return a p-value as papers print it, such as ``"p = 0.034"`` or ``"p < 0.001"`` (see `p_number`)."""
+    """Return a p-value in publication style, such as ``"p = 0.034"`` or ``"p < 0.001"`` (see `p_number`)."""
     number = p_number(p, permutations, least=least)
     return f"p {number}" if number[0] in "<>≤" else f"p = {number}"
 

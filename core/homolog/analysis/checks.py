@@ -1,4 +1,4 @@
-"""Checks of what statistics are computed from: clear messages instead of NaN."""
+"""Checks of the input of statistics: clear messages instead of NaN."""
 
 import hashlib
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ __all__ = ["checked_particles", "refuse_duplicates"]
 
 
 def checked_particles(particles: ArrayLike, names: Sequence[str] | None = None) -> FloatArray:
-    """Return the particles as a read-only float64 array, or say what is wrong with them.
+    """Return the particles as a read-only float64 array; raise InputError if they are invalid.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def checked_particles(particles: ArrayLike, names: Sequence[str] | None = None) 
 
 
 def refuse_duplicates(particles: FloatArray, names: Sequence[str] | None = None) -> None:
-    """Refuse subjects that are there twice: a test would count the same evidence twice.
+    """Refuse duplicate subjects: a test would count the same evidence twice.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def refuse_duplicates(particles: FloatArray, names: Sequence[str] | None = None)
     """
     if names is not None and len(set(names)) < len(names):
         twice = next(name for name in names if list(names).count(name) > 1)
-        raise InputError(f"{twice}: the name is there more than once; give each subject its own name")
+        raise InputError(f"{twice}: the name occurs more than once; give each subject its own name")
     originals: dict[bytes, int] = {}
     for item, shape in enumerate(particles):
         digest = hashlib.blake2b((shape + 0.0).tobytes()).digest()  # -0.0 is 0.0

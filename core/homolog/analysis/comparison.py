@@ -38,7 +38,7 @@ __all__ = ["DEFAULT", "Comparison", "Options", "prepare_shapes", "run_comparison
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How a comparison is computed.
+    """Options of a comparison.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class Comparison:
         Permutation p of the discriminant's accuracy and AUC, corrected for pairs of groups (Holm) and answers
         (Bonferroni).
     false_positives : tuple of FalsePositives
-        What the same tests find on this cohort when labels mean nothing; empty without a null simulation.
+        Type I error rates on this cohort with permuted labels; empty without a null simulation.
     size_skewness : SizeSkewness or None
         Whether sizes are skewed; None for a continuous variable.
     outliers : (n,) int array
@@ -122,7 +122,7 @@ class Comparison:
     without_outliers : Comparison or None
         All results without them, corrected in the same way; None if there are none, or too few others.
     notes : tuple of str
-        What was done another way than asked for, in sentences.
+        Deviations from the request, in sentences.
     size_variance : SizeVariance or None
         Size between three or more groups; None otherwise.
     pairwise : tuple of Comparison
@@ -176,7 +176,7 @@ class Comparison:
         )
 
     def renumbered(self, members: IntArray) -> "Comparison":
-        """Return it with the indices of a larger cohort, of which those compared are the members."""
+        """Return the comparison with indices into a larger cohort that contains the compared subjects."""
         rest = self.without_outliers
         return replace(
             self,
@@ -187,7 +187,7 @@ class Comparison:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What to be careful about, in sentences; those of the pairs are not among them."""
+        """Cautions, in sentences, without those of the pairs."""
         return cautions_of(self)
 
 
@@ -303,7 +303,7 @@ def _false_positives(
 
 
 def prepare_shapes(shapes: FloatArray, options: Options) -> FloatArray:
-    """Return the shapes as they are compared."""
+    """Return the shapes, aligned for the comparison."""
     return aligned(shapes, options.alignment)
 
 

@@ -1,4 +1,4 @@
-"""Linear designs: what is tested, what is adjusted for, and what may be exchanged under the null.
+"""Linear designs: tested columns, nuisance columns, and exchangeability under the null.
 
 Two groups, several groups, a continuous variable and paired subjects are one kind of test: columns that
 are tested, and nuisance columns (the intercept and covariates, whose columns come from a table's numbers and
@@ -33,7 +33,7 @@ _COMMA = re.compile(r"[+-]?\d+,\d+")
 
 
 def is_missing(value: str | float) -> bool:
-    """Return whether a cell holds no value: empty, ``NA``, ``n/a``, ``nan``, ``none`` or ``null``."""
+    """Return whether a cell is empty, ``NA``, ``n/a``, ``nan``, ``none`` or ``null``."""
     if isinstance(value, str):
         return value.strip().lower() in MISSING
     return bool(np.isnan(value))
@@ -161,7 +161,7 @@ _DEPENDENT = 1e-8
 
 
 class Exchange(StrEnum):
-    """What the null hypothesis allows to be exchanged."""
+    """What may be exchanged under the null hypothesis."""
 
     ROWS = "rows"
     """Subjects, or with covariates their residuals (Freedman and Lane 1983)."""
@@ -182,7 +182,7 @@ class Design:
     nuisance : (M, q) array
         Orthonormal basis of intercept and covariates; the first column is the intercept, if there is one.
     exchange : Exchange
-        What may be exchanged under the null.
+        Exchangeable units under the null.
     given : (M, d) array
         Tested columns as they came in: indicators of all groups but the first, or the variable.
     """

@@ -1,4 +1,4 @@
-"""The linear discriminant between two groups: a direction of shape space, and how well it separates them."""
+"""The linear discriminant of two groups: a direction of shape space, and its cross-validated accuracy."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

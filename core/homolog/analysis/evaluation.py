@@ -1,4 +1,4 @@
-"""How good a shape model is: compactness, generalization, specificity (Davies, Twining and Taylor 2008).
+"""Quality of a shape model: compactness, generalization, specificity (Davies, Twining and Taylor 2008).
 
 Distances between shapes are the mean over the particles of the distance between corresponding particles [mm].
 """
@@ -25,7 +25,7 @@ def compactness(model: ShapeModel) -> FloatArray:
 def generalization(
     particles: FloatArray, *, names: Sequence[str] | None = None, tick: Tick = no_tick
 ) -> FloatArray:
-    """Return how far a left-out shape is from its best fit by k modes of the others, for k = 1 … M - 2.
+    """Return the distance of a left-out shape from its best fit by k modes of the others, for k = 1 … M - 2.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def specificity(
     seed: int = 0,
     tick: Tick = no_tick,
 ) -> FloatArray:
-    """Return how far shapes drawn from the first k modes are from the nearest real one, for each k asked for.
+    """Return the distance of shapes drawn from the first k modes to the nearest real one, for each k.
 
     Scores are drawn from normal distributions with the modes' own standard deviations.
 

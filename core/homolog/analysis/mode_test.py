@@ -85,7 +85,7 @@ class ModeTest:
     parallel : ParallelAnalysis
         The choice of modes.
     warnings : tuple of str
-        What to be careful about, in sentences.
+        Cautions, in sentences.
     """
 
     modes: int
@@ -331,7 +331,9 @@ def _check_modes(n_modes: int, design: Design, available: int) -> None:
 
 def _warnings(n_modes: int, design: Design) -> tuple[str, ...]:
     if n_modes == 0:
-        return ("No mode has more variance than chance gives: the shapes differ by noise only, p is 1.",)
+        return (
+            "Parallel analysis retains no mode: the shapes can't be distinguished from noise, and p is 1.",
+        )
     if design.error_dof < _MIN_DOF_PER_MODE * n_modes:
         return (
             f"Low power: {design.error_dof} degrees of freedom for {n_modes} modes. Only large effects can "

@@ -71,7 +71,7 @@ def null_simulation(
     seed: int = 0,
     tick: Tick = no_tick,
 ) -> tuple[FalsePositives, ...]:
-    """Exchange the labels many times and count how often each test finds something.
+    """Permute the labels many times and count how often each test is significant.
 
     The permutation tests of all permutations share one set of permutations, drawn apart from them: without
     covariates the permutation distribution is the same for every permutation.
@@ -85,7 +85,7 @@ def null_simulation(
     modes : int
         Number of modes of the test of whole shapes, at least 1.
     repeats : int
-        Permutations taken as if they were the truth.
+        Permutations that are tested like the observed labels.
     permutations : int
         Permutations that give the permutation tests' distribution.
     alpha : float

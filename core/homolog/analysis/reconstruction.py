@@ -1,4 +1,4 @@
-"""Surfaces that follow particles: one subject's mesh, carried to the mean and from there to any other shape.
+"""Surfaces that follow particles: one subject's mesh, warped to the mean and from there to any other shape.
 
 The carrier is a thin-plate spline (`homolog.analysis.thin_plate`), made smoother where it would fold faces.
 """
@@ -117,7 +117,7 @@ def mean_surface(
 def warp_surface(
     mean: FloatArray, vertices: FloatArray, displacements: FloatArray, smoothing: FloatArray
 ) -> FloatArray:
-    """Return how the vertices of the mean surface move when the mean particles do.
+    """Return the displacements of the mean surface's vertices for displacements of the mean particles.
 
     Parameters
     ----------

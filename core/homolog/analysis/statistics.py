@@ -305,7 +305,7 @@ def design_columns(permuted: PermutedDesigns) -> FloatArray:
 
 
 def null_weights(permuted: PermutedDesigns, design: Design) -> FloatArray:
-    """Return what each subject's squared residual adds to the expected sum of squares, shape (c, M).
+    """Return the weight of each subject's squared residual in the expected sum of squares, shape (c, M).
 
     This is the leverage of the tested columns divided by 1 minus the leverage of all columns.
     """

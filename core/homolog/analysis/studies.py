@@ -1,4 +1,4 @@
-"""The studies a user asks for: two groups, several groups, a continuous variable, paired subjects."""
+"""The kinds of studies: two groups, several groups, a continuous variable, paired subjects."""
 
 from collections.abc import Sequence
 from dataclasses import replace

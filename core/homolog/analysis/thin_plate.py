@@ -1,4 +1,4 @@
-"""Thin-plate splines in three dimensions: points carried by how some centres move.
+"""Thin-plate splines in three dimensions: warps of points by displacements of centres.
 
 The spline is the interpolant with the smallest bending energy, kernel ``r`` and an affine part (Bookstein
 1989; Wahba 1990). It is linear in the target positions, so with fixed centres any warp is one matrix product.
@@ -26,7 +26,7 @@ __all__ = [
 ]
 
 MOST_CENTRES = 2048
-"""Above this count the spline takes evenly spread particles only: the others add cost, not shape."""
+"""Above this count the spline uses an evenly spread subset of particles: more add cost, not accuracy."""
 
 _CHUNK = 4096
 
@@ -66,7 +66,7 @@ def warp_displacements(
     displacements: FloatArray,
     smoothing: float | FloatArray = 0.0,
 ) -> FloatArray:
-    """Return how points move with the centres, for a few displacements, without the whole operator.
+    """Return the displacements of points for a few displacements of the centres, without the whole operator.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def warp_displacements(
     Returns
     -------
     (K, V, 3) array
-        What `thin_plate_operator` gives for each of them.
+        The result of `thin_plate_operator` for each of them.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def warp_displacements(
 
 
 def farthest_points(points: FloatArray, most: int) -> IntArray:
-    """Return the indices of at most so many points, each as far from those before it as can be."""
+    """Return the indices of at most this many points by farthest-point sampling."""
     if len(points) <= most:
         return np.arange(len(points))
     return np.sort(farthest_point_sampling(points, most))

@@ -84,7 +84,7 @@ def welch_map(
         If a group has fewer than two subjects, or values are not finite.
     """
     if min(np.count_nonzero(second), np.count_nonzero(~second)) < 2 or not np.isfinite(values).all():
-        raise InputError("a local comparison needs finite values and two or more subjects in each group")
+        raise InputError("a pointwise comparison needs finite values and at least two subjects in each group")
     design = group_design(np.where(second, "b", "a").tolist(), ["a", "b"])
     centred = values - values.mean(axis=0)
     floor = np.sqrt(np.square(centred).mean(axis=0))
@@ -155,7 +155,9 @@ def compare_measure(values: FloatArray, groups: Sequence[str]) -> GroupMeasure:
         If there are not as many groups as values.
     """
     if len(values) != len(groups):
-        raise InputError(f"{len(values)} values and {len(groups)} groups: give each subject one of both")
+        raise InputError(
+            f"{len(values)} values and {len(groups)} groups: give each subject one value and one group"
+        )
     labels = np.array(groups, dtype=object)
     used = np.isfinite(values) & (labels != "")
     names = tuple(sorted(set(labels[used].tolist())))

@@ -49,5 +49,5 @@ def test_values_that_do_not_vary_have_p_of_one_and_no_nan():
 
 def test_a_group_of_one_is_refused():
     values, _ = _groups()
-    with pytest.raises(InputError, match="two or more subjects"):
+    with pytest.raises(InputError, match="subjects in each group"):
         welch_map(values, np.arange(22) < 1)
