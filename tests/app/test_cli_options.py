@@ -79,3 +79,9 @@ def test_an_option_works_by_its_former_name_with_a_hint(command, former, present
     text = capsys.readouterr().out
     assert present in text
     assert f"{former[0]} " not in text
+
+
+def test_a_required_option_may_be_given_by_its_former_name(capsys):
+    command = ["export", "screenshot", "project", "a.png", "--view", "{}"]
+    assert cli.command_parser()[0].parse_args(command).scene == "{}"
+    assert "--view is now called --scene" in capsys.readouterr().err

@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.progress import Tick
-from homolog_app.cli.options import add_options, add_progress_option, show_progress, with_options
+from homolog_app.cli.options import (
+    add_former_name,
+    add_options,
+    add_progress_option,
+    show_progress,
+    with_options,
+)
 from homolog_app.exports.settings import (
     SIGHTS,
     FilmSettings,
@@ -203,7 +209,10 @@ def add_screenshot(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
         "with pictures of views that a project does not contain, such as those of a run in progress.",
         "FILE (.png)",
     )
-    parser.add_argument("--scene", required=True, metavar="SCENE", help="JSON, or a file that contains it")
+    scene = parser.add_argument(
+        "--scene", required=True, metavar="SCENE", help="JSON, or a file that contains it"
+    )
+    add_former_name(parser, "--view", scene)
     add_options(parser, ScreenshotSettings)
 
 

@@ -81,6 +81,7 @@ class _FormerName(argparse.Action):
     ) -> None:
         name = self._present.option_strings[0]
         sys.stderr.write(f"homolog: {option_string} is now called {name}; the old name will be removed\n")
+        self._present.required = False  # it is given
         self._present(parser, namespace, values, option_string)
 
 
