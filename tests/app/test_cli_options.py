@@ -82,6 +82,6 @@ def test_an_option_works_by_its_former_name_with_a_hint(command, former, present
 
 
 def test_a_required_option_may_be_given_by_its_former_name(capsys):
-    command = ["export", "screenshot", "project", "a.png", "--view", "{}"]
+    command = ["export", "screenshot", "project", "--out", "a.png", "--view", "{}"]
     assert cli.command_parser()[0].parse_args(command).scene == "{}"
     assert "--view is now called --scene" in capsys.readouterr().err
