@@ -140,7 +140,7 @@ def outlier_caution(
     )
 
 
-_FAR_FROM_GROUP = "far from the mean of the group, given any covariates"
+_FAR_FROM_GROUP = "far from the mean of the group, adjusted for any covariates"
 _FAR = {
     "all": "far from the shape that is fitted to the value of the variable",
     "pairs": "whose difference within the pair is far from the mean difference",
