@@ -1,21 +1,21 @@
 """Type I error rate and power of every reported test, by simulation, also where assumptions fail.
 
-    python tests/benchmarks/statistics_validity.py FILE [--repeats 10000] [--processes 16] [--only WORD]
+    python tests/benchmarks/statistics_validity.py FILE [--repeats 1000] [--processes 16] [--only WORD]
     python tests/benchmarks/statistics_validity.py FILE --summary
 
 Shapes are particles on a sphere of 30 mm with noise that is correlated over the surface (correlation length
 15 mm, 1 mm) and white (0.1 mm). Each test is asked of shapes without an effect; it should call 5 % of the
 repeats significant. A quarter as many repeats have an effect (power). Five modes, 199 permutations (all of
 them if `homolog analyze` takes all by default, as for groups of 4 and 8), of the discriminant's accuracy and
-AUC 19: at 0.05 as valid as more, with less power. The cautions that a reader gets are noted too: that groups differ in dispersion, that sizes are skewed, that
-subjects lie far from the rest.
+AUC 19: at 0.05 as valid as more, with less power. The cautions that a reader gets are noted too: that groups
+differ in dispersion, that sizes are skewed, that subjects lie far from the rest.
 
 FILE gets a line of JSON for each block of repeats; the same command goes on where an earlier one ended, also
 with more repeats. A repeat has its own seed, so that blocks are the same in any order and on any number of
-processes. The summary is the table of docs/benchmarks.md in Markdown, and tests outside 4 to 6 %,
-with their rate in the studies that raise no caution. A repeat
-of all 21 studies, power included, takes 0.7 processor seconds: 10 000 repeats two hours on one core, eight
-minutes on sixteen. Needs numpy, scipy and threadpoolctl.
+processes. The summary is the tables of docs/benchmarks.md and docs/notes/statistics.md in Markdown, and tests
+outside 4 to 6 %, with their rate in the studies that raise no caution. A repeat of all 24 studies, power
+included, takes 3 processor seconds, most of them for the five of small groups: 1000 repeats 50 minutes on one
+core, four on sixteen. Needs numpy, scipy and threadpoolctl.
 """
 
 import argparse
@@ -296,26 +296,51 @@ def summary(file: Path) -> None:
     """Print the tables of a file."""
     blocks = stored(file).values()
     print(f"Processor seconds: {sum(item['seconds'] for item in blocks):.0f}\n")
-    power = [f"power: {TESTS[0]}", "whole shape", "particles", *DISCRIMINANT]
-    columns = [*TESTS, *DISCRIMINANT, f"cautions: {', '.join(CAUTIONS)}", *power]
-    print("| study |", " | ".join(columns), "|\n|---|", "---|" * len(columns), sep="")
+    cautions_of = f"cautions: {', '.join(CAUTIONS)}"
+    main = _Table(["study", *TESTS[:4], cautions_of, f"power: {TESTS[0]}", "whole shape", "particles"])
+    further = _Table(["study", TESTS[4], *DISCRIMINANT, "power: accuracy", "AUC"])
     outside = []
     for study in STUDIES:
         whole = [_collected(blocks, study, part, effect=False) for part in PARTS]
         strong = [_collected(blocks, study, part, effect=True)[0] for part in PARTS]
         if not any(len(p) for p, _ in whole):
             continue
-        rates = [*_rates(whole[0][0], len(TESTS)), *_rates(whole[1][0], len(DISCRIMINANT))]
-        powers = [*_rates(strong[0], len(TESTS))[:3], *_rates(strong[1], len(DISCRIMINANT))]
+        rates, powers = _rates(whole[0][0], len(TESTS)), _rates(strong[0], len(TESTS))
         cautions = next(given for p, given in whole if len(p))
         given = ", ".join(f"{100.0 * item:.0f}" for item in cautions.mean(axis=0))
-        cells = [*(_cell(item, 1) for item in rates), given, *(_cell(item, 0) for item in powers)]
-        print(f"| {study} |", " | ".join(cells), "|")
+        main.add(
+            study, [_cell(item, 1) for item in rates[:4]], [given], [_cell(item, 0) for item in powers[:3]]
+        )
+        further.add(
+            study,
+            [_bounded(whole[0][0], 4), *(_bounded(whole[1][0], item) for item in range(2))],
+            [_cell(item, 0) for item in _rates(strong[1], len(DISCRIMINANT))],
+        )
         for (p, cautions), tests in zip(whole, (TESTS, DISCRIMINANT), strict=True):
             for test, column in zip(tests, p.T, strict=False):
                 if test != "F" and not (test == "dispersion" and re.search("doubled|grows", study)):
                     outside += _beyond(f"{study}, {test}", column, cautions.any(axis=1))
+    print(main, further, sep="\n\n")
     print("\nOutside 4 to 6 %, with 95 % intervals:\n", *outside, sep="\n")
+
+
+class _Table:
+    """A table in Markdown."""
+
+    def __init__(self, columns: Sequence[str]) -> None:
+        self.lines = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
+
+    def add(self, study: str, *cells: Sequence[str]) -> None:
+        self.lines.append(f"| {' | '.join([study, *(cell for some in cells for cell in some)])} |")
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines)
+
+
+def _bounded(p: np.ndarray, column: int) -> str:
+    """Return the cell of a test with its interval."""
+    there = len(p) and np.isfinite(p[:, column]).all()
+    return _share(p[:, column] <= ALPHA) if there else "–"
 
 
 def _rates(p: np.ndarray, tests: int) -> list[float]:
@@ -334,18 +359,19 @@ def _beyond(name: str, p: np.ndarray, cautioned: np.ndarray) -> list[str]:
     calls = p <= ALPHA
     if not np.isfinite(p).all() or 0.04 <= calls.mean() <= 0.06:
         return []
+    rest = calls[~cautioned]
     return [
-        f"- {name}: {_share(calls)}; a caution in {100.0 * cautioned.mean():.0f} %, of the others "
-        f"{_share(calls[~cautioned])}"
+        f"- {name}: {_share(calls)} % of {len(calls)}; a caution in {100.0 * cautioned.mean():.0f} %, of the "
+        f"other {len(rest)} {_share(rest)} %"
     ]
 
 
 def _share(calls: np.ndarray) -> str:
-    """Return the share of studies called significant with Wilson's interval, for those without a caution."""
+    """Return the percentage of studies called significant with Wilson's interval."""
     if not len(calls):
-        return "none"
+        return "–"
     low, high = stats.binomtest(int(calls.sum()), len(calls)).proportion_ci(method="wilson")
-    return f"{100.0 * calls.mean():.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f}) of {len(calls)}"
+    return f"{100.0 * calls.mean():.1f} ({100.0 * low:.1f} to {100.0 * high:.1f})"
 
 
 def _collected(
