@@ -16,6 +16,7 @@ import warp as wp
 from homolog.arrays import BoolArray, FloatArray
 from homolog.correspondence.engine import Engine, Particles
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
+from homolog.correspondence.fields import opening_scale
 from homolog.correspondence.launcher import Launcher, copy_between
 from homolog.correspondence.prepared_cohort import (
     MEAN_AREA,
@@ -25,7 +26,7 @@ from homolog.correspondence.prepared_cohort import (
     prepare_cohort,
 )
 from homolog.correspondence.schedule import Weights
-from homolog.correspondence.surface_sets import Similarity, SurfaceSet, length_unit, opening_scale
+from homolog.correspondence.surface_sets import Similarity, SurfaceSet, length_unit
 from homolog.correspondence.types import Shape
 from homolog.geodesics import solve_tables
 from homolog.memory import Store, in_memory
@@ -99,7 +100,9 @@ def prepare_on(
     unit = length_unit(shapes)
     opening = settings.opening_weight if settings.method.uses_normals else 0.0
     ways = [Similarity(shape.alignment[:3, :3] / unit, shape.alignment[:3, 3] / unit) for shape in shapes]
-    openings = opening_scale(shapes, ways, opening, part_of(tick, 0.0, 0.05)) if opening else 0.0
+    openings = 0.0
+    if opening:
+        openings = opening_scale(shapes, ways, opening, part_of(tick, 0.0, 0.05), device=devices[0])
     spans = _spans(len(shapes), len(devices))
     free = np.full(len(shapes), True) if free_shapes is None else free_shapes
     parts = tuple(

@@ -106,7 +106,8 @@ class Engine:
         if saved is not None:
             self._restore(saved)
         else:
-            self.faces = wp.array(self._nearest_faces(), dtype=int, device=launcher.device)
+            self.faces = wp.zeros(self.total, dtype=int, device=launcher.device)
+            self.find_faces()
             self._take_means()
 
     def _lay_out(
@@ -267,7 +268,11 @@ class Engine:
 
     def find_faces(self) -> None:
         """Search every particle's face in space, for walks that were trapped."""
-        self.faces.assign(self._nearest_faces())
+        if self.launch.device == "cpu":
+            self.faces.assign(self._nearest_faces())
+        else:
+            given = [self.count, self.surface_set.surfaces, self.positions, self.normals]
+            self.launch(kernels.find_faces, self.total, [*given, self.faces])
 
     def surface_distances(self) -> FloatArray:
         """Return each particle's distance from its mesh, (M, n), in optimizer lengths; inf if not finite."""

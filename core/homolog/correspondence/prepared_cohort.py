@@ -9,15 +9,14 @@ import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray
 from homolog.correspondence.entropy.sampling import LIST_CUTOFF
+from homolog.correspondence.fields import field_array, opening_array
 from homolog.correspondence.schedule import MIN_FINE_PARTICLES, particle_counts
 from homolog.correspondence.surface_sets import (
     Similarity,
     SurfaceSet,
     build_surface_set,
-    field_array,
     length_unit,
     morton_ordered,
-    opening_array,
 )
 from homolog.correspondence.types import Shape
 from homolog.device import cores

@@ -1,21 +1,18 @@
-"""Distance fields and meshes on the device, in the optimizer's unit of length.
+"""Meshes on the device, in the optimizer's unit of length.
 
 The unit is one hundredth of the square root of the mean surface area, so that regularization and steps do not
 depend on the scale of the shapes.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import warp as wp
-from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from homolog.arrays import Array, BoolArray, DeviceArray, Float32Array, FloatArray, IntArray
-from homolog.correspondence.entropy.opening_angles import BALL_SIZE, opening_grid, openings_at
-from homolog.correspondence.kernels.functions import FieldData
+from homolog.arrays import Array, BoolArray, DeviceArray, FloatArray, IntArray
 from homolog.correspondence.kernels.particles import Surface
 from homolog.correspondence.poses import rescale, scales_of
 from homolog.correspondence.types import Shape
@@ -24,7 +21,6 @@ from homolog.errors import NumericalError
 from homolog.geodesics import GeodesicTable
 from homolog.geometry import transform_points
 from homolog.memory import Store, in_memory
-from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import in_threads
 
@@ -32,12 +28,10 @@ __all__ = [
     "Similarity",
     "SurfaceSet",
     "build_surface_set",
-    "field_array",
     "length_unit",
     "nearest_faces",
     "normalize_size",
-    "opening_array",
-    "opening_scale",
+    "on_device",
 ]
 
 
@@ -108,153 +102,6 @@ def normalize_size(shapes: Sequence[Shape]) -> list[Shape]:
     return [replace(shape, alignment=own) for shape, own in zip(shapes, grown, strict=True)]
 
 
-def field_array(
-    shapes: Sequence[Shape],
-    to_optimizer: Sequence[Similarity],
-    device: str,
-    tick: Tick = no_tick,
-    *,
-    store: Store = in_memory,
-) -> DeviceArray:
-    """Copy the distance fields to the device as cubic B-spline coefficients.
-
-    Parameters
-    ----------
-    shapes : sequence of Shape
-        Whose fields are copied.
-    to_optimizer : sequence of Similarity
-        From their coordinates to the optimizer's.
-    device : str
-        Warp device.
-    tick : Tick
-        Progress and cancelling.
-    store : Store
-        Where those of a CPU lie.
-
-    Returns
-    -------
-    array of fields on the device
-    """
-
-    def prepared(shape: Shape) -> tuple[Float32Array, FloatArray]:
-        field = shape.field
-        return _coefficients(field.values), field.index_to_world
-
-    references = []
-    made = zip(shapes, to_optimizer, in_threads(prepared, shapes, cores()), strict=True)
-    for index, (shape, similarity, field) in enumerate(made):
-        tick(index / len(shapes), f"distance field of {shape.name}")
-        references.append(_field_data(*field, similarity, similarity.scale, device, store))
-    return _pack(references, device)
-
-
-def opening_array(
-    shapes: Sequence[Shape],
-    to_optimizer: Sequence[Similarity],
-    weight: float,
-    device: str,
-    tick: Tick = no_tick,
-    *,
-    scale: float | None = None,
-    store: Store = in_memory,
-) -> DeviceArray:
-    """Copy the weighted opening angles to the device as cubic B-spline coefficients.
-
-    Angles are multiplied by the weight and by their standard deviation over a surface [rad], since angles
-    that hardly vary contain little information; or by `scale`, if it is given. Nothing is computed if the
-    weight is 0.
-
-    Parameters
-    ----------
-    shapes, to_optimizer, device, tick, store
-        As in `field_array`.
-    weight : float
-        Of opening angles relative to normals.
-    scale : float, optional
-        Weight times standard deviation, of another cohort.
-
-    Returns
-    -------
-    array of fields on the device
-    """
-    if weight == 0.0:
-        return _pack([FieldData() for _ in shapes], device)  # kernels skip fields of scale 0
-    openings = list(_openings(shapes, to_optimizer, tick, store))
-    scale = weight * float(np.mean([item.spread for item in openings])) if scale is None else scale
-    references = [
-        _field_data(item.coefficients, item.grid, similarity, scale, device, store)
-        for item, similarity in zip(openings, to_optimizer, strict=True)
-    ]
-    return _pack(references, device)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Openings:
-    """Opening angles of a shape as B-spline coefficients, their grid, and their deviation on the surface."""
-
-    coefficients: Float32Array
-    grid: FloatArray
-    spread: float
-
-
-def _openings(
-    shapes: Sequence[Shape], to_optimizer: Sequence[Similarity], tick: Tick, store: Store = in_memory
-) -> Iterator[_Openings]:
-    def prepared(pair: tuple[Shape, Similarity]) -> _Openings:
-        shape, similarity = pair
-        values, grid = opening_grid(shape.field, BALL_SIZE / similarity.scale)
-        spread = float(openings_at(shape.coarse_mesh.vertices, values, grid).std())
-        return _Openings(_coefficients(values), grid, spread)
-
-    pairs = zip(shapes, to_optimizer, strict=True)
-    for index, (shape, item) in enumerate(zip(shapes, in_threads(prepared, pairs, cores()), strict=True)):
-        tick(index / len(shapes), f"opening angles of {shape.name}")
-        yield replace(item, coefficients=store(item.coefficients))
-
-
-def opening_scale(
-    shapes: Sequence[Shape], to_optimizer: Sequence[Similarity], weight: float, tick: Tick = no_tick
-) -> float:
-    """Return the factor of opening angles in `opening_array`."""
-    return weight * float(np.mean([item.spread for item in _openings(shapes, to_optimizer, tick)]))
-
-
-def _pack(references: list[FieldData], device: str) -> DeviceArray:
-    fields = wp.array(references, dtype=FieldData, device=device)
-    fields.references = references  # an array of structs holds addresses only
-    return fields
-
-
-def _on_device(array: Array, dtype: type, device: str, store: Store) -> DeviceArray:
-    """Return a copy of an array: of a CPU's in a store, else in the device's memory."""
-    if store is in_memory or not wp.get_device(device).is_cpu:
-        return wp.array(array, dtype=dtype, device=device)
-    return wp.array(store(array), dtype=dtype, device=device, copy=False)
-
-
-def _coefficients(values: Float32Array) -> Float32Array:
-    coefficients: Float32Array = ndimage.spline_filter(values, order=3, output=np.float32, mode="mirror")
-    return coefficients
-
-
-def _field_data(
-    coefficients: Float32Array,
-    index_to_local: FloatArray,
-    similarity: Similarity,
-    scale: float,
-    device: str,
-    store: Store,
-) -> FieldData:
-    to_index = np.linalg.inv(similarity.linear @ index_to_local[:3, :3])
-    origin = -to_index @ similarity.apply(index_to_local[:3, 3])
-    data = FieldData()
-    data.coefficients = _on_device(coefficients, wp.float32, device, store)
-    data.to_index = wp.mat33(*to_index.astype(np.float32).ravel().tolist())
-    data.origin_index = wp.vec3(*origin.tolist())
-    data.scale = scale
-    return data
-
-
 def build_surface_set(
     meshes: Sequence[TriangleMesh],
     tables: Sequence[GeodesicTable | None],
@@ -315,12 +162,19 @@ def _surface(
     surface = Surface()
     surface.fixed = int(not is_free)
     surface.size = 0.01 * math.sqrt(mesh.area)
-    surface.vertices = _on_device(mesh.vertices.astype(np.float32), wp.vec3, device, store)
-    surface.faces = _on_device(mesh.faces, wp.vec3i, device, store)
-    surface.face_neighbours = _on_device(neighbours, wp.vec3i, device, store)
+    surface.vertices = on_device(mesh.vertices.astype(np.float32), wp.vec3, device, store)
+    surface.faces = on_device(mesh.faces, wp.vec3i, device, store)
+    surface.face_neighbours = on_device(neighbours, wp.vec3i, device, store)
     if table is not None:
         surface.table = table.on_device(device, similarity.scale)
     return surface
+
+
+def on_device(array: Array, dtype: type, device: str, store: Store) -> DeviceArray:
+    """Return a copy of an array: of a CPU's in a store, else in the device's memory."""
+    if store is in_memory or not wp.get_device(device).is_cpu:
+        return wp.array(array, dtype=dtype, device=device)
+    return wp.array(store(array), dtype=dtype, device=device, copy=False)
 
 
 def morton_ordered(mesh: TriangleMesh) -> TriangleMesh:

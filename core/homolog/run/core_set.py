@@ -21,10 +21,11 @@ from homolog.cluster import SubjectWorkers
 from homolog.cohort import Cohort
 from homolog.correspondence import Shape
 from homolog.correspondence.ensemble import Ensemble, ShapeState, generalization_error, make_ensemble
+from homolog.correspondence.fields import opening_scale
 from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.poses import align_to_mean, entropy_step, generalized_procrustes
 from homolog.correspondence.shape_fit import first_particles, fit_shape, nearest_template, shape_state
-from homolog.correspondence.surface_sets import Similarity, length_unit, normalize_size, opening_scale
+from homolog.correspondence.surface_sets import Similarity, length_unit, normalize_size
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.atomic import report_os_errors

@@ -7,6 +7,7 @@ import warp as wp
 from scipy.spatial import cKDTree
 
 from homolog.correspondence.engine import Engine
+from homolog.correspondence.fields import field_array, opening_array
 from homolog.correspondence.kernels import particles as kernels
 from homolog.correspondence.kernels import step as step_kernels
 from homolog.correspondence.launcher import Launcher
@@ -15,9 +16,7 @@ from homolog.correspondence.surface_sets import (
     Similarity,
     build_surface_set,
     face_neighbours,
-    field_array,
     nearest_faces,
-    opening_array,
 )
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
@@ -113,6 +112,17 @@ def test_a_foot_follows_its_particle_around_the_rim_of_a_slab_though_the_particl
         places = [level.surfaces, vectors([[9.7, 0.3, -depth]]), vectors([[1.0, 0.0, 0.0]])]
         LAUNCHER(kernels.locate, 1, [1, *places, faces, feet])
     np.testing.assert_allclose(feet.numpy()["position"][0], [10.0, 0.3, -1.5], atol=1e-4)
+
+
+def test_faces_compared_by_a_kernel_are_those_of_the_search_tree(ball):
+    level = build_surface_set([ball.mesh], [None], [Similarity(np.eye(3), np.zeros(3))], "cpu")
+    points, outward = 9.7 * on_sphere(200), on_sphere(200, seed=1)  # most normals agree with no near face
+    outward[:100] = points[:100] / 9.7 * np.where(np.arange(100) % 2, 1.0, -1.0)[:, None]
+    points, normals = vectors(points), vectors(outward)
+    faces = wp.zeros(200, dtype=int, device="cpu")
+    LAUNCHER(kernels.find_faces, 200, [200, level.surfaces, points, normals, faces])
+    expected = nearest_faces(ball.mesh, points.numpy(), normals.numpy())
+    np.testing.assert_array_equal(faces.numpy(), expected)
 
 
 def test_face_neighbors_share_an_edge(ball):

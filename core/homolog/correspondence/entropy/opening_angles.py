@@ -6,14 +6,16 @@ Pottmann et al. 2009). It is a smooth function in space, so it has a gradient fo
 """
 
 import math
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from scipy import ndimage
 
-from homolog.arrays import Float32Array, FloatArray, IntArray
+from homolog.arrays import Float32Array, FloatArray
 from homolog.surfaces.distance_field import DistanceField
 
-__all__ = ["BALL_SIZE", "opening_grid", "openings_at"]
+__all__ = ["BALL_SIZE", "MARGIN_NODES", "OpeningGrid", "opening_grid", "openings_at"]
 
 BALL_SIZE = (
     4.0  # standard deviation of the ball, in optimizer lengths: 4 % of the root of the mean surface area
@@ -22,7 +24,46 @@ NODES_PER_SIZE = 2.5  # of the coarser grid in that length, enough for a smooth 
 MARGIN_NODES = 3  # coarse nodes added around the grid, for the splines
 
 
-def opening_grid(field: DistanceField, size: float) -> tuple[Float32Array, FloatArray]:
+@dataclass(frozen=True, slots=True, eq=False)
+class OpeningGrid:
+    """The grid of a shape's opening angles.
+
+    Attributes
+    ----------
+    shape : tuple of 3 int
+        Nodes along each axis.
+    block : int
+        Nodes of the distance field along each edge of a node's cube.
+    width : float
+        Standard deviation of the ball that is left to blur with [nodes].
+    index_to_local : (4, 4) array
+        Affine from indices to the field's coordinates [mm].
+    """
+
+    shape: tuple[int, int, int]
+    block: int
+    width: float
+    index_to_local: FloatArray
+
+    @classmethod
+    def of(cls, field: DistanceField, size: float) -> Self:
+        """Choose the grid for a ball of standard deviation `size` [mm]."""
+        spacing = field.spacing
+        block = max(1, int(size / (NODES_PER_SIZE * spacing)))
+        i, j, k = (-(-n // block) + 2 * MARGIN_NODES for n in field.values.shape)
+        remaining = max((size / spacing) ** 2 - (block**2 - 1) / 12.0, 0.01)  # means blur too
+        grid = field.index_to_world.copy()
+        grid[:3, 3] += grid[:3, :3] @ np.full(3, 0.5 * (block - 1) - MARGIN_NODES * block)
+        grid[:3, :3] *= block
+        return cls((i, j, k), block, math.sqrt(remaining) / block, grid)
+
+    def nodes(self, points: FloatArray) -> FloatArray:
+        """Return points (n, 3) in grid indices, (3, n)."""
+        axes, origin = self.index_to_local[:3, :3], self.index_to_local[:3, 3]
+        return np.asarray(np.linalg.solve(axes, (points - origin).T), np.float64)
+
+
+def opening_grid(field: DistanceField, size: float) -> tuple[Float32Array, OpeningGrid]:
     """Return opening angles on a grid.
 
     Parameters
@@ -35,31 +76,25 @@ def opening_grid(field: DistanceField, size: float) -> tuple[Float32Array, Float
     -------
     (I, J, K) float32 array
         Angles [rad], 0 far outside and 2 pi far inside.
-    (4, 4) float64 array
-        Affine from its indices to the field's coordinates [mm].
+    OpeningGrid
+        Where its nodes are.
     """
-    spacing = field.spacing
-    block = max(1, int(size / (NODES_PER_SIZE * spacing)))
-    nodes: IntArray = -(-np.array(field.values.shape) // block) * block
-    inside = np.clip(0.5 - field.values / spacing, 0.0, 1.0)
+    layout = OpeningGrid.of(field, size)
+    block = layout.block
+    inside = np.clip(0.5 - field.values / field.spacing, 0.0, 1.0)
     ends = [
-        (MARGIN_NODES * block, MARGIN_NODES * block + int(n) - have)
-        for n, have in zip(nodes, inside.shape, strict=True)
+        (MARGIN_NODES * block, (nodes - MARGIN_NODES) * block - have)
+        for nodes, have in zip(layout.shape, inside.shape, strict=True)
     ]
     inside = np.pad(inside, ends)
-    i, j, k = (n // block for n in inside.shape)
-    coarse = inside.reshape(i, block, j, block, k, block).mean(axis=(1, 3, 5), dtype=np.float32)
-    remaining_width = (
-        math.sqrt(max((size / spacing) ** 2 - (block**2 - 1) / 12.0, 0.01)) / block
-    )  # means blur too
-    inside_fraction = ndimage.gaussian_filter(coarse, remaining_width, mode="constant", truncate=MARGIN_NODES)
-    grid = field.index_to_world.copy()
-    grid[:3, 3] += grid[:3, :3] @ np.full(3, 0.5 * (block - 1) - MARGIN_NODES * block)
-    grid[:3, :3] *= block
-    return (2.0 * math.pi * inside_fraction).astype(np.float32), grid
+    if block > 1:
+        i, j, k = layout.shape
+        inside = inside.reshape(i, block, j, block, k, block).mean(axis=(1, 3, 5), dtype=np.float32)
+    inside_fraction = ndimage.gaussian_filter(inside, layout.width, mode="constant", truncate=MARGIN_NODES)
+    return (2.0 * math.pi * inside_fraction).astype(np.float32), layout
 
 
-def openings_at(points: FloatArray, values: Float32Array, grid: FloatArray) -> FloatArray:
+def openings_at(points: FloatArray, values: Float32Array, grid: OpeningGrid) -> FloatArray:
     """Interpolate opening angles at points.
 
     Parameters
@@ -68,13 +103,13 @@ def openings_at(points: FloatArray, values: Float32Array, grid: FloatArray) -> F
         In the field's coordinates [mm].
     values : (I, J, K) array
         Angles that `opening_grid` returned [rad].
-    grid : (4, 4) array
-        Their affine.
+    grid : OpeningGrid
+        Where they are.
 
     Returns
     -------
     (n,) array
         Angles [rad].
     """
-    nodes = np.linalg.solve(grid[:3, :3], (points - grid[:3, 3]).T)
+    nodes = grid.nodes(points)
     return np.asarray(ndimage.map_coordinates(values, nodes, np.float64, order=1, mode="nearest"))

@@ -21,12 +21,15 @@ __all__ = [
     "Pose",
     "StepParameters",
     "Surface",
+    "find_faces",
     "locate",
     "project",
 ]
 
 
 MIN_NORMAL_COSINE = wp.constant(0.5)  # between the normals of a face and a particle that agree
+N_NEAREST = wp.constant(24)  # faces among which the start of a walk is chosen
+MIN_START_COSINE = wp.constant(0.2)  # between a particle's normal and that of such a face
 
 
 @wp.struct
@@ -229,3 +232,49 @@ def locate(
         face = walk(s, nearest_agreeing_face(s, face, x, normals[p]), x)
     face_of[p] = face
     closest[p] = surface_point(s.vertices, s.faces, face, x)
+
+
+@wp.func
+def distance_to_centre(s: Surface, face: int, x: wp.vec3) -> float:
+    """Return the squared distance between x and the centre of a face."""
+    corners = s.faces[face]
+    centre = (s.vertices[corners[0]] + s.vertices[corners[1]] + s.vertices[corners[2]]) / 3.0
+    return wp.length_sq(x - centre)
+
+
+@wp.kernel
+def find_faces(
+    first: int,
+    per_shape: int,
+    surfaces: wp.array(dtype=Surface),
+    positions: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    face_of: wp.array(dtype=int),
+):
+    """Find the nearest face of each particle's mesh whose normal agrees, as the start of a walk.
+
+    Of the nearest `N_NEAREST` faces; the nearest one if the normal of none of them agrees. It compares all
+    faces, which is quick on a GPU only.
+    """
+    p = first + wp.tid()
+    s = surfaces[p // per_shape]
+    x = positions[p]
+    n = normals[p]
+    nearest = int(0)
+    agreeing = int(-1)
+    smallest = float(1.0e30)
+    smallest_agreeing = float(1.0e30)
+    for face in range(s.faces.shape[0]):
+        distance = distance_to_centre(s, face, x)
+        if distance < smallest:
+            smallest = distance
+            nearest = face
+        if distance < smallest_agreeing and normal_cosine(s, face, n) > MIN_START_COSINE:
+            smallest_agreeing = distance
+            agreeing = face
+    closer = int(0)
+    if agreeing != nearest and agreeing >= 0:
+        for face in range(s.faces.shape[0]):
+            if distance_to_centre(s, face, x) < smallest_agreeing:
+                closer += 1
+    face_of[p] = wp.where(agreeing >= 0 and closer < N_NEAREST, agreeing, nearest)
