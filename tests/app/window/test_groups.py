@@ -8,6 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PySide6.QtCore import QPoint
+from PySide6.QtGui import QImage
+from PySide6.QtWidgets import QMainWindow
 
 pytestmark = pytest.mark.window
 
@@ -234,6 +237,35 @@ def test_an_answer_whose_question_has_changed_is_dimmed_and_says_so(compare, bea
     assert page.stale.isVisible()
     session.undo.undo()
     assert not page.stale.isVisible()
+
+
+def test_a_dimmed_plot_is_paler_on_the_screen(qapp, plots, wait):
+    from homolog_app.window.explore.plot import Plot
+    from homolog_app.window.theme import Theme
+    from homolog_app.window.widgets import set_dimmed
+
+    class Line(Plot):
+        is_empty = False
+
+        def draw(self, figure):
+            figure.add_subplot().plot([0.0, 1.0], linewidth=8.0)
+
+    def contrast():
+        corner = plot.mapToGlobal(QPoint(0, 0))
+        shot = plot.screen().grabWindow(0, corner.x(), corner.y(), plot.width(), plot.height()).toImage()
+        grey = shot.convertToFormat(QImage.Format.Format_Grayscale8)
+        return np.frombuffer(grey.constBits(), np.uint8).std()
+
+    holder = QMainWindow()
+    plot = Line(Theme(qapp, "light"), "line", "")
+    holder.setCentralWidget(plot)
+    holder.resize(400, 300)
+    holder.show()
+    wait(lambda: contrast() > 20.0)
+    plotted = contrast()
+    set_dimmed(plot, dimmed=True)
+    wait(lambda: contrast() < 0.6 * plotted, 5.0)
+    holder.close()
 
 
 def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_p(

@@ -6,7 +6,7 @@ from typing import Protocol
 from matplotlib.artist import Artist
 from matplotlib.backends.backend_qtagg import FigureCanvasQTAgg
 from matplotlib.figure import Figure
-from PySide6.QtCore import SignalInstance
+from PySide6.QtCore import Qt, SignalInstance
 from PySide6.QtGui import QPaintEvent, QResizeEvent, QWheelEvent
 
 from homolog_app.plots import DPI, new_figure
@@ -53,6 +53,7 @@ class PlotCanvas(FigureCanvasQTAgg):
 
     def __init__(self, plot: Drawn) -> None:
         super().__init__(Figure(dpi=DPI, layout="constrained"))  # type: ignore[no-untyped-call]
+        self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent, on=False)  # it may be dimmed
         self._plot = plot
         self._is_new = self._is_due = True
         self._drawn: object = None
