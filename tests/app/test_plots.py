@@ -125,10 +125,18 @@ def test_the_discriminant_plot_keeps_the_groups_apart():
 
 
 def test_names_do_not_cover_each_other_and_those_of_selected_subjects_are_always_there():
-    axes, points = _axes(), np.array([[0.0, 0.0], [0.01, 0.0], [2.0, 2.0], [0.02, 0.0]])
+    axes, points = _axes(), np.array([[0.01 * k, 0.0] for k in range(6)] + [[2.0, 2.0]])
     axes.set(xlim=(-3.0, 3.0), ylim=(-3.0, 3.0))
-    drawn = draw_subjects(axes, points, ["a", "b", "c", "d"], ["b"], COLOURS)
-    assert [text.get_text() for text in axes.texts] == ["b", "c"]
+    names = ["subject a", "subject b", "subject c", "subject d", "subject e", "subject f", "alone"]
+    drawn = draw_subjects(axes, points, names, ["subject f"], COLOURS)
+    shown = [text.get_text() for text in axes.texts]
+    assert shown[0] == "subject f"
+    assert shown[-1] == "alone"
+    assert len(shown) == 5  # one in each corner of six marks that coincide
+    canvas = axes.figure.canvas
+    canvas.draw()
+    extents = [text.get_window_extent(canvas.get_renderer()) for text in axes.texts]
+    assert all(extents[k].count_overlaps(extents[:k]) == 0 for k in range(len(extents)))
     for artist in drawn:
         artist.remove()
     assert not axes.texts

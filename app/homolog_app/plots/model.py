@@ -1,6 +1,7 @@
 """Plots of a shape model and of its run."""
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -32,6 +33,7 @@ __all__ = [
 ]  # fmt: skip
 
 _SUBJECT_NAME = 28  # letters
+_ASIDE, _ABOVE = 8.0, 5.0  # points between a subject's mark and its name
 _MOST_BARS = 16
 _QUANTILE = 5.991464547107979  # 95 % of the chi-squared distribution with two degrees of freedom
 _LEAST = 3  # subjects of an ellipse
@@ -133,33 +135,60 @@ def draw_subjects(
 ) -> list[Artist]:
     """Write names next to subjects' points (n, 2), and draw a ring around selected ones.
 
-    A name that would cover another is left out, unless its subject is selected. The axes keep their limits.
+    A name that would cover another in every corner of its point is left out, unless its subject is
+    selected. The axes keep their limits.
     """
     drawn: list[Artist] = []
-    frame = axes.viewLim
     covered: list[Bbox] = []
+    marks = axes.transData.transform(points)
     for index in sorted(range(len(names)), key=lambda index: names[index] not in selected):
         (x, y), name = points[index], shortened(names[index], _SUBJECT_NAME)
-        is_right, is_high = x > frame.x0 + 0.6 * frame.width, y > frame.y0 + 0.85 * frame.height
-        left, bottom = (points_in(axes, at) for at in axes.transData.transform((x, y)))
-        width = LETTER * FONT_PT * len(name)
-        box = Bbox.from_bounds(left - is_right * (width + 16.0), bottom, width, 1.3 * FONT_PT)
         is_selected = names[index] in selected
+        size = FONT_PT if is_selected else TICK_PT
+        boxes = _name_boxes(axes, marks, index, LETTER * size * len(name), 1.3 * size)
+        free = [corner for corner, box in boxes.items() if not box.count_overlaps(covered)]
+        if not (free or is_selected):
+            continue
+        is_left, is_below = free[0] if free else next(iter(boxes))
+        covered.append(boxes[is_left, is_below])
         if is_selected:
             ring = Line2D([x], [y], marker="o", markersize=13, mfc="none", mec=colours.text, mew=1.5)
             drawn.append(axes.add_artist(ring))
-        elif box.count_overlaps(covered):
-            continue
-        covered.append(box)
         text = axes.annotate(
-            name, (x, y), (-8 if is_right else 8, -5 if is_high else 5), textcoords="offset points",
-            ha="right" if is_right else "left", va="top" if is_high else "bottom",
-            fontsize=FONT_PT if is_selected else TICK_PT, color=colours.text, zorder=5,
+            name, (x, y), (-_ASIDE if is_left else _ASIDE, -_ABOVE if is_below else _ABOVE),
+            textcoords="offset points", ha="right" if is_left else "left",
+            va="top" if is_below else "bottom", fontsize=size, color=colours.text, zorder=5,
             bbox={"facecolor": colours.surface, "alpha": 0.6, "pad": 0.5, "linewidth": 0.0},
         )  # fmt: skip
         complete_text(text)
         drawn.append(text)
     return drawn
+
+
+def _name_boxes(
+    axes: Axes, marks: FloatArray, index: int, width: float, height: float
+) -> dict[tuple[bool, bool], Bbox]:
+    """Return the places of a name in the four corners of its mark, by (left, below), the best first.
+
+    The best is inside the axes and covers few marks. Marks (n, 2) are in pixels, boxes in points.
+    """
+    scale = points_in(axes, 1.0)
+    x, y = scale * marks[index]
+    left, bottom, right, top = (scale * edge for edge in axes.bbox.extents)
+    boxes = {
+        (is_left, is_below): Bbox.from_bounds(
+            x - _ASIDE - width if is_left else x + _ASIDE,
+            y - _ABOVE - height if is_below else y + _ABOVE, width, height,
+        )
+        for is_left, is_below in product((False, True), repeat=2)
+    }  # fmt: skip
+
+    def cost(corner: tuple[bool, bool]) -> tuple[float, int]:
+        box = boxes[corner]
+        beyond = (left - box.x0, bottom - box.y0, box.x1 - right, box.y1 - top)
+        return sum(max(part, 0.0) for part in beyond), sum(box.contains(*mark) for mark in scale * marks)
+
+    return {corner: boxes[corner] for corner in sorted(boxes, key=cost)}
 
 
 def draw_place(axes: Axes, x: float, y: float | None, colours: Colours) -> Line2D:
