@@ -155,7 +155,7 @@ class OptimizationLoop:
         start, tick = self.poses, self.initial_tick
         registration = InitialRegistration(
             self.cohort.surface_set(count).meshes, count, self.settings.seed, self.landmarks,
-            part_of(tick, 0.0, 0.1),
+            part_of(tick, 0.0, 0.1), self.cohort.device,
         )  # fmt: skip
         first = 0.5 if self.aligns else 1.0  # of the progress; the rest is of a second try, if one is made
         self._register(registration, TANGENTIAL_WEIGHT, part_of(tick, 0.1, first))

@@ -8,8 +8,8 @@ from homolog.correspondence.initialization.registration import (
     ThinPlateMap,
     registration_tree,
     shape_distances,
-    spread_vertices,
 )
+from homolog.correspondence.initialization.spreading import spread_vertices
 from homolog.geometry import farthest_point_sampling
 from homolog.surfaces.mesh import TriangleMesh
 

@@ -19,12 +19,14 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from homolog.arrays import FloatArray, IntArray
+from homolog.correspondence.initialization.device_registration import DeviceRegistration, mean_distances
+from homolog.correspondence.initialization.spreading import spread_vertices
+from homolog.correspondence.kernels.registration import N_MATCHES
 from homolog.correspondence.poses import posed_meshes
 from homolog.device import cores
 from homolog.geometry import farthest_point_sampling, inverse_matrices, transform_points
 from homolog.progress import Tick, no_tick, part_of, run_in_background, run_in_threads
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.topology import edges
 from homolog.threads import in_threads, on_one_thread
 
 __all__ = [
@@ -33,7 +35,6 @@ __all__ = [
     "registration_tree",
     "shape_distances",
     "snap_to_mesh",
-    "spread_vertices",
 ]
 
 N_CONTROL_POINTS = 400  # of the thin-plate map, on the reference
@@ -42,7 +43,8 @@ N_TOGETHER, N_TOGETHER_OF_MANY = 8, 32  # shapes registered in one piece of work
 MANY_SHAPES = 128  # from which larger pieces pay
 MIN_LANDMARKS = 6  # for a thin-plate map; four points determine an affine map
 FIRST_SMOOTHING, LAST_SMOOTHING = 1e3, 10.0  # of the thin-plate map in the first and last round
-N_MATCHES, MATCH_WIDTH = 8, 4.0  # vertices averaged for a closest point; width of weights [optimizer lengths]
+SMOOTHINGS = np.geomspace(FIRST_SMOOTHING, LAST_SMOOTHING, N_ROUNDS).tolist()
+MATCH_WIDTH = 4.0  # width of the weights of the vertices averaged for a closest point [optimizer lengths]
 N_CANDIDATES, N_SAMPLES = 40, 200  # for the reference; points of each shape that are compared
 FEWEST_CANDIDATES, MAX_COMPARED = 10, 8000  # of large cohorts; pairs of shapes that are compared
 MIN_NORMAL_COSINE = 0.5  # between normals on the same wall
@@ -130,7 +132,7 @@ class Registration:
         counts = np.array([len(target.vertices) for target in targets])
         starts = (np.cumsum(counts) - counts)[:, None, None]
         deformed = np.stack(guesses, axis=1)  # (V, targets, 3)
-        for smoothing in np.geomspace(FIRST_SMOOTHING, LAST_SMOOTHING, N_ROUNDS):
+        for smoothing in SMOOTHINGS:
             wanted = features(deformed[self.control], self._control_normals(deformed))
             distances = np.empty((len(targets), len(self.control), N_MATCHES))
             rows = np.empty(distances.shape, dtype=np.int64)
@@ -141,7 +143,7 @@ class Registration:
             weights = np.exp(-0.5 * (squared - squared[..., :1]) / MATCH_WIDTH**2)
             weights /= weights.sum(axis=-1, keepdims=True)
             matched = np.einsum("tnk,tnkd->ntd", weights, vertices[rows + starts])
-            moved = self.maps.apply(matched.reshape(len(self.control), -1), float(smoothing))
+            moved = self.maps.apply(matched.reshape(len(self.control), -1), smoothing)
             deformed = moved.reshape(deformed.shape)
         return [TriangleMesh(deformed[:, index].copy(), self.source.faces) for index in range(len(targets))]
 
@@ -173,6 +175,8 @@ class InitialRegistration:
         registrations of the others start from the thin-plate map between them.
     tick : Tick
         Progress and cancelling.
+    device : str
+        Warp device, on which closest points are found.
     """
 
     def __init__(
@@ -182,9 +186,10 @@ class InitialRegistration:
         seed: int = 0,
         landmarks: FloatArray | None = None,
         tick: Tick = no_tick,
+        device: str = "cpu",
     ) -> None:
         self._meshes, self._landmarks = meshes, _landmark_vertices(meshes, landmarks)
-        self._reference, self._parents = registration_tree(*shape_distances(meshes, tick))
+        self._reference, self._parents = registration_tree(*shape_distances(meshes, tick, device))
         source = meshes[self._reference]
         begin = self._landmarks[self._reference]
         if not len(begin):
@@ -192,6 +197,13 @@ class InitialRegistration:
         self._chosen = spread_vertices(source, count, begin)
         self._registration = run_in_background(
             lambda _: Registration.of(source), part_of(tick, 1.0, 1.0), "first particles"
+        )
+        self._on_device = (
+            None
+            if device == "cpu"
+            else DeviceRegistration(
+                self._registration, match_width=MATCH_WIDTH, normal_length=NORMAL_LENGTH, device=device
+            )
         )
 
     @on_one_thread
@@ -250,39 +262,15 @@ class InitialRegistration:
             targets = [meshes[index] for index in chosen[some]]
             return self._registration.deform(targets, guesses[some], inner)
 
+        if self._on_device is not None:
+            tick(0.0, "first particles")
+            targets = [meshes[index] for index in chosen]
+            made = self._on_device.deform(targets, guesses, SMOOTHINGS)
+            return dict(zip(chosen, made, strict=True))
         size = N_TOGETHER if len(chosen) < MANY_SHAPES else N_TOGETHER_OF_MANY
         works = [partial(deform, slice(k, k + size)) for k in range(0, len(chosen), size)]
         deformed = chain(*run_in_threads(works, tick, "first particles", cores()))
         return dict(zip(chosen, deformed, strict=True))
-
-
-def spread_vertices(mesh: TriangleMesh, count: int, begin: IntArray) -> IntArray:
-    """Return vertices far from each other along the surface, so that both sides of a wall are covered.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    count : int
-        How many are chosen.
-    begin : (k,) int array
-        The first of them.
-
-    Returns
-    -------
-    (count,) int array
-        In the order in which they are chosen: each is the farthest from those before by paths along edges
-        (Gonzalez 1985).
-    """
-    pairs = edges(mesh.faces)
-    lengths = np.linalg.norm(np.diff(mesh.vertices[pairs], axis=1)[:, 0], axis=1)
-    rows, columns = np.concatenate([pairs, pairs[:, ::-1]]).T
-    graph = coo_array((np.tile(lengths, 2), (rows, columns)), shape=(len(mesh.vertices),) * 2).tocsr()
-    chosen = [int(vertex) for vertex in begin]
-    gap = dijkstra(graph, indices=chosen, min_only=True)
-    while len(chosen) < count:
-        chosen.append(int(gap.argmax()))
-        gap = np.minimum(gap, dijkstra(graph, indices=[chosen[-1]], min_only=True, limit=float(gap.max())))
-    return np.array(chosen)
 
 
 def _landmark_vertices(meshes: Sequence[TriangleMesh], landmarks: FloatArray | None) -> list[IntArray]:
@@ -315,11 +303,18 @@ def features(vertices: FloatArray, normals: FloatArray) -> FloatArray:
     return np.concatenate([vertices, NORMAL_LENGTH * normals], axis=-1)
 
 
-def shape_distances(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> tuple[IntArray, FloatArray]:
+def shape_distances(
+    meshes: Sequence[TriangleMesh], tick: Tick = no_tick, device: str = "cpu"
+) -> tuple[IntArray, FloatArray]:
     """Return at most 40 shapes (K,) and their mean distances to all shapes, both ways, shape (K, M).
 
     Of more than 200 shapes fewer are candidates for the reference, as comparing takes K M.
     """
+    count = min(N_CANDIDATES, max(FEWEST_CANDIDATES, MAX_COMPARED // len(meshes)))
+    candidates = np.arange(0, len(meshes), max(1, len(meshes) // count))
+    if device != "cpu":
+        tick(0.0, "most typical shape")
+        return candidates, mean_distances(meshes, candidates, N_SAMPLES, device)
     trees = [cKDTree(mesh.vertices) for mesh in meshes]
     points = []
 
@@ -329,8 +324,6 @@ def shape_distances(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> tup
     for index, chosen in enumerate(in_threads(spread_points, meshes, cores())):
         tick(0.5 * index / len(meshes), "most typical shape")
         points.append(chosen)
-    count = min(N_CANDIDATES, max(FEWEST_CANDIDATES, MAX_COMPARED // len(meshes)))
-    candidates = np.arange(0, len(meshes), max(1, len(meshes) // count))
     chosen_points = [points[k] for k in candidates]
 
     def means(tree: cKDTree, points: Sequence[FloatArray]) -> FloatArray:
