@@ -247,7 +247,7 @@ class DividedEngine(Engine):
         """Rebuild the neighbour lists, then move all particles `times` times."""
         for part in self._parts:
             part.locate()
-            part.sampling.rebuild_neighbour_lists(part.positions, part.closest)
+            part.sampling.rebuild_neighbour_lists(part.positions, part.faces, part.closest)
         for _ in range(times):
             self._move()
 

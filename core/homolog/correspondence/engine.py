@@ -14,6 +14,7 @@ from homolog.correspondence.entropy.means import DeviceMeans, Means
 from homolog.correspondence.entropy.sampling import LIST_CUTOFF, LIST_ITERATIONS, Sampling
 from homolog.correspondence.kernels import particles as kernels
 from homolog.correspondence.kernels import step as step_kernels
+from homolog.correspondence.kernels.functions import stencil_cache
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.schedule import Weights
 from homolog.correspondence.surface_sets import SurfaceSet, nearest_faces
@@ -149,6 +150,8 @@ class Engine:
         self.normals, self.centred, self.logs = vectors[:3]
         self.ensemble_part, self.normals_part, self.steps = vectors[3:]
         self.iteration = wp.zeros(1, dtype=int, **on_device)
+        cached = total if self.launch.device == "cpu" else 0
+        self._caches = [stencil_cache(cached, self.launch.device) for _ in range(2)]
         self._poses: DeviceArray = wp.zeros(self.shapes, dtype=kernels.Pose, **on_device)
 
     def _nearest_faces(self) -> IntArray:
@@ -239,7 +242,7 @@ class Engine:
     def iterate(self, times: int = LIST_ITERATIONS) -> None:
         """Rebuild the neighbour lists, then move all particles `times` times."""
         self.locate()
-        self.sampling.rebuild_neighbour_lists(self.positions, self.closest)
+        self.sampling.rebuild_neighbour_lists(self.positions, self.faces, self.closest)
         if self.launch.device == "cpu" or times != LIST_ITERATIONS:
             for _ in range(times):
                 self._move()
@@ -282,7 +285,8 @@ class Engine:
         return np.where(np.isfinite(distances), distances, np.inf)
 
     def _project(self, newton_steps: int = NEWTON_STEPS, *, only_free: bool = False) -> None:
-        given = [self.count, newton_steps, int(only_free), self.free, self.fields, self.opening_fields]
+        given = [self.count, newton_steps, int(only_free), self.free]
+        given += [self.fields, self.opening_fields, *self._caches]
         made = [self.positions, self.normals, self.shape_operators, self.openings]
         self.launch(kernels.project, self.total, [*given, *made])
 
@@ -313,7 +317,7 @@ class Engine:
     def compute_forces(self) -> None:
         """Compute the forces of the sampling entropy."""
         self.locate()
-        self.sampling.compute_forces(self.positions, self.normals, self.closest)
+        self.sampling.compute_forces(self.positions, self.normals, self.faces, self.closest)
 
     def combine(self) -> None:
         """Sum the forces on every particle."""

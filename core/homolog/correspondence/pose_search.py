@@ -18,6 +18,7 @@ from homolog.correspondence.engine import rotations
 from homolog.correspondence.ensemble import Ensemble
 from homolog.correspondence.initialization.registration import features
 from homolog.correspondence.kernels import particles as kernels
+from homolog.correspondence.kernels.functions import stencil_cache
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -93,7 +94,8 @@ class SurfacePoints:
     def _projected(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return points on the surface along the field's gradient, their normals and opening angles."""
         count, free = len(points), wp.array(np.ones(len(points)), dtype=int, device="cpu")
-        given = [count, _NEWTON_STEPS, 0, free, self._fields, self._opening_fields]
+        caches = [stencil_cache(0, "cpu") for _ in range(2)]
+        given = [count, _NEWTON_STEPS, 0, free, self._fields, self._opening_fields, *caches]
         positions = wp.array(points.astype(np.float32), dtype=wp.vec3, device="cpu")
         kinds = (wp.vec3, wp.mat33, wp.vec4)
         normals, operators, openings = (wp.zeros(count, dtype=kind, device="cpu") for kind in kinds)

@@ -10,8 +10,11 @@ from homolog.correspondence.engine import Engine
 from homolog.correspondence.fields import field_array, opening_array
 from homolog.correspondence.kernels import particles as kernels
 from homolog.correspondence.kernels import step as step_kernels
+from homolog.correspondence.kernels.functions import stencil_cache
+from homolog.correspondence.kernels.sampling import PairCodes
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.prepared_cohort import MEAN_AREA, prepare_cohort
+from homolog.correspondence.schedule import Weights
 from homolog.correspondence.surface_sets import (
     Similarity,
     build_surface_set,
@@ -33,7 +36,7 @@ def on_sphere(count, seed=0):
     return points / np.linalg.norm(points, axis=1, keepdims=True)
 
 
-def projected(shape, placement, points, steps=3):
+def projected(shape, placement, points, steps=3, cached=True):
     fields = field_array([shape], [placement], "cpu")
     positions = vectors(placement.apply(points))
     normals = wp.zeros(len(points), dtype=wp.vec3, device="cpu")
@@ -41,8 +44,9 @@ def projected(shape, placement, points, steps=3):
     free = wp.full(len(points), 1, dtype=int, device="cpu")
     opening_fields = opening_array([shape], [placement], 1.0, "cpu")
     openings = flat_openings(len(points))
+    caches = [stencil_cache(len(points) if cached else 0, "cpu") for _ in range(2)]
     given, made = (
-        [len(points), steps, 0, free, fields, opening_fields],
+        [len(points), steps, 0, free, fields, opening_fields, *caches],
         [positions, normals, shape_operators, openings],
     )
     LAUNCHER(kernels.project, len(points), [*given, *made])
@@ -260,6 +264,34 @@ def test_the_gradient_of_the_normals_matches_finite_differences(angle):
     np.testing.assert_allclose(analytic, difference, rtol=2e-3, atol=2e-3)
 
 
+def test_kept_coefficients_are_replaced_when_a_particle_leaves_its_cell(ball):
+    placement = Similarity(np.eye(3), np.zeros(3))
+    points = 12.0 * on_sphere(50)  # several cells from the surface: each Newton step enters another
+    for kept, read in zip(
+        projected(ball, placement, points), projected(ball, placement, points, cached=False), strict=True
+    ):
+        np.testing.assert_array_equal(kept, read)
+
+
+def test_kept_codes_give_the_particles_that_the_tables_give(ball):
+    cohort = prepare_cohort([ball, ball], OptimizeSettings(particles=64), device="cpu")
+    points = np.stack([cohort.to_optimizer[0].apply(10.0 * on_sphere(64, seed=5))] * 2)
+    ended = []
+    for keeps in (True, False):
+        engine = Engine(
+            cohort.fields, cohort.opening_fields, cohort.surface_set(64), points,
+            geodesic=True, area=MEAN_AREA, launcher=LAUNCHER,
+        )  # fmt: skip
+        if not keeps:
+            engine.sampling.known = wp.zeros((engine.total, 0), dtype=PairCodes, device="cpu")
+        engine.start_stage([Weights(0.02, 0.05, 1.0, 0.1, 0.5)] * 20)
+        for _ in range(4):
+            engine.iterate()
+        ended.append(engine.host_positions())
+    assert np.abs(ended[0] - points).max() > 1.0
+    np.testing.assert_array_equal(*ended)
+
+
 @pytest.mark.parametrize("method", ["geodesic", "euclidean"])
 def test_the_sampling_force_matches_finite_differences_of_the_sampling_energy(ball, method):
     cohort = prepare_cohort([ball, ball], OptimizeSettings(method=method, particles=64), device="cpu")
@@ -280,9 +312,9 @@ def test_the_sampling_force_matches_finite_differences_of_the_sampling_energy(ba
         if widths is not None:
             sampling.widths.assign(widths)
         engine.locate()
-        sampling.rebuild_neighbour_lists(engine.positions, engine.closest)
+        sampling.rebuild_neighbour_lists(engine.positions, engine.faces, engine.closest)
         for _ in range(rounds):
-            sampling.compute_forces(engine.positions, engine.normals, engine.closest)
+            sampling.compute_forces(engine.positions, engine.normals, engine.faces, engine.closest)
             sampling.widths.assign(sampling.next_widths)
         forces = sampling.forces.numpy().reshape(2, -1, 3)
         energy = sampling.energies.numpy().sum(dtype=float)

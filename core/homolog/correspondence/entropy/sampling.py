@@ -14,6 +14,7 @@ from homolog.correspondence.surface_sets import SurfaceSet
 __all__ = ["LIST_CUTOFF", "LIST_ITERATIONS", "Sampling"]
 
 MAX_NEIGHBOURS = 64  # per particle; an even layout needs 20
+KNOWN_NEIGHBOURS = 32  # whose codes in the geodesic table are kept
 SKIN_FACTOR = 1.08  # cutoff of neighbour lists over that of forces (Verlet skin)
 LIST_ITERATIONS = 5  # for which a neighbour list is valid
 GRID_CELLS = 64  # of the hash grid along each axis; twice as many for more particles than cells
@@ -53,14 +54,18 @@ class Sampling:
         self.counts = wp.zeros(total, dtype=int, **on_device)
         self.places = wp.zeros((total, MAX_NEIGHBOURS), dtype=wp.int8, **on_device)
         self.pairs = wp.zeros((total, MAX_NEIGHBOURS), dtype=wp.vec4, **on_device)
+        known = (total, KNOWN_NEIGHBOURS if launcher.device == "cpu" else 0)
+        self.known = wp.zeros(known, dtype=sampling_kernels.PairCodes, **on_device)
         self.forces = wp.zeros(total, dtype=wp.vec3, **on_device)
         self.spread = wp.zeros(total, dtype=wp.vec3, **on_device)
         self.side = math.ceil(round(layout.shapes ** (1.0 / 3.0), 6))
         cells = GRID_CELLS if total < GRID_CELLS**3 else 2 * GRID_CELLS
         self.grid = wp.HashGrid(cells, cells, cells, device=launcher.device)
 
-    def rebuild_neighbour_lists(self, positions: DeviceArray, closest: DeviceArray) -> None:
-        """Rebuild the neighbour lists."""
+    def rebuild_neighbour_lists(
+        self, positions: DeviceArray, faces: DeviceArray, closest: DeviceArray
+    ) -> None:
+        """Rebuild the neighbour lists (parameters as in `compute_forces`)."""
         layout = self.layout
         cutoff = layout.list_cutoff * float(self.surface_set.sizes.max())
         spacing = 2.4 * self.surface_set.extent + 2.0 * cutoff
@@ -71,30 +76,30 @@ class Sampling:
             device=self.launch.device,
         )
         self.grid.build(self.spread, min(cutoff, 2.0 * self.surface_set.extent))
-        lists = [self.neighbours, self.counts]
+        lists = [self.neighbours, self.counts, self.places]
 
         def link() -> None:
-            self.launch(
-                sampling_kernels.link_neighbours,
-                self.total,
-                [layout, self.grid.id, self.surface_set.surfaces, self.spread, closest, *lists],
-            )
-            self.launch(sampling_kernels.link_back, self.total, [*lists, self.places])
+            particles = [self.spread, faces, closest, self.known]
+            given = [layout, self.grid.id, self.surface_set.surfaces, *particles]
+            self.launch(sampling_kernels.link_neighbours, self.total, [*given, *lists])
+            self.launch(sampling_kernels.link_back, self.total, lists)
 
         self.launch.in_order(link, layout.per_shape)
 
-    def compute_forces(self, positions: DeviceArray, normals: DeviceArray, closest: DeviceArray) -> None:
+    def compute_forces(
+        self, positions: DeviceArray, normals: DeviceArray, faces: DeviceArray, closest: DeviceArray
+    ) -> None:
         """Compute widths, energies and forces.
 
         Parameters
         ----------
         positions, normals : (M n,) arrays of vec3
             Of the particles.
-        closest : (M n,) array
-            Closest points on the meshes, from which geodesic distances are looked up.
+        faces, closest : (M n,) arrays
+            Closest faces and points of the meshes, from which geodesic distances are looked up.
         """
         lists = [self.neighbours, self.counts]
-        geometry = [self.surface_set.surfaces, positions, normals, closest]
+        geometry = [self.surface_set.surfaces, positions, normals, faces, closest, self.known]
         self.launch(
             sampling_kernels.measure_pairs,
             self.total,

@@ -9,11 +9,13 @@ wp.set_module_options({"enable_backward": False})
 __all__ = [
     "FieldData",
     "FieldPoint",
+    "StencilCache",
     "closest_on_triangle",
     "field_curvature",
     "field_point",
     "log_adjoint",
     "log_map",
+    "stencil_cache",
     "tangent",
 ]
 
@@ -69,12 +71,26 @@ def base_node(index: float, size: int) -> int:
 
 
 @wp.struct
-class Stencil:
-    """The 64 spline coefficients around a point, and their one-dimensional weights and slopes."""
+class StencilCache:
+    """Copies of the 64 coefficients around each particle, which lie far apart in the field; or empty."""
 
-    i: int
-    j: int
-    k: int
+    cells: wp.array(dtype=wp.vec3i)  # whose coefficients they are
+    lines: wp.array2d(dtype=wp.vec4)  # 16 along the third axis
+
+
+def stencil_cache(particles: int, device: str) -> StencilCache:
+    """Return the cache of a number of particles, nothing in it; with none, fields are read directly."""
+    cache = StencilCache()
+    cache.cells = wp.full(particles, wp.vec3i(-1, -1, -1), dtype=wp.vec3i, device=device)
+    cache.lines = wp.empty((particles, 16), dtype=wp.vec4, device=device)
+    return cache
+
+
+@wp.struct
+class Stencil:
+    """A point's cell, and the one-dimensional spline weights and slopes in it."""
+
+    cell: wp.vec3i
     t: wp.vec3  # where in the cell
     wx: wp.vec4
     wy: wp.vec4
@@ -85,14 +101,50 @@ class Stencil:
 
 
 @wp.func
-def stencil_at(field: FieldData, position: wp.vec3) -> Stencil:
-    """Find the stencil of a position."""
+def coefficient_line(field: FieldData, cell: wp.vec3i, a: int, b: int) -> wp.vec4:
+    """Return four coefficients along the third axis, the first ones of a cell for a = b = 0."""
+    i = cell[0] + a - 1
+    j = cell[1] + b - 1
+    return wp.vec4(
+        field.coefficients[i, j, cell[2] - 1],
+        field.coefficients[i, j, cell[2]],
+        field.coefficients[i, j, cell[2] + 1],
+        field.coefficients[i, j, cell[2] + 2],
+    )
+
+
+@wp.func
+def is_current(cache: StencilCache, p: int, cell: wp.vec3i) -> bool:
+    """Return whether the cache, if there is one, has the coefficients of particle p's cell."""
+    if cache.cells.shape[0] == 0:
+        return True
+    return cell == cache.cells[p]
+
+
+@wp.func
+def cached_line(field: FieldData, cache: StencilCache, p: int, s: Stencil, a: int, b: int) -> wp.vec4:
+    """Return `coefficient_line` of particle p's stencil, from the cache if there is one."""
+    if cache.lines.shape[0] > 0:
+        return cache.lines[p, 4 * a + b]
+    return coefficient_line(field, s.cell, a, b)
+
+
+@wp.func
+def stencil_at(field: FieldData, cache: StencilCache, p: int, position: wp.vec3) -> Stencil:
+    """Return the weights of a position; if particle p left its cell, the cache gets those around it."""
     index = field.to_index * position + field.origin_index
+    cell = wp.vec3i(
+        base_node(index[0], field.coefficients.shape[0]),
+        base_node(index[1], field.coefficients.shape[1]),
+        base_node(index[2], field.coefficients.shape[2]),
+    )
+    if not is_current(cache, p, cell):
+        cache.cells[p] = cell
+        for line in range(16):
+            cache.lines[p, line] = coefficient_line(field, cell, line // 4, line % 4)
     s = Stencil()
-    s.i = base_node(index[0], field.coefficients.shape[0])
-    s.j = base_node(index[1], field.coefficients.shape[1])
-    s.k = base_node(index[2], field.coefficients.shape[2])
-    s.t = wp.vec3(index[0] - float(s.i), index[1] - float(s.j), index[2] - float(s.k))
+    s.cell = cell
+    s.t = wp.vec3(index[0] - float(cell[0]), index[1] - float(cell[1]), index[2] - float(cell[2]))
     s.wx = spline_weights(s.t[0])
     s.wy = spline_weights(s.t[1])
     s.wz = spline_weights(s.t[2])
@@ -103,25 +155,14 @@ def stencil_at(field: FieldData, position: wp.vec3) -> Stencil:
 
 
 @wp.func
-def coefficient_line(field: FieldData, i: int, j: int, k: int) -> wp.vec4:
-    """Return four coefficients along the third axis."""
-    return wp.vec4(
-        field.coefficients[i, j, k - 1],
-        field.coefficients[i, j, k],
-        field.coefficients[i, j, k + 1],
-        field.coefficients[i, j, k + 2],
-    )
-
-
-@wp.func
-def field_point(field: FieldData, position: wp.vec3) -> FieldPoint:
-    """Value and gradient at a position (the Hessian is left zero)."""
-    s = stencil_at(field, position)
+def field_point(field: FieldData, cache: StencilCache, p: int, position: wp.vec3) -> FieldPoint:
+    """Value and gradient at the position of particle p (the Hessian is left zero)."""
+    s = stencil_at(field, cache, p, position)
     value = float(0.0)
     gradient = wp.vec3(0.0, 0.0, 0.0)
     for a in range(4):
         for b in range(4):
-            line = coefficient_line(field, s.i + a - 1, s.j + b - 1, s.k)
+            line = cached_line(field, cache, p, s, a, b)
             along = wp.dot(s.wz, line)
             value += s.wx[a] * s.wy[b] * along
             gradient += wp.vec3(
@@ -136,9 +177,9 @@ def field_point(field: FieldData, position: wp.vec3) -> FieldPoint:
 
 
 @wp.func
-def field_curvature(field: FieldData, position: wp.vec3) -> FieldPoint:
-    """Value, gradient and Hessian at a position."""
-    s = stencil_at(field, position)
+def field_curvature(field: FieldData, cache: StencilCache, p: int, position: wp.vec3) -> FieldPoint:
+    """Value, gradient and Hessian at the position of particle p."""
+    s = stencil_at(field, cache, p, position)
     ex = spline_second_derivatives(s.t[0])
     ey = spline_second_derivatives(s.t[1])
     ez = spline_second_derivatives(s.t[2])
@@ -148,7 +189,7 @@ def field_curvature(field: FieldData, position: wp.vec3) -> FieldPoint:
     mixed = wp.vec3(0.0, 0.0, 0.0)  # xy, yz, zx
     for a in range(4):
         for b in range(4):
-            line = coefficient_line(field, s.i + a - 1, s.j + b - 1, s.k)
+            line = cached_line(field, cache, p, s, a, b)
             along = wp.dot(s.wz, line)
             slope = wp.dot(s.dz, line)
             both = s.wx[a] * s.wy[b]

@@ -8,6 +8,7 @@ import warp as wp
 
 from homolog.correspondence.kernels.functions import (
     FieldData,
+    StencilCache,
     closest_on_triangle,
     field_curvature,
     field_point,
@@ -85,6 +86,8 @@ def project(
     free: wp.array(dtype=int),
     fields: wp.array(dtype=FieldData),
     opening_fields: wp.array(dtype=FieldData),
+    cache: StencilCache,
+    opening_cache: StencilCache,
     positions: wp.array(dtype=wp.vec3),
     normals: wp.array(dtype=wp.vec3),
     shape_operators: wp.array(dtype=wp.mat33),
@@ -102,14 +105,14 @@ def project(
     x = positions[p]
     limit = 1.5 / wp.length(wp.vec3(field.to_index[0, 0], field.to_index[1, 0], field.to_index[2, 0]))
     for _step in range(newton_steps * free[p]):
-        here = field_point(field, x)
+        here = field_point(field, cache, p, x)
         gradient_squared = wp.max(wp.length_sq(here.gradient), 1.0e-6)
         move = -here.value / gradient_squared * here.gradient
         length = wp.length(move)
         if length > limit:
             move = move * (limit / length)
         x = x + move
-    surface = field_curvature(field, x)
+    surface = field_curvature(field, cache, p, x)
     size = wp.max(wp.length(surface.gradient), 1.0e-6)
     n = surface.gradient / size
     flat = wp.identity(n=3, dtype=float) - wp.outer(n, n)
@@ -118,7 +121,7 @@ def project(
     shape_operators[p] = flat * surface.hessian * flat / size
     opening_field = opening_fields[p // per_shape]
     if opening_field.scale != 0.0:
-        opening = field_point(opening_field, x)
+        opening = field_point(opening_field, opening_cache, p, x)
         slope = opening.gradient
         openings[p] = wp.vec4(slope[0], slope[1], slope[2], opening.value)
 

@@ -4,13 +4,22 @@ import warp as wp
 
 from homolog.correspondence.kernels.functions import tangent
 from homolog.correspondence.kernels.particles import Layout, Surface
-from homolog.geodesics.kernels.lookup import SurfacePoint, geodesic
+from homolog.geodesics.kernels.lookup import (
+    CornerCodes,
+    PairDistance,
+    SurfacePoint,
+    TableData,
+    corner_codes,
+    geodesic,
+    interpolate,
+)
 
 wp.set_module_options({"enable_backward": False})
 
 __all__ = [
     "CUTOFF",
     "MAX_WIDTH_RATIO",
+    "PairCodes",
     "add_reaction_forces",
     "compute_forces",
     "link_back",
@@ -47,6 +56,54 @@ def spread(
     spread_positions[p] = positions[p] + spacing * cell
 
 
+ShortCodes = wp.types.matrix(shape=(3, 3), dtype=wp.uint16)
+
+
+@wp.struct
+class PairCodes:
+    """Codes of two faces in the geodesic table, whose rows lie far apart; kept for a pair of neighbours."""
+
+    face: int  # number from 1, 0 if nothing is kept
+    other_face: int
+    codes: ShortCodes
+
+
+@wp.func
+def pair_distance(
+    table: TableData,
+    known: wp.array(dtype=PairCodes, ndim=2),
+    faces: wp.array(dtype=int),
+    p: int,
+    k: int,
+    j: int,
+    x: SurfacePoint,
+    y: SurfacePoint,
+) -> PairDistance:
+    """Return the geodesic distance of particle p from j, its k-th neighbour.
+
+    The table is read only if one of them has left its face; without `known`, or beyond its rows, always.
+    """
+    if k >= known.shape[1] or x.corners == y.corners:
+        return geodesic(table, x, y)
+    face = faces[p] + 1
+    other_face = faces[j] + 1
+    codes = CornerCodes()
+    if known[p, k].face == face and known[p, k].other_face == other_face:
+        for a in range(3):
+            for b in range(3):
+                codes[a, b] = int(known[p, k].codes[a, b])
+    else:
+        codes = corner_codes(table, x.corners, y.corners)
+        pair = PairCodes()
+        pair.face = face
+        pair.other_face = other_face
+        for a in range(3):
+            for b in range(3):
+                pair.codes[a, b] = wp.uint16(codes[a, b])
+        known[p, k] = pair
+    return interpolate(table.unit, codes, x, y)
+
+
 @wp.kernel
 def link_neighbours(
     first: int,
@@ -54,13 +111,17 @@ def link_neighbours(
     grid: wp.uint64,
     surfaces: wp.array(dtype=Surface),
     spread_positions: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=int),
     closest: wp.array(dtype=SurfacePoint),
+    known: wp.array(dtype=PairCodes, ndim=2),
     neighbours: wp.array(dtype=int, ndim=2),
     counts: wp.array(dtype=int),
+    places: wp.array(dtype=wp.int8, ndim=2),
 ):
     """List the particles of the same shape within the cutoff, by geodesic or straight distance.
 
-    `counts` holds the number of neighbours, also where it exceeds the length of a row.
+    `places` are all -1 then. `counts` holds the number of neighbours, also where it exceeds the length of a
+    row.
     """
     p = first + wp.tid()
     shape = p // c.per_shape
@@ -78,10 +139,13 @@ def link_neighbours(
         if other != p and other // c.per_shape == shape and near:
             d = float(0.0)
             if c.geodesic == 1:
-                d = geodesic(table, closest_point, closest[other]).distance
+                d = pair_distance(
+                    table, known, faces, p, count, other, closest_point, closest[other]
+                ).distance
             if d >= 0.0 and d < cutoff:
                 if count < neighbours.shape[1]:
                     neighbours[p, count] = other
+                    places[p, count] = wp.int8(-1)
                 count += 1
     counts[p] = count
 
@@ -93,15 +157,18 @@ def link_back(
     counts: wp.array(dtype=int),
     places: wp.array(dtype=wp.int8, ndim=2),
 ):
-    """Find the place of each particle in the lists of its neighbours; -1 if it is in none."""
+    """Find the place of each particle in the lists of its neighbours; -1 if it is in none.
+
+    The particle of lower index writes both places.
+    """
     p = first + wp.tid()
     for k in range(wp.min(counts[p], neighbours.shape[1])):
         j = neighbours[p, k]
-        place = int(-1)
-        for other in range(wp.min(counts[j], neighbours.shape[1])):
-            if neighbours[j, other] == p:
-                place = other
-        places[p, k] = wp.int8(place)
+        if p < j:
+            for place in range(wp.min(counts[j], neighbours.shape[1])):
+                if neighbours[j, place] == p:
+                    places[p, k] = wp.int8(place)
+                    places[j, place] = wp.int8(k)
 
 
 @wp.kernel
@@ -111,7 +178,9 @@ def measure_pairs(
     surfaces: wp.array(dtype=Surface),
     positions: wp.array(dtype=wp.vec3),
     normals: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=int),
     closest: wp.array(dtype=SurfacePoint),
+    known: wp.array(dtype=PairCodes, ndim=2),
     neighbours: wp.array(dtype=int, ndim=2),
     counts: wp.array(dtype=int),
     places: wp.array(dtype=wp.int8, ndim=2),
@@ -142,7 +211,7 @@ def measure_pairs(
             reach = STRAIGHT_MARGIN * CUTOFF_RATIO * wp.max(s, widths[j])
             if wp.length_sq(straight) < reach * reach:
                 if c.geodesic == 1:
-                    pair = geodesic(table, closest_point, closest[j])
+                    pair = pair_distance(table, known, faces, p, k, j, closest_point, closest[j])
                     own = away(pair.at_x, n, pair.distance)
                     other = away(pair.at_y, normals[j], pair.distance)
                 else:

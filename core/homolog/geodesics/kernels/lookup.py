@@ -161,7 +161,13 @@ def geodesic(table: TableData, x: SurfacePoint, y: SurfacePoint) -> PairDistance
         pair.at_y = -pair.at_x
         pair.distance = wp.length(difference)
         return pair
-    codes = corner_codes(table, x.corners, y.corners)
+    return interpolate(table.unit, corner_codes(table, x.corners, y.corners), x, y)
+
+
+@wp.func
+def interpolate(unit: float, codes: CornerCodes, x: SurfacePoint, y: SurfacePoint) -> PairDistance:
+    """Return the geodesic distance of points of different triangles from the codes of their corners."""
+    pair = PairDistance()
     along_x = wp.vec3(0.0, 0.0, 0.0)  # y's interpolation at each corner of x
     along_y = wp.vec3(0.0, 0.0, 0.0)
     for i in range(3):
@@ -171,7 +177,7 @@ def geodesic(table: TableData, x: SurfacePoint, y: SurfacePoint) -> PairDistance
             if code == MISSING:
                 pair.distance = -1.0
                 return pair
-            d = float(code) * table.unit
+            d = float(code) * unit
             total += y.weights[j] * (d * d)
             along_y[j] = along_y[j] + x.weights[i] * (d * d)
         along_x[i] = total
