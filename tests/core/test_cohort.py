@@ -2,6 +2,7 @@ import os
 import pickle
 import sys
 
+import openpyxl
 import pytest
 
 from homolog.cohort import Subject, mask_files, read_cohort
@@ -107,6 +108,19 @@ def test_a_table_may_be_saved_by_any_spreadsheet_program(folder, content):
         "Änne", folder / "a.nrrd", "HCM", {"age": "61"},
     )  # fmt: skip
     assert (second.name, second.path, second.group) == ("y", folder / "sub" / "b.nii.gz", None)
+
+
+@pytest.mark.parametrize("name", ["cohort.tsv", "cohort.xlsx"])
+def test_a_folders_table_may_be_a_sheet_or_separated_by_tabs(folder, name):
+    rows = [line.split(",") for line in PLAIN.splitlines()]
+    if name == "cohort.tsv":
+        table(folder, "\n".join(map("\t".join, rows)), name)
+    else:
+        book = openpyxl.Workbook()
+        for row in rows:
+            book.active.append(row)
+        book.save(folder / name)
+    assert [subject.group for subject in read_cohort(folder).subjects] == ["HCM", None]
 
 
 def test_a_table_in_windows_own_letters_is_refused_with_the_remedy(folder):

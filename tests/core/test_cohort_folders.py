@@ -396,3 +396,11 @@ def test_scans_of_benchmarks_are_no_structures(tmp_path):
     oasis = [f"OAS_{i}/{kind}.nii.gz" for i in (3, 4) for kind in ("aligned_norm", "aligned_seg35")]
     cohort = [subject.path.name for subject in cohort_of(tmp_path, *kits, *oasis).subjects]
     assert cohort == ["aligned_seg35.nii.gz"] * 2 + ["segmentation.nii.gz"] * 2
+
+
+@pytest.mark.parametrize("times", [("visit1", "visit2"), ("baseline", "followup")])
+def test_folders_of_points_in_time_with_a_file_for_each_patient_are_groups(tmp_path, times):
+    cohort = cohort_of(tmp_path, *(f"{time}/pat{i}.nii.gz" for time in times for i in range(3)))
+    assert [(subject.name, subject.group) for subject in cohort.subjects] == [
+        (f"pat{i}_{time}", time) for time in times for i in range(3)
+    ]

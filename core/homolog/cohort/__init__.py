@@ -6,7 +6,7 @@ from pathlib import Path
 
 from homolog.cohort.dicom import dicom_files, is_dicom_seg, is_rtstruct
 from homolog.cohort.folder import read_folder
-from homolog.cohort.manifest import MANIFEST, names_files, read_manifest
+from homolog.cohort.manifest import MANIFESTS, names_files, read_manifest
 from homolog.cohort.pictures import pictures_in
 from homolog.cohort.sides import FROM_NAMES, LEFT, RIGHT, SIDE_COLUMN, Sides, other_side, sides_of
 from homolog.cohort.subject import (
@@ -62,9 +62,9 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
     ----------
     path : path
         A folder, or a table (CSV, TSV, XLSX) with the columns ``name,path[,group,…]`` and paths relative
-        to the table's folder. A ``cohort.csv`` in a folder takes precedence; without paths, it gives groups
-        and covariates of the folder's files. A folder may contain the files, or folders by subject,
-        structure, time point, side or group (docs/formats.md).
+        to the table's folder. A ``cohort.csv``, ``.tsv`` or ``.xlsx`` in a folder takes precedence; without
+        paths, it gives groups and covariates of the folder's files. A folder may contain the files, or
+        folders by subject, structure, time point, side or group (docs/formats.md).
 
     Returns
     -------
@@ -77,7 +77,7 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
     """
     path = Path(path)
     if path.is_dir():
-        cohort = _read_folder(path, path / MANIFEST)
+        cohort = _read_folder(path)
     elif path.is_file() and path.suffix.lower() in TABLE_SUFFIXES:
         cohort = read_manifest(path)
     elif path.is_file():
@@ -92,15 +92,16 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
     return cohort
 
 
-def _read_folder(folder: Path, manifest: Path) -> Cohort:
-    if not manifest.is_file():
+def _read_folder(folder: Path) -> Cohort:
+    manifest = next((place for name in MANIFESTS if (place := folder / name).is_file()), None)
+    if manifest is None:
         cohort = read_folder(folder)
         return Cohort(cohort.subjects, cohort.folder, (*cohort.notes, *_unused_tables(folder)))
     if names_files(manifest):
         return read_manifest(manifest)
     cohort = read_folder(folder)
     changes = with_table(cohort.subjects, manifest)
-    remarks = [f"{MANIFEST}: {line}" for line in changes.lines if changes.without_row or changes.unknown]
+    remarks = [f"{manifest.name}: {line}" for line in changes.lines if changes.without_row or changes.unknown]
     return Cohort(changes.subjects, folder, (*cohort.notes, *remarks))
 
 
@@ -108,7 +109,7 @@ _TRUTH = "truth.csv"  # of generated beans: says nothing of subjects
 
 
 def _unused_tables(folder: Path) -> list[str]:
-    """Return a note on the tables of a folder without a `cohort.csv`."""
+    """Return a note on the tables of a folder without one called cohort."""
     tables = sorted(
         entry.name
         for entry in folder.iterdir()
@@ -118,5 +119,8 @@ def _unused_tables(folder: Path) -> list[str]:
         and entry.name != _TRUTH
     )
     listed = f"{tables[0]} and {len(tables) - 1} more" if len(tables) > 1 else "".join(tables)
-    use = f"rename it to {MANIFEST}, or import it later: homolog table PROJECT TABLE, or File > Import table"
-    return [f"not used: {listed}; {use}"] if tables else []
+    if not tables:
+        return []
+    name = f"cohort{Path(tables[0]).suffix.lower()}"
+    use = f"rename it to {name}, or import it later: homolog table PROJECT TABLE, or File > Import table"
+    return [f"not used: {listed}; {use}"]

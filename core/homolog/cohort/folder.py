@@ -8,6 +8,7 @@ from pathlib import Path
 
 from homolog.cohort.dicom import holds_dicom, is_dicom_seg, series_below, series_of
 from homolog.cohort.file_names import (
+    are_times,
     copies_among,
     corrected,
     is_group,
@@ -237,13 +238,15 @@ def _of_label_folders(folder: Path, labels: Sequence[Path], others: Sequence[Pat
 def _are_subjects(by_folder: Mapping[Path, _Files]) -> bool:
     """Return whether folders are subjects with a file for each structure: they share the files' names.
 
-    Where files are numbered and folders are not, the files are the subjects.
+    Where files are numbered and folders are not, or are time points, the files are the subjects.
     """
     if _describe_contents(by_folder):
         return False
     counts = Counter(name.casefold() for files in by_folder.values() for name in files)
     numbered = [bool(re.search(r"\d", name)) for name in counts]
-    if 2 * sum(numbered) > len(numbered) and not any(re.search(r"\d", item.name) for item in by_folder):
+    folders = [item.name for item in by_folder]
+    are_persons = not any(re.search(r"\d", name) for name in folders) or are_times(folders)
+    if 2 * sum(numbered) > len(numbered) and are_persons:
         return False
     return len(by_folder) > 1 and max(counts.values()) * 2 > len(by_folder)
 

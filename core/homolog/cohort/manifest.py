@@ -9,9 +9,10 @@ from homolog.cohort.column_types import read_typed_rows
 from homolog.cohort.subject import Cohort, Subject, checked_path, image_beside, landmarks_beside
 from homolog.errors import InputError
 
-__all__ = ["MANIFEST", "OTHER_NAMES", "names_files", "own_columns", "place_of", "read_manifest"]
+__all__ = ["MANIFESTS", "OTHER_NAMES", "names_files", "own_columns", "place_of", "read_manifest"]
 
-MANIFEST = "cohort.csv"
+MANIFESTS = ("cohort.csv", "cohort.tsv", "cohort.xlsx")
+"""Names of a folder's own table, the first one that exists."""
 _OWN_COLUMNS = ("name", "path", "group", "landmarks", "image")
 # fmt: off
 OTHER_NAMES = {

@@ -11,9 +11,11 @@ from homolog.grooming.images import Segmentation
 from homolog.settings import Pieces
 from homolog.surfaces.topology import without_cavities
 
-__all__ = ["Cleaned", "cleaned"]
+__all__ = ["Cleaned", "cleaned", "is_pair"]
 
 _ANY_NEIGHBOUR = np.ones((3, 3, 3), dtype=bool)
+_LEAST_OF_PAIR, _MOST_OF_ALL = 0.5, 0.9
+"""The smaller of two pieces that are a pair, over the larger; of all voxels, what both have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +74,16 @@ def cleaned(segmentation: Segmentation, pieces: Pieces = Pieces.LARGEST) -> Clea
     touched = ((-1.0, start == 0), (1.0, stop == segmentation.mask.shape))
     borders = [sign * segmentation.rotation[:, axis] for sign, at in touched for axis in np.flatnonzero(at)]
     return Cleaned(result, count - 1, holes, tuple((float(x), float(y), float(z)) for x, y, z in borders))
+
+
+def is_pair(mask: BoolArray) -> bool:
+    """Return whether a mask is mainly two separate pieces of similar size, as both lungs are."""
+    sizes = np.sort(np.bincount(ndimage.label(mask, _ANY_NEIGHBOUR)[0].ravel())[1:])
+    return bool(
+        len(sizes) > 1
+        and sizes[-2] >= _LEAST_OF_PAIR * sizes[-1]
+        and sizes[-2:].sum() >= _MOST_OF_ALL * sizes.sum()
+    )
 
 
 def _box(mask: BoolArray) -> tuple[slice, ...]:

@@ -16,7 +16,9 @@ from homolog.errors import InputError, NumericalError, WorkerDiedError
 from homolog.files.markups import read_markups
 from homolog.grooming.align import of_other_units
 from homolog.grooming.cache import content_key, is_outdated, load_groomed, save_groomed
+from homolog.grooming.clean import is_pair
 from homolog.grooming.images import Segmentation
+from homolog.grooming.missing_slices import with_missing_slices
 from homolog.grooming.subject import GroomedSubject, Source, check_source, groom, read_source
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import GroomSettings
@@ -27,6 +29,13 @@ __all__ = ["Problem", "check_cohort", "groom_cohort"]
 _log = logging.getLogger(__name__)
 
 _PATIENCE = 0.1  # s between looks at the tick while workers are busy
+
+_MANY_PAIRS = 0.5
+"""Of the subjects: with fewer pairs, pieces are noise rather than two organs under one label."""
+_PAIR = (
+    "is in two separate pieces of similar size, as both lungs under one label are, of which only the larger "
+    "would be used; give each piece its own label (in 3D Slicer: Islands), or join them"
+)
 
 NO_SOURCES: Mapping[str, Source] = {}
 _Work = Future[tuple[str, GroomedSubject]]
@@ -49,7 +58,7 @@ def check_cohort(
 ) -> list[Problem]:
     """Read every file and return the problems, in the cohort's order.
 
-    Nothing is computed or written. Faults that only grooming can find are few: a grid that would not fit
+    Nothing is groomed or written. Faults that only grooming can find are few: a grid that would not fit
     into memory, a mesh too small for the edges asked for, or nothing left after smoothing.
 
     Parameters
@@ -67,17 +76,22 @@ def check_cohort(
     """
     problems = []
     called: dict[str, str] = {}
+    pairs: list[str] = []
     for index, subject in enumerate(cohort.subjects):
         tick(index / len(cohort.subjects), f"checking {subject.name}")
         try:
             source = _source(subject, settings, sources.get(subject.name))
             if isinstance(source, Segmentation) and source.name and settings.segment is None:
                 called[subject.name] = source.name.strip()
+            if isinstance(source, Segmentation) and is_pair(with_missing_slices(source)[0].mask):
+                pairs.append(subject.name)
             if subject.landmarks is not None:
                 read_markups(subject.landmarks)
         except InputError as error:
             problems.append(Problem(subject.name, str(error)))
     problems += _of_other_names(called)
+    if len(pairs) > 1 and len(pairs) >= _MANY_PAIRS * len(cohort.subjects):
+        problems += [Problem(name, f"{name}: {_PAIR}") for name in pairs]
     order = {item.name: index for index, item in enumerate(cohort.subjects)}
     return sorted(problems, key=lambda problem: order[problem.subject])
 

@@ -12,6 +12,7 @@ from homolog.grooming.clean import cleaned
 from homolog.grooming.fields import distance_field, volume_inside
 from homolog.grooming.images import Segmentation, read_segmentation
 from homolog.grooming.levels import MANY_CROSSED, USUAL_NODES, edges_crossed, level_of_voxels
+from homolog.grooming.missing_slices import with_missing_slices
 from homolog.grooming.structures import mask_of, masks_of
 from homolog.grooming.triangles import check_triangles, deviation, level_of_triangles
 from homolog.memory import Store
@@ -247,7 +248,8 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
     notes: list[str] = []
     surface = None
     if isinstance(source, Segmentation):
-        notes += source.notes
+        source, completed = with_missing_slices(source)
+        notes += [*source.notes, *completed]
         clean = cleaned(source, settings.pieces)
         dropped, filled, borders = clean.components_dropped, clean.holes_filled, clean.borders
         volume = source.volume

@@ -11,6 +11,7 @@ from homolog.cohort import Cohort, read_cohort
 from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.files.meshes import read_mesh
 from homolog.grooming import check_cohort, groom_cohort
+from homolog.grooming.images import Segmentation
 from homolog.settings import GroomSettings
 
 SETTINGS = GroomSettings(mesh_edge=2.0)
@@ -221,3 +222,12 @@ def test_a_subject_in_another_unit_is_left_out_like_one_that_cannot_be_groomed(c
     groomed = groom_cohort(cohort, SETTINGS, executor=Here(), left_out=problems, reduced=enlarged)
     assert [item.name for item in groomed] == ["a", "c"]
     assert [problem.subject for problem in problems] == ["b"]
+
+
+@pytest.mark.parametrize(("pairs", "refused"), [(1, []), (2, ["a", "b"])])
+def test_two_organs_under_one_label_are_refused_where_most_subjects_have_them(cohort, pairs, refused):
+    mask = np.zeros((20, 8, 8), bool)
+    mask[2:9, 2:6, 2:6] = mask[11:17, 2:6, 2:6] = True
+    pair = Segmentation(mask, np.eye(3), np.ones(3), np.zeros(3))
+    sources = dict.fromkeys("ab"[:pairs], pair)
+    assert [problem.subject for problem in check_cohort(cohort, SETTINGS, sources=sources)] == refused
