@@ -76,9 +76,9 @@ def _thick(segmentation: Segmentation, axis: int, labelled: IntArray, every: int
     return replace(segmentation, mask=np.pad(mask, ends), spacing=spacing, origin=segmentation.origin + shift)
 
 
-def _between(one: BoolArray, other: BoolArray) -> BoolArray:
+def _between(below: BoolArray, above: BoolArray) -> BoolArray:
     """Return the outline halfway between two."""
-    return np.asarray(_signed(one) + _signed(other) < 0.0)
+    return np.asarray(_signed(below) + _signed(above) < 0.0)
 
 
 def _signed(mask: BoolArray) -> Array:
