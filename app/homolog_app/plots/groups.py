@@ -10,7 +10,16 @@ from matplotlib.lines import Line2D
 
 from homolog.arrays import BoolArray, FloatArray
 from homolog_app.plots.model import draw_scores
-from homolog_app.plots.style import FONT_PT, LINE_PT, TICK_PT, dress, group_style, letters
+from homolog_app.plots.style import (
+    FONT_PT,
+    LINE_PT,
+    TICK_PT,
+    dress,
+    group_style,
+    letters,
+    points_in,
+    width_of,
+)
 from homolog_app.rendering.colours import Colours
 from homolog_app.rendering.text import legible, shortened
 
@@ -26,6 +35,7 @@ _WAVE = 2.4  # radians from subject to subject, so that neighbours don't hide ea
 _BOX = 0.28
 _LEAST_RANGE = 0.02  # of an axis of measures, relative to their size
 _UNUSUAL = 0.05
+_GAP_PT = 3.0  # between the texts below boxes
 _LEGIBLE = 8  # letters of a group's name below its box
 
 
@@ -134,19 +144,15 @@ def draw_boxes(
             part_of_box.set_color(colour)
         across = np.linspace(-0.5, 0.5, len(part)) * _BOX if len(part) > 1 else np.zeros(1)
         axes.plot(index + across, part, ".", color=colour, markersize=5)
-    room = letters(axes, 0.72 * axes.bbox.width / len(parts))  # the texts beside the frame take some
+    width = 0.72 * axes.bbox.width / len(parts)  # the texts beside the frame take some
+    room = points_in(axes, width) - _GAP_PT
     below = next(
-        (
-            texts
-            for texts in zip(*means, strict=True)
-            if max(len(line) for text in texts for line in text.splitlines()) < room
-        ),
-        [""] * len(parts),
+        (texts for texts in zip(*means, strict=True) if max(map(width_of, texts)) <= room), [""] * len(parts)
     )
     names = [legible(name) for name in names]
-    room = letters(axes, 0.74 * axes.bbox.width / len(parts))
-    if max(map(len, names), default=0) > room:
-        names = [shortened(name, room) if room >= _LEGIBLE else "" for name in names]
+    if max(map(width_of, names), default=0.0) > room:
+        count = letters(axes, width)
+        names = [shortened(name, count) if count >= _LEGIBLE else "" for name in names]
     axes.set_xticks(
         range(len(parts)), ["\n".join(filter(None, each)) for each in zip(names, below, strict=True)]
     )

@@ -5,13 +5,15 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import text_to_path
 
 from homolog_app.rendering.colours import Colours
 from homolog_app.rendering.text import shortened
 
 __all__ = [
     "DPI", "FONT_PT", "LETTER", "LINE_PT", "TICK_PT", "dress", "group_order", "group_style", "legend_above",
-    "letters", "new_figure", "points_in",
+    "letters", "new_figure", "points_in", "width_of",
 ]  # fmt: skip
 
 DPI = 96
@@ -67,6 +69,14 @@ def points_in(axes: Axes, pixels: float) -> float:
 def letters(axes: Axes, pixels: float) -> int:
     """Return the number of letters of a tick label that fit into a length."""
     return int(points_in(axes, pixels) / (LETTER * TICK_PT))
+
+
+def width_of(text: str) -> float:
+    """Return the width of a tick label in points, of its widest line."""
+    font = FontProperties(size=TICK_PT)
+    lines = text.splitlines()
+    widths = [text_to_path.get_text_width_height_descent(line, font, ismath=False)[0] for line in lines]
+    return float(max(widths, default=0.0))
 
 
 def legend_above(axes: Axes, colours: Colours) -> None:

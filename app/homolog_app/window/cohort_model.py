@@ -66,6 +66,8 @@ class CohortModel(QAbstractTableModel):
         """Return a column's title."""
         if orientation == Qt.Orientation.Horizontal and role == Qt.ItemDataRole.ToolTipRole:
             return _VOLUME_TIP if section == VOLUME else None
+        if role == Qt.ItemDataRole.TextAlignmentRole and section == VOLUME:
+            return int(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         if orientation != Qt.Orientation.Horizontal or role != Qt.ItemDataRole.DisplayRole:
             return None
         heads = (*_HEADS, *self._columns)

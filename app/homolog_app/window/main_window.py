@@ -30,7 +30,7 @@ from homolog_app.window.explore.patient_page import PatientPage
 from homolog_app.window.export.controller import ExportController
 from homolog_app.window.help import HelpController, Tour
 from homolog_app.window.project_controller import ProjectController
-from homolog_app.window.rail import STEPS, Rail, StatusBar, steps_of
+from homolog_app.window.rail import STEPS, DockSizes, Rail, StatusBar, steps_of
 from homolog_app.window.run_panel import GroomPanel, RunPanel
 from homolog_app.window.run_particles import EnergyCurves
 from homolog_app.window.start_page import StartPage
@@ -105,7 +105,7 @@ class Docks(QObject):
     ) -> None:
         super().__init__(window)
         self._window, self._workspace, self._explore = window, workspace, inspector.explore
-        self._inspector = inspector
+        self._sizes = DockSizes(window)
         self.curves = EnergyCurves(workspace.theme)
         self.log = LogPane(workspace.memory)
         bottom = Qt.DockWidgetArea.BottomDockWidgetArea
@@ -154,10 +154,16 @@ class Docks(QObject):
         self._curves_dock.setVisible(wanted and (session.job.run is not None or session.result is not None))
 
     def follow_size(self, size: QSize) -> None:
-        """Resize inspector and plots with a large window."""
-        self._inspector.setMinimumWidth(max(scaled(_NARROWEST), round(_WIDTH_SHARE * size.width())))
-        for plots in (self._plots, self.curves):
-            plots.setMinimumHeight(max(_FLATTEST, round(_HEIGHT_SHARE * size.height())))
+        """Resize inspector and plots with a large window, and give the space back when it shrinks."""
+        across, up = Qt.Orientation.Horizontal, Qt.Orientation.Vertical
+        width = max(scaled(_NARROWEST), round(_WIDTH_SHARE * size.width()))
+        height = max(_FLATTEST, round(_HEIGHT_SHARE * size.height()))
+        for dock, orientation, least in (
+            (self._inspector_dock, across, width),
+            (self._plots_dock, up, height),
+            (self._curves_dock, up, height),
+        ):
+            self._sizes.set_least(dock, orientation, least)
 
     def _show_result(self) -> None:
         result = self._workspace.session.result

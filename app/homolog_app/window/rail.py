@@ -7,7 +7,9 @@ from PySide6.QtCore import QObject, QRect, QSize, Qt, QTimer, Slot
 from PySide6.QtGui import QColor, QFont, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import (
     QAbstractButton,
+    QDockWidget,
     QFrame,
+    QMainWindow,
     QSizePolicy,
     QStatusBar,
     QVBoxLayout,
@@ -19,7 +21,7 @@ from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme, pixmap, scaled
 from homolog_app.window.widgets import GRID, ActionButton, ProgressBar, label
 
-__all__ = ["STEPS", "Rail", "StatusBar", "Step", "steps_of"]
+__all__ = ["STEPS", "DockSizes", "Rail", "StatusBar", "Step", "steps_of"]
 
 
 STEPS = ("cohort", "groom", "correspond", "explore")
@@ -220,3 +222,30 @@ class StatusBar(QObject):
 
     def _show_memory(self) -> None:
         self.memory.setText(f"Memory: {self._process.memory_info().rss / 2**20:.0f} MB")
+
+
+class DockSizes:
+    """Minimum sizes of docks; a dock that one has enlarged gets its former size when it falls again."""
+
+    def __init__(self, window: QMainWindow) -> None:
+        self._window = window
+        self._former: dict[QDockWidget, int] = {}
+
+    def set_least(self, dock: QDockWidget, orientation: Qt.Orientation, least: int) -> None:
+        """Set the minimum width or height of a dock."""
+        content = dock.widget()
+        assert content is not None
+        if orientation == Qt.Orientation.Horizontal:
+            before, now = content.minimumWidth(), content.width()
+            content.setMinimumWidth(least)
+        else:
+            before, now = content.minimumHeight(), content.height()
+            content.setMinimumHeight(least)
+        if dock.isHidden():
+            return
+        if now < least:
+            self._former.setdefault(dock, now)
+        elif least < before and now == before and dock in self._former:
+            self._window.resizeDocks([dock], [max(self._former[dock], least)], orientation)
+            if self._former[dock] >= least:
+                del self._former[dock]

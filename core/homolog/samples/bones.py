@@ -55,18 +55,33 @@ def _vertebra() -> TriangleMesh:
 
 @cache
 def _femur() -> TriangleMesh:
-    """Return the upper end of an average right femur: x to the middle, y forward, z upward."""
-    points, low = _grid((-42.0, -40.0, _CUT - 4.0), (74.0, 36.0, 74.0))
+    """Return the upper end of an average right femur: x to the left, y backward, z upward."""
+    points, low = _grid((-46.0, -46.0, _CUT - 4.0), (76.0, 42.0, 74.0))
     bow = points.copy()
-    bow[..., 1] -= 3.0 * (points[..., 2] / _CUT) ** 2
-    shaft = rod(bow, (0.0, 0.0, 2.0), (2.0, 0.0, _CUT - 30.0), (16.0, 13.5))
-    neck = rod(points, (4.0, -1.0, 14.0), tuple(_HEAD), (15.5, 12.5))
+    bow[..., 1] += 3.0 * (points[..., 2] / _CUT) ** 2
+    shaft = rod(bow, (0.0, 0.0, 0.0), (2.0, 0.0, _CUT - 30.0), (15.5, 13.0))
+    flare = rod(points, (1.0, 0.0, 12.0), (2.0, 0.0, -62.0), (19.0, 3.0))
+    line = rod(bow, (1.0, 9.0, -35.0), (2.0, 11.5, _CUT - 30.0), (3.0, 3.5))
+    upper_neck = rod(points, (0.0, 0.0, 15.0), (38.0, -8.0, 41.5), (15.0, 13.0))
+    lower_neck = rod(points, (5.0, 0.0, 6.0), (41.0, -8.5, 34.5), (15.5, 13.0))
     head = ellipsoid(points, tuple(_HEAD), (_HEAD_RADIUS,) * 3)
-    greater = ellipsoid(points, (-12.0, -5.0, 26.0), (15.0, 19.0, 25.0))
-    lesser = ellipsoid(points, (13.0, -15.0, -16.0), (9.0, 9.0, 13.0))
-    bone = united(united(shaft, neck, blend=12.0), greater, blend=9.0)
-    bone = united(united(bone, lesser, blend=9.0), head, blend=3.5)
+    pit = ellipsoid(points, tuple(_HEAD + (_HEAD_RADIUS + 3.0) * np.array([0.93, 0.33, -0.17])), (6.0,) * 3)
+    greater = ellipsoid(points, (-16.0, 1.0, 12.0), (13.0, 18.0, 27.0))
+    tip = ellipsoid(points, (-14.0, 9.0, 31.0), (9.0, 14.0, 13.5))
+    crest = rod(points, (-11.0, 14.0, 28.0), (12.0, 13.0, -12.0), (7.0, 5.0))
+    lesser = rod(points, (7.0, 6.0, -20.0), (17.5, 15.5, -16.0), (11.0, 4.5))
+    fossa = ellipsoid(points, (-2.0, 13.0, 33.0), (6.0, 8.0, 9.0))
+    bone = united(united(shaft, flare, blend=14.0), line, blend=6.0)
+    bone = united(united(bone, upper_neck, lower_neck, blend=9.0), greater, blend=10.0)
+    bone = united(united(bone, tip, crest, blend=7.0), lesser, blend=8.0)
+    bone = united(_hollowed(bone, fossa, blend=6.0), head, blend=5.0)
+    bone = _hollowed(bone, pit, blend=3.0)
     return surface_of(np.maximum(bone, _CUT - points[..., 2]), low, _SPACING, _VERTICES)
+
+
+def _hollowed(bone: FloatArray, hollow: FloatArray, blend: float) -> FloatArray:
+    """Return a solid without another, with a rounded edge."""
+    return -united(-bone, hollow, blend=blend)
 
 
 def make_vertebrae(subjects: int, seed: int) -> SampleStudy:
@@ -161,7 +176,7 @@ def make_femora(subjects: int, seed: int) -> SampleStudy:
 
 def _femur_of(values: dict[str, float], noise: Waves | None) -> _Deform:
     root = np.array([6.0, -1.0, 12.0])
-    cam = _HEAD + _HEAD_RADIUS * np.array([-0.66, 0.52, 0.54])
+    cam = _HEAD + _HEAD_RADIUS * np.array([-0.66, -0.52, 0.54])
 
     def deform(points: FloatArray) -> FloatArray:
         moved = points.copy()
@@ -170,11 +185,11 @@ def _femur_of(values: dict[str, float], noise: Waves | None) -> _Deform:
         moved += values.get("cam_mm", 0.0) * bump(points, cam, 7.5)[:, None] * outward
         near_head = step(-np.linalg.norm(points - _HEAD, axis=1), -36.0, -24.0)
         moved += (values.get("head", 1.0) - 1.0) * near_head[:, None] * (points - _HEAD)
-        above = bump(points, np.array([-14.0, -5.0, 46.0]), 13.0)
+        above = bump(points, np.array([-14.0, 9.0, 42.0]), 13.0)
         moved[:, 2] += values.get("greater_trochanter_mm", 0.0) * above
         share = step(points[:, 0] + 0.4 * points[:, 2], 12.0, 44.0)
         moved = turned(moved, root, 1, np.deg2rad(-values.get("neck_shaft_deg", 0.0)) * share)
-        moved = turned(moved, root, 2, np.deg2rad(values.get("anteversion_deg", 0.0)) * share)
+        moved = turned(moved, root, 2, np.deg2rad(-values.get("anteversion_deg", 0.0)) * share)
         if noise is not None:
             still = step(points[:, 2], _CUT, _CUT + 20.0)  # the cut stays flat
             moved += still[:, None] * noise(points)

@@ -164,21 +164,18 @@ class NormalSphere(QWidget):
 
     def _paint_text(self, painter: QPainter) -> None:
         colours, disc = self._theme.colours, self._disc
-        left, top = disc.right() + 2 * _MARGIN, disc.top() + 14
-        painter.setPen(QColor(colours.text))
-        painter.drawText(
-            QPointF(left, top), f"Normals of particle {self._particle} on {len(self._names)} shapes"
-        )
-        painter.setPen(QColor(colours.dim))
-        painter.drawText(
-            QPointF(left, top + 18), "+ mean normal. Rings: 30°, 60°, 90° from it. Hollow: more than 90°."
-        )
-        painter.drawText(QPointF(left, top + 44), "Farthest from the mean:")
-        painter.setPen(QColor(colours.text))
-        for row, line in enumerate(self._list()):
-            y = top + 64 + 18 * row
-            if y < self.height() - 4:
-                painter.drawText(QPointF(left + 8, y), line)
+        area = QRectF(self.rect())
+        area.adjust(disc.right() + 2 * _MARGIN, disc.top(), -_MARGIN, 0.0)
+        lines = "\n".join(f"  {line}" for line in self._list())
+        for colour, text in (
+            (colours.text, f"Normals of particle {self._particle} on {len(self._names)} shapes"),
+            (colours.dim, "+ mean normal. Rings: 30°, 60°, 90° from it. Hollow: more than 90°."),
+            (colours.dim, "Farthest from the mean:"),
+            (colours.text, lines),
+        ):
+            painter.setPen(QColor(colour))
+            painter.drawText(area, int(Qt.TextFlag.TextWordWrap), text)
+            area.setTop(painter.boundingRect(area, int(Qt.TextFlag.TextWordWrap), text).bottom() + 6.0)
 
 
 def _frame(mean: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTreeWidget, QTreeWidgetItem
 
 from homolog.analysis.cautions import p_number
@@ -13,6 +14,7 @@ from homolog_app.report.findings import LEVEL, correction_text, p_text
 from homolog_app.report.request import SIZE_TEXTS
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.theme import Theme
+from homolog_app.window.widgets import GRID
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -53,6 +55,8 @@ class GroupResults(QTreeWidget):
         self.setIndentation(8)
         self.setItemsExpandable(False)
         self.setAlternatingRowColors(True)
+        self.setWordWrap(True)  # names of groups may be long
+        self.setUniformRowHeights(False)
         self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
         self.header().setStretchLastSection(False)
         self.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
@@ -85,10 +89,23 @@ class GroupResults(QTreeWidget):
         self.texts = [_texts(item) for top in tops for item in (top, *_children(top))]
         self.expandAll()
         self.blockSignals(False)
-        rows = min(count + self.topLevelItemCount(), _MOST_ROWS)
-        height = self.sizeHintForRow(0) if rows else 0
-        self.setFixedHeight(self.header().sizeHint().height() + (rows + 1) * max(height, 1))
         self.setVisible(count > 1)
+        self._fit_height()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Wrap names at the new width, and take the height that they need."""
+        super().resizeEvent(event)
+        self.scheduleDelayedItemsLayout()
+        self._fit_height()
+
+    def _fit_height(self) -> None:
+        """Take the height of the first rows."""
+        tops = [self.topLevelItem(row) for row in range(self.topLevelItemCount())]
+        rows = [row for top in tops if top is not None for row in (top, *_children(top))]
+        heights = [self.visualItemRect(row).height() for row in rows[:_MOST_ROWS]]
+        height = self.header().sizeHint().height() + sum(heights) + 2 * self.frameWidth() + GRID
+        if height != self.height():
+            self.setFixedHeight(height)
 
     def _choose(self, item: QTreeWidgetItem | None) -> None:
         place = item.data(0, _PLACE) if item is not None else None

@@ -34,6 +34,7 @@ from homolog_app.window.widgets import (
     button,
     choice,
     label,
+    named_rows,
     rule,
     set_dimmed,
     set_enabled,
@@ -127,10 +128,7 @@ class GroupsPage(ExplorePage):
         slide.addWidget(PercentEdit("Percent of the way to the second group or value", self.way))
         slide.addWidget(label("%", "Unit"))
         answer.addLayout(slide)
-        choices = QHBoxLayout()
-        for box in (self.map, self.views):
-            choices.addWidget(box, 1)
-        answer.addLayout(choices)
+        answer.addLayout(named_rows((("Map", self.map), ("Views", self.views))))
         ticks = QHBoxLayout()
         for tick in (self.significant, self.arrows):
             ticks.addWidget(tick)

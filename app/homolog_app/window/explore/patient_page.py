@@ -328,7 +328,7 @@ class PatientPage(ExplorePage):
         self.nearest.setVisible(bool(self.nearest.text()))
         self.further.set_patient(compared, reference, self._values)
         self._offer_change()
-        for widget in (self.answer, self.save):
+        for widget in (self.answer, self.base):
             widget.setVisible(there)
         self._show_map()
 
