@@ -16,7 +16,7 @@ from homolog_app.window.dialogs import ErrorDialog, problem_report
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.project_controller import ProjectController
 from homolog_app.window.rail import steps_of
-from homolog_app.window.start_page import BEANS, HEARTS, Sample, Stop, stops_for
+from homolog_app.window.start_page import HEARTS, SAMPLES, Sample, Stop, stops_for
 from homolog_app.window.theme import pixmap
 from homolog_app.window.widgets import GRID, button, label
 from homolog_app.window.workspace import Controller, PreferencesDialog, Workspace, reported
@@ -170,7 +170,7 @@ class Tour(QObject):
         self.card.offer.clicked.connect(self._accept_offer)
         workspace.session.job_changed.connect(self._refresh)
         workspace.session.step_changed.connect(self._follow)
-        offers = {stop.offer for sample in (BEANS, HEARTS) for stop in sample.stops if stop.offer}
+        offers = {stop.offer for sample in SAMPLES.values() for stop in sample.stops if stop.offer}
         for offer in sorted(offers):
             commands[offer].changed.connect(self._refresh)
 
@@ -178,8 +178,7 @@ class Tour(QObject):
         """Return the handlers of the tour's commands."""
         return {
             "help.tour": self.begin,
-            "file.sample_hearts": partial(self.open_sample, HEARTS),
-            "file.sample": partial(self.open_sample, BEANS),
+            **{name: partial(self.open_sample, sample) for name, sample in SAMPLES.items()},
         }
 
     def open_sample(self, sample: Sample) -> None:

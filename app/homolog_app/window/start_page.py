@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
@@ -17,12 +18,12 @@ from homolog_app.window.runner import Status
 from homolog_app.window.theme import Theme, pixmap
 from homolog_app.window.widgets import GRID, ActionButton, Progress, button, label, rule
 
-__all__ = ["BEANS", "HEARTS", "Sample", "StartPage", "Stop", "stops_for"]
+__all__ = ["BEANS", "HEARTS", "SAMPLES", "Sample", "StartPage", "Stop", "stops_for"]
 
 
 _COMPLETE = ".complete"
 _SEED = 5
-_HEARTS = 20  # of twelve, permutation tests can't show the infarct
+_SUBJECTS = 20  # of twelve, permutation tests can't show the infarct
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,10 +89,10 @@ class Sample:
         return settings.model_copy(update=self.groom)
 
 
-def _write_hearts(folder: Path, tick: Tick) -> None:
+def _write_study(kind: str, folder: Path, tick: Tick) -> None:
     from homolog.samples import make_study, write_study
 
-    write_study(folder, make_study("hearts", _HEARTS, _SEED), _SEED, tick, scans=True)
+    write_study(folder, make_study(kind, _SUBJECTS, _SEED), _SEED, tick, scans=True)
 
 
 def _write_beans(folder: Path, tick: Tick) -> None:
@@ -200,24 +201,50 @@ _STOPS = (
     ),
 )
 
-HEARTS = Sample(
-    f"hearts-{_HEARTS}", _write_hearts, _HEART_STOPS, "truth/heart_01.ply", optimize={"particles": 256}
+_FRACTURE = (
+    "Half are healthy, half have a wedge fracture: the front of the vertebral body is lower. Group, age and "
+    "sex are in the table."
 )
+_CAM = (
+    "Left and right, cut through the shaft. Half have a cam deformity: a bump in front of the neck, next to "
+    "the head. Group, side, age and sex are in the table."
+)
+
+
+def _anatomy(kind: str, singular: str, stops: tuple[Stop, ...]) -> Sample:
+    truth, write = f"truth/{singular}_01.ply", partial(_write_study, kind)
+    return Sample(f"{kind}-{_SUBJECTS}", write, stops, truth, optimize={"particles": 256})
+
+
+HEARTS = _anatomy("hearts", "heart", _HEART_STOPS)
+_VERTEBRAE = _anatomy("vertebrae", "vertebra", (Stop("cohort", "Lumbar vertebrae", _FRACTURE), *_STOPS[1:]))
+_FEMORA = _anatomy("femora", "femur", (Stop("cohort", "Upper ends of femora", _CAM), *_STOPS[1:]))
 
 # Half turned a bean fits, too: alignment would turn some.
 BEANS = Sample("coffee-beans", _write_beans, _BEAN_STOPS, "truth.csv", groom={"alignment": Alignment.NONE})
+
+SAMPLES = {
+    "file.sample_hearts": HEARTS,
+    "file.sample_vertebrae": _VERTEBRAE,
+    "file.sample_femora": _FEMORA,
+    "file.sample": BEANS,
+}
+"""By the command that opens them."""
 
 
 def stops_for(study: Study) -> tuple[Stop, ...]:
     """Return the tour of a study: its own if it is a sample, else that of any study."""
     folders = {member.subject.path.parent for member in study.members}
-    for sample in (HEARTS, BEANS):
+    for sample in SAMPLES.values():
         if len(folders) == 1 and (next(iter(folders)) / sample.truth).is_file():
             return sample.stops
     return _STOPS
 
 
 _CARDS = ("file.new", "file.open", "file.sample_hearts")
+_FURTHER = {
+    "file.sample_vertebrae": "Vertebrae", "file.sample_femora": "Femora", "file.sample": "Coffee beans",
+}  # fmt: skip
 _RECENT = 6
 _TEXT_PX = 240
 
@@ -243,6 +270,7 @@ class StartPage(QFrame):
         self.hint = label("Or drop a folder, files or a project anywhere on this window.", "Hint")
         self.progress = Progress(actions["run.cancel"])
         self.progress.buttons.addStretch()
+        column.addLayout(self._further_row())
         column.addWidget(self.hint, alignment=Qt.AlignmentFlag.AlignHCenter)
         column.addWidget(self.progress)
         column.addSpacing(GRID)
@@ -322,6 +350,15 @@ class StartPage(QFrame):
             self._cards.append((card, icon, command(identifier).icon))
             grid.addWidget(card, 0, column)
         return grid
+
+    def _further_row(self) -> QHBoxLayout:
+        """Return the sample studies that have no card."""
+        row = QHBoxLayout()
+        row.addStretch()
+        row.addWidget(label("More sample studies:", "Hint"))
+        for identifier, title in _FURTHER.items():
+            row.addWidget(ActionButton(title, self._actions[identifier], "flat"))
+        return row
 
     def _card(self, identifier: str, text: str) -> tuple[QPushButton, QLabel]:
         card = ActionButton("", self._actions[identifier], "card")

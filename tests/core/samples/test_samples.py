@@ -74,3 +74,12 @@ def test_a_written_subject_grooms_to_its_true_surface(study, written):
 def test_what_cannot_be_made_is_refused(values):
     with pytest.raises(InputError):
         make_study(*values)
+
+
+def test_a_right_femur_has_its_head_in_front_and_its_lesser_trochanter_behind():
+    points = make_study("femora", 4, 1).reference.vertices  # x to the left, y backward
+    innermost = points[points[:, 0].argmax()]
+    below_the_neck = points[np.abs(points[:, 2] + 16.0) < 4.0]
+    hindmost = below_the_neck[below_the_neck[:, 1].argmax()]
+    assert innermost[1] < -5.0
+    assert hindmost[0] > 10.0

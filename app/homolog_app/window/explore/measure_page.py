@@ -48,7 +48,7 @@ __all__ = ["MeasurePage"]
 _REACH = 3.0
 _SAMPLES = 13
 _STEPS = 100
-_NAME_PX, _NUMBER_PX, _GROUP_PX = 88, 46, 80
+_NAME_PX, _NUMBER_PX, _GROUP_PX, _PADDING_PX = 88, 44, 80, 12
 _HEADS = ("Subject", "Group", "Dist.\n(mm)", "Vol.\n(ml)", "Area\n(cm²)", "Wall\n(mm)", "Dev.\n(mm)")
 _PARTICLES = ("First particle", "Second particle")
 _MODEL, _NOTHING = "Shape along the mode", "None"
@@ -316,7 +316,8 @@ class MeasurePage(ExplorePage):
         groups = [group or "" for group in result.groups]
         rows = zip(result.names, groups, *(column.tolist() for column in columns), strict=True)
         self.table.show_rows(list(rows))
-        widest = max(self.view.sizeHintForColumn(1), self.view.horizontalHeader().sectionSizeHint(1))
+        head = self.view.horizontalHeader().fontMetrics().horizontalAdvance(_HEADS[1]) + _PADDING_PX
+        widest = max(self.view.sizeHintForColumn(1), head)  # without the room for the arrow of sorting
         self.view.setColumnWidth(1, min(widest, scaled(_GROUP_PX)))
         for column in range(2, len(_HEADS)):
             self.view.setColumnWidth(column, max(scaled(_NUMBER_PX), self.view.sizeHintForColumn(column)))
