@@ -178,9 +178,10 @@ class ExportDialog(QDialog):
         self.show_.hide()
         self.go.setDefault(True)
         height = 300 if self.settings is None else 480
-        room = self.screen().availableGeometry().height() - _FRAME
-        wide, high = (1040, 1000) if self.preview else (640, 760)
-        self.resize(wide, min(high, room) if self.chooser else height)
+        room = self.screen().availableGeometry()
+        wide, high = (1168, 840) if self.preview else (640, 760)
+        high = min(high, room.height() - _FRAME) if self.chooser else height
+        self.resize(min(wide, room.width()), high)
 
     def _make_middle(self) -> QHBoxLayout:
         """Return the choices, the form of the settings, and the preview."""

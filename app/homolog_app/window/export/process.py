@@ -107,7 +107,7 @@ class ExportProcess(QObject):
                 part.unlink(missing_ok=True)
 
 
-_SIZE = 448
+_SIZE = 576
 _PAUSE_MS = 400
 _LEAST = 480, 320
 
