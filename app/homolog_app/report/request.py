@@ -1,12 +1,13 @@
 """The question of a study, stored in the project so that the report can be generated again."""
 
+import csv
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -24,6 +25,7 @@ __all__ = [
     "SHAPE_SIZE",
     "SIZE",
     "Answered",
+    "KeptStudy",
     "StudyRequest",
     "category_of",
     "column_of",
@@ -93,7 +95,7 @@ def columns_of(result: Result) -> set[str]:
     return {name for columns in result.columns for name in columns}
 
 
-_RECORD = "study.json"
+_RECORD, _TESTS = "study.json", "tests.csv"
 _LONGEST = 90
 SIZE_TEXTS = {
     Alignment.AS_IT_LIES: "as the shapes lie",
@@ -295,11 +297,28 @@ def read_requests(project: ProjectFolder) -> list[StudyRequest]:
     InputError
         If one of them is damaged.
     """
-    return [request for request, _ in kept_studies(project)]
+    return [study.request for study in kept_studies(project)]
 
 
-def kept_studies(project: ProjectFolder) -> list[tuple[StudyRequest, bool]]:
-    """Return the questions as `read_requests` does, each with whether its tables are out of date.
+class KeptStudy(NamedTuple):
+    """A question that is stored in a project.
+
+    Attributes
+    ----------
+    request : StudyRequest
+    is_outdated : bool
+        Whether its tables belong to earlier particles.
+    p : dict of str to float
+        The corrected p-value of each comparison; empty if its table can't be read.
+    """
+
+    request: StudyRequest
+    is_outdated: bool
+    p: Mapping[str, float]
+
+
+def kept_studies(project: ProjectFolder) -> list[KeptStudy]:
+    """Return the questions as `read_requests` does, with their answers.
 
     Raises
     ------
@@ -307,10 +326,19 @@ def kept_studies(project: ProjectFolder) -> list[tuple[StudyRequest, bool]]:
         If one of them is damaged.
     """
     kept = [
-        (_read(path)[0], (path.parent / OUT_OF_DATE).is_file())
+        KeptStudy(_read(path)[0], (path.parent / OUT_OF_DATE).is_file(), _stored_p(path.parent / _TESTS))
         for path in sorted((project.folder / "analysis").glob(f"*/{_RECORD}"))
     ]
-    return sorted(kept, key=lambda study: _place(study[0]))
+    return sorted(kept, key=lambda study: _place(study.request))
+
+
+def _stored_p(path: Path) -> dict[str, float]:
+    try:
+        with path.open(encoding="utf-8", newline="") as stream:
+            rows = list(csv.DictReader(stream))
+        return {row["comparison"]: float(row["p_permutation_corrected"]) for row in rows}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
 
 
 def _place(request: StudyRequest) -> tuple[str, int]:

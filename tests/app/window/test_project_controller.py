@@ -432,6 +432,10 @@ def test_answers_of_an_earlier_result_are_listed_as_out_of_date(explored, tmp_pa
     (study_folder(project, requests[1]) / OUT_OF_DATE).touch()
     page.enter()
     assert page.kept.text() == requests[0].title
+    table = "comparison,p_permutation_corrected\nb - a,0.034\n"
+    (study_folder(project, requests[0]) / "tests.csv").write_text(table, encoding="utf-8")
+    page.enter()
+    assert page.kept.text().replace("\xa0", " ") == f"{requests[0].title}: p = 0.034"
     assert requests[1].title in page.outdated.text()
     assert requests[0].title not in page.outdated.text()
 

@@ -9,7 +9,8 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QStackedWidget, QTabBar, QVBoxLayout, QWidget
 
 from homolog.errors import InputError
-from homolog_app.report.request import kept_studies
+from homolog_app.rendering.text import typeset
+from homolog_app.report.request import KeptStudy, kept_studies
 from homolog_app.studies.study import FILES, outdated_text
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.check_page import CheckPage
@@ -93,11 +94,11 @@ class OverviewPage(ExplorePage):
         except InputError as error:
             kept, text = [], str(error)
         else:
-            old = [study.title for study, outdated in kept if outdated]
+            old = [study.request.title for study in kept if study.is_outdated]
             text = "\n".join(
                 ["Out of date: particles were placed again. Compare again, or write the report:", *old]
             ) if old else ""  # fmt: skip
-        self.kept.setText("\n".join(study.title for study, outdated in kept if not outdated))
+        self.kept.setText("\n".join(_kept_line(study) for study in kept if not study.is_outdated))
         self.outdated.setText(text)
         self.kept.setVisible(bool(self.kept.text()))
         self.outdated.setVisible(bool(text))
@@ -119,6 +120,14 @@ class OverviewPage(ExplorePage):
             if folder
             else "Save the project to keep particles, shape model and tables."
         )
+
+
+def _kept_line(study: KeptStudy) -> str:
+    """Return a stored question with its p-values."""
+    from homolog.analysis.cautions import p_text
+
+    found = [p_text(p) if len(study.p) == 1 else f"{name} {p_text(p)}" for name, p in study.p.items()]
+    return typeset(": ".join([study.request.title, ", ".join(found)]) if found else study.request.title)
 
 
 PAGES: tuple[type[ExplorePage], ...] = (
