@@ -126,8 +126,8 @@ def _kept_line(study: KeptStudy) -> str:
     """Return a stored question with its p-values."""
     from homolog.analysis.cautions import p_text
 
-    found = [p_text(p) if len(study.p) == 1 else f"{name} {p_text(p)}" for name, p in study.p.items()]
-    return typeset(": ".join([study.request.title, ", ".join(found)]) if found else study.request.title)
+    p_values = [p_text(p) if len(study.p) == 1 else f"{name} {p_text(p)}" for name, p in study.p.items()]
+    return typeset(": ".join([study.request.title, *([", ".join(p_values)] if p_values else [])]))
 
 
 PAGES: tuple[type[ExplorePage], ...] = (
