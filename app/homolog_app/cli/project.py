@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from homolog.cohort import with_table
 from homolog.errors import InputError, NumericalError
 from homolog.files.project import ProjectFolder
-from homolog.files.records import ProjectRecord, ResultRecord
+from homolog.files.records import ProjectRecord, ResultRecord, note_lines
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog_app.cli.options import (
     Progress,
@@ -98,11 +98,8 @@ def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
         ("versions", ", ".join(f"{name} {number}" for name, number in result.versions.items())),
         ("fingerprint", result.fingerprint),
     ]
-    notes: dict[str, list[str]] = {}
-    for subject in result.subjects:
-        for note in subject.notes:
-            notes.setdefault(note, []).append(subject.name)
-    return facts + [("note", f"{', '.join(names)}: {note}") for note, names in notes.items()]
+    notes = {subject.name: subject.notes for subject in result.subjects}
+    return facts + [("note", line) for line in note_lines(notes, len(notes))]
 
 
 def _mirrored(result: ResultRecord) -> str:

@@ -4,6 +4,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from homolog.files.project import ProjectFolder
+from homolog.files.records import note_lines
 from homolog.settings import GroomSettings, OptimizeSettings
 from homolog.surfaces.mirroring import mirrors
 from homolog_app.rendering.text import millilitres, signed
@@ -36,6 +37,9 @@ class GroomPanel(Panel):
         self.report = label("", "Hint", wrap=True)
         self.report.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.subject = label("", "SectionTitle", wrap=True)
+        self.notes_title = label("Notes on all subjects", "SectionTitle")
+        self.notes = label("", "Hint", wrap=True)
+        self.notes.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.mirrored = label("", "Hint", wrap=True)
         self.again = ActionButton("Groom this subject again", actions["run.regroom"])
         self.body.addWidget(self.form)
@@ -43,6 +47,9 @@ class GroomPanel(Panel):
         self.body.addWidget(rule())
         for widget in (self.subject, self.report, self.again):
             self.body.addWidget(widget)
+        self.body.addSpacing(GRID)
+        self.body.addWidget(self.notes_title)
+        self.body.addWidget(self.notes)
         self.body.addStretch()
         self.progress = Progress(actions["run.cancel"])
         self.go = ActionButton("Groom", actions["run.groom"], "primary")
@@ -72,6 +79,10 @@ class GroomPanel(Panel):
         turned = [name for name, groomed in session.groomed.items() if mirrors(groomed.alignment)]
         self.mirrored.setText(f"Mirrored to the other side: {', '.join(turned)}")
         self.mirrored.setVisible(bool(turned))
+        notes = {name: groomed.subject.report.notes for name, groomed in session.groomed.items()}
+        self.notes.setText("\n".join(note_lines(notes)))
+        for widget in (self.notes_title, self.notes):
+            widget.setVisible(bool(self.notes.text()))
         name = session.selection[0] if session.selection else ""
         groomed = session.groomed.get(name)
         for widget in (self.subject, self.report, self.again):

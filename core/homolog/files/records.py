@@ -1,7 +1,7 @@
 """The schema of project.json: malicious or newer files are refused."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Literal
 
 import numpy as np
@@ -12,7 +12,10 @@ from homolog.files.names import checked_stem
 from homolog.settings import RunSettings
 from homolog.surfaces.mirroring import mirrors
 
-__all__ = ["FORMAT_VERSION", "IMPORTED", "ProjectRecord", "ResultRecord", "ResultSubject", "SubjectRecord"]
+__all__ = [
+    "FORMAT_VERSION", "IMPORTED", "ProjectRecord", "ResultRecord", "ResultSubject", "SubjectRecord",
+    "note_lines",
+]  # fmt: skip
 
 FORMAT_VERSION = 1
 IMPORTED = "imported"
@@ -20,8 +23,6 @@ IMPORTED = "imported"
 
 _NUMBER = re.compile(r"(?<![\w.-])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]*\w)")
 _PLURAL = re.compile(r"(?<=[a-z])s\b")
-_NAMED = 2
-"""Number of subjects named in a summary."""
 
 _Row = Annotated[list[float], Field(min_length=4, max_length=4)]
 _Path = Annotated[str, AfterValidator(checked_path)]
@@ -99,12 +100,8 @@ class ResultRecord(_Record):
 
     @property
     def remarks(self) -> list[str]:
-        """Notes, one line per kind, with ranges of their numbers."""
-        kinds: dict[str, list[tuple[str, str]]] = {}
-        for subject in self.subjects:
-            for note in subject.notes:
-                kinds.setdefault(_kind_of(note), []).append((subject.name, note))
-        return [_summary(noted) for noted in kinds.values()]
+        """Notes as by `note_lines`; of many subjects the first two are named."""
+        return note_lines({subject.name: subject.notes for subject in self.subjects})
 
     @property
     def mirrored_text(self) -> str:
@@ -156,11 +153,20 @@ def _kind_of(note: str) -> str:
     return _PLURAL.sub("", _NUMBER.sub("#", note))
 
 
-def _summary(noted: Sequence[tuple[str, str]]) -> str:
+def note_lines(notes: Mapping[str, Sequence[str]], most_names: int = 2) -> list[str]:
+    """Return the notes about subjects, by name: one line per kind, with ranges of their numbers."""
+    kinds: dict[str, list[tuple[str, str]]] = {}
+    for name, own in notes.items():
+        for note in own:
+            kinds.setdefault(_kind_of(note), []).append((name, note))
+    return [_summary(noted, most_names) for noted in kinds.values()]
+
+
+def _summary(noted: Sequence[tuple[str, str]], most_names: int) -> str:
     """Return one line for subjects with notes of one kind: 14 subjects (s013, s016, …): 2 to 5 pieces …."""
     names = list(dict.fromkeys(name for name, _ in noted))
-    who = ", ".join(names[:_NAMED])
-    if len(names) > _NAMED:
+    who = ", ".join(names[:most_names])
+    if len(names) > most_names:
         who = f"{len(names)} subjects ({who}, …)"
     columns = zip(*(_NUMBER.findall(note) for _, note in noted), strict=True)
     ranges = iter([sorted(set(column), key=float) for column in columns])

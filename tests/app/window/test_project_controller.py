@@ -405,6 +405,18 @@ def test_the_subject_that_an_error_names_can_be_shown_or_left_out(groomed, wait)
 
 
 @pytest.mark.window
+def test_notes_on_all_subjects_can_be_read_in_groom_one_line_for_each_kind(groomed):
+    panel, session = groomed.inspector.groom, groomed.workspace.session
+    assert panel.notes.isHidden()
+    for number, name in enumerate("ab", 1):
+        item = session.groomed[name]
+        report = replace(item.subject.report, notes=(f"{number} pieces came loose",))
+        session.add_groomed({name: replace(item, subject=replace(item.subject, report=report))})
+    assert panel.notes.text() == "a, b: 1 to 2 pieces came loose"
+    assert panel.notes.isVisibleTo(panel)
+
+
+@pytest.mark.window
 def test_buttons_can_be_pressed_only_when_their_command_can(groomed, wait):
     go, again = groomed.inspector.groom.go, groomed.inspector.groom.again
     groomed.workspace.session.select(["a"])

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
-from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
+from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject, note_lines
 from homolog.settings import RunSettings
 
 
@@ -66,6 +66,11 @@ def test_notes_of_one_kind_share_a_line_with_ranges_of_their_numbers():
 
 def test_a_line_for_two_subjects_names_both_and_one_number_stays_one():
     assert noted(a=["2 mm apart", "odd"], b=["2 mm apart"]) == ["a, b: 2 mm apart", "a: odd"]
+
+
+def test_a_line_names_as_many_subjects_as_wanted():
+    notes = {name: [f"{number} mm apart"] for number, name in enumerate("abc", 2)}
+    assert note_lines(notes, 3) == ["a, b, c: 2 to 4 mm apart"]
 
 
 def test_paths_start_at_the_project_and_follow_it_when_both_are_moved(tmp_path):
