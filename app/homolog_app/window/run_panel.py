@@ -81,8 +81,8 @@ class GroomPanel(Panel):
         self.mirrored.setVisible(bool(turned))
         notes = {name: groomed.subject.report.notes for name, groomed in session.groomed.items()}
         self.notes.setText("\n".join(note_lines(notes)))
-        for widget in (self.notes_title, self.notes):
-            widget.setVisible(bool(self.notes.text()))
+        self.notes_title.setVisible(bool(self.notes.text()))
+        self.notes.setVisible(bool(self.notes.text()))
         name = session.selection[0] if session.selection else ""
         groomed = session.groomed.get(name)
         for widget in (self.subject, self.report, self.again):
