@@ -146,7 +146,7 @@ class Cameras:
 
 _OVER = 0.5
 """Opacity of a surface that is overlaid on another."""
-_LEAST_MARGIN, _SPARSE = 0.94, 5
+_LEAST_MARGIN, _SMALL, _SPARSE = 0.94, 0.5, 5
 _SURFACES = ("raw", "groomed", "coarse")
 
 
@@ -317,13 +317,16 @@ class ViewCell:
     def widen(self, points: FloatArray, room: ViewMargins) -> None:
         """Zoom out if points (n, 3) would reach the letters at the edges, with the same centre.
 
-        Motion therefore remains visible.
+        Motion therefore remains visible. Points that fill less than half of the view belong to another
+        structure, and the view is fitted to them.
         """
         camera = self.renderer.GetActiveCamera()
         across, along, _ = np.abs((points - camera.GetFocalPoint()) @ self.axes.T).max(axis=0)
         needed = room.scale(across, along)
         if _LEAST_MARGIN * needed > camera.GetParallelScale():
             camera.SetParallelScale(needed)
+        elif needed < _SMALL * camera.GetParallelScale():
+            self.fit(points, room)
 
     @property
     def surface_actors(self) -> list[Any]:

@@ -50,3 +50,22 @@ def test_a_segment_is_picked_by_its_name_whatever_its_value(window, folder, wait
     assert session.study.settings.groom.segment == "lung"
     wait(lambda: all(not survey.problem for survey in session.surveys.values()))
     assert {round(survey.volume_ml, 6) for survey in session.surveys.values()} == {0.648}
+
+
+@pytest.mark.window
+def test_the_views_are_fitted_to_a_small_structure_that_is_chosen(window, tmp_path, wait):
+    import SimpleITK
+
+    voxels = np.zeros((30, 30, 30), np.uint8)
+    voxels[2:28, 2:28, 2:28], voxels[6:10, 6:10, 6:10] = 1, 2
+    for name in "ab":
+        SimpleITK.WriteImage(SimpleITK.GetImageFromArray(voxels), tmp_path / f"{name}.nrrd")
+    window.projects.open_paths([tmp_path])
+    session, scene = window.workspace.session, window.views.stage.scene
+    picker = window.inspector.cohort.labels
+    wait(lambda: len(session.surveys) == 2)
+    (camera, *_) = scene.grid.cameras.each
+    before = camera.GetParallelScale()
+    picker.choice.setCurrentIndex(picker.choice.findData("2"))
+    picker.choice.activated.emit(picker.choice.currentIndex())
+    wait(lambda: camera.GetParallelScale() < 0.5 * before, 10.0)
