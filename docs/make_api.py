@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import homolog as hl
+import homolog_app.api as of_projects
 from homolog.analysis.assumptions import Dispersion
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.discriminant import Discriminant
@@ -35,6 +36,7 @@ GROUPS: dict[str, list[Any]] = {
         Dispersion,
         Discriminant,
     ],
+    "Questions to projects, and reports": [of_projects.analyze, of_projects.Answer, of_projects.report],
     "One patient": [
         hl.make_reference,
         hl.Reference,
@@ -78,11 +80,13 @@ def reference() -> str:
 
 def _documented(member: Any) -> Iterator[str]:  # noqa: ANN401 - a class or a function
     name = member.__name__
-    public = name in hl.__all__
+    prefix = "hl." if name in hl.__all__ else ""
+    if inspect.isfunction(member) and not prefix:
+        prefix = f"{member.__module__}."
     signature = (
         _signature(member) if inspect.isfunction(member) or name in ("TriangleMesh", "Project") else ""
     )
-    yield f"### `{'hl.' if public else ''}{name}{signature}`\n"
+    yield f"### `{prefix}{name}{signature}`\n"
     yield from _markdown(inspect.getdoc(member) or "")
     if not inspect.isclass(member) or issubclass(member, Exception):
         return

@@ -9,18 +9,22 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import homolog as hl
 from homolog.errors import InputError
 from homolog.files.meshes import write_mesh
 from homolog.files.particles import read_particles, write_particles
 from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
+from homolog.files.report_details import Axes, ReportDetails, read_details
 from homolog.files.results import mean_file, particle_file, read_result
 from homolog.files.tables import write_table
 from homolog.settings import RunSettings
 from homolog.surfaces.mesh import TriangleMesh
+from homolog_app import api
 from homolog_app.cli import main
-from homolog_app.report.details import Axes, ReportDetails, directions_of, read_details
+from homolog_app.report.directions import directions_of
 from homolog_app.report.findings import corrections_text, p_text
+from homolog_app.report.page import Page
 from homolog_app.report.request import (
     Answered,
     StudyRequest,
@@ -30,7 +34,7 @@ from homolog_app.report.request import (
     write_request,
 )
 from homolog_app.report.sample import sample_rows
-from homolog_app.report.sheets import wrapped_cells
+from homolog_app.report.sheets import sheets_of, wrapped_cells
 from homolog_app.report.study import run_study
 from homolog_app.report.surface_maps import EDGE, INNER, OUTER, SurfaceCarrier
 
@@ -200,6 +204,34 @@ def test_structure_cohort_and_axes_are_kept_and_used(project, without_figures):
         read_details(project)
 
 
+def test_python_answers_describes_and_reports_as_the_commands_do(project, capsys, without_figures):
+    assert _analyze(project, "--between", "A", "B", "--covariates", "age", "--pairs", "twin") == 2
+    refused = capsys.readouterr().err
+    with pytest.raises(InputError) as error:
+        api.analyze(project.folder, between=["A", "B"], covariates=["age"], pairs="twin")
+    assert str(error.value) in refused
+    options = ["--between", "A", "B", "--covariates", "age", "grade", "--complete-cases", "--axes", "patient"]
+    assert _analyze(project, *options) == 0
+    printed = capsys.readouterr().out
+    form, shape = api.analyze(
+        project.folder, between=["A", "B"], covariates=["age", "grade"], complete_cases=True, axes="patient",
+        permutations=199, null_repeats=50,
+    )  # fmt: skip
+    assert f"{form.text}\n{shape.text}\n" == printed
+    assert any("excluded for missing values" in caution for caution in form.cautions)
+    assert (form.comparison.title, form.pairwise, form.seeds) == ("B - A", (), ())
+    opened = hl.Project(project.folder)
+    opened.describe(structure="sphere")
+    page = api.report(project.folder, cohort="Twins").read_text(encoding="utf-8")
+    assert "Structure: sphere. " in page
+    assert "Cohort: Twins." in page
+    assert opened.details == ReportDetails(structure="sphere", cohort="Twins", axes=Axes.PATIENT)
+    with pytest.raises(InputError, match="axes='scanner': choose one of auto, patient, file"):
+        opened.describe(axes="scanner")
+    with pytest.raises(InputError, match="structure: "):
+        opened.describe(structure="long" * 100)
+
+
 def test_axes_are_those_of_the_patient_only_if_all_files_say_so(project):
     record = project.read().result
     image = {"voxel": [1.0, 1.0, 1.0]}
@@ -222,6 +254,26 @@ def test_an_interval_that_is_wider_than_its_column_breaks_between_its_numbers():
     (lines,) = wrapped_cells(["-9.64 (-11.52 to -7.77)"], [5.9])
     assert len(lines) == 2
     assert " ".join(lines).split() == ["\u22129.64", "(\u221211.52", "to", "\u22127.77)"]
+
+
+def test_rows_of_a_long_table_are_not_broken_and_every_sheet_repeats_number_and_header():
+    page = Page("title", "notice")
+    page.paragraph("above")
+    page.table(["number", "remark"], [(f"row {row}", "long " * 60) for row in range(40)], caption="Remarks")
+    sheets = sheets_of(page)
+    assert len(sheets) > 2
+    rows = []
+    for number, sheet in enumerate(sheets):
+        texts = {text.get_text(): text for text in sheet.figure.texts}
+        assert ("Table 1. Remarks" if number == 0 else "Table 1 (continued)") in texts
+        assert {"number", "remark"} <= set(texts)
+        rows += [name for name in texts if name.startswith("row ")]
+        sheet.figure.canvas.draw()
+        lowest = min(text.get_window_extent().y0 for text in texts.values())
+        assert lowest / sheet.figure.dpi > 0.5
+        long = [text for text in sheet.figure.texts if text.get_text().startswith("long")]
+        assert len({len(text.get_text().splitlines()) for text in long}) == 1
+    assert rows == [f"row {row}" for row in range(40)]
 
 
 def test_tables_and_figures_are_numbered_and_referred_to(report):

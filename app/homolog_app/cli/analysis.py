@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
+from homolog.files.report_details import ReportDetails, read_details, write_details
 from homolog_app.cli.options import (
     add_former_name,
     add_options,
@@ -16,13 +17,11 @@ from homolog_app.cli.options import (
     with_options,
 )
 from homolog_app.exports.settings import CutSettings
-from homolog_app.report.details import ReportDetails, directions_of, read_details, write_details
 
 if TYPE_CHECKING:
     from homolog.files.results import Result
     from homolog.inspection import Inspection
     from homolog.progress import Tick
-    from homolog_app.report.request import StudyRequest
 
 __all__ = [
     "add_analyze",
@@ -110,18 +109,11 @@ def _add_question(parser: argparse.ArgumentParser) -> None:
 def run_analyze(arguments: argparse.Namespace) -> int:
     """Run the tests; return the exit code."""
     from homolog.files.results import read_result
-    from homolog.progress import part_of
-    from homolog_app.report.findings import cautions, findings
-    from homolog_app.report.seeds import answer_by_seed, spread_text, write_spread
-    from homolog_app.report.study import run_study
-    from homolog_app.report.surface_maps import SurfaceCarrier
-    from homolog_app.report.tables import save_study
+    from homolog_app.api import answer_requests, requests_of
 
     project = ProjectFolder(arguments.project)
-    if arguments.seeds < 1:
-        raise InputError(f"--seeds {arguments.seeds}: must be 1 or more")
     alignments = _alignments(arguments)
-    lines, folders = [], []
+    lines = []
     if arguments.size == "with":
         lines.append(
             "Note: --size with aligns shapes rigidly; versions before 0.2 behaved "
@@ -129,29 +121,24 @@ def run_analyze(arguments: argparse.Namespace) -> int:
         )
     with project.locked(new=False), show_progress(arguments.progress) as progress:
         result = read_result(project)
-        details = with_options(read_details(project), arguments)
-        write_details(project, details)
-        carrier = SurfaceCarrier.of(result, directions_of(details, project.read().result))
-        requests = [_request(arguments, result, alignment, len(alignments)) for alignment in alignments]
-        for index, request in enumerate(requests):
-            own = part_of(progress.tick, 0.0, 1.0 / arguments.seeds)
-            tick = part_of(own, index / len(requests), (index + 1) / len(requests))
-            study = run_study(result, request, tick)
-            folder = save_study(project, study, result, carrier)
-            lines.append(request.title)
-            for finding in findings(study):
-                lines += [f"  {finding.verdict}", *(f"    - {sentence}" for sentence in finding.sentences)]
-            lines += [f"  Caution: {caution}" for caution in cautions(study)]
-            lines.append(f"  tables: {folder}")
-            folders.append(folder)
-        if arguments.seeds > 1:
-            rest = part_of(progress.tick, 1.0 / arguments.seeds, 1.0)
-            answers = answer_by_seed(project, result, requests, arguments.seeds, rest)
-            for request, folder, spread in zip(requests, folders, answers, strict=True):
-                write_spread(folder, spread)
-                lines += [request.title, *(f"  {line}" for line in spread_text(spread))]
+        requests = requests_of(
+            result,
+            alignments,
+            group=arguments.group,
+            regress=arguments.regress,
+            between=arguments.between or [],
+            pairs=arguments.pairs,
+            covariates=arguments.covariates,
+            complete_cases=arguments.complete_cases,
+            modes=arguments.modes,
+            permutations=arguments.permutations,
+            null_repeats=arguments.null_repeats,
+            seed=arguments.seed,
+        )
+        write_details(project, with_options(read_details(project), arguments))
+        answers = answer_requests(project, result, requests, arguments.seeds, progress.tick)
     stream = sys.stderr if arguments.progress == "json" else sys.stdout
-    stream.write("\n".join(lines) + "\n")
+    stream.write("\n".join([*lines, *(answer.text for answer in answers)]) + "\n")
     return 0
 
 
@@ -160,41 +147,6 @@ def _alignments(arguments: argparse.Namespace) -> list[str]:
         raise InputError("--size is short for --alignment; give one of them")
     by_size = {"with": ["rigid"], "without": ["similarity"]}.get(arguments.size, ["rigid", "similarity"])
     return list(dict.fromkeys(arguments.alignment or by_size))
-
-
-def _request(arguments: argparse.Namespace, result: "Result", alignment: str, answers: int) -> "StudyRequest":
-    from pydantic import ValidationError
-
-    from homolog.parameters import fault_text
-    from homolog_app.report.request import StudyRequest, column_of, reference_first
-
-    if arguments.pairs and arguments.regress:
-        raise InputError("--pairs compares two groups and can't be combined with --regress; give one of them")
-    kind = "pairs" if arguments.pairs else "regression" if arguments.regress else "groups"
-    column = arguments.regress or arguments.group
-    between = arguments.between or []
-    if kind == "regression" and between:
-        raise InputError("--between names groups and can't be combined with --regress")
-    if kind != "regression" and not between:
-        between = reference_first(column_of(result, column))
-    try:
-        return StudyRequest(
-            kind=kind,
-            column=column,
-            between=tuple(between),
-            pairs=arguments.pairs,
-            covariates=tuple(arguments.covariates),
-            alignment=alignment,
-            complete_cases=arguments.complete_cases,
-            answers=answers,
-            modes=arguments.modes,
-            permutations=arguments.permutations,
-            null_repeats=arguments.null_repeats,
-            seed=arguments.seed,
-        )
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(f"--{first['loc'][0]} {first['input']}: {fault_text(first)}") from error
 
 
 def add_check(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private

@@ -7,8 +7,8 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from homolog.files.report_details import Axes, ReportDetails
 from homolog_app.rendering.camera import Clip, ClipPlane, View
-from homolog_app.report.details import Axes, ReportDetails
 
 __all__ = [
     "SIGHTS",

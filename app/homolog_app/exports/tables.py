@@ -17,12 +17,13 @@ from homolog.cohort import Cohort
 from homolog.errors import InputError
 from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
+from homolog.files.report_details import read_details
 from homolog.files.results import Result, read_result, read_surface
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.exports.settings import TableSettings
-from homolog_app.report.details import directions_of, read_details
+from homolog_app.report.directions import directions_of
 from homolog_app.report.request import Answered, StudyRequest, read_requests
 from homolog_app.report.study import Study, run_study
 from homolog_app.report.surface_maps import SurfaceCarrier

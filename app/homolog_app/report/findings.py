@@ -86,9 +86,8 @@ def is_least(effect: Effect) -> bool:
 
 
 def shows_size(study: Study) -> bool:
-    """Return whether a study tells of size, which its other answer, on form, does if there is one."""
-    request = study.request
-    return request.answers == 1 or request.alignment is not Alignment.SIMILARITY
+    """Return whether a study reports size, which its other answer, on form, does if there is one."""
+    return study.overall.reports_size
 
 
 def shown_variance(comparison: Comparison) -> float:

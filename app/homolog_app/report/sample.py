@@ -8,8 +8,8 @@ import numpy as np
 from homolog.analysis.design import numbers
 from homolog.errors import InputError
 from homolog.files.records import ResultRecord
+from homolog.files.report_details import ReportDetails
 from homolog.files.results import Result
-from homolog_app.report.details import ReportDetails
 from homolog_app.report.page import Page
 from homolog_app.report.request import SHAPE_SIZE, category_of, column_of
 from homolog_app.report.study import Study

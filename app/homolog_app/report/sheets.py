@@ -2,6 +2,7 @@
 
 import base64
 import io
+import re
 import textwrap
 from collections.abc import Iterable, Sequence
 from math import ceil
@@ -22,7 +23,7 @@ from homolog_app.rendering.text import complete_texts, typeset
 from homolog_app.report import NOTICE
 from homolog_app.report.page import Link, Page
 
-__all__ = ["BOTTOM", "EDGE", "HIGH", "WIDE", "Sheet", "write_page", "write_sheets"]
+__all__ = ["BOTTOM", "EDGE", "HIGH", "WIDE", "Sheet", "sheets_of", "write_page", "write_sheets"]
 
 WIDE, HIGH = 8.27, 11.69
 """Of A4 [inches]."""
@@ -30,6 +31,8 @@ EDGE = 0.6
 """Margin [inches]."""
 _LINE = 0.17
 _WRAP = 108  # characters of small text on a line
+_ROW_LINE = 0.145  # of a table's cell
+_ROW_GAP = 0.04
 _ACROSS = 15.0  # characters of a table's cell in an inch
 BOTTOM = HIGH - 0.65
 """Where a page is full [inches]."""
@@ -46,6 +49,7 @@ _UNCUT = 0.6
 _MOST_TURNED = 4
 """Rows of a transposed table next to each other."""
 _MOST_ROWS = 200
+_NUMBER = re.compile(r"Table \d+")
 
 
 class Sheet:
@@ -66,7 +70,7 @@ class Sheet:
 
     def text(self, content: str, size: float = 8.5, *, bold: bool = False, colour: str = "#1a1a1e") -> None:
         """Add a paragraph."""
-        for line in wrapped(content, size):
+        for line in wrapped(content, size * (_BOLD if bold else 1.0)):
             self.line(line, size, bold=bold, colour=colour)
         self.y += 0.05
 
@@ -97,7 +101,7 @@ class Sheet:
                 (EDGE + start) / WIDE, 1.0 - self.y / HIGH, "\n".join(parts), fontsize=8, va="top",
                 weight="bold" if bold else "normal", linespacing=1.3,
             )  # fmt: skip
-        self.y += _LINE * max(map(len, cells))
+        self.y += row_height(cells)
 
     def panels(self, panels: Sequence[Panel], limit: float, most: float = HIGH) -> None:
         """Add a row of pictures of at most this height, with the colour bar."""
@@ -143,11 +147,21 @@ def wrapped_cells(row: Sequence[str], starts: Sequence[float], width: float = 1.
     lines = []
     for cell, start, end in zip(row, starts, ends, strict=True):
         most = max(4, int((end - start) * _ACROSS / width * len(cell) / max(_length(cell), 1.0)))
-        text = typeset(cell)
+        text = _breakable(cell)
         if max(map(len, text.split(" "))) > most:  # rather between a number and its unit than within a number
             text = text.replace("\u00a0", " ")
         lines.append(textwrap.wrap(text, most) or [""])
     return lines
+
+
+def _breakable(cell: str) -> str:
+    """Return the text of a cell, which may be broken between an estimate and its interval."""
+    return typeset(cell).replace("\u00a0(", " (")
+
+
+def row_height(cells: Sequence[Sequence[str]]) -> float:
+    """Return the height of a table's row [inches] from the lines of its cells."""
+    return _ROW_LINE * max(map(len, cells)) + _ROW_GAP
 
 
 def write_sheets(path: Path, title: str, sheets: Sequence[Sheet]) -> None:
@@ -170,11 +184,16 @@ def write_page(path: Path, page: Page) -> None:
     InputError
         If the file can't be written.
     """
+    write_sheets(path, page.title, sheets_of(page))
+
+
+def sheets_of(page: Page) -> list[Sheet]:
+    """Return the A4 pages of a page."""
     flow = _Flow(page.title)
     flow.paragraph(page.notice.removeprefix(NOTICE).strip())
     for part in page.parts:
         flow.add(part)
-    write_sheets(path, page.title, flow.sheets)
+    return flow.sheets
 
 
 class _Flow:
@@ -206,9 +225,10 @@ class _Flow:
                 "caption": str(caption),
             }:
                 assert isinstance(columns, Sequence)
-                if name := caption or summary:
+                name = caption or summary
+                if name:
                     self._headings.append((name, False))
-                self.table(columns, [[_cell_text(cell) for cell in row] for row in rows])
+                self.table(columns, [[_cell_text(cell) for cell in row] for row in rows], name)
             case {"kind": "figures", "figures": list(figures)}:
                 self.figures(figures)
 
@@ -227,29 +247,35 @@ class _Flow:
 
     def paragraph(self, text: str, *, bold: bool = False, colour: str = "#1a1a1e", gap: float = 0.05) -> None:
         """Add a paragraph, which may continue on the next sheet."""
-        for number, line in enumerate(wrapped(text) if text else ()):
+        lines = wrapped(text, 8.5 * (_BOLD if bold else 1.0)) if text else []
+        for number, line in enumerate(lines):
             self.room(_LINE * (1 if number else 3))
             self.sheet.line(line, bold=bold, colour=colour)
         self.sheet.y += gap
 
-    def table(self, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        """Add a table; one with many columns is transposed."""
+    def table(self, columns: Sequence[str], rows: Sequence[Sequence[str]], name: str = "") -> None:
+        """Add a table; one with many columns is transposed.
+
+        Rows are not broken. A table that continues on the next sheet repeats its number and header there.
+        """
         if len(columns) > _MOST_COLUMNS:
             some = ceil(len(rows) / max(ceil(len(rows) / _MOST_TURNED), 1))
             for start in range(0, len(rows), max(some, 1)):
                 turned = list(zip(columns, *rows[start : start + some], strict=True))
-                self.table(turned[0], turned[1:])
+                self.table(turned[0], turned[1:], name)
             return
         starts = _starts([columns, *rows[:_MOST_ROWS]])
-        lines = [max(map(len, wrapped_cells(columns, starts, _BOLD)))]
-        lines += [max(map(len, wrapped_cells(row, starts))) for row in rows[:_MOST_ROWS]]
-        whole = _LINE * sum(lines)
-        self.room(whole if whole < _UNCUT * (BOTTOM - EDGE) else _LINE * (sum(lines[:3]) + 1))
+        heights = [row_height(wrapped_cells(columns, starts, _BOLD))]
+        heights += [row_height(wrapped_cells(row, starts)) for row in rows[:_MOST_ROWS]]
+        whole = sum(heights)
+        self.room(whole if whole < _UNCUT * (BOTTOM - EDGE) else sum(heights[:3]))
         self.sheet.row(columns, starts, bold=True)
-        for row in rows[:_MOST_ROWS]:
-            high = _LINE * max(map(len, wrapped_cells(row, starts)))
+        for row, high in zip(rows, heights[1:], strict=False):
             if self.sheet.y + high > BOTTOM:
-                self.room(high)
+                if name:
+                    number = _NUMBER.match(name)
+                    self._headings.append((f"{number[0] if number else name} (continued)", False))
+                self.room(BOTTOM)
                 self.sheet.row(columns, starts, bold=True)
             self.sheet.row(row, starts)
         self.sheet.y += 0.08
@@ -289,13 +315,21 @@ def _cell_text(cell: str | Link) -> str:
 
 
 def _starts(rows: Sequence[Sequence[str]]) -> list[float]:
-    """Return the left edges of the columns: wide for long texts, without broken words if possible."""
-    columns = list(zip(*([typeset(cell) for cell in row] for row in rows), strict=True))
+    """Return the left edges of the columns: wide for long texts, without broken words if possible.
+
+    The first row is the header, whose texts may be broken between words.
+    """
+    columns = list(zip(*([_breakable(cell) for cell in row] for row in rows), strict=True))
     least = np.array([3 + _letters([cell.split(" ") for cell in column]) for column in columns])
-    whole = np.array([3 + _letters([[cell] for cell in column]) for column in columns])
+    whole = np.array(
+        [3 + _letters([column[0].split(" "), *([cell] for cell in column[1:])]) for column in columns]
+    )
     room = (WIDE - 2 * EDGE) * _ACROSS
     left = max(room - least.sum(), 0.0)
     widths = least + (whole - least) * min(1.0, left / max((whole - least).sum(), 1))
+    headers = np.array([3 + _letters([[column[0]]]) for column in columns])
+    missing = np.maximum(headers - widths, 0.0)
+    widths += missing * min(1.0, max(room - widths.sum(), 0.0) / max(missing.sum(), 1))
     widths = widths * min(1.0, room / widths.sum())
     places: list[float] = (np.concatenate([[0.0], widths.cumsum()[:-1]]) / _ACROSS).tolist()
     return places

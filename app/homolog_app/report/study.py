@@ -9,6 +9,7 @@ import numpy as np
 
 from homolog.analysis.comparison import Comparison, Options
 from homolog.analysis.design import covariate_columns, lookalikes, numbers
+from homolog.analysis.exclusions import PARTNER_MISSING, exclusion_notes
 from homolog.analysis.studies import compare_groups, compare_pairs, compare_two_groups, pair_members, regress
 from homolog.arrays import FloatArray, IntArray, frozen
 from homolog.cohort.column_types import CATEGORY
@@ -322,29 +323,6 @@ def _areas(result: Result) -> FloatArray:
     """Return the area of the mean surface nearest to each particle [mm²]."""
     nearest = nearest_particles(result.mean_surface, result.world.mean(axis=0))
     return areas_of_particles(result.mean_surface, nearest, result.world.shape[1])
-
-
-PARTNER_MISSING = "the other one of the pair is missing"
-
-
-def exclusion_notes(left_out: Mapping[str, str]) -> list[str]:
-    """Return how many subjects complete cases excluded and why, and the first of them."""
-    alone = [name for name, why in left_out.items() if why == PARTNER_MISSING]
-    incomplete = [name for name in left_out if name not in alone]
-    reasons = ((incomplete, "for missing values"), (alone, "because the other one of their pair is missing"))
-    return [
-        f"{_counted(names)} excluded {reason} (complete cases): {_some(names)}."
-        for names, reason in reasons
-        if names
-    ]
-
-
-def _counted(names: Sequence[str]) -> str:
-    return "1 subject was" if len(names) == 1 else f"{len(names)} subjects were"
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(names[:5]) + (", …" if len(names) > 5 else "")
 
 
 def study_notes(result: Result, request: StudyRequest) -> tuple[str, ...]:

@@ -110,7 +110,7 @@ def _add_table(
         [
             "region", "particles", "area (mm²)", "place of the peak",
             f"outward at the peak (mm{per}, 95 % CI)",
-            f"displacement of the peak (mm{per}), towards", f"outward: mean (least to largest) (mm{per})",
+            f"moves at the peak (mm{per}), towards", f"outward: mean (least to largest) (mm{per})",
             "p at the peak",
         ],
         rows,

@@ -17,7 +17,7 @@ from homolog.files.results import Result
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import nearest_particles
 from homolog_app.rendering.colours import outward_displacement
-from homolog_app.report.details import PATIENT_AXES, Directions
+from homolog_app.report.directions import PATIENT_AXES, Directions
 from homolog_app.report.study import Study
 
 __all__ = ["EDGE", "INNER", "OUTER", "Region", "SurfaceCarrier", "significant_regions"]

@@ -14,9 +14,10 @@ from homolog.analysis.effects import Effect
 from homolog.analysis.welch import WelchMap, welch_map
 from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
+from homolog.files.report_details import read_details
 from homolog.files.results import Result
 from homolog.files.tables import write_table
-from homolog_app.report.details import directions_of, read_details
+from homolog_app.report.directions import directions_of
 from homolog_app.report.findings import LEVEL
 from homolog_app.report.request import (
     SHAPE_SIZE,

@@ -14,13 +14,14 @@ from homolog.exchange import project_landmark_errors
 from homolog.files.atomic import atomic_write, write_text
 from homolog.files.project import ProjectFolder
 from homolog.files.records import ResultRecord
+from homolog.files.report_details import ReportDetails, read_details
 from homolog.files.results import Result, read_result
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog_app.pictures import write_picture
 from homolog_app.rendering.camera import Clip
 from homolog_app.report import NOTICE
-from homolog_app.report.details import ReportDetails, directions_of, read_details
+from homolog_app.report.directions import directions_of
 from homolog_app.report.figures import ReportFigure, model_figures, quality_rows, study_figures
 from homolog_app.report.findings import (
     LEVEL,

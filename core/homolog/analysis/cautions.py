@@ -39,10 +39,11 @@ def cautions_of(comparison: "Comparison", names: Sequence[str] | None = None) ->
     names : sequence of str, optional
         Of all subjects; they are called subject 1, 2 … without.
     """
+    of_size = comparison.reports_size and comparison.size is not None
     sentences = [
         *comparison.test.warnings,
         dispersion_caution(comparison.dispersion, comparison.counts),
-        size_caution(comparison.size_skewness, comparison.counts) if comparison.size is not None else "",
+        size_caution(comparison.size_skewness, comparison.counts) if of_size else "",
         outlier_caution(comparison.outliers, comparison.counts, names, comparison.without_outliers),
         _f_caution(comparison),
         *comparison.notes,

@@ -71,6 +71,11 @@ class Options:
     answers: int = 1
     seed: int = 0
 
+    @property
+    def reports_size(self) -> bool:
+        """Whether the answer reports size: one on shape leaves it to the other answers, if there are any."""
+        return self.answers == 1 or self.alignment is not Alignment.SIMILARITY
+
 
 DEFAULT = Options()
 
@@ -134,6 +139,9 @@ class Comparison:
         How far the outliers lie from the mean of their group, divided by the median distance of the group.
     outlier_limit : float
         From where on a subject is an outlier.
+    reports_size : bool
+        Whether size is reported, with its caution; one of several answers leaves it to the one on form, if it
+        is on shape.
     """
 
     title: str
@@ -161,6 +169,7 @@ class Comparison:
     size_standardized: Effect | None = None
     outlier_distances: tuple[float, ...] = ()
     outlier_limit: float = float("inf")
+    reports_size: bool = True
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -289,6 +298,7 @@ def run_comparison(
         outliers=subjects[outliers],
         outlier_distances=tuple(distances[outliers].tolist()),
         outlier_limit=outlier_limit(distances),
+        reports_size=options.reports_size,
         without_outliers=remainder,
     )
 

@@ -1,6 +1,6 @@
 """Comparison of groups, and regression on a number, in one call."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal, overload
 
@@ -8,19 +8,28 @@ import numpy as np
 
 from homolog.analysis.checks import checked_particles
 from homolog.analysis.comparison import Comparison, Options
-from homolog.analysis.design import covariate_columns, is_missing, numbers
+from homolog.analysis.design import is_missing, numbers
 from homolog.analysis.procrustes import Alignment
 from homolog.analysis.studies import compare_groups as compare_several
-from homolog.analysis.studies import compare_pairs, compare_two_groups, pair_members
+from homolog.analysis.studies import compare_pairs, compare_two_groups
 from homolog.analysis.studies import regress as regress_shapes
-from homolog.arrays import Array, ArrayLike, FloatArray, IntArray
+from homolog.api.comparison_arguments import (
+    Covariates,
+    check_comparisons,
+    check_options,
+    columns_of,
+    incomplete,
+    notes_on,
+    pairs_of,
+    unpaired,
+)
+from homolog.arrays import Array, ArrayLike
 from homolog.errors import InputError
 from homolog.progress import Tick, part_of, tick_of
 
 __all__ = ["compare_groups", "regress"]
 
 _Alignment = Literal["rigid", "similarity", "as-it-lies"]
-_Covariates = Mapping[str, Sequence[str | float] | Array]
 _BOTH: tuple[_Alignment, ...] = ("rigid", "similarity")
 """Form and shape, as on the command line and in the window."""
 
@@ -33,7 +42,8 @@ def compare_groups(
     *,
     pairs: Sequence[str | None] | None = None,
     comparisons: Sequence[tuple[str, str]] | None = None,
-    covariates: _Covariates | None = None,
+    covariates: Covariates | None = None,
+    complete_cases: bool = False,
     alignment: _Alignment,
     modes: int | None = None,
     permutations: int = 10_000,
@@ -52,7 +62,8 @@ def compare_groups(
     *,
     pairs: Sequence[str | None] | None = None,
     comparisons: Sequence[tuple[str, str]] | None = None,
-    covariates: _Covariates | None = None,
+    covariates: Covariates | None = None,
+    complete_cases: bool = False,
     alignment: tuple[_Alignment, ...] | list[_Alignment] = _BOTH,
     modes: int | None = None,
     permutations: int = 10_000,
@@ -70,7 +81,8 @@ def compare_groups(
     *,
     pairs: Sequence[str | None] | None = None,
     comparisons: Sequence[tuple[str, str]] | None = None,
-    covariates: _Covariates | None = None,
+    covariates: Covariates | None = None,
+    complete_cases: bool = False,
     alignment: _Alignment | Sequence[_Alignment] = _BOTH,
     modes: int | None = None,
     permutations: int = 10_000,
@@ -99,6 +111,9 @@ def compare_groups(
     covariates : mapping of str to sequence, optional
         Covariates to adjust for, with M numbers or texts each, such as ``{"age": ages}``. If a name ends in
         ``:c``, such as ``site:c``, its numbers are codes of categories.
+    complete_cases : bool
+        Whether subjects with missing covariates, or without a pair or partner, are excluded and counted in
+        the result's `notes`, instead of refused.
     alignment : {"rigid", "similarity", "as-it-lies"}, or several of them
         Alignment before the comparison: rigid (form: size and shape), by similarities (shape alone), or
         none. Several alignments give several answers, with p values corrected for their number
@@ -149,25 +164,31 @@ def compare_groups(
     >>> form.title, int(np.argmin(form.p_fwe)), int(np.argmin(shape.p_fwe))
     ('bump - plain', 7, 7)
     """
-    _check((alignment,) if isinstance(alignment, str) else alignment, permutations)
+    check_options((alignment,) if isinstance(alignment, str) else alignment, permutations)
     labels = np.array(["" if group is None or is_missing(group) else str(group) for group in groups])
     shapes = checked_particles(particles, names)
     if len(labels) != len(shapes):
         raise InputError(f"groups: {len(labels)} given for {len(shapes)} subjects; give one for each")
     order = tuple(between) if between is not None else tuple(dict.fromkeys(labels[labels != ""].tolist()))
+    gone: dict[int, str] = {}
+    if complete_cases:
+        gone = incomplete(len(shapes), covariates, np.isin(labels, order))
+        gone |= {} if pairs is None else unpaired(pairs, labels, order)
+        labels[list(gone)] = ""
+    notes = notes_on(gone, names)
     chosen = np.flatnonzero(np.isin(labels, order))
     called = None if names is None else [names[index] for index in chosen.tolist()]
     if comparisons is not None:
-        _check_comparisons(comparisons, order)
-    both = None if pairs is None else _members_of(pairs, labels, order, covariates, names)
-    columns = _columns(covariates, chosen.tolist(), len(shapes), called)
+        check_comparisons(comparisons, order)
+    both = None if pairs is None else pairs_of(pairs, labels, order, covariates, names)
+    columns = columns_of(covariates, chosen.tolist(), len(shapes), called)
     own, here = labels[chosen].tolist(), shapes[chosen]
 
     def ask(options: Options, tick: Tick) -> Comparison:
         if both is not None:
-            return compare_pairs(
-                shapes, *both, " - ".join(order[::-1]), options=options, names=names, tick=tick
-            )
+            title = " - ".join(order[::-1])
+            paired = compare_pairs(shapes, *both, title, options=options, names=names, tick=tick)
+            return replace(paired, notes=notes)
         each: tuple[Comparison, ...] = ()
         if len(order) == 2:
             overall = compare_two_groups(
@@ -184,7 +205,8 @@ def compare_groups(
                 names=called,
                 tick=tick,
             )
-        return replace(overall.renumbered(chosen), pairwise=tuple(pair.renumbered(chosen) for pair in each))
+        pairwise = tuple(pair.renumbered(chosen) for pair in each)
+        return replace(overall.renumbered(chosen), pairwise=pairwise, notes=notes)
 
     options = Options(modes=modes, permutations=permutations, null_repeats=null_repeats, seed=seed)
     return _answers(ask, alignment, options, callback)
@@ -196,7 +218,8 @@ def regress(
     values: Sequence[float] | Array,
     name: str = "variable",
     *,
-    covariates: _Covariates | None = None,
+    covariates: Covariates | None = None,
+    complete_cases: bool = False,
     alignment: _Alignment,
     modes: int | None = None,
     permutations: int = 10_000,
@@ -213,7 +236,8 @@ def regress(
     values: Sequence[float] | Array,
     name: str = "variable",
     *,
-    covariates: _Covariates | None = None,
+    covariates: Covariates | None = None,
+    complete_cases: bool = False,
     alignment: tuple[_Alignment, ...] | list[_Alignment] = _BOTH,
     modes: int | None = None,
     permutations: int = 10_000,
@@ -229,7 +253,8 @@ def regress(
     values: Sequence[float] | Array,
     name: str = "variable",
     *,
-    covariates: _Covariates | None = None,
+    covariates: Covariates | None = None,
+    complete_cases: bool = False,
     alignment: _Alignment | Sequence[_Alignment] = _BOTH,
     modes: int | None = None,
     permutations: int = 10_000,
@@ -245,11 +270,14 @@ def regress(
     particles : (M, N, 3) array_like
         Corresponding points [mm], such as `Correspondence.aligned`.
     values : (M,) sequence of float
-        Value of each subject, such as its age, without missing values.
+        Value of each subject, such as its age.
     name : str
         Name of the variable, for titles and messages.
     covariates : mapping of str to sequence, optional
         Covariates to adjust for, as in `compare_groups`.
+    complete_cases : bool
+        Whether subjects with missing values are excluded and counted in the result's `notes`, instead of
+        refused.
     alignment : {"rigid", "similarity", "as-it-lies"}, or several of them
         Alignment before the test, as in `compare_groups`; by default form and shape.
     modes : int, optional
@@ -297,19 +325,27 @@ def regress(
     >>> form.title, int(np.argmin(form.p_fwe))
     ('age', 7)
     """
-    _check((alignment,) if isinstance(alignment, str) else alignment, permutations)
+    check_options((alignment,) if isinstance(alignment, str) else alignment, permutations)
     shapes = checked_particles(particles, names)
-    everyone = list(range(len(shapes)))
-    _columns({name: values}, everyone, len(shapes), names)  # says which value is missing
-    given = numbers(list(values))
+    if len(values) != len(shapes):
+        raise InputError(f"{name!r}: {len(values)} values for {len(shapes)} subjects; give one for each")
+    everyone = np.full(len(shapes), True)
+    gone = incomplete(len(shapes), {name: values, **(covariates or {})}, everyone) if complete_cases else {}
+    notes = notes_on(gone, names)
+    chosen = np.array([index for index in range(len(shapes)) if index not in gone], np.int64)
+    called = None if names is None else [names[index] for index in chosen.tolist()]
+    own = [values[index] for index in chosen.tolist()]
+    columns_of({name: own}, range(len(own)), len(own), called)  # says which value is missing
+    given = numbers(own)
     if given is None:
         raise InputError(f"{name!r} contains words; compare its groups instead of a regression")
-    columns = _columns(covariates, everyone, len(shapes), names)
+    columns = columns_of(covariates, chosen.tolist(), len(shapes), called)
 
     def ask(options: Options, tick: Tick) -> Comparison:
-        return regress_shapes(
-            shapes, given, name, covariates=columns, options=options, names=names, tick=tick
+        change = regress_shapes(
+            shapes[chosen], given, name, covariates=columns, options=options, names=called, tick=tick
         )
+        return replace(change.renumbered(chosen), notes=notes)
 
     options = Options(modes=modes, permutations=permutations, null_repeats=null_repeats, seed=seed)
     return _answers(ask, alignment, options, callback)
@@ -332,63 +368,3 @@ def _answers(
         for index, name in enumerate(alignments)
     ]
     return answers[0] if isinstance(alignment, str) else tuple(answers)
-
-
-def _check(alignments: Sequence[str], permutations: int) -> None:
-    known = [item.value for item in Alignment]
-    for alignment in alignments:
-        if alignment not in known:
-            raise InputError(f"alignment={alignment!r}: choose one or several of {', '.join(known)}")
-    if not alignments or len(set(alignments)) < len(alignments):
-        raise InputError(f"alignment={tuple(alignments)}: give one or more, each once")
-    if permutations < 1:
-        raise InputError(f"permutations={permutations}: a permutation test needs at least one")
-
-
-def _check_comparisons(comparisons: Sequence[tuple[str, str]], order: Sequence[str]) -> None:
-    if len(order) < 3:
-        raise InputError("comparisons need three or more groups; for two groups use `between`")
-    if not comparisons or len({frozenset(pair) for pair in comparisons}) < len(comparisons):
-        raise InputError("comparisons: give one or more, each once")
-    for pair in comparisons:
-        if len(set(pair)) != 2 or not set(pair) <= set(order):
-            raise InputError(f"comparisons: {tuple(pair)} are not two of the groups {', '.join(order)}")
-
-
-def _members_of(
-    pairs: Sequence[str | None],
-    labels: Array,
-    order: Sequence[str],
-    covariates: _Covariates | None,
-    names: Sequence[str] | None,
-) -> tuple[IntArray, IntArray]:
-    """Return the first and the second of each pair of subjects."""
-    if any(isinstance(pair, tuple | list) for pair in pairs):
-        raise InputError(
-            "pairs: names the pair of each subject; which of several groups are compared is said by "
-            f"comparisons={list(pairs)!r}"
-        )
-    if len(pairs) != len(labels):
-        raise InputError(f"pairs: {len(pairs)} given for {len(labels)} subjects; give one for each")
-    if len(order) != 2 or covariates:
-        raise InputError("pairs: a paired comparison is between two groups and takes no covariates")
-    called = ["" if pair is None or is_missing(pair) else str(pair) for pair in pairs]
-    return pair_members(called, labels.tolist(), (order[0], order[1]), names)
-
-
-def _columns(
-    covariates: Mapping[str, Sequence[str | float] | Array] | None,
-    chosen: Sequence[int],
-    subjects: int,
-    names: Sequence[str] | None,
-) -> FloatArray | None:
-    """Return the columns (m, c) of the covariates of the compared subjects."""
-    if not covariates:
-        return None
-    for title, values in covariates.items():
-        if len(values) != subjects:
-            raise InputError(
-                f"covariate {title!r}: {len(values)} values for {subjects} subjects; give one for each"
-            )
-    table = {title: [values[index] for index in chosen] for title, values in covariates.items()}
-    return covariate_columns(table, names, categories=[title for title in table if title.endswith(":c")])

@@ -5,11 +5,16 @@ from functools import cached_property
 from os import PathLike
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from homolog.api.mean_shape import HasMeanShape, MeanShape
 from homolog.arrays import FloatArray
+from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.files.records import ResultRecord
+from homolog.files.report_details import Axes, ReportDetails, read_details, write_details
 from homolog.files.results import read_result, read_surface
+from homolog.parameters import fault_text
 from homolog.settings import RunSettings
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -85,6 +90,44 @@ class Project(HasMeanShape):
         """Return a line for people."""
         subjects, count = self.particles.shape[:2]
         return f"Project({str(self.folder)!r}: {count} particles on {subjects} subjects)"
+
+    @property
+    def details(self) -> ReportDetails:
+        """What reports say about structure, cohort and axes; read again on each use."""
+        return read_details(self._folder)
+
+    def describe(
+        self, *, structure: str | None = None, cohort: str | None = None, axes: str | None = None
+    ) -> None:
+        """Store details for reports in the project, as the options of ``homolog report`` do.
+
+        Parameters
+        ----------
+        structure : str, optional
+            What the shapes are, such as ``"left ventricle"``. None keeps what is stored.
+        cohort : str, optional
+            Who the subjects are: recruitment, criteria, what the groups mean, scanner.
+        axes : {"auto", "patient", "file"}, optional
+            Whether the axes of the files are those of the patient, so that places are called left, anterior
+            or superior, or the file's own, so that they are called +x or -z. ``"auto"``: those of the patient
+            if all files are images whose headers say so.
+
+        Raises
+        ------
+        InputError
+            If a text is too long, `axes` is another word, or the project can't be written to.
+        """
+        if axes is not None and axes not in list(Axes):
+            raise InputError(f"axes={axes!r}: choose one of {', '.join(Axes)}")
+        given = {"structure": structure, "cohort": cohort, "axes": axes}
+        kept = {name: value for name, value in given.items() if value is not None}
+        try:
+            details = ReportDetails.model_validate(self.details.model_dump() | kept)
+        except ValidationError as error:
+            first = error.errors()[0]
+            raise InputError(f"{first['loc'][0]}: {fault_text(first)}") from error
+        with self._folder.locked(new=False):
+            write_details(self._folder, details)
 
     @cached_property
     def _record(self) -> ResultRecord:

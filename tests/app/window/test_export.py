@@ -6,7 +6,7 @@ import pytest
 from filelock import FileLock, Timeout
 
 from homolog.files.project import ProjectFolder
-from homolog_app.report.details import read_details
+from homolog.files.report_details import read_details
 
 pytestmark = pytest.mark.window
 

@@ -143,3 +143,44 @@ def test_a_comparison_and_a_model_print_as_one_line(shapes):
     for value in (hl.compare_groups(shapes, GROUPS, ("a", "c"), **FORM), hl.ShapeModel.fit(shapes)):
         assert "\n" not in repr(value)
         assert len(repr(value)) < 150
+
+
+def test_complete_cases_exclude_and_count_subjects_with_missing_values(shapes):
+    ages = np.where(np.isin(np.arange(18), [2, 14]), np.nan, AGES)
+    with pytest.raises(hl.InputError, match="complete cases"):
+        hl.compare_groups(shapes, GROUPS, ("a", "c"), covariates={"age": ages}, **FORM)
+    result = hl.compare_groups(
+        shapes, GROUPS, ("a", "c"), covariates={"age": ages}, complete_cases=True, **FORM
+    )
+    kept = [None if index in (2, 14) else group for index, group in enumerate(GROUPS)]
+    expected = hl.compare_groups(shapes, kept, ("a", "c"), covariates={"age": AGES}, **FORM)
+    assert result.counts == {"a": 4, "c": 5}
+    assert result.subjects.tolist() == expected.subjects.tolist()
+    np.testing.assert_array_equal(result.p_fwe, expected.p_fwe)
+    assert any(
+        "2 subjects were excluded for missing values (complete cases): subject 3, subject 15" in caution
+        for caution in result.cautions
+    )
+    values = hl.regress(shapes, ages, "age", complete_cases=True, **FORM)
+    assert values.counts == {"all": 16}
+    assert not {2, 14} & set(values.subjects.tolist())
+
+
+def test_complete_cases_exclude_a_subject_whose_pair_or_partner_is_missing(shapes):
+    pairs = [None, *"12345", *"12345", "", *6 * "x"]
+    result = hl.compare_groups(shapes, GROUPS, ("a", "b"), pairs=pairs, complete_cases=True, **FORM)
+    assert result.counts == {"pairs": 5}
+    pairs[6] = "alone"
+    result = hl.compare_groups(shapes, GROUPS, ("a", "b"), pairs=pairs, complete_cases=True, **FORM)
+    assert result.counts == {"pairs": 4}
+    assert sum("the other one of their pair is missing" in caution for caution in result.cautions) == 1
+
+
+def test_the_caution_on_size_is_given_where_size_is_reported(shapes):
+    sizes = -np.log(1.0 - (np.arange(18) + 0.5) / 18)
+    skewed = shapes * (1.0 + sizes[:, None, None])
+    labels = ["a" if index % 3 else "b" for index in range(18)]
+    answers = hl.compare_groups(skewed, labels, modes=2, permutations=199)
+    assert [any("test of size" in item for item in found.cautions) for found in answers] == [True, False]
+    single = hl.compare_groups(skewed, labels, modes=2, permutations=199, alignment="similarity")
+    assert any("test of size" in item for item in single.cautions)

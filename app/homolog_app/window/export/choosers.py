@@ -9,6 +9,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
 from homolog.files.project import ProjectFolder
+from homolog.files.report_details import read_details
 from homolog_app.exports.settings import (
     SIGHTS,
     CutAway,
@@ -23,7 +24,6 @@ from homolog_app.exports.settings import (
     TableSettings,
 )
 from homolog_app.rendering.camera import Clip
-from homolog_app.report.details import read_details
 from homolog_app.window.theme import scaled
 from homolog_app.window.widgets import GRID, choice, label
 

@@ -1,26 +1,16 @@
-"""What only the authors know of a project, kept with it: structure, cohort, and what the axes are."""
+"""How places and directions are called, by what the axes of the files are."""
 
-import json
 from dataclasses import dataclass, replace
-from enum import StrEnum
-from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
 from homolog.arrays import FloatArray
-from homolog.errors import InputError
-from homolog.files.atomic import write_text
-from homolog.files.project import ProjectFolder
 from homolog.files.records import ResultRecord
+from homolog.files.report_details import Axes, ReportDetails
 from homolog_app.rendering.camera import VIEWS, View
 
-__all__ = [
-    "FILE_AXES", "PATIENT_AXES", "Axes", "Directions", "ReportDetails", "directions_of", "read_details",
-    "write_details",
-]  # fmt: skip
+__all__ = ["FILE_AXES", "PATIENT_AXES", "Directions", "directions_of"]
 
-_FILE = "report.json"
 _ASSUMED = "axes were assumed"
 """What the notes of all files say whose header gives no orientation."""
 _OFF_THE_MIDDLE = 1.0 / 3.0
@@ -77,60 +67,6 @@ PATIENT_AXES = Directions((("right", "left"), ("anterior", "posterior"), ("infer
 """Of LPS coordinates that are those of the patient."""
 FILE_AXES = Directions((("-x", "+x"), ("-y", "+y"), ("-z", "+z")))
 """Of coordinates whose relation to the patient is not known."""
-
-
-class Axes(StrEnum):
-    """What the axes of the files are."""
-
-    AUTO = "auto"
-    PATIENT = "patient"
-    FILE = "file"
-
-
-class ReportDetails(BaseModel):
-    """Details for reports."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    structure: Annotated[
-        str,
-        Field(
-            max_length=200, description="What the shapes are, such as: left ventricle. Used in the report."
-        ),
-    ] = ""
-    cohort: Annotated[
-        str,
-        Field(
-            max_length=2000,
-            description="Who the subjects are: recruitment, criteria, what the groups mean, scanner. Used in "
-            "the report.",
-        ),
-    ] = ""
-    axes: Annotated[
-        Axes,
-        Field(
-            description="Whether the axes of the files are those of the patient, so that places are called "
-            "left, anterior or superior, or the file's own, so that they are called +x or -z; auto: those of "
-            "the patient if all files are images whose headers say so."
-        ),
-    ] = Axes.AUTO
-
-
-def read_details(project: ProjectFolder) -> ReportDetails:
-    """Return the details kept in a project; raises InputError if their file is damaged."""
-    path = project.folder / _FILE
-    try:
-        return ReportDetails.model_validate(json.loads(path.read_bytes()))
-    except FileNotFoundError:
-        return ReportDetails()
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is damaged; delete it and give its details again") from error
-
-
-def write_details(project: ProjectFolder, details: ReportDetails) -> None:
-    """Keep the details in a project; raises InputError if it can't be written to."""
-    if details != read_details(project):
-        write_text(project.folder / _FILE, details.model_dump_json(indent=2) + "\n")
 
 
 def directions_of(details: ReportDetails, record: ResultRecord | None) -> Directions:

@@ -1,0 +1,28 @@
+"""Subjects that complete cases exclude, in sentences."""
+
+from collections.abc import Mapping, Sequence
+
+__all__ = ["PARTNER_MISSING", "exclusion_notes"]
+
+PARTNER_MISSING = "the other one of the pair is missing"
+"""Reason of an exclusion, beside missing values."""
+
+
+def exclusion_notes(left_out: Mapping[str, str]) -> list[str]:
+    """Return how many subjects complete cases excluded and why, and the first of them."""
+    alone = [name for name, why in left_out.items() if why == PARTNER_MISSING]
+    incomplete = [name for name in left_out if name not in alone]
+    reasons = ((incomplete, "for missing values"), (alone, "because the other one of their pair is missing"))
+    return [
+        f"{_counted(names)} excluded {reason} (complete cases): {_some(names)}."
+        for names, reason in reasons
+        if names
+    ]
+
+
+def _counted(names: Sequence[str]) -> str:
+    return "1 subject was" if len(names) == 1 else f"{len(names)} subjects were"
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:5]) + (", …" if len(names) > 5 else "")

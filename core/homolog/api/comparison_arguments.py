@@ -1,0 +1,131 @@
+"""Arguments of comparisons: checked, and turned into what the analysis takes."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from homolog.analysis.design import covariate_columns, is_missing
+from homolog.analysis.exclusions import PARTNER_MISSING, exclusion_notes
+from homolog.analysis.procrustes import Alignment
+from homolog.analysis.studies import pair_members
+from homolog.arrays import Array, BoolArray, FloatArray, IntArray
+from homolog.cohort.column_types import CATEGORY
+from homolog.errors import InputError
+
+__all__ = [
+    "Covariates",
+    "check_comparisons",
+    "check_options",
+    "columns_of",
+    "incomplete",
+    "notes_on",
+    "pairs_of",
+    "unpaired",
+]
+
+Covariates = Mapping[str, Sequence[str | float] | Array]
+
+
+def check_options(alignments: Sequence[str], permutations: int) -> None:
+    """Refuse unknown alignments and a number of permutations below one."""
+    known = [item.value for item in Alignment]
+    for alignment in alignments:
+        if alignment not in known:
+            raise InputError(f"alignment={alignment!r}: choose one or several of {', '.join(known)}")
+    if not alignments or len(set(alignments)) < len(alignments):
+        raise InputError(f"alignment={tuple(alignments)}: give one or more, each once")
+    if permutations < 1:
+        raise InputError(f"permutations={permutations}: a permutation test needs at least one")
+
+
+def check_comparisons(comparisons: Sequence[tuple[str, str]], order: Sequence[str]) -> None:
+    """Refuse comparisons that are not pairs of different groups, each once."""
+    if len(order) < 3:
+        raise InputError("comparisons need three or more groups; for two groups use `between`")
+    if not comparisons or len({frozenset(pair) for pair in comparisons}) < len(comparisons):
+        raise InputError("comparisons: give one or more, each once")
+    for pair in comparisons:
+        if len(set(pair)) != 2 or not set(pair) <= set(order):
+            raise InputError(f"comparisons: {tuple(pair)} are not two of the groups {', '.join(order)}")
+
+
+def pairs_of(
+    pairs: Sequence[str | None],
+    labels: Array,
+    order: Sequence[str],
+    covariates: Covariates | None,
+    names: Sequence[str] | None,
+) -> tuple[IntArray, IntArray]:
+    """Return the first and the second of each pair of subjects."""
+    if any(isinstance(pair, tuple | list) for pair in pairs):
+        raise InputError(
+            "pairs: names the pair of each subject; which of several groups are compared is said by "
+            f"comparisons={list(pairs)!r}"
+        )
+    _check_length(pairs, labels)
+    if len(order) != 2 or covariates:
+        raise InputError("pairs: a paired comparison is between two groups and takes no covariates")
+    return pair_members(_texts(pairs), labels.tolist(), (order[0], order[1]), names)
+
+
+def columns_of(
+    covariates: Covariates | None,
+    chosen: Sequence[int],
+    subjects: int,
+    names: Sequence[str] | None,
+) -> FloatArray | None:
+    """Return the columns (m, c) of the covariates of the compared subjects."""
+    if not covariates:
+        return None
+    for title, values in covariates.items():
+        _check_values(title, values, subjects)
+    table = {title: [values[index] for index in chosen] for title, values in covariates.items()}
+    return covariate_columns(table, names, categories=[title for title in table if title.endswith(CATEGORY)])
+
+
+def incomplete(subjects: int, covariates: Covariates | None, members: BoolArray) -> dict[int, str]:
+    """Return the members, of all subjects, that lack a value of a covariate, and which."""
+    gone: dict[int, str] = {}
+    for title, values in (covariates or {}).items():
+        _check_values(title, values, subjects)
+        for index in np.flatnonzero(members).tolist():
+            if is_missing(values[index]):
+                gone.setdefault(index, f"no value of {title.removesuffix(CATEGORY)}")
+    return gone
+
+
+def unpaired(pairs: Sequence[str | None], labels: Array, order: Sequence[str]) -> dict[int, str]:
+    """Return the subjects of two groups without a pair or a partner, and which of these is missing."""
+    _check_length(pairs, labels)
+    gone: dict[int, str] = {}
+    by_pair: dict[str, list[int]] = {}
+    for index, (pair, label) in enumerate(zip(_texts(pairs), labels.tolist(), strict=True)):
+        if label not in order:
+            continue
+        if pair:
+            by_pair.setdefault(pair, []).append(index)
+        else:
+            gone[index] = "no value of pairs"
+    return gone | {members[0]: PARTNER_MISSING for members in by_pair.values() if len(members) == 1}
+
+
+def notes_on(gone: Mapping[int, str], names: Sequence[str] | None) -> tuple[str, ...]:
+    """Return how many subjects were excluded, and why."""
+    called = {f"subject {index + 1}" if names is None else names[index]: why for index, why in gone.items()}
+    return tuple(exclusion_notes(called))
+
+
+def _texts(pairs: Sequence[str | None]) -> list[str]:
+    return ["" if pair is None or is_missing(pair) else str(pair) for pair in pairs]
+
+
+def _check_length(pairs: Sequence[str | None], labels: Array) -> None:
+    if len(pairs) != len(labels):
+        raise InputError(f"pairs: {len(pairs)} given for {len(labels)} subjects; give one for each")
+
+
+def _check_values(title: str, values: Sequence[str | float] | Array, subjects: int) -> None:
+    if len(values) != subjects:
+        raise InputError(
+            f"covariate {title!r}: {len(values)} values for {subjects} subjects; give one for each"
+        )

@@ -1,0 +1,79 @@
+"""What only the authors know of a project, kept for its reports: structure, cohort, meaning of the axes."""
+
+import json
+from enum import StrEnum
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from homolog.errors import InputError
+from homolog.files.atomic import write_text
+from homolog.files.project import ProjectFolder
+
+__all__ = ["Axes", "ReportDetails", "read_details", "write_details"]
+
+_FILE = "report.json"
+
+
+class Axes(StrEnum):
+    """What the axes of the files are."""
+
+    AUTO = "auto"
+    PATIENT = "patient"
+    FILE = "file"
+
+
+class ReportDetails(BaseModel):
+    """Details for reports.
+
+    Attributes
+    ----------
+    structure : str
+        What the shapes are.
+    cohort : str
+        Who the subjects are.
+    axes : Axes
+        Whether the axes of the files are those of the patient.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    structure: Annotated[
+        str,
+        Field(
+            max_length=200, description="What the shapes are, such as: left ventricle. Used in the report."
+        ),
+    ] = ""
+    cohort: Annotated[
+        str,
+        Field(
+            max_length=2000,
+            description="Who the subjects are: recruitment, criteria, what the groups mean, scanner. Used in "
+            "the report.",
+        ),
+    ] = ""
+    axes: Annotated[
+        Axes,
+        Field(
+            description="Whether the axes of the files are those of the patient, so that places are called "
+            "left, anterior or superior, or the file's own, so that they are called +x or -z; auto: those of "
+            "the patient if all files are images whose headers say so."
+        ),
+    ] = Axes.AUTO
+
+
+def read_details(project: ProjectFolder) -> ReportDetails:
+    """Return the details kept in a project; raises InputError if their file is damaged."""
+    path = project.folder / _FILE
+    try:
+        return ReportDetails.model_validate(json.loads(path.read_bytes()))
+    except FileNotFoundError:
+        return ReportDetails()
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is damaged; delete it and give its details again") from error
+
+
+def write_details(project: ProjectFolder, details: ReportDetails) -> None:
+    """Keep the details in a project; raises InputError if it can't be written to."""
+    if details != read_details(project):
+        write_text(project.folder / _FILE, details.model_dump_json(indent=2) + "\n")
