@@ -1,4 +1,4 @@
-"""Draw the README's picture: how infarcts change the hearts of the sample study, in truth and as found.
+"""Draw the README's picture: how infarcts thin the wall of the sample hearts, in truth and as found.
 
 homolog sample hearts --out HEARTS
 homolog run HEARTS --out PROJECT --particles 512
@@ -13,15 +13,18 @@ from scipy.spatial.transform import Rotation
 
 import homolog as hl
 from homolog.arrays import FloatArray
+from homolog.surfaces.walls import wall_thickness
 from homolog_app.pictures import View, write_picture
 from homolog_app.pictures.layout import Panel, arrange
 from homolog_app.rendering.camera import frame_around
-from homolog_app.rendering.colours import diverging_colours, outward_displacement
+from homolog_app.rendering.colours import diverging_colours
 from homolog_app.rendering.draw import draw
 from homolog_app.rendering.rays import shaded
 from homolog_app.rendering.scene import Scene
 
 LIMIT = 4.0  # mm
+MOST = 13.0  # mm: at the rim, rays run along the wall
+GREY = 0.62
 PIXELS = 430
 VIEWS = (
     View((0.5, 0.87, 0.1), (0.0, 0.0, 1.0), "outer wall"),
@@ -30,35 +33,44 @@ VIEWS = (
 
 
 def main(study: Path, folder: Path) -> None:
-    """Draw the true effect next to the difference that Homolog finds between the groups."""
+    """Draw the true change of the wall's thickness next to the change between the group means."""
     project = hl.Project(folder)
-    result = hl.compare_groups(project.aligned, project.groups, ("healthy", "infarct"), alignment="rigid")
     reference, affected = (
         hl.read_mesh(study / "truth" / f"{name}.ply") for name in ("reference", "affected")
     )
-    middle = reference.vertices.mean(axis=0)
-    true = (
-        hl.TriangleMesh(reference.vertices - middle, reference.faces),
-        outward_displacement(reference, affected.vertices - reference.vertices),
+    centred = reference.vertices - reference.vertices.mean(axis=0)
+    groups = np.array(project.groups)
+    healthy, infarct = (
+        project.surface(project.aligned[groups == group].mean(axis=0)) for group in ("healthy", "infarct")
     )
-
-    healthy = project.aligned[[group == "healthy" for group in project.groups]].mean(axis=0)
-    mean, moved = (project.surface(healthy + share * result.pointwise.effect[0]) for share in (0.0, 1.0))
     exact = exact_mean(study, project)
-    upright, _ = Rotation.align_vectors(true[0].vertices, exact - exact.mean(axis=0))
-    estimated = (
-        hl.TriangleMesh(upright.apply(mean.vertices - exact.mean(axis=0)), mean.faces),
-        outward_displacement(mean, moved.vertices - mean.vertices),
+    upright, _ = Rotation.align_vectors(centred, exact - exact.mean(axis=0))
+    maps = (
+        (hl.TriangleMesh(centred, reference.faces), thinning(reference, affected)),
+        (
+            hl.TriangleMesh(upright.apply(healthy.vertices - exact.mean(axis=0)), healthy.faces),
+            thinning(healthy, infarct),
+        ),
     )
-
-    frames = [frame_around([true[0].vertices, estimated[0].vertices], view) for view in VIEWS]
+    frames = [frame_around([mesh.vertices for mesh, _ in maps], view) for view in VIEWS]
     panels = [
-        Panel(draw(Scene((shaded(mesh, diverging_colours(outward, LIMIT)),)), frame, PIXELS), frame.view.name)
-        for mesh, outward in (true, estimated)
+        Panel(draw(Scene((shaded(mesh, colours),)), frame, PIXELS), frame.view.name)
+        for mesh, colours in maps
         for frame in frames
     ]
-    headings = ("true effect of the infarct", f"difference found in {len(project.names)} segmentations")
-    write_picture(arrange([panels], headings=headings, limit=LIMIT), Path(__file__).with_suffix(".png"))
+    headings = ("true change of the wall", f"change found in {len(project.names)} segmentations")
+    figure = arrange([panels], headings=headings, limit=LIMIT)
+    for text, end in zip(figure.axes[-1].texts, ("thicker\n(mm)", "thinner\n(mm)"), strict=True):
+        text.set_text(end)
+    write_picture(figure, Path(__file__).with_suffix(".png"))
+
+
+def thinning(before: hl.TriangleMesh, after: hl.TriangleMesh) -> FloatArray:
+    """Return colours (V, 3) of the change of the wall's thickness, grey at the rim."""
+    thick = np.stack([wall_thickness(mesh) for mesh in (before, after)])
+    colours = diverging_colours(thick[1] - thick[0], LIMIT)
+    colours[thick.max(axis=0) > MOST] = GREY
+    return colours
 
 
 def exact_mean(study: Path, project: hl.Project) -> FloatArray:

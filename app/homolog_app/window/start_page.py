@@ -358,6 +358,7 @@ class StartPage(QFrame):
         row.addWidget(label("More sample studies:", "Hint"))
         for identifier, title in _FURTHER.items():
             row.addWidget(ActionButton(title, self._actions[identifier], "flat"))
+        row.addStretch()
         return row
 
     def _card(self, identifier: str, text: str) -> tuple[QPushButton, QLabel]:

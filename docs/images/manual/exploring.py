@@ -1,4 +1,4 @@
-"""Pictures of the pages Modes, Groups and Measure, for `make.py`."""
+"""Pictures of the pages Modes, Groups (of a number) and Measure, for `make.py`."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -35,12 +35,6 @@ def keep_exploring(
     order["view.grid1"].trigger()
     order["explore.groups"].trigger()
     groups = explore.page
-    order["explore.test"].trigger()
-    until(lambda: groups.answers)
-    groups.significant.setChecked(False)
-    groups.way.setValue(50)
-    keep("groups")
-    groups.significant.setChecked(True)
     study = session.study
     messages = {
         member.name: replace(

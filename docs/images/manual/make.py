@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
 
 HERE = Path(__file__).parent
-OF_SCAN, OF_HEARTS = {"scan"}, {"tour", "cut", "thickness", "patient"}
+OF_SCAN, OF_HEARTS = {"scan"}, {"tour", "cut", "groups", "thickness", "patient"}
 SIZE = (1280, 800)
-SECOND, PART, MOST = 1.0, 0.65, 600.0
+SECOND, PART, MOST = 1.0, 0.65, 1800.0
 
 
 def main(wanted: set[str]) -> None:

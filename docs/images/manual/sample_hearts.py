@@ -1,4 +1,4 @@
-"""Pictures of the sample hearts: tour, cut-away, thickness of the wall and a patient, for `make.py`."""
+"""Pictures of the sample hearts: tour, cut-away, groups, wall thickness and a patient, for `make.py`."""
 
 import tempfile
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
 
-__all__ = ["keep_cut", "keep_hearts", "keep_patient", "keep_scan"]
+__all__ = ["keep_cut", "keep_groups", "keep_hearts", "keep_patient", "keep_scan"]
 
 
 def keep_hearts(
@@ -62,6 +62,7 @@ def keep_cut(
     bar = window.views.stage.clip
     bar.plane.setCurrentText("Coronal")
     keep("cut")
+    keep_groups(window, until, keep)
     order["explore.measure"].trigger()
     measure = explore.page
     until(lambda: measure.table.rowCount() > 0)
@@ -74,6 +75,22 @@ def keep_cut(
     order["view.clip"].trigger()
     keep_patient(window, until, keep)
     order["file.close"].trigger()
+
+
+def keep_groups(
+    window: "MainWindow", until: Callable[[Callable[[], object]], None], keep: Callable[[str], None]
+) -> None:
+    """Compare the groups in form and shape, and keep the map of shape; the hearts are cut open."""
+    session, order = window.workspace.session, window.commands
+    order["explore.groups"].trigger()
+    order["view.grid1"].trigger()
+    page = window.inspector.explore.page
+    until(lambda: window.inspector.explore.fitted.shape is not None and not session.job.is_busy)
+    order["explore.test"].trigger()
+    until(lambda: page.answers and not session.job.is_busy)
+    page.results.chosen.emit(1, 0)
+    order["view.corner"].trigger()
+    keep("groups")
 
 
 def keep_patient(

@@ -167,3 +167,20 @@ def test_only_the_folder_of_a_sample_has_the_tour_of_the_sample(tmp_path):
     (tmp_path / "truth").mkdir()
     (tmp_path / "truth" / "heart_01.ply").touch()
     assert stops_for(hearts) is HEARTS.stops
+
+
+def test_buttons_of_grooming_are_disabled_while_their_commands_are(groomed, wait):
+    from PySide6.QtWidgets import QPushButton
+
+    session = groomed.workspace.session
+    session.show_step("groom")
+    session.select([session.study.members[0].name])
+    panel = groomed.inspector.groom
+    buttons = [button for button in panel.findChildren(QPushButton) if button.text().startswith("Groom")]
+    assert len(buttons) == 2
+    assert all(button.isEnabled() for button in buttons)
+    groomed.commands["run.start"].trigger()
+    assert not any(button.isEnabled() for button in buttons)
+    groomed.commands["run.cancel"].trigger()
+    wait(lambda: not session.job.is_busy)
+    assert all(button.isEnabled() for button in buttons)

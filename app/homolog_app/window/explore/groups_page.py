@@ -344,7 +344,8 @@ class GroupsPage(ExplorePage):
         self.progress.show_status(job.status if own else None)
         compares = "Compare pairs" if self.form.pairs else "Compare groups"
         self.go.setText("Test the effect" if self.form.is_regression else compares)
-        set_enabled(self.go, self.fitted.shape is not None and self.form.is_possible and not job.is_busy)
+        has_result = self.workspace.session.result is not None and self.fitted.shape is not None
+        set_enabled(self.go, has_result and self.form.is_possible and not job.is_busy)
         self.go.setVisible(not (own and job.status is not None))
         set_primary(self.go, not (self.answers and self._current))
 
