@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt, QTimer, Slot
-from PySide6.QtGui import QAction, QActionGroup, QCursor, QEnterEvent, QKeyEvent, QKeySequence
+from PySide6.QtGui import QAction, QActionGroup, QCursor, QEnterEvent, QIcon, QKeyEvent, QKeySequence, QPixmap
 from PySide6.QtWidgets import (
     QDialog,
     QGridLayout,
@@ -36,6 +36,7 @@ __all__ = [
 
 Handler = Callable[[], object]
 
+_ICON_PX = 32
 _TIP_MS = 400  # Qt's own tips come after 700
 
 
@@ -205,6 +206,9 @@ class CommandPalette(QDialog):
         super().__init__(parent, Qt.WindowType.Popup)
         self._actions = actions
         self._chosen: QAction | None = None
+        room = QPixmap(_ICON_PX, _ICON_PX)
+        room.fill(Qt.GlobalColor.transparent)
+        self._blank = QIcon(room)  # titles stand one below the other
         self.setAccessibleName("Command palette")
         self.resize(560, 420)
         self.query = QLineEdit(placeholderText="Find a command…")
@@ -254,7 +258,7 @@ class CommandPalette(QDialog):
             if action.isEnabled() and entry.id != "help.palette":
                 keys = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
                 item = QTreeWidgetItem([entry.title.rstrip("…"), keys])
-                item.setIcon(0, action.icon())
+                item.setIcon(0, self._blank if action.icon().isNull() else action.icon())
                 item.setToolTip(0, entry.help)
                 item.setData(0, Qt.ItemDataRole.UserRole, action)
                 item.setTextAlignment(1, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)

@@ -363,7 +363,7 @@ class ProjectController(Controller):
 
     def _group(self) -> None:
         session = self._workspace.session
-        text, groups = f"Group of {len(session.selection)} subjects:", session.study.groups or [""]
+        text, groups = f"Subjects: {len(session.selection)}. Group:", session.study.groups or [""]
         name, chosen = QInputDialog.getItem(self._window, "Set group", text, groups)
         if chosen:
             session.set_group(name.strip() or None)

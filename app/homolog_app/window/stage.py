@@ -7,7 +7,6 @@ from PySide6.QtWidgets import (
     QCheckBox,
     QDialog,
     QDialogButtonBox,
-    QFormLayout,
     QFrame,
     QHBoxLayout,
     QLabel,
@@ -28,7 +27,7 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.scene import Scene
 from homolog_app.window.slice_view import SliceView
 from homolog_app.window.theme import Theme, pixmap, scaled
-from homolog_app.window.widgets import GRID, PercentEdit, button, choice, label
+from homolog_app.window.widgets import GRID, PercentEdit, button, choice, label, named_rows
 
 __all__ = ["ClipBar", "RangeDialog", "Stage", "ViewBar", "ViewFooter", "view_menu"]
 
@@ -162,12 +161,12 @@ class RangeDialog(QDialog):
         self.low, self.high = QLineEdit(short(scale.low)), QLineEdit(short(scale.high))
         unit = f" ({scale.unit})" if scale.unit else ""
         self.symmetric = QCheckBox("Symmetric about 0")
-        form = QFormLayout()
-        form.setVerticalSpacing(GRID)
-        for text, box in ((f"Lowest{unit}", self.low), (f"Highest{unit}", self.high)):
+        rows = ((f"Lowest{unit}", self.low), (f"Highest{unit}", self.high))
+        for text, box in rows:
             box.setAccessibleName(text)
-            form.addRow(text, box)
-        form.addRow("", self.symmetric)
+        form = named_rows(rows)
+        form.setVerticalSpacing(GRID)
+        form.addWidget(self.symmetric, len(rows), 1)
         self.problem = label("", "Problem", wrap=True)
         self.automatic = button("Automatic")
         self.automatic.setToolTip("Set the range automatically from the values shown")

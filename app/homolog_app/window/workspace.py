@@ -14,7 +14,6 @@ from PySide6.QtWidgets import (
     QComboBox,
     QDialog,
     QDialogButtonBox,
-    QFormLayout,
     QVBoxLayout,
     QWidget,
 )
@@ -27,7 +26,7 @@ from homolog_app.window.dialogs import LogMemory
 from homolog_app.window.runner import GarbageCollector
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme
-from homolog_app.window.widgets import GRID, label
+from homolog_app.window.widgets import GRID, label, named_rows
 from homolog_app.window.work import Work
 
 __all__ = ["Controller", "Preferences", "PreferencesDialog", "Workspace", "reported"]
@@ -121,10 +120,8 @@ class PreferencesDialog(QDialog):
         self.scheme.setCurrentIndex(self.scheme.findData(preferences.scheme))
         self.ask = QCheckBox("Ask before discarding unsaved edits or stopping a run")
         self.ask.setChecked(preferences.ask_on_close)
-        form = QFormLayout()
+        form = named_rows((("Colours", self.scheme), ("Closing", self.ask)))
         form.setVerticalSpacing(2 * GRID)
-        form.addRow("Colours", self.scheme)
-        form.addRow("Closing", self.ask)
         buttons = QDialogButtonBox(
             QDialogButtonBox.StandardButton.Ok | QDialogButtonBox.StandardButton.Cancel,
             parent=self,  # icons are looked up in its style sheet at once

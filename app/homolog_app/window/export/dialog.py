@@ -177,9 +177,9 @@ class ExportDialog(QDialog):
         self.bar.setAccessibleName("Progress of the export")
         self.show_.hide()
         self.go.setDefault(True)
-        height = 300 if self.settings is None else 480
+        height = 300 if self.settings is None else 560
         room = self.screen().availableGeometry()
-        wide, high = (1168, 840) if self.preview else (640, 760)
+        wide, high = (1168, 840) if self.preview else (640, 640)
         high = min(high, room.height() - _FRAME) if self.chooser else height
         self.resize(min(wide, room.width()), high)
 
