@@ -158,8 +158,10 @@ class CohortPanel(Panel):
             width = min(max(self.table.sizeHintForColumn(GROUP), low), high)
             self.table.horizontalHeader().resizeSection(GROUP, width)
             self.table.fit_names()
-        text = f"{included} of {len(members)} subjects included"
-        self.count.setText(f"{text} · groups: {', '.join(groups)}" if groups else text)
+        parts = [f"{included} of {len(members)} {'subject' if len(members) == 1 else 'subjects'} included"]
+        parts += ["two or more are needed"] if included < 2 else []
+        parts += [f"groups: {', '.join(groups)}"] if groups else []
+        self.count.setText(" · ".join(parts))
         listed = "; ".join(f"{survey.subject.name}: {survey.problem}" for survey in bad[:3])
         more = f" and {len(bad) - 3} more, see the table" if len(bad) > 3 else ""
         plural = "file" if len(bad) == 1 else "files"

@@ -149,7 +149,7 @@ def steps_of(session: Session) -> dict[str, Step]:
         "explore": result is not None or session.preliminary is not None,
     }
     texts = {
-        "cohort": f"{included} subjects" if session.is_open else "",
+        "cohort": f"{included} subject{'s' * (included != 1)}" if session.is_open else "",
         "groom": f"{groomed} of {included}" if groomed else "",
         "correspond": f"{result.result.world.shape[1]} particles" if result else "",
         "explore": "preliminary" if session.preliminary is not None else "",

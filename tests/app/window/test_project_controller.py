@@ -405,6 +405,14 @@ def test_the_subject_that_an_error_names_can_be_shown_or_left_out(groomed, wait)
 
 
 @pytest.mark.window
+def test_one_subject_is_too_few_and_the_cohort_page_says_so(window, ellipsoids):
+    window.projects.open_paths([ellipsoids / "a.nrrd"])
+    panel = window.inspector.cohort
+    assert not panel.proceed.isEnabled()
+    assert panel.count.text() == "1 of 1 subject included · two or more are needed"
+
+
+@pytest.mark.window
 def test_notes_on_all_subjects_can_be_read_in_groom_one_line_for_each_kind(groomed):
     panel, session = groomed.inspector.groom, groomed.workspace.session
     assert panel.notes.isHidden()
