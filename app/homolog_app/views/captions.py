@@ -23,6 +23,7 @@ _EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
 _FREE, _ROOM, _LEAST = 0.43, 0.97, 4
 _CUT = "…"
 _PLATE = 0.75  # opacity
+_LINE = 1.2  # line spacing
 
 
 class Caption:
@@ -62,10 +63,10 @@ class Caption:
         for actor, text in zip(self._letters, edge_letters(axes, right, up), strict=True):
             if actor.GetInput() != text:
                 actor.SetInput(text)
-        width, _ = self._renderer.GetSize()
-        if width != self._fitted:
-            self._fitted = width
-            self._fit(width)
+        width, height = self._renderer.GetSize()
+        if (width, height) != self._fitted:
+            self._fitted = width, height
+            self._fit(width, height)
 
     def paint(self, colours: Colours) -> None:
         """Apply the scheme's colours; in close-ups texts lie over shapes."""
@@ -76,8 +77,8 @@ class Caption:
             actor.GetTextProperty().SetBackgroundColor(*rgb(colours.scene))
             actor.GetTextProperty().SetBackgroundOpacity(_PLATE)
 
-    def _fit(self, width: int) -> None:
-        """Shorten lines to the view; omit a letter that the caption would touch."""
+    def _fit(self, width: int, height: int) -> None:
+        """Shorten lines to the view; omit letters that the caption would touch."""
         text = "\n".join(self._lines)
         font = font_file(text + _CUT)
         self.caption.GetTextProperty().SetFontFile(str(font))
@@ -86,7 +87,12 @@ class Caption:
         fitting = [self._shortened(*parts, _ROOM * width) for parts in zip(lines, lengths, strict=True)]
         self.caption.SetInput("\n".join(fitting))
         free = max(lengths, default=0.0) <= _FREE * width
-        self._letters[-1].SetVisibility(bool(lines) and self._lettered and not self._small and free)
+        lettered = bool(self._lines) and self._lettered
+        self._letters[-1].SetVisibility(lettered and not self._small and free)
+        size = self.caption.GetTextProperty().GetFontSize()
+        high = _LINE * (len(lines) + 0.5) * size < 0.5 * height
+        for actor in self._letters[:2]:
+            actor.SetVisibility(lettered and high)
 
     def _shortened(self, line: str, length: float, room: float) -> str:
         """Return a line, shortened in the middle to fit the room."""
@@ -154,7 +160,7 @@ def _text(x: float, y: float) -> pv.Text:
     actor = _plain_text()
     actor.GetPositionCoordinate().SetCoordinateSystemToNormalizedViewport()
     actor.SetPosition(x, y)
-    actor.prop.SetLineSpacing(1.2)
+    actor.prop.SetLineSpacing(_LINE)
     return actor
 
 
@@ -165,6 +171,7 @@ def _plain_text() -> pv.Text:
 
 
 _SHARE, _MOST = 0.22, 140
+_LOWEST = 5.5  # height of the lowest view with a scale bar and a caption, in heights of the text
 
 
 class ScaleBar:
@@ -178,7 +185,7 @@ class ScaleBar:
         self._line, self._text = vtkActor2D(), _plain_text()
         self._line.SetMapper(mapper)
         self._text.prop.justification_horizontal = "center"
-        self._size = 0
+        self._size, self._wanted = 0, False
         self._drawn: object = None
         self.show(False, 12)
         for actor in (self._line, self._text):
@@ -186,7 +193,7 @@ class ScaleBar:
 
     def show(self, shown: bool, size: int) -> None:
         """Show the bar with text of a height in pixels, or hide it."""
-        self._size = size
+        self._size, self._wanted, self._drawn = size, shown, None
         for actor in (self._line, self._text):
             actor.SetVisibility(shown)
 
@@ -202,9 +209,11 @@ class ScaleBar:
         """Before each drawing: adapt the length to the camera."""
         width, height = self._renderer.GetSize()
         wanted = width, height, self._size, self._renderer.GetActiveCamera().GetParallelScale()
-        if not self._line.GetVisibility() or not width * height or wanted == self._drawn:
+        if not self._wanted or not width * height or wanted == self._drawn:
             return
         self._drawn = wanted
+        for actor in (self._line, self._text):
+            actor.SetVisibility(height >= _LOWEST * self._size)
         millimetres = 2.0 * wanted[3] / height
         ratio = self._size / 12.0
         length = round_length(min(_SHARE * width, _MOST * ratio) * millimetres)

@@ -140,6 +140,9 @@ def test_measures_are_compared_by_group(plots, page, window):
     session = window.workspace.session
     volume = page.charts.boxes[1]
     assert volume.is_empty
+    assert "Assign groups" in volume.hint.text()
+    page.charts.clear_measures()  # as while subjects are measured
+    assert "Assign groups" not in volume.hint.text()
     for names, group in ((["a", "b"], "large"), (["c", "d"], "small")):
         session.select(names)
         session.set_group(group)

@@ -9,7 +9,7 @@ import pytest
 from homolog_app.rendering.camera import round_length
 from homolog_app.rendering.colours import colours_by_place
 from homolog_app.rendering.text import direction_letters, edge_letters
-from homolog_app.views.captions import NumberLabels
+from homolog_app.views.captions import Caption, NumberLabels, ScaleBar
 from homolog_app.views.content import KEPT, Content, Numbers, ViewContents, read_shown, write_shown
 from homolog_app.views.grid import Grid, drawn
 
@@ -60,6 +60,28 @@ def test_the_numbers_of_two_neighbours_stand_at_either_side_of_them():
         labels.face(np.array(right))
         texts = list(renderer.GetViewProps())
         assert [text.GetPositionCoordinate().GetValue()[0] for text in texts] == at
+
+
+@pytest.mark.parametrize(("height", "has_room"), [(40, False), (200, True)])
+def test_in_a_flat_view_the_name_stands_alone(height, has_room):
+    import pyvista as pv
+
+    plotter = pv.Plotter(off_screen=True, window_size=(150, height))
+    caption, bar = Caption(plotter.renderer), ScaleBar(plotter.renderer)
+    caption.show(["heart_01", "infarct"], 12, small=True, letters=True)
+    bar.show(True, 12)
+    plotter.render_window.Render()
+    caption.face(np.eye(3), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+    bar.face()
+    shown = [
+        actor.GetInput()
+        for actor in plotter.renderer.GetViewProps()
+        if isinstance(actor, pv.Text) and actor.GetVisibility()
+    ]
+    plotter.close()
+    assert caption.caption.GetInput() in shown
+    assert ("R" in shown) is ("L" in shown) is has_room
+    assert any(text.endswith("mm") for text in shown) is has_room
 
 
 def test_neighbours_have_alike_colours_and_opposite_places_do_not():

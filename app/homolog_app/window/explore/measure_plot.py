@@ -87,11 +87,14 @@ class MeasurePlot(Plot):
             self.chosen.emit(float(np.clip(event.xdata, self.positions[0], self.positions[-1])))
 
 
+_NOT_MEASURED = "The measures of the subjects appear here."
+
+
 class BoxPlot(Plot):
     """Quartiles, range and mean of a measure in each group, and every subject."""
 
     def __init__(self, theme: Theme, name: str, unit: str) -> None:
-        super().__init__(theme, name, "Assign groups in Cohort to see this measure by group.")
+        super().__init__(theme, name, _NOT_MEASURED)
         self.setMinimumWidth(_WIDTH)
         self._name, self._unit = name, unit
         self._parts: list[FloatArray] = []
@@ -105,6 +108,7 @@ class BoxPlot(Plot):
     def show_measure(self, values: FloatArray, groups: Sequence[str]) -> None:
         """Show a measure of subjects (M,), with the group of each."""
         self.measure = measure = compare_measure(values, groups)
+        self.hint.setText("Assign groups in Cohort to see this measure by group.")
         labels = np.array(groups, dtype=object)
         self._parts = [values[(labels == name) & np.isfinite(values)] for name in measure.groups]
         test = "no test" if measure.p is None else p_text(measure.p)
@@ -125,6 +129,7 @@ class BoxPlot(Plot):
     def clear(self) -> None:
         """Show no measure while this study has none."""
         self.measure, self._parts, self.title = None, [], self._name
+        self.hint.setText(_NOT_MEASURED)
         self.setAccessibleDescription("")
         self.setToolTip("")
         self.redraw()
@@ -183,7 +188,7 @@ class PairPlot(ScatterPlot):
         super().__init__(theme)
         self.title = "One measure against another"
         self.setAccessibleName(self.title)
-        self.hint.setText("The measures of the subjects appear here.")
+        self.hint.setText(_NOT_MEASURED)
 
     def show_pair(
         self, points: FloatArray, names: Sequence[str], groups: Sequence[str], labels: tuple[str, str]
