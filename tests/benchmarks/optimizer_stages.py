@@ -2,10 +2,11 @@
 
     python tests/benchmarks/optimizer_stages.py FOLDER --sizes 10x1024 100x1024 500x1024
 
-FOLDER as of `optimizer.py`. Shapes are copies of the beans that `--beans` says, aligned during the run. Every
-size is run in a process of its own, after a small run that loads the kernels. Stages that a stage contains
-are not part of it, so that they add up to the whole; `rest` is what none of them covers. A GPU is waited for
-at the end of a stage. `--functions N` also samples the main thread and prints where it was most.
+FOLDER as of `optimizer.py`. Shapes are copies of the beans that `--beans` says; with `--procrustes form` they
+are aligned during the run. Every size is run in a process of its own, after a small run that loads the
+kernels. Stages that a stage contains are not part of it, so that they add up to the whole; `rest` is what
+none of them covers. A GPU is waited for at the end of a stage. `--functions N` also samples the main thread
+and prints where it was most.
 """
 
 import argparse
@@ -133,9 +134,9 @@ class Sampler(threading.Thread):
         self.join()
 
 
-def one_size(shapes, device, particles, functions):
+def one_size(shapes, device, particles, procrustes, functions):
     """Run, and print the stages."""
-    settings = OptimizeSettings(particles=particles, procrustes="form")
+    settings = OptimizeSettings(particles=particles, procrustes=procrustes)
     optimize(shapes[: min(len(shapes), 10)], settings, device=device)
     clock = Stopwatch(device)
     watch(clock)
@@ -146,9 +147,9 @@ def one_size(shapes, device, particles, functions):
     result = optimize(shapes, settings, device=device, checkpoint=lambda _: None)
     whole, processor = time.perf_counter() - start, time.process_time() - processor
     print(
-        f"{len(shapes)} x {particles}: {whole:.2f} s, {processor:.2f} processor s, {result.iterations} "
-        f"iterations, {result.reason.value}, objective {result.energies[-1, 1:].sum():.6f}, "
-        f"checksum {result.local.sum():.9f}",
+        f"{len(shapes)} x {particles}, Procrustes {procrustes}: {whole:.2f} s, {processor:.2f} processor s, "
+        f"{result.iterations} iterations, {result.reason.value}, "
+        f"objective {result.energies[-1, 1:].sum():.6f}, checksum {result.local.sum():.9f}",
         flush=True,
     )
     clock.seconds["rest"] = whole - clock.seconds.total()
@@ -171,6 +172,7 @@ def main():
     parser.add_argument("--device", default="auto")
     parser.add_argument("--sizes", nargs="+", default=["10x1024", "100x1024", "500x1024"])
     parser.add_argument("--beans", type=int, default=100, help="that shapes are copies of")
+    parser.add_argument("--procrustes", default="off")
     parser.add_argument("--functions", type=int, default=0)
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
@@ -183,12 +185,13 @@ def main():
         for size in arguments.sizes:
             command = [sys.executable, __file__, str(arguments.folder), "--device", device, "--sizes", size]
             command += ["--beans", str(arguments.beans), "--functions", str(arguments.functions)]
+            command += ["--procrustes", arguments.procrustes]
             subprocess.run(command, check=True)
         return 0
     count, particles = map(int, arguments.sizes[0].split("x"))
     beans = load(path)
     shapes = [replace(beans[k % len(beans)], name=f"copy{k}") for k in range(count)]
-    one_size(shapes, device, particles, arguments.functions)
+    one_size(shapes, device, particles, arguments.procrustes, arguments.functions)
     return 0
 
 
