@@ -6,6 +6,7 @@ subjects are started again.
 """
 
 import logging
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, ExitStack, contextmanager
@@ -20,11 +21,15 @@ from homolog.workers import worker_processes
 _J = TypeVar("_J")
 _T = TypeVar("_T")
 
-__all__ = ["LOCAL", "SubjectWorkers", "serve_as_worker", "subject_executor"]
+__all__ = ["LOCAL", "SLURM", "SubjectWorkers", "serve_as_worker", "subject_executor"]
 
 LOCAL = "local"
 """A Dask cluster of this machine's cores."""
+SLURM = "slurm"
+"""A Dask cluster of jobs that this machine submits to Slurm."""
 
+_JOB_MEMORY = "8 GB"
+"""Of a job of Slurm, unless Dask's configuration says another."""
 _PATIENCE_S = 0.1  # between looks at the tick
 _MOST_DEATHS = 3
 """Of workers in a row, no subject being done between them."""
@@ -42,10 +47,11 @@ def subject_executor(
     Parameters
     ----------
     workers : int
-        Processes, of this machine or of a local cluster.
+        Processes, of this machine or of a local cluster, or jobs of Slurm.
     cluster : str, optional
-        ``"local"`` for a Dask cluster of this machine, or the address of a scheduler (``tcp://HOST:PORT``),
-        whose workers must see the same files under the same paths. Plain processes if not given.
+        ``"local"`` for a Dask cluster of this machine, ``"slurm"`` for jobs of Slurm, or the address of a
+        scheduler (``tcp://HOST:PORT``). All workers must see the same files under the same paths. Plain
+        processes if not given.
     announce : callable, optional
         Takes a line with the addresses of the cluster and its dashboard.
 
@@ -56,7 +62,8 @@ def subject_executor(
     Raises
     ------
     InputError
-        If Dask is not installed, no scheduler answers, or its workers have no or another Homolog.
+        If Dask is not installed, no scheduler answers, its workers have no or another Homolog, or this
+        machine can't submit jobs to Slurm.
     """
     if cluster is None:
         with worker_processes(workers) as executor:
@@ -74,6 +81,8 @@ def subject_executor(
                     silence_logs=logging.ERROR,
                 )
             )
+        elif cluster == SLURM:
+            where = stack.enter_context(_slurm_jobs(workers))
         try:
             client = stack.enter_context(distributed.Client(where, timeout=ANSWER_S, set_as_default=False))
         except (OSError, ValueError) as error:
@@ -81,7 +90,8 @@ def subject_executor(
                 f"{cluster}: no Dask scheduler answers there ({error}); start one with dask scheduler, or "
                 "use the cluster local, or none for processes of this machine"
             ) from error
-        _check_workers(client, cluster)
+        if cluster != SLURM:  # its jobs run this installation, and may wait for their turn
+            _check_workers(client, cluster)
         announce(f"Dask cluster {client.scheduler.address}, dashboard {client.dashboard_link}")
         yield _ClusterExecutor(stack.enter_context(client.get_executor(pure=False)))
 
@@ -225,11 +235,13 @@ def serve_as_worker(address: str) -> None:
     Raises
     ------
     InputError
-        If Dask is not installed or no scheduler answers.
+        If Dask is not installed, no scheduler answers, or the address is none.
     """
     import asyncio
 
     distributed = _distributed()
+    for part in ("nanny", "worker", "core"):
+        logging.getLogger(f"distributed.{part}").setLevel(logging.WARNING)
 
     async def serve() -> None:
         async with distributed.Nanny(address, nthreads=1, death_timeout=ANSWER_S) as nanny:
@@ -237,8 +249,34 @@ def serve_as_worker(address: str) -> None:
 
     try:
         asyncio.run(serve())
-    except (OSError, TimeoutError) as error:
-        raise InputError(f"{address}: no Dask scheduler answers there; correct the address") from error
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{address}: no Dask scheduler answers there; give its address, such as tcp://node1:8786"
+        ) from error
+
+
+def _slurm_jobs(number: int) -> Any:  # noqa: ANN401 - an optional library without types
+    """Return a cluster whose workers are so many jobs of Slurm; jobs that end are submitted again.
+
+    Queue, account, time and memory are those of Dask's configuration (jobqueue.slurm).
+    """
+    if shutil.which("sbatch") is None:
+        raise InputError(
+            "cluster slurm: this machine has no command sbatch; run on a node that submits jobs, or start "
+            "dask scheduler and homolog worker in jobs of your own and give the scheduler's address"
+        )
+    try:
+        import dask
+        from dask_jobqueue import SLURMCluster
+    except ImportError as error:
+        raise InputError(
+            "cluster slurm needs dask-jobqueue, which is not installed; install it with: "
+            'pip install "homolog[cluster]"'
+        ) from error
+    memory = dask.config.get("jobqueue.slurm.memory", None) or _JOB_MEMORY
+    cluster = SLURMCluster(cores=1, processes=1, memory=memory, scheduler_options={"dashboard_address": ":0"})
+    cluster.adapt(minimum_jobs=number, maximum_jobs=number)
+    return cluster
 
 
 def _distributed() -> Any:  # noqa: ANN401 - an optional library without types

@@ -317,13 +317,13 @@ class RunSettings(_Settings):
         str | None,
         Field(
             max_length=300,
-            description="Dask cluster that grooms and fits subjects: local, or the address of a scheduler "
-            "(tcp://host:8786) whose workers see the same files; processes of this machine if none or not "
-            "given.",
+            description="Dask cluster that grooms and fits subjects: local, slurm, or the address of a "
+            "scheduler (tcp://host:8786) whose workers see the same files; processes of this machine if none "
+            "or not given.",
         ),
         _form(
-            r"local|(tcp|tls|ucx)://\S+",
-            "must be local, or the address of a scheduler, such as tcp://host:8786",
+            r"local|slurm|(tcp|tls|ucx)://\S+",
+            "must be local, slurm, or the address of a scheduler, such as tcp://host:8786",
         ),
     ] = None
 

@@ -53,7 +53,7 @@ def test_closed_sets_list_their_choices():
     ("values", "text"),
     [
         ({"device": "gpu"}, "must be auto, cpu, cuda"),
-        ({"cluster": "here"}, "must be local, or the address"),
+        ({"cluster": "here"}, "must be local, slurm, or the address"),
         ({"workers": 0}, "must be at least 1"),
         ({"workers": "two"}, "must be a whole number"),
         ({"optimize": {"method": "best"}}, "must be 'geodesic-normals'"),

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from homolog.cluster import subject_executor
+from homolog.cluster import serve_as_worker, subject_executor
 from homolog.cohort import read_cohort
 from homolog.errors import InputError
 from homolog.grooming import groom_cohort
@@ -50,6 +50,34 @@ def test_without_dask_a_cluster_is_refused_with_the_command_that_installs_it(mon
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"homolog\[cluster\]"), subject_executor(1, "local"):
         pass
+
+
+def test_slurm_is_refused_where_no_jobs_can_be_submitted(monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(InputError, match="no command sbatch"), subject_executor(1, "slurm"):
+        pass
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_jobs_of_slurm_are_submitted_and_cancelled(monkeypatch, tmp_path):
+    pytest.importorskip("dask_jobqueue")
+    sbatch = 'cp "${@: -1}" "$0.job"; setsid bash "$0.job" >/dev/null 2>&1 </dev/null & echo job $!'
+    for name, script in (("sbatch", sbatch), ("scancel", 'touch "$0.$1"; kill -- "-$1"')):
+        (tmp_path / name).write_text(f"#!/bin/bash\n{script}\n")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    lines = []
+    with subject_executor(1, "slurm", lines.append) as executor:
+        assert executor.submit(os.getpid).result(60) != os.getpid()
+    assert "dashboard http" in lines[0]
+    assert list(tmp_path.glob("scancel.*"))
+    assert "--mem=8G" in (tmp_path / "sbatch.job").read_text()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_worker_is_refused_an_address_that_is_none():
+    with pytest.raises(InputError, match="foo: no Dask scheduler"):
+        serve_as_worker("foo")
 
 
 @pytest.mark.parametrize("address", ["node1:8786", "http://x", "", "local "])
