@@ -224,7 +224,7 @@ class Panel(QWidget):
         head.addWidget(label(title, "PanelTitle"))
         head.addWidget(label(hint, "Hint", wrap=True))
         inner = _Body(self.body)
-        scroll = QScrollArea()
+        scroll = self._scroll = QScrollArea()
         scroll.setWidgetResizable(True)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setWidget(inner)
@@ -240,6 +240,10 @@ class Panel(QWidget):
         for widget in (inner, self.base):  # names, however long, never make the panel wider
             widget.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         outer.addWidget(self.base)
+
+    def reveal(self, widget: QWidget) -> None:
+        """Scroll the body to a widget in it."""
+        self._scroll.ensureWidgetVisible(widget, 0, GRID)
 
     def showEvent(self, event: QShowEvent) -> None:
         """Watch the wheel over combo boxes and sliders."""

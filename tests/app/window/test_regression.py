@@ -108,3 +108,30 @@ def test_an_answer_is_kept_as_the_command_line_keeps_it(page, window, wait, tmp_
     line = page.keep.toolTip().partition("command: ")[2]
     assert main([*shlex.split(line)[1:], "--progress", "none"]) == 0
     assert {file.name: file.read_bytes() for file in folder.iterdir() if file.name not in dated} == mine
+
+
+def test_the_answers_of_other_seeds_can_be_cancelled_and_are_shown_where_they_are_read(
+    page, window, wait, monkeypatch
+):
+    from PySide6.QtCore import Qt
+    from PySide6.QtTest import QTest
+    from PySide6.QtWidgets import QAbstractButton
+
+    monkeypatch.setattr("homolog_app.window.explore.groups_page._SEEDS", 2)
+    window.projects.save()
+    ask(page, window, wait, "group")
+    job = window.workspace.session
+    (cancel,) = page.progress.findChildren(QAbstractButton)
+    QTest.mouseClick(page.seeds, Qt.MouseButton.LeftButton)
+    wait(lambda: job.job.status is not None and "seed 1" in job.job.status.message, what="for seed 1")
+    assert not page.seeds.isEnabled()
+    QTest.mouseClick(cancel, Qt.MouseButton.LeftButton)
+    wait(lambda: not job.job.is_busy, what="for the end")
+    assert page.seeds.isEnabled()
+    assert not page.by_seed.isVisible()
+    QTest.mouseClick(page.seeds, Qt.MouseButton.LeftButton)
+    wait(page.by_seed.isVisible, seconds=300, what="for the answers")
+    wait(lambda: not page.by_seed.visibleRegion().isEmpty(), what="to see them")
+    assert "over 2 seeds" in page.by_seed.text()
+    folder = window.workspace.project.folder
+    assert (folder / "analysis" / page.answers[0].study.request.name / "seeds.csv").is_file()

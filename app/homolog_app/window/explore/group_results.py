@@ -1,12 +1,12 @@
 """The answer of the page *Groups* as a table, and the plot of its subjects."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTreeWidget, QTreeWidgetItem
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QTreeWidget, QTreeWidgetItem, QWidget
 
 from homolog.analysis.cautions import p_number
 from homolog_app.rendering.text import short, signed, typeset
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from homolog_app.report.study import Study
     from homolog_app.studies.answers import Answers, GroupAnswer
 
-__all__ = ["GroupPlot", "GroupResults", "correction_sentence"]
+__all__ = ["GroupPlot", "GroupResults", "SeedAnswers", "correction_sentence"]
 
 
 _HEADS = ("Comparison", "D (95 % CI)", "p", "Surface")
@@ -170,6 +170,24 @@ def _values(study: "Study", comparison: "Comparison") -> tuple[str, str, str, st
 
 def _line(answer: "GroupAnswer") -> str:
     return "discriminant" if answer.discriminant is not None else "mean difference"
+
+
+class SeedAnswers(QLabel):
+    """How the answers vary with the seed of the correspondence; hidden until that is known."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setWordWrap(True)
+        self.setTextFormat(Qt.TextFormat.PlainText)
+        self.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.hide()
+
+    def show_sentences(self, sentences: Sequence[str], reveal: Callable[[QWidget], None]) -> None:
+        """Show the sentences, and bring them into view once there is room for them."""
+        stored = "Stored in the project; Export > Report includes it."
+        self.setText(typeset("\n".join([*sentences, stored])))
+        self.show()
+        QTimer.singleShot(0, self, lambda: reveal(self))
 
 
 class GroupPlot(ScatterPlot):

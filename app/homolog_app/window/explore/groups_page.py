@@ -25,7 +25,7 @@ from homolog_app.views.view_states import GroupsView
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.controls import CompareBox, NumbersTable, Player
 from homolog_app.window.explore.group_form import GroupForm
-from homolog_app.window.explore.group_results import GroupPlot, GroupResults, correction_sentence
+from homolog_app.window.explore.group_results import GroupPlot, GroupResults, SeedAnswers, correction_sentence
 from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.widgets import (
     GRID,
@@ -72,15 +72,16 @@ class GroupsPage(ExplorePage):
         self.nothing = label(
             "Assign groups in Cohort (Ctrl+G) or import a table. A group needs two subjects.", wrap=True
         )
-        stale = "The question has changed. Compare again to update the answer."
-        self.stale = label(stale, "Problem", wrap=True)
+        self.stale = label(
+            "The question has changed. Compare again to update the answer.", "Problem", wrap=True
+        )
         self.verdict = label("", "SectionTitle", wrap=True)
         self.effect, self.question = label("", wrap=True), label("", "Hint", wrap=True)
         self.results = GroupResults()
         self.others = label("", "Hint", wrap=True)
         self.summary = label("", wrap=True)
         self.cautions = label("", "Problem", wrap=True)
-        self.kept = label("", "Hint", wrap=True)
+        self.kept, self.by_seed = label("", "Hint", wrap=True), SeedAnswers()
         for widget in (
             self.verdict, self.effect, self.question, self.others, self.summary, self.cautions, self.kept,
         ):  # fmt: skip
@@ -119,14 +120,12 @@ class GroupsPage(ExplorePage):
         answer = QVBoxLayout(self.answer)
         answer.setContentsMargins(0, 0, 0, 0)
         answer.setSpacing(GRID)
-        for widget in (self.verdict, self.effect, self.question, self.results, self.others):
+        for widget in (self.verdict, self.effect, self.question, self.results, self.others, self.by_seed):
             answer.addWidget(widget)
         slide = QHBoxLayout()
-        slide.addWidget(self.first)
-        slide.addWidget(self.way, 1)
-        slide.addWidget(self.second)
-        slide.addWidget(PercentEdit("Percent of the way to the second group or value", self.way))
-        slide.addWidget(label("%", "Unit"))
+        percent = PercentEdit("Percent of the way to the second group or value", self.way)
+        for part in (self.first, self.way, self.second, percent, label("%", "Unit")):
+            slide.addWidget(part, int(part is self.way))
         answer.addLayout(slide)
         answer.addLayout(named_rows((("Map", self.map), ("Views", self.views))))
         ticks = QHBoxLayout()
@@ -135,10 +134,8 @@ class GroupsPage(ExplorePage):
         ticks.addStretch()
         ticks.addWidget(self.to_significant)
         answer.addLayout(ticks)
-        answer.addWidget(self.player)
-        answer.addWidget(rule())
-        for text in (self.cautions, self.numbers, self.summary):
-            answer.addWidget(text)
+        for below in (self.player, rule(), self.cautions, self.numbers, self.summary):
+            answer.addWidget(below)
         self.body.addWidget(self.answer)
         self.body.addStretch()
         self.footer.setSpacing(GRID)
@@ -167,7 +164,7 @@ class GroupsPage(ExplorePage):
         self.player.swung.connect(lambda value: self.way.setValue(round(_WHOLE / 2 + value)))
         for box in (self.map, self.views):
             box.activated.connect(lambda _: self.shown_changed.emit())
-        self.map.activated.connect(lambda _: self._update_map())
+        self.map.activated.connect(self._update_map)
         for tick in (self.significant, self.arrows):
             tick.toggled.connect(self.shown_changed)
         self.chart.subject_chosen.connect(lambda name: session.select([name]))
@@ -234,7 +231,7 @@ class GroupsPage(ExplorePage):
             "seeds",
             lambda tick: repeat_by_seed(project, answers, cohort, _SEEDS, tick),
             f"answers of {_SEEDS} seeds",
-            lambda sentences: self._show_kept(typeset("\n".join(sentences))),
+            lambda sentences: self.by_seed.show_sentences(sentences, self.reveal),
         )
 
     def _show_kept(self, text: str) -> None:
@@ -270,6 +267,7 @@ class GroupsPage(ExplorePage):
         self._mapped = (0, 0)
         self._questions |= self.all.question.titles
         self._show_kept("")
+        self.by_seed.hide()
         self.show_answers()
         self._follow_path()
 
