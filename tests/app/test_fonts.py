@@ -1,6 +1,7 @@
 """Which font writes what, and what is written where no font has a sign."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -78,3 +79,11 @@ def test_the_title_of_a_colour_scale_gets_smaller_letters_before_it_is_cut():
     title = (picture[:20] != picture[0, 0]).any(axis=(0, 2))
     assert title.any()
     assert not title[[0, 1, -2, -1]].any()
+
+
+def test_the_labels_at_the_ends_of_a_colour_scale_are_whole():
+    ends = {"low_label": "toward the centre", "high_label": "away from the centre of the shape"}
+    picture = scale_picture(replace(displacement_scale(6.0, "Difference"), **ends), LIGHT_SCHEME, 700, 1.0)
+    written = (picture[24:36] != picture[0, 0]).any(axis=(0, 2))
+    assert written.any()
+    assert not written[[0, 1, -2, -1]].any()

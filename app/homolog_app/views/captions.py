@@ -277,7 +277,8 @@ def scale_picture(
         draw.text(
             (start + patch, 12 * ratio), written(scale.grey_label, own), colours.text, letters, anchor="lm"
         )
-    length = round(min(MOST * ratio, width - 2 * SIDE * ratio))
+    beside = max(font.getlength(text) for text in (scale.low_label, scale.high_label)) + 12 * ratio
+    length = round(min(MOST * ratio, width - 2 * max(SIDE * ratio, beside)))
     left, top = round((width - length) / 2), round(_TOP * ratio)
     bottom = top + round(_BAR * ratio)
     thin = max(1, round(ratio))
