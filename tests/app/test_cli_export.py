@@ -222,7 +222,8 @@ def test_tables_hold_scores_modes_measures_and_a_study(export, project):
         == [f"s{index:02d}" for index in range(12)]
     )
     np.testing.assert_allclose(
-        np.var([float(row["mode_1_mm"]) for row in scores], ddof=1), float(modes[0]["variance_mm2"])
+        np.std([float(row["mode_1_rms_mm"]) for row in scores], ddof=1),
+        float(modes[0]["standard_deviation_rms_mm"]),
     )
     volumes = [float(row["volume_mm3"]) for row in subjects]
     np.testing.assert_allclose(

@@ -39,7 +39,8 @@ class ShapeModel:
     explained_variance : (K,) array
         Variance along each mode [mm²], with the divisor M - 1.
     scores : (M, K) array
-        Coordinates of the M subjects in the modes [mm].
+        Coordinates of the M subjects in the modes [mm]. Divided by the square root of N, they are the root
+        mean square displacements of the particles, which windows, tables and reports show.
     sizes : (M,) array
         Root mean square distance of a subject's particles from their centroid [mm], before any scaling.
 

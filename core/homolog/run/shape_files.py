@@ -58,7 +58,7 @@ def surface_of_model(
 
 
 def write_model(new: ProjectFolder, cohort: Cohort, model: ShapeModel) -> None:
-    """Write the tables of a shape model.
+    """Write the tables of a shape model; scores are the root mean square over the particles.
 
     Parameters
     ----------
@@ -70,27 +70,29 @@ def write_model(new: ProjectFolder, cohort: Cohort, model: ShapeModel) -> None:
         Their model.
     """
     modes = [f"mode_{number}" for number in range(1, len(model.explained_variance) + 1)]
+    length = np.sqrt(len(model.mean))  # of a shape that is moved by a root mean square of 1 mm
+    rms_scores = (model.scores / length).tolist()
     write_table(
         new.model / "scores.csv",
-        ["name", "group", *modes],
+        ["name", "group", *(f"{mode}_rms_mm" for mode in modes)],
         (
             [subject.name, subject.group, *scores]
-            for subject, scores in zip(cohort.subjects, model.scores.tolist(), strict=True)
+            for subject, scores in zip(cohort.subjects, rms_scores, strict=True)
         ),
     )
     write_table(
         new.model / "eigenvalues.csv",
-        ["mode", "variance_mm2", "standard_deviation_mm", "share", "cumulative_share"],
+        ["mode", "eigenvalue_mm2", "standard_deviation_rms_mm", "share", "cumulative_share"],
         zip(
             range(1, len(modes) + 1),
             model.explained_variance.tolist(),
-            model.standard_deviations.tolist(),
+            (model.standard_deviations / length).tolist(),
             model.explained_variance_ratio.tolist(),
             np.cumsum(model.explained_variance_ratio).tolist(),
             strict=True,
         ),
     )
-    flat = model.components.reshape(len(modes), model.mean.size).T.tolist()
+    flat = (length * model.components).reshape(len(modes), model.mean.size).T.tolist()
     write_table(
         new.model / "eigenvectors.csv",
         ["particle", "axis", *modes],

@@ -69,10 +69,14 @@ def test_scores_and_modes_on_disk_give_back_the_particles(finished):
         rows = list(csv.DictReader(stream))
     with (finished.model / "eigenvectors.csv").open() as stream:
         vectors = np.array([[float(value) for value in row[2:]] for row in list(csv.reader(stream))[1:]])
-    scores = np.array([[float(row[f"mode_{k + 1}"]) for k in range(vectors.shape[1])] for row in rows])
+    scores = np.array([[float(row[f"mode_{k + 1}_rms_mm"]) for k in range(vectors.shape[1])] for row in rows])
     rebuilt = result.world.mean(axis=0) + (scores @ vectors.T).reshape(4, -1, 3)
     assert [row["name"] for row in rows] == list(result.names)
     assert np.allclose(rebuilt, result.world, atol=1e-9)
+    assert np.allclose(np.square(vectors).sum(axis=0), len(vectors) / 3)  # 1 mm, root mean square
+    with (finished.model / "eigenvalues.csv").open() as stream:
+        deviations = [float(row["standard_deviation_rms_mm"]) for row in csv.DictReader(stream)]
+    assert np.allclose(scores.std(axis=0, ddof=1), deviations)
     moves = read_modes(finished, result.mean_surface)
     assert moves.shape[1:] == result.mean_surface.vertices.shape
     assert 0.2 < np.linalg.norm(moves[0], axis=1).max() < 3.0
