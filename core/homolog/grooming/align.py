@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from homolog.arrays import BoolArray, FloatArray
+from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.device import cores
 from homolog.errors import InputError
 from homolog.grooming.icp import (
@@ -24,7 +24,7 @@ from homolog.progress import Tick, no_tick, run_in_threads
 from homolog.settings import Alignment, GroomSettings
 from homolog.threads import on_one_thread
 
-__all__ = ["RegisterPair", "Registration", "align", "medoid", "of_other_units", "register"]
+__all__ = ["RegisterPair", "Registration", "align", "by_typicality", "medoid", "of_other_units", "register"]
 
 
 class RegisterPair(Protocol):
@@ -294,5 +294,10 @@ def of_other_units(names: Sequence[str], sizes: Sequence[float]) -> dict[str, st
 
 def medoid(oriented_shapes: Sequence[OrientedPoints]) -> int:
     """Return the index of the shape whose radii are distributed most like all others' (Osada et al. 2002)."""
+    return int(by_typicality(oriented_shapes)[0])
+
+
+def by_typicality(oriented_shapes: Sequence[OrientedPoints]) -> IntArray:
+    """Return the indices of shapes, those first whose radii are distributed most like all others'."""
     radii = _radii(oriented_shapes)
-    return int(np.argmin(np.abs(radii[:, None] - radii).sum(axis=(1, 2))))
+    return np.argsort(np.abs(radii[:, None] - radii).sum(axis=(1, 2)), kind="stable")

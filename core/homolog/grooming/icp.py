@@ -11,7 +11,7 @@ from homolog.arrays import FloatArray, IntArray
 from homolog.geometry import fit_rotation
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Fit", "OrientedPoints", "axes_rotation", "fit_at", "oriented_points", "registered"]
+__all__ = ["Fit", "OrientedPoints", "axes_rotation", "fit_at", "oriented_points", "refined", "registered"]
 
 _GLANCE, _FEW, _MANY = 100, 300, 1000  # points of each surface that a look, a trial and the fit use
 _GLANCE_ROUNDS, _TRIAL_ROUNDS, _ROUNDS = 3, 10, 40
@@ -107,6 +107,11 @@ def registered(moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = Fa
     if best.distance > (1.0 if free else _CLEARLY_BETTER) * given.distance:
         best = given
     return _iterated(own, other, best.pose[None], _MANY, _ROUNDS)[0]
+
+
+def refined(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
+    """Return the similarity of one point set to another that starts from where they lie."""
+    return _iterated(_Half(moving), _Half(fixed), np.eye(4)[None], _FEW, _TRIAL_ROUNDS)[0]
 
 
 def fit_at(moving: OrientedPoints, fixed: OrientedPoints, pose: FloatArray) -> Fit:

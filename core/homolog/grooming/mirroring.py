@@ -2,32 +2,23 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from homolog.arrays import FloatArray
 from homolog.cohort import FROM_NAMES, LEFT, RIGHT, Cohort, other_side, sides_of
-from homolog.device import cores
 from homolog.errors import InputError
-from homolog.geometry import transform_points
-from homolog.grooming.align import RegisterPair, Registration, medoid, register
+from homolog.grooming.align import RegisterPair, Registration, register
 from homolog.grooming.cache import RegistrationCache
-from homolog.grooming.icp import OrientedPoints, oriented_points
+from homolog.grooming.mirror_images import better_mirrored
 from homolog.grooming.subject import GroomedSubject
-from homolog.progress import Tick, no_tick, part_of, run_in_threads
+from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import Alignment, GroomSettings, Mirror
 from homolog.surfaces.mirroring import MIRROR, mirrors
 from homolog.threads import on_one_thread
 
 __all__ = ["align_cohort", "check_sides"]
-
-_MOVING, _FIXED = 300, 800
-"""Points of a subject, and of the one that it and its mirror image are compared with."""
-_FAR_BETTER = 0.8
-"""Of the distance to the reference: a mirror image that comes so much nearer is worth a note."""
 
 
 def check_sides(cohort: Cohort, settings: GroomSettings) -> None:
@@ -84,7 +75,7 @@ def align_cohort(
     registrations = RegistrationCache(cache)
     pair = registrations.registered
     registered, better = _aligned(groomed, plan, settings, given, pair, part_of(tick, 0.0, 0.6))
-    if plan.from_names and len(better & plan.mirrored) > len(plan.mirrored) / 2:
+    if plan.from_names and _are_opposed(plan.mirrored, better, len(groomed)):
         plan = plan.without_mirroring()
         registered, better = _aligned(groomed, plan, settings, given, pair, part_of(tick, 0.6, 1.0))
     registrations.save()
@@ -117,12 +108,19 @@ def _aligned(
     better: set[str] = set()
     if settings.mirror is not Mirror.OFF:
         registered_already = settings.alignment is Alignment.ICP
-        better = _better_mirrored(
+        better = better_mirrored(
             taken, alignments, known, registered_already, register_pair, part_of(tick, 0.5, 1.0)
         )
     mirrored = np.array([item.name in plan.mirrored for item in groomed])
     reflected = np.where(mirrored[:, None, None], alignments @ MIRROR, alignments)
     return replace(registered, alignments=reflected), better
+
+
+def _are_opposed(mirrored: Collection[str], better: Collection[str], subjects: int) -> bool:
+    """Return whether the mirrored subjects fit better otherwise and others do not, or the reverse."""
+    among = sum(name in better for name in mirrored)
+    others = (len(better) - among) / max(subjects - len(mirrored), 1)
+    return bool(abs(among / max(len(mirrored), 1) - others) > 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,78 +189,3 @@ def _image(groomed_subject: GroomedSubject) -> GroomedSubject:
         mesh=groomed_subject.mesh.placed(MIRROR),
         coarse_mesh=groomed_subject.coarse_mesh.placed(MIRROR),
     )
-
-
-def _better_mirrored(
-    groomed: Sequence[GroomedSubject],
-    alignments: FloatArray,
-    known: Collection[str],
-    registered_already: bool,
-    register_pair: RegisterPair,
-    tick: Tick,
-) -> set[str]:
-    """Return the names of subjects whose mirror image is far closer to the most typical subject.
-
-    All are compared at one size. Known ones are skipped.
-    """
-    placed = [
-        oriented_points(item.coarse_mesh.placed(alignment))
-        for item, alignment in zip(groomed, alignments, strict=True)
-    ]
-    clouds = [cloud.scaled(1.0 / cloud.size) for cloud in placed]
-    middle = medoid(clouds)
-    fixed = _thinned(clouds[middle], _FIXED)
-    undecided = {k: item.name for k, item in enumerate(groomed) if k != middle and item.name not in known}
-
-    def gap_of(cloud: OrientedPoints) -> float:
-        return _gap(transform_points(register_pair(cloud, fixed).pose, cloud.points), fixed)
-
-    def is_better(k: int, inner: Tick) -> bool:
-        inner(0.0, "comparing with mirror images")
-        cloud = _thinned(clouds[k], _MOVING)
-        if registered_already:  # to the same one, whose centre is the origin
-            own = _gap(cloud.points + placed[k].centre / placed[k].size, fixed)
-        else:
-            own = gap_of(cloud)
-        image = _turned(cloud, MIRROR[:3, :3])
-        there = gap_of(image)
-        if there >= _FAR_BETTER * own:
-            return False
-        rotation = register_pair(image, fixed).pose[:3, :3]
-        return there < _FAR_BETTER * min(map(gap_of, _reflections(image, rotation)))
-
-    works = [partial(is_better, k) for k in undecided]
-    better = run_in_threads(works, tick, "comparing with mirror images", cores())
-    mirrored = {name for name, is_so in zip(undecided.values(), better, strict=True) if is_so}
-    # Where most would fit better mirrored, it is the reference and its like that are odd.
-    return (
-        {item.name for item in groomed} - mirrored
-        if not known and 2 * len(mirrored) > len(groomed)
-        else mirrored
-    )
-
-
-def _turned(cloud: OrientedPoints, rotation: FloatArray) -> OrientedPoints:
-    return replace(cloud, points=cloud.points @ rotation.T, normals=cloud.normals @ rotation.T)
-
-
-def _reflections(image: OrientedPoints, rotation: FloatArray) -> list[OrientedPoints]:
-    """Return a shape's mirror image, as it was registered, reflected about its principal planes.
-
-    A shape that is symmetric about one of them is its own mirror image, turned; its registration may have
-    ended in another orientation.
-    """
-    placed = _turned(image, rotation / np.cbrt(np.linalg.det(rotation)))
-    axes = np.linalg.eigh(placed.points.T @ placed.points)[1].T
-    return [_turned(placed, np.eye(3) - 2.0 * np.outer(axis, axis)) for axis in axes]
-
-
-def _thinned(cloud: OrientedPoints, points: int) -> OrientedPoints:
-    every = slice(None, None, max(1, len(cloud.points) // points))
-    return replace(cloud, points=cloud.points[every], normals=cloud.normals[every])
-
-
-def _gap(points: FloatArray, fixed: OrientedPoints) -> float:
-    """Return the mean distance of points from a point set's surface, relative to the size."""
-    nearest = KDTree(fixed.points).query(points)[1]
-    return float(np.abs(np.einsum("ni,ni->n", points - fixed.points[nearest], fixed.normals[nearest])).mean())

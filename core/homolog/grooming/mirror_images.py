@@ -1,0 +1,183 @@
+"""Subjects that fit the others better as mirror images: a test that knows how much subjects differ."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from homolog.arrays import FloatArray
+from homolog.device import cores
+from homolog.geometry import transform_points
+from homolog.grooming.align import RegisterPair, by_typicality
+from homolog.grooming.icp import OrientedPoints, oriented_points, refined
+from homolog.grooming.subject import GroomedSubject
+from homolog.progress import Tick, part_of, run_in_threads
+from homolog.surfaces.mirroring import MIRROR
+
+__all__ = ["better_mirrored", "reversed_ones"]
+
+_MOVING, _FIXED = 300, 800
+"""Points of a subject, and of one that it and its mirror image are compared with."""
+_REFERENCES, _COMPARISONS = 4, 240
+"""Most subjects that each is compared with, and about how many comparisons there are beyond the first."""
+_SAMPLE = 16
+"""Subjects of a result that show how much mirror images differ."""
+_CLEAR = 2.0
+"""Preferences of the usual subjects over their spread, at least, if shapes are to tell sides at all."""
+_LEAST_SPREAD = 0.05
+_LIKELY = np.log(100.0)
+"""Logarithm of how much likelier a preference is among mirror images than among the usual subjects."""
+_LEAST = 0.25
+"""Of the usual preference: what a mirror image has, at least."""
+_FEWEST = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pair:
+    """A subject and its mirror image, both registered to the most typical subject, at one size."""
+
+    own: OrientedPoints
+    image: OrientedPoints
+    fixed: OrientedPoints
+
+
+def better_mirrored(
+    groomed: Sequence[GroomedSubject],
+    alignments: FloatArray,
+    known: Collection[str],
+    registered_already: bool,
+    register_pair: RegisterPair,
+    tick: Tick,
+) -> set[str]:
+    """Return the names of subjects whose mirror image fits the others far better than they do.
+
+    A subject and its mirror image are registered to the most typical subjects; its preference is the
+    logarithm of the ratio of their distances. See `reversed_ones` for what is decided from all preferences.
+
+    Parameters
+    ----------
+    groomed : sequence of GroomedSubject
+        The cohort.
+    alignments : (M, 4, 4) float64 array
+        Of the subjects.
+    known : collection of str
+        Subjects of a result, which are not decided upon.
+    registered_already : bool
+        Whether alignments register shapes to the most typical one.
+    register_pair : callable
+        Registration of a shape to another.
+    tick : Tick
+        Progress and cancelling.
+    """
+    placed = [
+        oriented_points(item.coarse_mesh.placed(alignment))
+        for item, alignment in zip(groomed, alignments, strict=True)
+    ]
+    units = [cloud.scaled(1.0 / cloud.size) for cloud in placed]
+    order = by_typicality(units).tolist()
+    sample = {k for k in order if groomed[k].name in known}
+    sample -= set([k for k in order if k in sample][_SAMPLE:])
+    looked_at = [k for k in order if k in sample or groomed[k].name not in known]
+    if len(looked_at) <= _FEWEST:
+        return set()
+    count = 1 + int(np.clip(_COMPARISONS // len(looked_at), 1, _REFERENCES))
+    references = ([k for k in order if k in sample] if len(sample) > 1 else order)[:count]
+    middle = references[0]
+    fixed = _thinned(units[middle], _FIXED)
+
+    def pair_of(k: int, inner: Tick) -> _Pair:
+        inner(0.0, "comparing with mirror images")
+        cloud = _thinned(units[k], _MOVING)
+        pose = np.eye(4)
+        if not registered_already:
+            pose = register_pair(cloud, fixed).pose
+        else:
+            pose[:3, 3] = (placed[k].centre - placed[middle].centre) / placed[k].size
+        image = _turned(cloud, MIRROR[:3, :3])
+        image = _moved(image, register_pair(image, fixed).pose)
+        return _Pair(_moved(cloud, pose), image, _moved(_thinned(units[k], _FIXED), pose))
+
+    every = sorted({*looked_at, *references})
+    tasks = [partial(pair_of, k) for k in every]
+    made = run_in_threads(tasks, part_of(tick, 0.0, 0.7), "comparing with mirror images", cores())
+    pairs = dict(zip(every, made, strict=True))
+    surfaces = [pairs[k].fixed for k in references]
+
+    def preference(k: int, inner: Tick) -> FloatArray:
+        inner(0.0, "comparing with mirror images")
+        pair = pairs[k]
+        return np.array(
+            [
+                0.0 if j == k else np.log(_gap(pair.image, surface) / _gap(pair.own, surface))
+                for j, surface in zip(references, surfaces, strict=True)
+            ]
+        )
+
+    works = [partial(preference, k) for k in every]
+    further = part_of(tick, 0.7, 1.0)
+    rows = np.array(run_in_threads(works, further, "comparing with mirror images", cores()))
+    sides = _sides(rows[[every.index(j) for j in references]])
+    others = len(references) - np.isin(every, references)
+    preferences = (rows @ sides / others)[[every.index(k) for k in looked_at]]
+    found = reversed_ones(preferences, majority=not known)
+    return {groomed[k].name for k, is_image in zip(looked_at, found, strict=True) if is_image} - set(known)
+
+
+def _sides(preferences: FloatArray) -> FloatArray:
+    """Return 1 for references on the side of the first one, and -1 for those on the other.
+
+    They are the signs of the first eigenvector of the preferences among references (synchronization over
+    the group of two elements; Singer 2011).
+    """
+    vector = np.linalg.eigh(preferences + preferences.T)[1][:, -1]
+    return np.where(vector * vector[0] < 0.0, -1.0, 1.0)
+
+
+def reversed_ones(preferences: FloatArray, *, majority: bool = True) -> list[bool]:
+    """Return which subjects are mirror images of the usual ones, by their preferences for their own side.
+
+    The usual subjects have positive preferences. They tell sides if the median is twice their spread (of the
+    median deviation): otherwise shapes are too symmetric, or differ too much. A negative preference is a
+    mirror image's if it is a hundred times likelier about minus the median than about the median.
+
+    Parameters
+    ----------
+    preferences : (M,) float64 array
+        Logarithms of the distance of the mirror image over the subject's own, positive if the own one fits.
+    majority : bool
+        Whether the usual subjects are those of the more frequent sign; otherwise they are the positive ones.
+    """
+    values = -preferences if majority and 2 * np.sum(preferences < 0.0) > len(preferences) else preferences
+    usual = values[values > 0.0]
+    if len(usual) < _FEWEST:
+        return [False] * len(values)
+    middle = float(np.median(usual))
+    spread = float(np.hypot(1.4826 * np.median(np.abs(usual - middle)), _LEAST_SPREAD))
+    if middle < _CLEAR * spread:
+        return [False] * len(values)
+    found = (-values >= _LEAST * middle) & (-2.0 * middle * values >= _LIKELY * spread**2)
+    return [bool(item) for item in found]
+
+
+def _turned(cloud: OrientedPoints, rotation: FloatArray) -> OrientedPoints:
+    return replace(cloud, points=cloud.points @ rotation.T, normals=cloud.normals @ rotation.T)
+
+
+def _moved(cloud: OrientedPoints, pose: FloatArray) -> OrientedPoints:
+    rotation = pose[:3, :3] / np.cbrt(np.linalg.det(pose[:3, :3]))
+    return replace(cloud, points=transform_points(pose, cloud.points), normals=cloud.normals @ rotation.T)
+
+
+def _thinned(cloud: OrientedPoints, points: int) -> OrientedPoints:
+    every = slice(None, None, max(1, len(cloud.points) // points))
+    return replace(cloud, points=cloud.points[every], normals=cloud.normals[every])
+
+
+def _gap(moving: OrientedPoints, fixed: OrientedPoints) -> float:
+    """Return the mean distance of points from a point set's surface, once registered; sizes are about 1."""
+    points = transform_points(refined(moving, fixed).pose, moving.points)
+    nearest = KDTree(fixed.points).query(points)[1]
+    away = np.einsum("ni,ni->n", points - fixed.points[nearest], fixed.normals[nearest])
+    return max(float(np.abs(away).mean()), 1e-6)

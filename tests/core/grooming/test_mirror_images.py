@@ -1,0 +1,41 @@
+"""Which subjects are mirror images of the usual ones, by how much better they fit reflected."""
+
+import numpy as np
+import pytest
+
+from homolog.grooming.mirror_images import reversed_ones
+
+
+def flagged(*values, majority=True):
+    return np.flatnonzero(reversed_ones(np.array(values), majority=majority)).tolist()
+
+
+def test_a_mirror_image_is_found_where_shapes_tell_sides():
+    assert flagged(1.2, 1.0, 1.1, -1.1, 1.3, 0.9) == [3]
+
+
+def test_small_asymmetries_count_if_subjects_are_alike():
+    assert flagged(0.2, 0.22, 0.18, -0.2, 0.21, 0.19) == [3]
+
+
+def test_where_subjects_differ_more_than_their_sides_nobody_is_flagged():
+    assert flagged(0.1, -0.27, 0.08, 0.01, -0.1, 0.03, 0.02, 0.28) == []
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_symmetric_shapes_are_not_flagged(seed):
+    assert flagged(*np.random.default_rng(seed).normal(0.0, 0.1, 12)) == []
+
+
+def test_a_preference_near_zero_is_left_alone():
+    assert flagged(1.2, 1.0, 1.1, -0.1, 1.3, 0.9) == []
+
+
+def test_of_two_sides_the_rarer_is_flagged_unless_the_usual_one_is_known():
+    values = (-1.0, -1.1, -0.9, -1.2, 1.0, 1.1, 0.9)
+    assert flagged(*values) == [4, 5, 6]
+    assert flagged(*values, majority=False) == [0, 1, 2, 3]
+
+
+def test_of_very_few_subjects_none_can_be_odd():
+    assert flagged(1.0, -1.0, 1.0) == []
