@@ -121,8 +121,10 @@ def better_mirrored(
     sides = _sides(rows[[every.index(j) for j in references]])
     others = len(references) - np.isin(every, references)
     preferences = (rows @ sides / others)[[every.index(k) for k in looked_at]]
-    found = reversed_ones(preferences, majority=not known)
-    return {groomed[k].name for k, is_image in zip(looked_at, found, strict=True) if is_image} - set(known)
+    are_images = reversed_ones(preferences, majority=not known)
+    return {groomed[k].name for k, is_image in zip(looked_at, are_images, strict=True) if is_image} - set(
+        known
+    )
 
 
 def _sides(preferences: FloatArray) -> FloatArray:
@@ -157,8 +159,8 @@ def reversed_ones(preferences: FloatArray, *, majority: bool = True) -> list[boo
     spread = float(np.hypot(1.4826 * np.median(np.abs(usual - middle)), _LEAST_SPREAD))
     if middle < _CLEAR * spread:
         return [False] * len(values)
-    found = (-values >= _LEAST * middle) & (-2.0 * middle * values >= _LIKELY * spread**2)
-    return [bool(item) for item in found]
+    is_image = (-values >= _LEAST * middle) & (-2.0 * middle * values >= _LIKELY * spread**2)
+    return [bool(item) for item in is_image]
 
 
 def _turned(cloud: OrientedPoints, rotation: FloatArray) -> OrientedPoints:
