@@ -212,8 +212,9 @@ class OptimizationLoop:
         aligned = self.engine.aligned_positions()
         if regularization is not None:
             self.poses = entropy_step(
-                aligned, self.poses, self.free_poses, scaling=self.scaling, regularization=regularization
-            )
+                aligned, self.poses, self.free_poses, scaling=self.scaling, regularization=regularization,
+                compiled=self.launcher.device != "cpu",
+            )  # fmt: skip
             self.engine.set_poses(self.poses)
             return
         self.poses = procrustes_step(

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.correspondence.compiled_poses import CompiledSteps
 from homolog.correspondence.entropy.dual import covariance, inverse_dual
 from homolog.geometry import fit_rotation, fit_similarity, transform_points
 from homolog.surfaces.mesh import TriangleMesh
@@ -228,7 +229,13 @@ def procrustes_step(
 
 
 def entropy_step(
-    points: FloatArray, poses: FloatArray, free: BoolArray, *, scaling: bool, regularization: float
+    points: FloatArray,
+    poses: FloatArray,
+    free: BoolArray,
+    *,
+    scaling: bool,
+    regularization: float,
+    compiled: bool = False,
 ) -> FloatArray:
     """Return poses with a lower ensemble entropy H(Z): Newton's method, one shape after another.
 
@@ -249,6 +256,8 @@ def entropy_step(
         Whether sizes are taken out too; the geometric mean of the scales then stays, if all are free.
     regularization : float
         The a of H(Z), a squared length.
+    compiled : bool
+        Whether steps are computed by a kernel, several times as fast; last digits differ.
 
     Returns
     -------
@@ -258,19 +267,34 @@ def entropy_step(
     shapes = len(points)
     flat = points.reshape(shapes, -1)
     many = shapes >= MANY_SHAPES
-    together = TOGETHER if many else 1
+    together, size = (TOGETHER, BLOCK) if many else (1, 1)
+    steps_of = (
+        CompiledSteps(
+            points, np.flatnonzero(free), block=size, together=together, outlier_ratio=OUTLIER_RATIO,
+            scaling=scaling,
+        )
+        if compiled
+        else None
+    )  # fmt: skip
     for _ in range(1 if many else N_SWEEPS):
         weights = inverse_dual(covariance(flat - flat.mean(axis=0)), regularization)
-        for block in _blocks(free, BLOCK if many else 1):
-            pulls = weights[block] @ flat
+        for number, block in enumerate(_blocks(free, size)):
+            if steps_of is None:
+                pulls = weights[block] @ flat
+            else:
+                pulls = np.matmul(weights[block], flat, out=steps_of.pulls[: len(block)])
             for begin in range(0, len(block), together):
                 chosen, later = block[begin : begin + together], block[begin + together :]
-                before = points[chosen]
-                pull = pulls[begin : begin + together] / weights[chosen, chosen, None]
-                steps = _even_steps(before, -pull.reshape(before.shape), scaling)
-                points[chosen] = moved = transform_points(steps, before)
+                if steps_of is not None:
+                    first = number * size + begin
+                    steps, change = steps_of.move(first, begin, len(chosen), weights[chosen, chosen])
+                else:
+                    before = points[chosen]
+                    pull = pulls[begin : begin + together] / weights[chosen, chosen, None]
+                    steps = _even_steps(before, -pull.reshape(before.shape), scaling)
+                    points[chosen] = moved = transform_points(steps, before)
+                    change = (moved - before).reshape(len(chosen), -1)
                 result[chosen] = steps @ result[chosen]
-                change = (moved - before).reshape(len(chosen), -1)
                 pulls[begin + together :] += weights[np.ix_(later, chosen)] @ change
     if scaling and free.all():
         centre = points.mean(axis=(0, 1))

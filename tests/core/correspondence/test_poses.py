@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from homolog.correspondence import optimize
-from homolog.correspondence.poses import procrustes_step
+from homolog.correspondence.poses import MANY_SHAPES, entropy_step, procrustes_step
 from homolog.errors import Cancelled
 from homolog.geometry import fit_similarity, inverse_matrices, transform_points
 from homolog.settings import OptimizeSettings, Procrustes
@@ -25,6 +25,23 @@ def random_similarity(random, angle=0.2, shift=1.5, scale=1.0):
 def spread_of(world):
     """Variance per particle [mm²]."""
     return float(np.square(world - world.mean(axis=0)).sum() / (len(world) - 1) / world.shape[1])
+
+
+@pytest.mark.parametrize(("shapes", "particles"), [(5, 40), (MANY_SHAPES + 3, 31)])  # one by one, in blocks
+@pytest.mark.parametrize("scaling", [False, True])
+def test_compiled_steps_of_poses_are_those_of_numpy(shapes, particles, scaling):
+    random = np.random.default_rng(0)
+    points = 20.0 * random.normal(size=(particles, 3)) + random.normal(size=(shapes, particles, 3))
+    points[:, 0] += 9.0 * random.normal(size=(shapes, 3))  # an outlier
+    poses = np.stack([random_similarity(random) for _ in range(shapes)])
+    free = np.arange(shapes) != 2
+    expected, compiled = (
+        entropy_step(points, poses, free, scaling=scaling, regularization=0.1, compiled=kind)
+        for kind in (False, True)
+    )
+    np.testing.assert_allclose(compiled, expected, atol=1e-11)
+    np.testing.assert_array_equal(compiled[2], poses[2])
+    assert np.abs(compiled - poses).max() > 1e-3
 
 
 @pytest.mark.parametrize("scaling", [False, True])
