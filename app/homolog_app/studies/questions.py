@@ -1,5 +1,6 @@
 """Possible questions about groups or a number, and the texts of their tests."""
 
+import math
 from collections import Counter
 from typing import TYPE_CHECKING
 
@@ -162,9 +163,17 @@ def effect_line(answer: "GroupAnswer") -> str:
     parts = [f"{p_text(pair.p_adjusted, test.permutations)}{corrected}"]
     if pair.distance is not None:
         slope = answer.values is not None
-        name = "change per unit" if slope else "Mahalanobis D"
-        parts.append(f"{name} {interval_text(pair.distance, 3 if slope else 2)} SD")
+        name = "change per unit" if slope else "D ="
+        parts.append(f"{name} {interval_text(pair.distance, _decimals(answer))} SD")
     return " · ".join(parts)
+
+
+def _decimals(answer: "GroupAnswer") -> int:
+    """Return the decimals of the effect: two, or three digits of a change per unit."""
+    distance = answer.pair.distance
+    if answer.values is None or distance is None or distance.value == 0.0:
+        return 2
+    return max(2 - math.floor(math.log10(abs(distance.value))), 0)
 
 
 def question_text(request: StudyRequest) -> str:
@@ -196,7 +205,7 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
         rows.append(("Left out", f"{gone} with missing values"))
     rows.append(("Modes retained (parallel analysis)", str(test.modes)))
     if pair.distance is not None and test.modes:
-        text = interval_text(pair.distance, 3 if slope else 2)
+        text = interval_text(pair.distance, _decimals(answer))
         rows.append(("Change per unit" if slope else "Mahalanobis D", f"{text} SD"))
     if test.modes:
         how = (
