@@ -141,8 +141,11 @@ class NumberLabels:
                 look.SetBackgroundColor(*self._plate)
                 look.SetColor(*(numbers.colours[index] / 255.0).tolist())
 
-    def face(self, right: FloatArray) -> None:
-        """Before each drawing: place them next to their points, outward of each other."""
+    def face(self, right: FloatArray, caption: Any = None) -> None:  # noqa: ANN401 - VTK is untyped
+        """Before each drawing: place them next to their points, outward of each other.
+
+        A number that would cover the caption, which names it too, is left out.
+        """
         if self._numbers is not None:
             places = self._numbers.places
             outward = np.where((places - places.mean(axis=0)) @ right < 0.0, -1.0, 1.0)
@@ -150,6 +153,17 @@ class NumberLabels:
             for text, place, side in zip(self._texts, places.tolist(), outward, strict=False):
                 text.GetPositionCoordinate().SetValue(*place)
                 text.prop.justification_horizontal = "left" if side > 0.0 else "right"
+                text.SetVisibility(caption is None or not self._covers(text, side, caption))
+
+    def _covers(self, text: Any, side: float, caption: Any) -> bool:  # noqa: ANN401 - VTK is untyped
+        """Whether a number, whose side of its point is given, reaches into the caption."""
+        own, other = [0.0, 0.0], [0.0, 0.0]
+        text.GetSize(self._renderer, own)
+        caption.GetSize(self._renderer, other)
+        x, y = text.GetPositionCoordinate().GetComputedViewportValue(self._renderer)
+        left, top = caption.GetPositionCoordinate().GetComputedViewportValue(self._renderer)
+        starts = x if side > 0.0 else x - own[0]
+        return bool(starts < left + other[0] and y + own[1] / 2.0 > top - other[1])
 
     def paint(self, colours: Colours) -> None:
         """Apply the scheme's colours; call `show` afterwards."""

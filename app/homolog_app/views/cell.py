@@ -286,9 +286,9 @@ class ViewCell:
         right, up, ahead = self.axes
         self._actors.lift(-(self._balls.radius if self._balls is not None else 0.0) * ahead)
         self._bar.face()
-        self._numbers.face(right)
         if self.content is not None:
             self.texts.face(self.content.patient_axes, right, up)
+        self._numbers.face(right, self.texts.caption)
 
     @property
     def axes(self) -> FloatArray:

@@ -161,7 +161,7 @@ def make_femora(subjects: int, seed: int) -> SampleStudy:
             "anteversion_deg": float(random.normal(scale=6.0)),
             "head": float(np.exp(random.normal(scale=0.03))),
             "greater_trochanter_mm": float(random.normal(scale=1.5)),
-            "cam_mm": float(random.uniform(2.5, 5.5)) if group == "cam" else 0.0,
+            "cam_mm": float(random.uniform(3.5, 6.5)) if group == "cam" else 0.0,
         }
         move = _femur_of(parameters, Waves(random, 25.0, 0.6))
         columns = {"group": group, "side": side, "age": str(age), "sex": "male" if is_male else "female"}
@@ -170,7 +170,7 @@ def make_femora(subjects: int, seed: int) -> SampleStudy:
             mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
             subject = SampleSubject(subject.name, columns, parameters, subject.mesh.placed(mirror))
         made.append(subject)
-    affected = _moved(_femur(), _femur_of({"cam_mm": 4.0}, None))
+    affected = _moved(_femur(), _femur_of({"cam_mm": 5.0}, None))
     return SampleStudy("femora", tuple(made), _femur(), affected, voxel=None)
 
 
@@ -182,7 +182,7 @@ def _femur_of(values: dict[str, float], noise: Waves | None) -> _Deform:
         moved = points.copy()
         outward = points - _HEAD
         outward = outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
-        moved += values.get("cam_mm", 0.0) * bump(points, cam, 7.5)[:, None] * outward
+        moved += values.get("cam_mm", 0.0) * bump(points, cam, 10.0)[:, None] * outward
         near_head = step(-np.linalg.norm(points - _HEAD, axis=1), -36.0, -24.0)
         moved += (values.get("head", 1.0) - 1.0) * near_head[:, None] * (points - _HEAD)
         above = bump(points, np.array([-14.0, 9.0, 42.0]), 13.0)

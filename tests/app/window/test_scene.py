@@ -84,6 +84,27 @@ def test_in_a_flat_view_the_name_stands_alone(height, has_room):
     assert any(text.endswith("mm") for text in shown) is has_room
 
 
+def test_a_number_that_would_cover_the_caption_is_left_out():
+    from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
+
+    window, renderer = vtkRenderWindow(), vtkRenderer()
+    window.SetOffScreenRendering(True)
+    window.SetSize(400, 300)
+    window.AddRenderer(renderer)
+    renderer.GetActiveCamera().ParallelProjectionOn()  # one unit is half of the height
+    caption, labels = Caption(renderer), NumberLabels(renderer)
+    caption.show(["a subject", "of a group"], 14, small=True, letters=False)
+    places = np.array([[-1.2, 0.9, 0.0], [0.0, 0.0, 0.0]])
+    labels.show(Numbers(np.array([3, 7]), places, np.zeros((2, 3), np.uint8), 0.0), 12)
+    window.Render()
+    right, up = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+    caption.face(np.eye(3), right, up)
+    labels.face(right, caption.caption)
+    seen = {prop.GetInput().strip(): prop.GetVisibility() for prop in renderer.GetViewProps()}
+    assert (seen["3"], seen["7"]) == (0, 1)
+    window.Finalize()
+
+
 def test_neighbours_have_alike_colours_and_opposite_places_do_not():
     angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     ring = np.column_stack([3 * np.cos(angle), 2 * np.sin(angle), np.zeros(200)])
