@@ -600,6 +600,7 @@ def test_the_report_says_what_was_found_how_and_that_it_is_for_research(report):
         assert part in text, part
     assert "questions were asked" not in text  # form and shape are answers to one
     assert text.count("Equality of dispersion was tested") == 1  # what studies share is told once
+    assert text.count("Shapes were aligned by generalized Procrustes") == 2  # they differ in that
     assert "nan" not in text.lower().split()
 
 
@@ -617,6 +618,15 @@ def test_the_page_lies_beside_as_pdf_with_its_figures_and_tables(report):
     assert content.rstrip().endswith(b"%%EOF")
     assert content.count(b"/Type /Page ") >= 4
     assert content.count(b"/Subtype /Image") >= len(list((report.parent / "figures").glob("*.svg")))
+
+
+def test_methods_of_a_study_like_an_earlier_one_tell_the_difference(project, without_figures):
+    for options in ([], ["--covariates", "age"]):
+        assert _analyze(project, "--between", "A", "C", *options) == 0
+    page = api.report(project.folder).read_text(encoding="utf-8")
+    like = r"\. Its methods were those of the study “([^”]*)”, except: Shapes were aligned by generalized"
+    assert [found.partition("; ")[2] for found in re.findall(like, page)] == 2 * ["form (size and shape)"]
+    assert page.count("residuals were permuted (Freedman and Lane).") == 1
 
 
 def test_a_project_without_a_result_has_no_report(tmp_path, capsys):

@@ -1,8 +1,6 @@
-"""Methods text and settings, to repeat the analysis."""
+"""Methods text, to repeat the analysis."""
 
 from collections.abc import Iterator, Sequence
-
-from pydantic import BaseModel
 
 from homolog.analysis.procrustes import Alignment
 from homolog.files.records import ResultRecord
@@ -10,15 +8,16 @@ from homolog.settings import Procrustes
 from homolog_app.report.findings import LEVEL, correction_text, tested_text
 from homolog_app.report.sample import voxel_text
 from homolog_app.report.study import Study
+from homolog_app.report.study_parts import values_of
 
-__all__ = ["methods", "pose_text", "settings_rows"]
+__all__ = ["methods", "pose_text"]
 
 
 def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
     """Return paragraphs for the methods section of a paper: model, common methods of studies, each study."""
     sentences = [_statistics(study) for study in studies]
     shared = [text for text in sentences[0] if all(text in each for each in sentences)] if studies else []
-    own = [" ".join(text for text in each if text not in shared) for each in sentences]
+    own = _own_sentences([[text for text in each if text not in shared] for each in sentences], studies)
     rigid = {"alignment": Alignment.RIGID}
     questions = {study.request.model_copy(update=rigid).question for study in studies}
     if len(questions) > 1:
@@ -29,6 +28,27 @@ def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
     return [
         text for text in (_placed(record), _groomed(record), _model(record), " ".join(shared), *own) if text
     ]
+
+
+def _own_sentences(sentences: list[list[str]], studies: list[Study]) -> list[str]:
+    """Return a paragraph for each study; one like an earlier study says only what differs from that."""
+    paragraphs = []
+    for number, own in enumerate(sentences):
+        paragraph = " ".join(own)
+        for earlier, study in zip(sentences[:number], studies[:number], strict=True):
+            instead = [text for text in own[1:] if text not in earlier]
+            left = [text for text in earlier[1:] if text not in own]
+            if len(instead) == len(left) < len(own) - 1 and len(instead) <= _MOST_DIFFERENT:
+                like = f"Its methods were those of the study \u201c{study.request.title}\u201d"
+                except_for = f", except: {' '.join(instead)}" if instead else "."
+                paragraph = f"{own[0]} {like}{except_for}"
+                break
+        paragraphs.append(paragraph)
+    return paragraphs
+
+
+_MOST_DIFFERENT = 2
+"""Sentences in which a study may differ from an earlier one for its methods to be told by these."""
 
 
 def _groomed(record: ResultRecord) -> str:
@@ -359,40 +379,3 @@ def _permutations(study: Study) -> str:
         return f"{tests} took {listed} permutations."
     few = f", and {', '.join(all_of)}" if all_of else ""
     return f"{tests} took {random[0]} random permutations (seed {study.request.seed}){few}."
-
-
-_NOT_GIVEN = {"core_set": "none", "segment": "none", "pairs": "none", "label": "all above 0"}
-"""What settings are that are not given; others are then chosen by the program."""
-
-
-def values_of(settings: BaseModel) -> Iterator[tuple[str, str]]:
-    """Yield the name and the value, with its unit, of each setting."""
-    for name, value in settings.model_dump(mode="json").items():
-        extra = type(settings).model_fields[name].json_schema_extra
-        unit = f" {extra['unit']}" if isinstance(extra, dict) and "unit" in extra else ""
-        if value is None:
-            yield name, _NOT_GIVEN.get(name, "automatic")
-        elif isinstance(value, bool):
-            yield name, "yes" if value else "no"
-        elif isinstance(value, list):
-            yield name, ", ".join(map(str, value)) or "none"
-        else:
-            yield name, f"{value}{unit}"
-
-
-def settings_rows(record: ResultRecord, studies: list[Study]) -> list[tuple[str, str, str]]:
-    """Return every setting and version: part, name, value."""
-    rows = [
-        (part, name, value)
-        for part, model in (("groom", record.settings.groom), ("optimize", record.settings.optimize))
-        for name, value in values_of(model)
-    ]
-    rows += [("run", "alignment by particles", record.settings.placing.procrustes.value)]
-    rows += [("run", "device", record.device), ("run", "fingerprint", record.fingerprint)]
-    for study in studies:
-        rows += [
-            (study.request.name, name, value)
-            for name, value in values_of(study.request)
-            if name != "earlier" and not (name in ("pairs", "covariates", "between") and value == "none")
-        ]
-    return rows + [("version", name, number) for name, number in record.versions.items()]

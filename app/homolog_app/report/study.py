@@ -8,8 +8,8 @@ from typing import TypedDict
 import numpy as np
 
 from homolog.analysis.comparison import Comparison, Options
-from homolog.analysis.design import covariate_columns, lookalikes, numbers
-from homolog.analysis.exclusions import PARTNER_MISSING, exclusion_notes
+from homolog.analysis.data_notes import PARTNER_MISSING, exclusion_notes, spelling_notes
+from homolog.analysis.design import covariate_columns, numbers
 from homolog.analysis.studies import compare_groups, compare_pairs, compare_two_groups, pair_members, regress
 from homolog.arrays import FloatArray, IntArray, frozen
 from homolog.cohort.column_types import CATEGORY
@@ -332,11 +332,9 @@ def study_notes(result: Result, request: StudyRequest) -> tuple[str, ...]:
     columns = list(covariates)
     notes = []
     for column in dict.fromkeys([*([] if request.kind == "regression" else [request.column]), *columns]):
-        for alike in lookalikes(column_of(result, column)):
-            if not covariates.get(column, True) and numbers(column_of(result, column)) is not None:
-                continue
-            spelled = " and ".join(repr(item) for item in alike)
-            notes.append(f"Column {column!r} contains {spelled}, which were treated as different values.")
+        values = column_of(result, column)
+        if covariates.get(column, True) or numbers(values) is None:
+            notes += spelling_notes(f"Column {column!r}", values)
     if SIZE in known and SIZE in (request.column, *columns):
         notes.append(f"'size' is the column of the cohort's table; the size of the shapes is {SHAPE_SIZE!r}.")
     if request.earlier:

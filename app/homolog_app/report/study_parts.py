@@ -1,13 +1,16 @@
-"""Parts of a study's report: where it found something, what its tests assume, false positives."""
+"""Parts of a study's report: where it found something, what its tests assume, false positives, settings."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from math import floor, log10
+
+from pydantic import BaseModel
 
 from homolog.analysis.cautions import p_number
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.effects import Effect
 from homolog.analysis.null_simulation import WHOLE_SHAPE_F
 from homolog.analysis.procrustes import Alignment
+from homolog.files.records import ResultRecord
 from homolog_app.report.findings import LEVEL, p_text
 from homolog_app.report.page import Page
 from homolog_app.report.study import Study
@@ -15,7 +18,7 @@ from homolog_app.report.surface_maps import EDGE, INNER, OUTER, Region, SurfaceC
 
 __all__ = [
     "add_assumptions", "add_false_positives", "add_regions", "digits_of", "effect_cell", "interval_cell",
-    "scale_text",
+    "scale_text", "settings_rows", "values_of",
 ]  # fmt: skip
 
 
@@ -305,3 +308,40 @@ def _f_verdict(study: Study) -> str:
         f"here the bounds of the F of whole shapes exclude 5 % in {'; '.join(off)}, so that p (F) is not to "
         "be used there."
     )
+
+
+_NOT_GIVEN = {"core_set": "none", "segment": "none", "pairs": "none", "label": "all above 0"}
+"""What settings are that are not given; others are then chosen by the program."""
+
+
+def values_of(settings: BaseModel) -> Iterator[tuple[str, str]]:
+    """Yield the name and the value, with its unit, of each setting."""
+    for name, value in settings.model_dump(mode="json").items():
+        extra = type(settings).model_fields[name].json_schema_extra
+        unit = f" {extra['unit']}" if isinstance(extra, dict) and "unit" in extra else ""
+        if value is None:
+            yield name, _NOT_GIVEN.get(name, "automatic")
+        elif isinstance(value, bool):
+            yield name, "yes" if value else "no"
+        elif isinstance(value, list):
+            yield name, ", ".join(map(str, value)) or "none"
+        else:
+            yield name, f"{value}{unit}"
+
+
+def settings_rows(record: ResultRecord, studies: Sequence[Study]) -> list[tuple[str, str, str]]:
+    """Return every setting and version: part, name, value."""
+    rows = [
+        (part, name, value)
+        for part, model in (("groom", record.settings.groom), ("optimize", record.settings.optimize))
+        for name, value in values_of(model)
+    ]
+    rows += [("run", "alignment by particles", record.settings.placing.procrustes.value)]
+    rows += [("run", "device", record.device), ("run", "fingerprint", record.fingerprint)]
+    for study in studies:
+        rows += [
+            (study.request.name, name, value)
+            for name, value in values_of(study.request)
+            if name != "earlier" and not (name in ("pairs", "covariates", "between") and value == "none")
+        ]
+    return rows + [("version", name, number) for name, number in record.versions.items()]

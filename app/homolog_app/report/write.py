@@ -32,13 +32,13 @@ from homolog_app.report.findings import (
     landmark_text,
     outlier_text,
 )
-from homolog_app.report.methods import methods, pose_text, settings_rows
+from homolog_app.report.methods import methods, pose_text
 from homolog_app.report.page import Page
 from homolog_app.report.request import read_requests, reference_first, study_folder
 from homolog_app.report.sample import add_missing
 from homolog_app.report.sheets import write_page
 from homolog_app.report.study import Study, run_study
-from homolog_app.report.study_parts import digits_of
+from homolog_app.report.study_parts import digits_of, settings_rows
 from homolog_app.report.study_section import add_study
 from homolog_app.report.surface_maps import SurfaceCarrier, significant_regions
 from homolog_app.report.tables import save_study

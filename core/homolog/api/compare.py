@@ -175,7 +175,7 @@ def compare_groups(
         gone = incomplete(len(shapes), covariates, np.isin(labels, order))
         gone |= {} if pairs is None else unpaired(pairs, labels, order)
         labels[list(gone)] = ""
-    notes = notes_on(gone, names)
+    notes = notes_on(gone, names, covariates, labels.tolist())
     chosen = np.flatnonzero(np.isin(labels, order))
     called = None if names is None else [names[index] for index in chosen.tolist()]
     if comparisons is not None:
@@ -331,7 +331,7 @@ def regress(
         raise InputError(f"{name!r}: {len(values)} values for {len(shapes)} subjects; give one for each")
     everyone = np.full(len(shapes), True)
     gone = incomplete(len(shapes), {name: values, **(covariates or {})}, everyone) if complete_cases else {}
-    notes = notes_on(gone, names)
+    notes = notes_on(gone, names, covariates)
     chosen = np.array([index for index in range(len(shapes)) if index not in gone], np.int64)
     called = None if names is None else [names[index] for index in chosen.tolist()]
     own = [values[index] for index in chosen.tolist()]

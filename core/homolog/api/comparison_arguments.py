@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from homolog.analysis.design import covariate_columns, is_missing
-from homolog.analysis.exclusions import PARTNER_MISSING, exclusion_notes
+from homolog.analysis.data_notes import PARTNER_MISSING, exclusion_notes, spelling_notes
+from homolog.analysis.design import covariate_columns, is_missing, numbers
 from homolog.analysis.procrustes import Alignment
 from homolog.analysis.studies import pair_members
 from homolog.arrays import Array, BoolArray, FloatArray, IntArray
@@ -109,10 +109,25 @@ def unpaired(pairs: Sequence[str | None], labels: Array, order: Sequence[str]) -
     return gone | {members[0]: PARTNER_MISSING for members in by_pair.values() if len(members) == 1}
 
 
-def notes_on(gone: Mapping[int, str], names: Sequence[str] | None) -> tuple[str, ...]:
-    """Return how many subjects were excluded, and why."""
+def notes_on(
+    gone: Mapping[int, str],
+    names: Sequence[str] | None,
+    covariates: Covariates | None,
+    groups: Sequence[str] = (),
+) -> tuple[str, ...]:
+    """Return how many subjects were excluded, and why, and which values may be one in several spellings."""
     called = {f"subject {index + 1}" if names is None else names[index]: why for index, why in gone.items()}
-    return tuple(exclusion_notes(called))
+    notes = exclusion_notes(called) + spelling_notes("groups", groups)
+    for title, values in (covariates or {}).items():
+        texts = [str(value) for value in values]
+        if title.endswith(CATEGORY) or _are_words(texts):
+            notes += spelling_notes(repr(title), texts)
+    return tuple(notes)
+
+
+def _are_words(texts: Sequence[str]) -> bool:
+    given = [text for text in texts if not is_missing(text)]
+    return numbers(given) is None
 
 
 def _texts(pairs: Sequence[str | None]) -> list[str]:

@@ -1,8 +1,10 @@
-"""Subjects that complete cases exclude, in sentences."""
+"""Remarks on the data of a comparison, in sentences: excluded subjects, spellings of categories."""
 
 from collections.abc import Mapping, Sequence
 
-__all__ = ["PARTNER_MISSING", "exclusion_notes"]
+from homolog.analysis.design import lookalikes
+
+__all__ = ["PARTNER_MISSING", "exclusion_notes", "spelling_notes"]
 
 PARTNER_MISSING = "the other one of the pair is missing"
 """Reason of an exclusion, beside missing values."""
@@ -26,3 +28,11 @@ def _counted(names: Sequence[str]) -> str:
 
 def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:5]) + (", …" if len(names) > 5 else "")
+
+
+def spelling_notes(title: str, values: Sequence[str]) -> list[str]:
+    """Return which values of a column are perhaps one value in several spellings."""
+    return [
+        f"{title} contains {' and '.join(map(repr, alike))}, which were treated as different values."
+        for alike in lookalikes(values)
+    ]
