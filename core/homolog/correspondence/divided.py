@@ -3,7 +3,8 @@
 Every device has the surfaces and tables of its shapes and moves their particles. Quantities across shapes
 are computed for all of them: the mean normals and the dual of H(Z) on the first device, the dual of H(V) on
 the second. In an iteration the first gets positions, normals and opening angles from the others, gives
-them mean normals and gradients, gets steps and gives damped ones: 22 numbers a particle in all.
+them mean normals and gradients, gets steps and gives damped ones: about 22 numbers a particle in all. As
+two of the three matrices are its own, the first device has fewer shapes.
 """
 
 from collections.abc import Sequence
@@ -13,7 +14,7 @@ from itertools import pairwise, permutations
 import numpy as np
 import warp as wp
 
-from homolog.arrays import BoolArray, FloatArray
+from homolog.arrays import BoolArray, DeviceArray, FloatArray
 from homolog.correspondence.engine import Engine, Particles
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
 from homolog.correspondence.fields import opening_scale
@@ -34,6 +35,9 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 
 __all__ = ["DividedCohort", "make_engine", "prepare_on"]
+
+FIRST_SHARE = 0.75
+"""Shapes of the first device, relative to those of the others."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +91,7 @@ def prepare_on(
     Parameters
     ----------
     devices : sequence of str
-        Warp aliases. Each gets as many shapes, up to one.
+        Warp aliases. The first one gets three quarters of the number of shapes that the others get.
     shapes, settings, counts, free_shapes, solve, store, tick
         As of `prepare_cohort`.
     """
@@ -134,7 +138,10 @@ def _connect(devices: Sequence[str]) -> None:
 
 
 def _spans(shapes: int, devices: int) -> list[slice]:
-    bounds = np.linspace(0, shapes, min(devices, shapes) + 1).round().astype(int).tolist()
+    """Return the shapes of each device, at least one, and none for devices beyond the number of shapes."""
+    used = min(devices, shapes)
+    ends = np.round(shapes * np.cumsum([FIRST_SHARE] + [1.0] * (used - 1)) / (FIRST_SHARE + used - 1))
+    bounds = [0, *np.maximum(ends, np.arange(1, used + 1)).astype(int).tolist()]
     return [slice(begin, end) for begin, end in pairwise(bounds)]
 
 
@@ -278,7 +285,9 @@ class DividedEngine(Engine):
         self.coupling.gradients(
             self.stage, self.iteration, (self.centred, self.logs), (self.ensemble_part, self.normals_part)
         )
-        self._scatter("ensemble_part", "normals_part")
+        self._scatter("ensemble_part")
+        kept = self.coupling.kept_gradient
+        self._give("normals_part", self.normals_part if kept is None else kept)
         for part in self._parts:
             copy_between(part.means, self.means)
             copy_between(part.stiffness, self.stiffness)
@@ -303,9 +312,13 @@ class DividedEngine(Engine):
 
     def _scatter(self, *names: str) -> None:
         """Copy arrays of this engine to those of the parts."""
+        for name in names:
+            self._give(name, getattr(self, name))
+
+    def _give(self, name: str, source: DeviceArray) -> None:
+        """Copy each part's share of an array of all particles to the part."""
         for part, own in self._by_part():
-            for name in names:
-                copy_between(getattr(part, name), getattr(self, name), 0, own.start * self.count, part.total)
+            copy_between(getattr(part, name), source, 0, own.start * self.count, part.total)
 
     def _by_part(self) -> list[tuple[Engine, slice]]:
         return list(zip(self._parts, self._spans, strict=True))

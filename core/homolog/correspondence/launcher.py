@@ -13,7 +13,7 @@ import warp as wp
 from homolog.arrays import DeviceArray
 from homolog.device import cores
 
-__all__ = ["Launcher", "copy_between", "load_kernels"]
+__all__ = ["Launcher", "copy_between", "load_kernels", "push"]
 
 MIN_PIECE_THREADS = 512  # below it another core does not pay
 MAX_PIECE_THREADS = 32768  # some 0.1 s, so that the run can be cancelled
@@ -223,3 +223,11 @@ def copy_between(
     wp.copy(target, source, target_offset, source_offset, count)
     if apart:
         source.device.stream.wait_stream(target.device.stream)
+
+
+def push(target: DeviceArray, source: DeviceArray) -> None:
+    """Copy to another device without waiting for its previous launches, none of which may use the target."""
+    apart = target.device != source.device
+    wp.copy(target, source, stream=source.device.stream if apart else None)
+    if apart:
+        target.device.stream.wait_stream(source.device.stream)

@@ -12,15 +12,24 @@ from homolog.correspondence.entropy.dual import covariance, solve_duals
 from homolog.correspondence.kernels import particles as kernels
 from homolog.correspondence.kernels import step as step_kernels
 from homolog.correspondence.kernels.dual import N_MATRICES, NORMALS
-from homolog.correspondence.launcher import Launcher, copy_between
+from homolog.correspondence.launcher import Launcher, copy_between, push
 
 __all__ = ["Coupling", "DeviceCoupling", "HostCoupling", "coupling"]
 
 
 class Coupling(ABC):
-    """The terms H(Z) and H(V): their gradients, and the implicit part of the step."""
+    """The terms H(Z) and H(V): their gradients, and the implicit part of the step.
+
+    Attributes
+    ----------
+    stiffness : (1,) array of float
+        Largest diagonal entry of the matrix of H(V).
+    kept_gradient : (M n,) array of vec3 or None
+        The gradient of H(V) on another device, if it is not written where the caller wants it.
+    """
 
     stiffness: DeviceArray
+    kept_gradient: DeviceArray | None = None
 
     def __init__(
         self, layout: kernels.Layout, free: DeviceArray, any_fixed: bool, launcher: Launcher
@@ -174,7 +183,7 @@ class DividedCoupling(DeviceCoupling):
         self._second = make_duals(normals, 1, self.shapes, self.count, second)
         vectors = [wp.zeros(self.shapes * self.count, dtype=wp.vec3, device=second) for _ in range(2)]
         self._logs: DeviceArray = vectors[0]
-        self._gradient: DeviceArray = vectors[1]
+        self.kept_gradient: DeviceArray = vectors[1]
         self._iteration: DeviceArray = wp.zeros(1, dtype=int, device=second)
         self._stage: DeviceArray | None = None  # of the graphs
         self._graphs: list[Any] = []
@@ -186,15 +195,15 @@ class DividedCoupling(DeviceCoupling):
         vectors: tuple[DeviceArray, DeviceArray],
         out: tuple[DeviceArray, DeviceArray],
     ) -> None:
-        """Invert the duals, and write the gradients of both entropies, at the same time."""
+        """Invert the duals, and compute the gradients of both entropies, at the same time."""
         centred, logs = vectors
         if stage is not self._stage:
             self._capture(stage, iteration, centred, out[0])
-        copy_between(self._iteration, iteration)
-        copy_between(self._logs, logs)
+        # The first device has waited for the second one's last gradient, so that these are not in use.
+        push(self._iteration, iteration)
+        push(self._logs, logs)
         for graph in self._graphs:
             wp.capture_launch(graph)
-        copy_between(out[1], self._gradient)
         copy_between(self.stiffness, self._second.stiffness)
 
     def _capture(
@@ -203,7 +212,7 @@ class DividedCoupling(DeviceCoupling):
         parameters = wp.clone(stage, device=self._second.device)
         with wp.ScopedCapture(device=self._second.device) as second:
             self._second.solve(parameters, self._iteration, logs=self._logs)
-            self._second.multiply(0, self._logs, self._gradient)
+            self._second.multiply(0, self._logs, self.kept_gradient)
         with wp.ScopedCapture(device=self.launch.device) as first:
             self._duals.solve(stage, iteration, centred=centred)
             self._duals.multiply(0, centred, ensemble)
