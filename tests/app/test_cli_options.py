@@ -81,6 +81,14 @@ def test_an_option_works_by_its_former_name_with_a_hint(command, former, present
     assert f"{former[0]} " not in text
 
 
+@pytest.mark.parametrize("value", ["point", "linear"])
+def test_a_removed_option_is_accepted_with_a_hint(value, capsys):
+    parser = cli.command_parser()[0]
+    command = ["geodesics", "bone.ply", "--d-max", "20"]
+    assert parser.parse_args([*command, "--element", value]) == parser.parse_args(command)
+    assert "--element has no effect" in capsys.readouterr().err
+
+
 def test_a_required_option_may_be_given_by_its_former_name(capsys):
     command = ["export", "screenshot", "project", "--out", "a.png", "--view", "{}"]
     assert cli.command_parser()[0].parse_args(command).scene == "{}"

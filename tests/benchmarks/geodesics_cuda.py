@@ -17,7 +17,7 @@ import warp as wp
 
 from homolog.correspondence import Shape
 from homolog.device import describe_device
-from homolog.geodesics import plan, solve_tables
+from homolog.geodesics import solve_tables
 from homolog.geodesics.cuda.solver import solve_on_cuda
 from homolog.geodesics.plan import plan_tables
 from homolog.progress import no_tick
@@ -58,7 +58,7 @@ def compare(name: str, mesh: TriangleMesh, share: float, device: str) -> None:
         both = (item > 0) & (other > 0)
         codes = np.abs(item - other)[both]
         print(
-            f"agree  {name:10s} V {len(mesh.vertices):6d} {tables[1].storage} {label} pairs {both.sum():9d} "
+            f"agree  {name:10s} V {len(mesh.vertices):6d} {label} pairs {both.sum():9d} "
             f"in one only {((item > 0) != (other > 0)).sum():5d} codes: max {codes.max():4.1f} "
             f"over 2: {100 * (codes > 2.5).mean():.4f} %",
             flush=True,
@@ -81,7 +81,6 @@ def measure(name: str, shapes: list[TriangleMesh], share: float, device: str, re
     planned = plan_tables(shapes, limits)
     checks = 1e3 * (time.perf_counter() - begin)
     nbytes = sum(table.nbytes for table in last)
-    storage = last[0].storage
     del last
     wp.timing_begin(wp.TIMING_ALL)
     solve_tables(shapes, limits, device=device)
@@ -90,7 +89,7 @@ def measure(name: str, shapes: list[TriangleMesh], share: float, device: str, re
         phase = next((p for key, p in PHASES.items() if key in activity.name), "other")
         spent[phase] += activity.elapsed
     print(
-        f"time   {name:10s} V {sum(len(m.vertices) for m in shapes):6d} {100 * share:3.0f} % {storage} "
+        f"time   {name:10s} V {sum(len(m.vertices) for m in shapes):6d} {100 * share:3.0f} %"
         f"{nbytes / 1e6:8.1f} MB (predicted {planned.nbytes / 1e6:8.1f}) "
         f"device {sum(spent.values()):8.2f} ms [{', '.join(f'{p} {t:.2f}' for p, t in spent.items())}] "
         f"wall {min(walls):8.1f} ms (first {walls[0]:.1f}), of it checks {checks:.1f}",
@@ -107,7 +106,7 @@ def bounded(device: str, n_vertices: int, scratch: int) -> None:
     wp.synchronize_device(device)
     peak = 0 if device == "cpu" else wp.get_mempool_used_mem_high(device)
     print(
-        f"memory large      V {len(mesh.vertices):6d}  20 % {table.storage} {table.nbytes / 1e9:.2f} GB "
+        f"memory large      V {len(mesh.vertices):6d}  20 % {table.nbytes / 1e9:.2f} GB "
         f"peak {peak / 1e9:.2f} GB wall {time.perf_counter() - begin:.2f} s",
         flush=True,
     )
@@ -131,14 +130,6 @@ def main() -> None:
 
     def large() -> None:
         bounded(device, *((3000, 10_000_000) if quick else (100_000, 2_000_000_000)))
-
-    def blocks() -> None:
-        budget, plan.DENSE_BUDGET = plan.DENSE_BUDGET, 0
-        try:
-            compare("bean", meshes.bean(2000), 0.2, device)
-            measure("bean", [meshes.bean(2000 if quick else 20_000)], 0.2, device)
-        finally:
-            plan.DENSE_BUDGET = budget
 
     def agreement() -> None:
         for size in (1000, 2000) if quick else (2000, 5000, 10_000):
@@ -166,7 +157,7 @@ def main() -> None:
         for share in (0.1, 0.2):
             measure(f"{count} beans", shapes, share, device)
 
-    for part in (large, agreement, blocks, beans, others, cohort):
+    for part in (large, agreement, beans, others, cohort):
         try:
             part()
         except Exception:  # noqa: BLE001 - one part must not hide the others

@@ -26,10 +26,7 @@ def measure(case: tuple[str, int, float]) -> str:
     before = peak()
     d_max = share * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
     table = solve_tables([mesh], d_max, device="cpu")[0]
-    return (
-        f"| {name} | {len(mesh.vertices)} | {table.storage} | {table.nbytes / 1e6:.0f} | {peak():.0f} "
-        f"| {before:.0f} |"
-    )
+    return f"| {name} | {len(mesh.vertices)} | {table.nbytes / 1e6:.0f} | {peak():.0f} | {before:.0f} |"
 
 
 def main() -> None:
@@ -38,9 +35,7 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=20_000)
     parser.add_argument("--share", type=float, default=0.2)
     arguments = parser.parse_args()
-    print(
-        "| mesh | vertices | storage | stored MB | peak MB | before the start MB |\n|---|---|---|---|---|---|"
-    )
+    print("| mesh | vertices | stored MB | peak MB | before the start MB |\n|---|---|---|---|---|")
     with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
         cases = [(name, arguments.size, arguments.share) for name in ("icosphere", "bean", "cup", "obtuse")]
         for line in pool.imap(measure, cases):

@@ -18,7 +18,7 @@ from geodesics import GENERATED, diagonal, real_surfaces
 from geodesics_peers import exact_rows
 
 from homolog.geodesics import GeodesicTable, solve_tables
-from homolog.geodesics.kernels.lookup import MISSING, TableData, geodesic, surface_point
+from homolog.geodesics.kernels.lookup import LANES, MISSING, TableData, blocks_of, geodesic, surface_point
 from homolog.surfaces.mesh import TriangleMesh
 
 BINS = (0.25, 0.5, 1.0, 2.0, 5.0, np.inf)  # mean edges
@@ -38,7 +38,7 @@ def look_up(
     k = wp.tid()
     x = surface_point(vertices, faces, face[k, 0], point[k, 0])
     y = surface_point(vertices, faces, face[k, 1], point[k, 1])
-    result[k] = geodesic(tables[0], x, y).distance
+    result[k] = geodesic(tables[0], blocks_of(tables[0], x.corners), x, y).distance
 
 
 def distances(mesh: TriangleMesh, table: GeodesicTable, face: np.ndarray, point: np.ndarray) -> np.ndarray:
@@ -67,13 +67,25 @@ def with_points(mesh: TriangleMesh, faces: np.ndarray, points: np.ndarray) -> Tr
 
 
 def exact_table(mesh: TriangleMesh, reach: float) -> GeodesicTable:
-    """Return a dense table of exact distances between vertices: what is left is the interpolation's error."""
+    """Return a table of exact distances between vertices: what is left is the interpolation's error."""
     exact = gdist.local_gdist_matrix(mesh.vertices, mesh.faces.astype(np.int32), max_distance=reach).tocoo()
     unit = reach / 65000
     codes = np.full((len(mesh.vertices),) * 2, MISSING, np.uint16)
     codes[exact.row, exact.col] = np.round(exact.data / unit)
     np.fill_diagonal(codes, 0)
-    return GeodesicTable(len(mesh.vertices), reach, unit, wp.array(codes, dtype=wp.uint16, device="cpu"))
+    n = len(codes)
+    clusters = -(-n // LANES)  # of consecutive vertices, whose blocks have a row for every vertex
+    blocks = np.full((clusters * LANES, n), MISSING, np.uint16)
+    blocks[:n] = codes
+    return GeodesicTable(
+        n,
+        reach,
+        unit,
+        wp.array(blocks.reshape(clusters, LANES, n).swapaxes(1, 2).reshape(-1, LANES), dtype=wp.uint16),
+        wp.array(np.tile(np.arange(n, dtype=np.uint16), (clusters, 1)), dtype=wp.uint16),
+        wp.array(n * np.arange(clusters, dtype=np.int32), dtype=wp.int32),
+        wp.array(np.arange(n, dtype=np.int32), dtype=wp.int32),
+    )
 
 
 def first_table(mesh: TriangleMesh, reach: float) -> GeodesicTable:

@@ -13,6 +13,7 @@ from homolog_app.cli.options import (
     add_former_name,
     add_options,
     add_progress_option,
+    add_removed_option,
     show_progress,
     with_options,
 )
@@ -284,6 +285,7 @@ def add_geodesics(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the
         "--out", type=Path, metavar="FILE.npz", help="write a SciPy sparse matrix (scipy.sparse.load_npz)"
     )
     parser.add_argument("--device", default="auto", help="auto, cpu, cuda:0 …; auto takes the first GPU")
+    add_removed_option(parser, "--element", "distances are always computed with circular fronts")
     parser.add_argument(
         "--memory-limit", type=float, default=8.0, metavar="GB", help="largest table allowed (default 8)"
     )
@@ -316,9 +318,8 @@ def run_geodesics(arguments: argparse.Namespace) -> int:
         memory_limit=int(1e9 * arguments.memory_limit),
     )
     device = choose_device(arguments.device)
-    kind = "dense" if plan.dense else "block"
     _print_line(
-        f"{len(mesh.vertices)} vertices, mean edge {mesh.mean_edge:.3g} mm; {kind} table of about "
+        f"{len(mesh.vertices)} vertices, mean edge {mesh.mean_edge:.3g} mm; table of about "
         f"{plan.nbytes / 1e6:.0f} MB on {describe_device(device)}"
     )
     with show_progress(arguments.progress) as progress, device_faults(device):

@@ -23,6 +23,7 @@ __all__ = [
     "add_former_name",
     "add_options",
     "add_progress_option",
+    "add_removed_option",
     "describe_end",
     "handling",
     "options_of",
@@ -96,6 +97,30 @@ def add_former_name(parser: argparse.ArgumentParser, former: str, present: argpa
         type=present.type or str,
         default=argparse.SUPPRESS,
         help=argparse.SUPPRESS,
+    )
+
+
+class _RemovedOption(argparse.Action):
+    """A hidden option without effect that prints what replaces it."""
+
+    def __init__(self, hint: str, **kwargs: Any) -> None:  # noqa: ANN401 - argparse's own
+        super().__init__(**kwargs)
+        self._hint = hint
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,  # noqa: ANN401 - argparse's own
+        option_string: str | None = None,
+    ) -> None:
+        sys.stderr.write(f"homolog: {option_string} has no effect and will be removed: {self._hint}\n")
+
+
+def add_removed_option(parser: argparse.ArgumentParser, name: str, hint: str) -> None:
+    """Accept and ignore an option that is gone, with a hint on standard error; help does not list it."""
+    parser.add_argument(
+        name, action=_RemovedOption, hint=hint, default=argparse.SUPPRESS, help=argparse.SUPPRESS
     )
 
 

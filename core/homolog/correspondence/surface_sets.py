@@ -180,8 +180,7 @@ def on_device(array: Array, dtype: type, device: str, store: Store) -> DeviceArr
 def morton_ordered(mesh: TriangleMesh) -> TriangleMesh:
     """Return the mesh with its vertices sorted along a Morton curve.
 
-    Neighbouring vertices are then neighbours in memory, so that lookups in a dense geodesic table take a
-    fifth of the time.
+    Neighbouring vertices are then mostly neighbours in memory, which makes lookups in geodesic tables faster.
     """
     low = mesh.vertices.min(axis=0)
     cells = ((mesh.vertices - low) / np.ptp(mesh.vertices, axis=0).max() * 1023.0).astype(np.int64)

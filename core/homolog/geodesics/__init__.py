@@ -1,4 +1,4 @@
-"""Geodesic distances on triangle meshes: all pairs up to a reach, and between any points."""
+"""Geodesic distances on triangle meshes: between all vertices in range, and between any two points."""
 
 from homolog.geodesics.accuracy import Accuracy, measure_accuracy
 from homolog.geodesics.field import distances_from

@@ -1,4 +1,4 @@
-"""How far a geodesic table is from the exact distances on the mesh, from sampled sources."""
+"""Errors of a geodesic table against exact distances, from a sample of source vertices."""
 
 from dataclasses import dataclass
 
@@ -16,20 +16,20 @@ FAR_EDGES = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """Relative errors of a table over the pairs with an exact distance up to d_max.
+    """Relative errors of a geodesic table over the sampled pairs whose exact distance is at most d_max.
 
     Attributes
     ----------
     sources, pairs : int
-        Sampled sources, and pairs compared.
+        Number of sampled sources, and of the pairs compared.
     mean, p99, worst : float
-        Mean, 99th percentile and maximum of |D / exact - 1|.
+        Mean, 99th percentile and maximum of |D / exact - 1| (fractions, not percent).
     worst_far : float
-        Maximum over pairs farther than three mean edges apart.
+        Maximum over the pairs that are more than three mean edges apart.
     bias : float
         Mean of D / exact - 1.
     missing : int
-        Pairs nearer than d_max, by more than 1 %, that the table lacks.
+        Number of pairs closer than 0.99 d_max that the table lacks.
     """
 
     sources: int
@@ -42,7 +42,7 @@ class Accuracy:
     missing: int
 
     def __str__(self) -> str:
-        """Return a line for people, errors in percent."""
+        """Return one line with the errors in percent."""
         return (
             f"{self.pairs} pairs of {self.sources} sources: error mean {100 * self.mean:.3f} %, "
             f"p99 {100 * self.p99:.3f} %, max {100 * self.worst:.2f} % (beyond {FAR_EDGES:.0f} edges "
@@ -53,19 +53,20 @@ class Accuracy:
 def measure_accuracy(
     mesh: TriangleMesh, table: GeodesicTable, n_sources: int = 32, seed: int = 0, tick: Tick = no_tick
 ) -> Accuracy:
-    """Compare rows of a table with the exact polyhedral distances (Mitchell, Mount, Papadimitriou 1987).
+    """Compare rows of a geodesic table with exact polyhedral distances.
 
     Parameters
     ----------
     mesh : TriangleMesh
+        The mesh of the table.
     table : GeodesicTable
-        Of the mesh.
+        The table to check.
     n_sources : int
-        Vertices whose rows are compared; all if there are fewer.
+        Number of vertices whose rows are compared; all vertices if there are fewer.
     seed : int
-        Which vertices; same seed, same ones.
+        Seed of the random choice of vertices.
     tick : Tick
-        Called once per source.
+        Progress and cancelling, called once per source.
 
     Returns
     -------
@@ -74,7 +75,12 @@ def measure_accuracy(
     Raises
     ------
     InputError
-        If the exact solver is not installed.
+        If the exact solver, tvb-gdist, is not installed.
+
+    References
+    ----------
+    J. S. B. Mitchell, D. M. Mount and C. H. Papadimitriou, "The discrete geodesic problem", SIAM Journal on
+    Computing 16 (1987) 647-668.
     """
     try:
         import gdist

@@ -1,4 +1,4 @@
-"""Distance from a few sources to the whole surface, for display."""
+"""Geodesic distances from a few sources to the whole surface."""
 
 from collections.abc import Sequence
 
@@ -30,19 +30,19 @@ def distances_from(
     name: str = "mesh",
     tick: Tick = no_tick,
 ) -> Float32Array:
-    """Return the geodesic distance of every vertex from the nearest source.
+    """Return the geodesic distance of every vertex from its nearest source.
 
     Parameters
     ----------
     mesh : TriangleMesh
         A closed surface (see `check_mesh`).
     sources : sequence of int
-        Vertices to start from.
+        Indices of the vertices from which distances are measured.
     start : sequence of float, optional
-        Distance [mm] at each source, 0 if not given. A point within a face is its three corners with their
-        distances to it.
+        Distance [mm] at each source; 0 if not given. For distances from a point inside a face, give the three
+        corners of the face as sources and their distances from the point.
     name : str
-        Subject, for messages.
+        Name of the subject, for messages.
     tick : Tick
         Cancelling.
 
@@ -54,7 +54,7 @@ def distances_from(
     Raises
     ------
     InputError
-        For a mesh that `check_mesh` refuses, and sources that are no vertices of it.
+        If `check_mesh` refuses the mesh, or a source is not one of its vertices.
     """
     check_mesh(mesh, name)
     n = len(mesh.vertices)
@@ -65,23 +65,21 @@ def distances_from(
     limits.max_encoded = limits.propagation_limit = float(local_solver.UNREACHED)
     fans = build_fans([mesh], triangulate([mesh]), "cpu")
     with wp.ScopedDevice("cpu"):
-        front = make_front(1, n, n, lanes=1)
+        front = make_front(1, n, lanes=1)
         clear(front)
         values = front.u.numpy()[0, :, 0]
         np.minimum.at(values, indices, 0.0 if start is None else np.asarray(start, np.float32))
         nearest, _ = KDTree(mesh.vertices[indices]).query(mesh.vertices)
         front.patch.numpy()[0] = np.argsort(nearest)
         front.size.fill_(n)
-        front.pending.numpy()[0, mesh.faces[np.isin(mesh.faces, indices).any(axis=1)]] = int(
-            block_kernels.ALL_TRIANGLES
-        )
+        front.active.numpy()[0, mesh.faces[np.isin(mesh.faces, indices).any(axis=1)]] = 1
         clusters = block_kernels.Sources()
         clusters.shape = wp.zeros(1, dtype=wp.int32)
         clusters.first = wp.zeros(1, dtype=wp.int32)
         clusters.limits = wp.array([limits], dtype=local_solver.DistanceLimits)
         clusters.fan = fans.start
         clusters.corners = fans.corners
-        clusters.bounds = fans.bounds
+        clusters.margin = fans.margin
         tick(0.0, f"geodesic distances of {name}")
         advance(front, clusters, range(1))
     distances: Float32Array = values.copy()

@@ -1,4 +1,4 @@
-"""Plan tables before they are solved: longest distance, storage and memory."""
+"""Plan geodesic tables before they are solved: checks of the meshes, longest distance, memory."""
 
 import math
 from collections.abc import Sequence
@@ -20,13 +20,6 @@ from homolog.surfaces.topology import check_mesh, edges
 
 __all__ = ["TablePlan", "Task", "block_rows", "plan_tables"]
 
-DENSE_BUDGET = 1_500_000_000
-"""Limit [bytes] up to which a cohort's tables are dense, which is faster to read than blocks."""
-DENSE_TABLE_LIMIT = 250_000_000
-"""Limit [bytes] for each dense table (11 180 vertices)."""
-DENSE_LIMIT = 8_000_000_000
-"""Limit [bytes] for a cohort's dense tables, also where blocks would take more."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
@@ -35,7 +28,7 @@ class Task:
     Attributes
     ----------
     name : str
-        Subject, for messages.
+        Name of the subject, for messages.
     mesh : TriangleMesh
         A surface that passed `check_mesh`.
     d_max : float
@@ -63,20 +56,17 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class TablePlan:
-    """How the tables of a cohort will be solved and stored.
+    """The geodesic tables of a cohort, to be solved.
 
     Attributes
     ----------
     tasks : tuple of Task
         One for each table.
-    dense : bool
-        Dense tables, or blocks.
     nbytes : int
-        Predicted size of all tables [bytes]; exact for dense ones.
+        Predicted size of all tables [bytes], mostly within 10 %.
     """
 
     tasks: tuple[Task, ...]
-    dense: bool
     nbytes: int
 
 
@@ -88,12 +78,12 @@ def plan_tables(
     memory_limit: int | None = None,
     tick: Tick = no_tick,
 ) -> TablePlan:
-    """Check the meshes, choose the storage and predict its size.
+    """Check the meshes and predict the size of their tables.
 
     Parameters
     ----------
     meshes, d_max, names, memory_limit, tick
-        As of `homolog.geodesics.solve_tables`.
+        See `homolog.geodesics.solve_tables`.
 
     Returns
     -------
@@ -102,7 +92,7 @@ def plan_tables(
     Raises
     ------
     InputError
-        For a mesh that `check_mesh` refuses, for d_max that is not positive, and for tables above the limit.
+        If `check_mesh` refuses a mesh, d_max is not positive, or the tables would exceed the limit.
     """
     labels = [f"mesh {k + 1}" for k in range(len(meshes))] if names is None else names
     limits = np.broadcast_to(np.asarray(d_max, float), len(meshes)).tolist()
@@ -111,18 +101,13 @@ def plan_tables(
         for task in pool.map(_task, labels, meshes, limits):
             tick(0.0, f"mesh of {task.name} checked")
             tasks.append(task)
-    squares = [2 * len(mesh.vertices) ** 2 for mesh in meshes]
-    dense, blocks = sum(squares), sum(_block_bytes(task) for task in tasks)
-    ceiling = math.inf if memory_limit is None else memory_limit
-    small = dense <= DENSE_BUDGET and max(squares, default=0) <= DENSE_TABLE_LIMIT
-    if dense <= min(ceiling, DENSE_LIMIT) and (small or dense <= blocks):
-        return TablePlan(tuple(tasks), dense=True, nbytes=dense)
-    if blocks > ceiling:
+    nbytes = sum(_table_bytes(task) for task in tasks)
+    if memory_limit is not None and nbytes > memory_limit:
         raise InputError(
-            f"geodesic tables of {len(meshes)} shapes would take about {blocks / 1e9:.3g} GB, above the "
-            f"limit of {ceiling / 1e9:.3g} GB: raise the limit, shorten d_max or use coarser meshes"
+            f"geodesic tables of {len(meshes)} shapes would take about {nbytes / 1e9:.3g} GB, above the "
+            f"limit of {memory_limit / 1e9:.3g} GB: raise the limit, shorten d_max or use coarser meshes"
         )
-    return TablePlan(tuple(tasks), dense=False, nbytes=blocks)
+    return TablePlan(tuple(tasks), nbytes)
 
 
 def _task(name: str, mesh: TriangleMesh, d_max: float) -> Task:
@@ -133,7 +118,7 @@ def _task(name: str, mesh: TriangleMesh, d_max: float) -> Task:
 
 
 def _longest(mesh: TriangleMesh, d_max: float) -> float:
-    """Return an upper bound of all distances on the mesh, inf if d_max is plainly below it."""
+    """Return an upper bound of all distances on the mesh; inf if d_max is shorter than its bounding box."""
     if d_max < np.linalg.norm(np.ptp(mesh.vertices, axis=0)):
         return math.inf
     pairs = edges(mesh.faces)
@@ -143,14 +128,14 @@ def _longest(mesh: TriangleMesh, d_max: float) -> float:
 
 
 def block_rows(task: Task) -> int:
-    """Return about how many rows a block table has, from the area of a flat disc.
+    """Estimate the number of rows in the blocks of a table from the area of a flat disc.
 
-    Curved surfaces mostly need less.
+    Curved surfaces mostly need fewer.
     """
     n = len(task.mesh.vertices)
     radius = task.max_distance + 3.0 * task.mean_edge  # of a cluster: about 2.5 edges
     return int(1.05 * n / LANES * min(n, n * math.pi * radius**2 / task.mesh.area))
 
 
-def _block_bytes(task: Task) -> int:
+def _table_bytes(task: Task) -> int:
     return int(2.1 * len(task.mesh.vertices) ** 2 / LANES) + 2 * LANES * block_rows(task)

@@ -1,7 +1,6 @@
-"""Geodesic tables of meshes: the calls that other parts use."""
+"""Solve geodesic tables of meshes on the CPU or on a GPU."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import warp as wp
@@ -31,35 +30,35 @@ def solve_tables(
     tick: Tick = no_tick,
     threads: int | None = None,
 ) -> list[GeodesicTable]:
-    """Return the geodesic tables of a cohort's meshes.
+    """Solve the geodesic tables of a cohort's meshes.
 
     Parameters
     ----------
     meshes : sequence of TriangleMesh
         Closed surfaces (see `check_mesh`).
     d_max : float or sequence of float
-        All vertex pairs up to this geodesic distance [mm] are kept; inf for complete tables. Distances up
-        to r between arbitrary points need r plus two longest edges.
+        Longest geodesic distance [mm] to store, for all meshes or for each; inf stores all pairs. Distances
+        up to r between arbitrary points need r plus twice the longest edge.
     device : str
-        ``"auto"``, ``"cpu"`` or ``"cuda:<n>"``: where to solve and where the tables stay.
+        ``"auto"``, ``"cpu"`` or ``"cuda:<n>"``: the device that solves the tables and stores them.
     memory_limit : int, optional
-        Ceiling for all tables together [bytes]; what is free on the device if not given.
+        Limit for all tables together [bytes]; the free memory of the device if not given.
     names : sequence of str, optional
-        Subjects, for messages.
+        Names of the subjects, for messages.
     tick : Tick
         Progress and cancelling.
     threads : int, optional
-        Threads on the CPU, one per core if not given; the result does not depend on it.
+        Number of threads on the CPU; one per core if not given. The result does not depend on it.
 
     Returns
     -------
     list of GeodesicTable
-        One for each mesh, on the device.
+        One table for each mesh, on the device.
 
     Raises
     ------
     InputError
-        For a mesh or d_max that can't be used, and tables above the memory limit.
+        If a mesh or d_max is invalid, or the tables exceed the memory limit.
     """
     plan = plan_tables(meshes, d_max, names=names, memory_limit=memory_limit, tick=tick)
     return solve_plan(plan, device=device, tick=tick, threads=threads)
@@ -72,24 +71,24 @@ def solve_plan(
     tick: Tick = no_tick,
     threads: int | None = None,
 ) -> list[GeodesicTable]:
-    """Return the tables of a plan.
+    """Solve the tables of a plan.
 
     Parameters
     ----------
     plan : TablePlan
-        As `plan_tables` makes it.
+        The plan, from `plan_tables`.
     device, tick, threads
-        As of `solve_tables`.
+        See `solve_tables`.
 
     Returns
     -------
     list of GeodesicTable
-        One for each task of the plan, on the device.
+        One table for each task of the plan, on the device.
 
     Raises
     ------
     InputError
-        If the tables do not fit the device.
+        If the tables exceed the memory of the device.
     """
     where = choose_device(device)
     check_room(plan, where)
@@ -119,18 +118,18 @@ def geodesic_distances(
     Returns
     -------
     (V, V) float32 csr_array
-        Symmetric; absent entries are farther than d_max apart, the zeros of the diagonal are stored.
-        Fixed-point rounding is 8e-6 d_max at most.
+        Symmetric. Pairs farther apart than d_max have no entry; the zeros of the diagonal are stored.
+        The rounding error is at most 8e-6 d_max.
 
     Raises
     ------
     InputError
-        If the mesh is not one closed, manifold surface, d_max is not positive, or the device is not here.
+        If the mesh is not one closed manifold surface, d_max is not positive, or the device does not exist.
 
     References
     ----------
     Z. Fu et al., "A fast iterative method for solving the eikonal equation on triangulated surfaces", SIAM
-    Journal on Scientific Computing 33 (2011) 2468-2488; docs/geodesics.md says what differs here.
+    Journal on Scientific Computing 33 (2011) 2468-2488; docs/geodesics.md describes the differences.
 
     Examples
     --------
@@ -142,17 +141,16 @@ def geodesic_distances(
     (30, np.float32(1.414))
     """
     mesh = TriangleMesh(np.asarray(vertices), np.asarray(faces))
-    plan = replace(plan_tables([mesh], d_max), dense=False)  # quicker to solve, slower to read
-    return solve_plan(plan, device=device)[0].to_csr()
+    return solve_tables([mesh], d_max, device=device)[0].to_csr()
 
 
 def check_room(plan: TablePlan, device: str) -> None:
-    """Refuse tables that the memory of the device can't hold.
+    """Check that the tables of a plan fit into the free memory of a device.
 
     Raises
     ------
     InputError
-        Naming both sizes.
+        If they do not, with both sizes.
     """
     free = free_memory() if device == "cpu" else int(wp.get_device(device).free_memory)
     if plan.nbytes > 0.9 * free:

@@ -3,7 +3,7 @@
 import warp as wp
 
 from homolog.correspondence.kernels.particles import Surface
-from homolog.geodesics.kernels.lookup import SurfacePoint, geodesic
+from homolog.geodesics.kernels.lookup import SurfacePoint, blocks_of, geodesic
 
 wp.set_module_options({"enable_backward": False})
 
@@ -47,4 +47,6 @@ def pair_distances(
     """Geodesic distance between the two particles of each pair, negative beyond the table's reach."""
     p = wp.tid()
     pair = pairs[p]
-    distances[p] = geodesic(surfaces[0].table, closest[pair[0]], closest[pair[1]]).distance
+    table = surfaces[0].table
+    x = closest[pair[0]]
+    distances[p] = geodesic(table, blocks_of(table, x.corners), x, closest[pair[1]]).distance

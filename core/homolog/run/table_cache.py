@@ -51,7 +51,7 @@ class TableCache:
     ) -> list[GeodesicTable]:
         """Return tables as `homolog.geodesics.solve_tables` does; those in the folder are read."""
         plan = plan_tables(meshes, d_max, names=names, tick=tick)
-        paths = [table_path(self._folder, plan, task) for task in plan.tasks]
+        paths = [table_path(self._folder, task) for task in plan.tasks]
         tables: dict[Path, GeodesicTable] = {}
         for index, (path, task) in enumerate(zip(paths, plan.tasks, strict=True)):
             tick(index / len(paths), f"geodesic distances of {task.name}")

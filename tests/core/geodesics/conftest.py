@@ -7,7 +7,6 @@ from scipy import ndimage
 from scipy.spatial import ConvexHull
 from skimage.measure import marching_cubes
 
-from homolog.geodesics import plan
 from homolog.surfaces.mesh import TriangleMesh
 
 
@@ -62,13 +61,6 @@ def plate():
     after = np.roll(ring, -1)
     side = np.concatenate([np.stack([ring, ring + n, after + n], 1), np.stack([ring, after + n, after], 1)])
     return TriangleMesh(np.concatenate([top, bottom]), np.concatenate([up, up[:, ::-1] + n, side]))
-
-
-@pytest.fixture(params=["dense", "blocks"])
-def storage(request, monkeypatch):
-    """Run a test with both kinds of table."""
-    monkeypatch.setattr(plan, "DENSE_BUDGET", 10**12 if request.param == "dense" else 0)
-    return request.param
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.geodesics import plan
 from homolog.geodesics.cache import load_table
+from homolog.geodesics.table import ARRAYS
 from homolog.progress import no_tick
 from homolog.run import table_cache
 
@@ -23,13 +23,11 @@ def solve(tmp_path, monkeypatch):
 
 def same(first, other):
     return all(
-        getattr(first, name) is getattr(other, name) is None
-        or np.array_equal(getattr(first, name).numpy(), getattr(other, name).numpy())
-        for name in ("codes", "row", "start", "slot")
+        np.array_equal(getattr(first, name).numpy(), getattr(other, name).numpy()) for name in ARRAYS
     ) and (first.n_vertices, first.d_max, first.unit) == (other.n_vertices, other.d_max, other.unit)
 
 
-def test_a_table_is_solved_once(solve, sphere, slotted, tmp_path, storage, monkeypatch):
+def test_a_table_is_solved_once(solve, sphere, slotted, tmp_path, monkeypatch):
     first = solve([sphere(300), slotted], 7.0)
     monkeypatch.setattr(table_cache, "solve_plan", None)
     second = solve([sphere(300), slotted], 7.0)
@@ -41,10 +39,7 @@ def test_other_meshes_and_parameters_are_solved_anew(solve, sphere, tmp_path, mo
     solve([sphere(300)], 7.0)
     solve([sphere(301)], 7.0)
     solve([sphere(300)], 7.5)
-    monkeypatch.setattr(plan, "DENSE_BUDGET", 0)
-    monkeypatch.setattr(plan, "DENSE_LIMIT", 0)
-    solve([sphere(300)], 7.0)
-    assert len(list(tmp_path.iterdir())) == 4
+    assert len(list(tmp_path.iterdir())) == 3
 
 
 @pytest.mark.parametrize(
@@ -76,13 +71,12 @@ def test_a_folder_that_cannot_be_written_is_named(solve, sphere, tmp_path):
         ("codes", lambda item: item.astype(np.int32)),
         ("facts", lambda item: item * 2.0),
         ("facts", lambda item: item * np.inf),
+        ("facts", lambda item: item * [1000.0, 1.0, 1.0]),
     ],
 )
 def test_a_file_whose_entries_would_lead_kernels_out_of_it_is_solved_anew(
     solve, sphere, tmp_path, name, change, monkeypatch
 ):
-    monkeypatch.setattr(plan, "DENSE_BUDGET", 0)
-    monkeypatch.setattr(plan, "DENSE_LIMIT", 0)
     first = solve([sphere(300)], 7.0)[0]
     file = next(tmp_path.iterdir())
     with np.load(file) as stored:
@@ -90,12 +84,3 @@ def test_a_file_whose_entries_would_lead_kernels_out_of_it_is_solved_anew(
     np.savez(file, **(arrays | {name: change(arrays[name])}))
     assert load_table(file, "cpu") is None
     assert same(first, solve([sphere(300)], 7.0)[0])
-
-
-def test_a_dense_file_that_claims_more_vertices_than_it_holds_is_none(solve, sphere, tmp_path):
-    solve([sphere(300)], 7.0)
-    file = next(tmp_path.iterdir())
-    with np.load(file) as stored:
-        arrays = dict(stored)
-    np.savez(file, **(arrays | {"facts": arrays["facts"] * [1000.0, 1.0, 1.0]}))
-    assert load_table(file, "cpu") is None

@@ -8,7 +8,7 @@ from homolog.geodesics.cpu.solver import parallel_for
 from homolog.geodesics.cuda.solver import solve_on_cuda
 
 
-def test_progress_rises_and_names_the_subjects(sphere, storage):
+def test_progress_rises_and_names_the_subjects(sphere):
     seen = []
     solve_tables([sphere(500), sphere(600)], 10.0, names=["ann", "bob"], tick=lambda *what: seen.append(what))
     fractions = [fraction for fraction, _ in seen]

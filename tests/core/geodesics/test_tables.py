@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from homolog.geodesics import geodesic_distances, measure_accuracy, solve_tables
+from homolog.geodesics.table import ARRAYS
 from homolog.surfaces.mesh import TriangleMesh
 
 
@@ -10,10 +11,9 @@ def arcs(mesh, radius=30.0):
     return 2 * radius * np.arcsin(np.minimum(chord / (2 * radius), 1.0))
 
 
-def test_distances_on_a_sphere_are_its_arcs(sphere, storage):
+def test_distances_on_a_sphere_are_its_arcs(sphere):
     mesh = sphere(1500)
     table = solve_tables([mesh], 15.0)[0]
-    assert table.storage == storage
     matrix, exact = table.to_csr().toarray(), arcs(mesh)
     near = (exact > 0) & (exact < 14.9)
     error = matrix[near] / exact[near] - 1
@@ -21,7 +21,7 @@ def test_distances_on_a_sphere_are_its_arcs(sphere, storage):
     assert np.abs(error).max() < 0.01
 
 
-def test_a_table_has_every_pair_up_to_d_max_and_no_other(sphere, storage):
+def test_a_table_has_every_pair_up_to_d_max_and_no_other(sphere):
     mesh = sphere(800)
     matrix, exact = solve_tables([mesh], 12.0)[0].to_csr().toarray(), arcs(mesh)
     off_diagonal = ~np.eye(len(matrix), dtype=bool)
@@ -30,7 +30,7 @@ def test_a_table_has_every_pair_up_to_d_max_and_no_other(sphere, storage):
     assert matrix.max() <= 12.0 * (1 + 1e-5)
 
 
-def test_a_table_is_symmetric_and_zero_on_the_diagonal(slotted, storage):
+def test_a_table_is_symmetric_and_zero_on_the_diagonal(slotted):
     matrix = solve_tables([slotted], 8.0)[0].to_csr()
     assert (matrix != matrix.T).nnz == 0
     assert (matrix.diagonal() == 0).all()
@@ -39,22 +39,10 @@ def test_a_table_is_symmetric_and_zero_on_the_diagonal(slotted, storage):
     assert (stored.diagonal() == 1).all()
 
 
-def test_both_storages_hold_the_same_distances(slotted, monkeypatch):
-    from homolog.geodesics import plan
-
-    dense = solve_tables([slotted], 8.0)[0]
-    monkeypatch.setattr(plan, "DENSE_BUDGET", 0)
-    blocks = solve_tables([slotted], 8.0)[0]
-    assert (dense.storage, blocks.storage) == ("dense", "blocks")
-    assert (dense.to_csr() != blocks.to_csr()).nnz == 0
-    assert blocks.nbytes < dense.nbytes
-
-
-def test_the_result_does_not_depend_on_the_number_of_threads(slotted, storage):
+def test_the_result_does_not_depend_on_the_number_of_threads(slotted):
     first, three = (solve_tables([slotted], 8.0, threads=threads)[0] for threads in (1, 3))
-    for name in ("codes", "row", "start", "slot"):
-        if getattr(first, name) is not None:
-            assert np.array_equal(getattr(first, name).numpy(), getattr(three, name).numpy())
+    for name in ARRAYS:
+        assert np.array_equal(getattr(first, name).numpy(), getattr(three, name).numpy())
 
 
 def test_distances_on_a_flat_side_are_straight(plate):
@@ -76,7 +64,7 @@ def test_the_other_side_of_a_thin_wall_is_far(plate):
     assert table[near_rim, near_rim + n] == pytest.approx(4.5, rel=1e-3)
 
 
-def test_infinite_d_max_gives_every_pair(sphere, storage):
+def test_infinite_d_max_gives_every_pair(sphere):
     mesh = sphere(300)
     table = solve_tables([mesh], np.inf)[0]
     assert table.to_csr().nnz == 300**2

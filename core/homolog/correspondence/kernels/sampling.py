@@ -5,10 +5,12 @@ import warp as wp
 from homolog.correspondence.kernels.functions import tangent
 from homolog.correspondence.kernels.particles import Layout, Surface
 from homolog.geodesics.kernels.lookup import (
+    Blocks,
     CornerCodes,
     PairDistance,
     SurfacePoint,
     TableData,
+    blocks_of,
     corner_codes,
     geodesic,
     interpolate,
@@ -71,6 +73,7 @@ class PairCodes:
 @wp.func
 def pair_distance(
     table: TableData,
+    blocks: Blocks,
     known: wp.array(dtype=PairCodes, ndim=2),
     faces: wp.array(dtype=int),
     p: int,
@@ -84,7 +87,7 @@ def pair_distance(
     The table is read only if one of them has left its face; without `known`, or beyond its rows, always.
     """
     if k >= known.shape[1] or x.corners == y.corners:
-        return geodesic(table, x, y)
+        return geodesic(table, blocks, x, y)
     face = faces[p] + 1
     other_face = faces[j] + 1
     codes = CornerCodes()
@@ -93,7 +96,7 @@ def pair_distance(
             for b in range(3):
                 codes[a, b] = int(known[p, k].codes[a, b])
     else:
-        codes = corner_codes(table, x.corners, y.corners)
+        codes = corner_codes(table, blocks, y.corners)
         pair = PairCodes()
         pair.face = face
         pair.other_face = other_face
@@ -130,6 +133,9 @@ def link_neighbours(
     table = surfaces[shape].table  # one copy: copying this struct costs more than a lookup
     x = spread_positions[p]
     closest_point = closest[p]
+    blocks = Blocks()
+    if c.geodesic == 1:
+        blocks = blocks_of(table, closest_point.corners)
     count = int(0)
     cutoff = c.list_cutoff * surfaces[shape].size
     query = wp.hash_grid_query(grid, x, cutoff)
@@ -140,7 +146,7 @@ def link_neighbours(
             d = float(0.0)
             if c.geodesic == 1:
                 d = pair_distance(
-                    table, known, faces, p, count, other, closest_point, closest[other]
+                    table, blocks, known, faces, p, count, other, closest_point, closest[other]
                 ).distance
             if d >= 0.0 and d < cutoff:
                 if count < neighbours.shape[1]:
@@ -201,6 +207,9 @@ def measure_pairs(
     s = widths[p]
     closest_point = closest[p]
     table = surfaces[shape].table
+    blocks = Blocks()
+    if c.geodesic == 1:
+        blocks = blocks_of(table, closest_point.corners)
     for k in range(wp.min(counts[p], neighbours.shape[1])):
         j = neighbours[p, k]
         place = int(places[p, k])
@@ -211,7 +220,7 @@ def measure_pairs(
             reach = STRAIGHT_MARGIN * CUTOFF_RATIO * wp.max(s, widths[j])
             if wp.length_sq(straight) < reach * reach:
                 if c.geodesic == 1:
-                    pair = pair_distance(table, known, faces, p, k, j, closest_point, closest[j])
+                    pair = pair_distance(table, blocks, known, faces, p, k, j, closest_point, closest[j])
                     own = away(pair.at_x, n, pair.distance)
                     other = away(pair.at_y, normals[j], pair.distance)
                 else:

@@ -1,1 +1,1 @@
-"""The solver for the CPU: one cluster of sources a thread, one source a SIMD lane."""
+"""Solver for the CPU: each thread solves one cluster of sources at a time, each SIMD lane one source."""

@@ -1,4 +1,4 @@
-"""An arena for the blocks of a table until all are solved."""
+"""Memory for the blocks of a table until all are solved."""
 
 import mmap
 
@@ -14,9 +14,9 @@ _ROWS_PER_CHUNK = 1 << 17
 
 
 class RowArena:
-    """Holds copies of rows in memory-mapped chunks, which return to the system as soon as they are unused.
+    """Stores copies of rows in memory-mapped chunks, each freed as soon as no copy in it is used.
 
-    Memory of small arrays would stay with the process: joining the blocks would take twice their size.
+    Memory of small arrays would not be freed while the blocks are joined, which would take twice the memory.
     """
 
     def __init__(self) -> None:

@@ -1,9 +1,10 @@
-"""Solve a mesh's table on the CPU: clusters of sources in parallel, one thread per core."""
+"""Solve the table of a mesh on the CPU: clusters of sources in parallel, one thread per core."""
 
-import itertools
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
+from operator import length_hint
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,6 @@ from homolog.geodesics.cpu.kernels import patch as patch_kernels
 from homolog.geodesics.cpu.kernels import store as store_kernels
 from homolog.geodesics.cpu.kernels import sweep as sweep_kernels
 from homolog.geodesics.cpu.row_arena import RowArena
-from homolog.geodesics.kernels import fans as fan_kernels
 from homolog.geodesics.kernels import local_solver
 from homolog.geodesics.kernels.lookup import LANES, MISSING
 from homolog.geodesics.mesh.fans import Clusters, Fans, build_fans, find_clusters
@@ -41,7 +41,6 @@ class PreparedMesh:
     clusters: Clusters  # vertices numbered as in the mesh
     mesh_vertex: Any  # (V,) vertex of the mesh for each vertex of the fans
     groups: Any
-    margin: Any  # (K,) see `fan_kernels.find_margins`
     limits: Any
 
     @property
@@ -49,7 +48,7 @@ class PreparedMesh:
         return len(self.clusters.slot)
 
     def solver(self) -> tuple[Any, Callable[[int], None]]:
-        """Allocate one thread's scratch; return it and a function that solves a cluster into it."""
+        """Allocate the scratch memory of a thread; return it and a function that solves a cluster into it."""
         n = self.n_vertices
         scratch = patch_kernels.Scratch()
         scratch.u = wp.full(
@@ -63,7 +62,7 @@ class PreparedMesh:
         scratch.bucket = wp.zeros(int(patch_kernels.N_BUCKETS) + 1, dtype=wp.int32, device="cpu")
         scratch.size = wp.zeros(1, dtype=wp.int32, device="cpu")
         fans = self.fans
-        inputs = [scratch, fans.position, fans.start, fans.corners, self.margin, self.limits, self.groups]
+        inputs = [scratch, fans.position, fans.start, fans.corners, fans.margin, self.limits, self.groups]
         sweep = _recorded(sweep_kernels.sweep_cluster, 1, [*inputs, 0])
         return scratch, lambda cluster: _launch(sweep, cluster)
 
@@ -91,20 +90,16 @@ def _prepare(task: Task, delaunay: Triangulation, clusters: Clusters) -> Prepare
         np.max(distances, axis=1, where=is_member, initial=0.0), dtype=wp.float32, device="cpu"
     )
     mesh_vertex_array = wp.array(mesh_vertex, dtype=wp.int32, device="cpu")
-    margin = wp.empty(len(fans.corners), dtype=wp.float32, device="cpu")
-    inputs = [fans.start, fans.corners, margin]
-    wp.launch(fan_kernels.find_margins, len(mesh_vertex), inputs=inputs, device="cpu")
-    limits = task.kernel_limits()
-    return PreparedMesh(task, fans, clusters, mesh_vertex_array, groups, margin, limits)
+    return PreparedMesh(task, fans, clusters, mesh_vertex_array, groups, task.kernel_limits())
 
 
 def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> GeodesicTable:
-    """Return the table of one of a plan's meshes; bit-identical for any number of threads.
+    """Solve the table of one mesh of a plan; the result is bit-identical for any number of threads.
 
     Parameters
     ----------
     plan : TablePlan
-        Of all meshes.
+        The plan of all meshes.
     which : int
         Index of the mesh.
     threads : int
@@ -122,65 +117,27 @@ def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> Geode
         tick(done, f"geodesic distances of {task.name}")
 
     report(0.0)
-    # before the threads, which would each load them
+    # otherwise each thread would load them
     for module in (local_solver, sweep_kernels, store_kernels):
         wp.load_module(module, device="cpu")
     delaunay = triangulate([task.mesh])
     clusters = find_clusters(delaunay)
     prepared = _prepare(task, delaunay, clusters)
-    arrays = (_solve_dense if plan.dense else _solve_blocks)(prepared, threads, report)
+    arrays = _solve_clusters(prepared, threads, report)
     return GeodesicTable(len(task.mesh.vertices), task.d_max, float(prepared.limits.unit), *arrays)
 
 
-def _solve_dense(prepared: PreparedMesh, threads: int, report: Report) -> tuple[Any, ...]:
-    n = prepared.n_vertices
-    codes = _missing(n, n)
-    members = wp.array(prepared.clusters.members, dtype=wp.int32, ndim=2, device="cpu")
-
-    def worker() -> Callable[[int], None]:
-        scratch, solve = prepared.solver()
-        inputs = [scratch, prepared.limits, prepared.mesh_vertex, *_rows(n), members, codes, 0]
-        store = _recorded(store_kernels.store_dense, 1, inputs)
-
-        def solve_cluster(cluster: int) -> None:
-            solve(cluster)
-            _launch(store, cluster)
-
-        return solve_cluster
-
-    parallel_for(worker, len(prepared.clusters.members), threads, lambda done: report(0.95 * done))
-    strips = -(-n // store_kernels.TILE)
-
-    def symmetrize(strip: int) -> None:
-        wp.launch(store_kernels.symmetrize_strip, 1, inputs=[codes, strip], device="cpu")
-
-    parallel_for(lambda: symmetrize, strips, threads, lambda done: report(0.95 + 0.05 * done))
-    return (codes,)
-
-
-def _missing(n_rows: int, n_columns: int) -> Any:  # noqa: ANN401
-    """Return a table of MISSING; numpy fills it in a fifth of Warp's time."""
-    return wp.array(np.full((n_rows, n_columns), MISSING, np.uint16), device="cpu", copy=False)
-
-
-def _rows(n_vertices: int) -> tuple[Any, Any]:
-    """Allocate the list of vertices that a cluster reaches, and their codes."""
-    return (
-        wp.empty(n_vertices, dtype=wp.int32, device="cpu"),
-        wp.empty(n_vertices, dtype=patch_kernels.LaneCodes, device="cpu"),
-    )
-
-
-def _solve_blocks(prepared: PreparedMesh, threads: int, report: Report) -> tuple[Any, ...]:
+def _solve_clusters(prepared: PreparedMesh, threads: int, report: Report) -> tuple[Any, ...]:
     n, n_clusters = prepared.n_vertices, len(prepared.clusters.members)
-    row = _missing(n_clusters, n)
+    row = wp.array(np.full((n_clusters, n), MISSING, np.uint16), device="cpu", copy=False)
     is_near = wp.zeros((n_clusters, n_clusters), dtype=wp.uint8, device="cpu")
     slot = wp.array(prepared.clusters.slot, dtype=wp.int32, device="cpu")
     blocks: list[Any] = [None] * n_clusters
 
     def worker() -> Callable[[int], None]:
         scratch, solve = prepared.solver()
-        reached, block = _rows(n)
+        reached = wp.empty(n, dtype=wp.int32, device="cpu")
+        block = wp.empty(n, dtype=patch_kernels.LaneCodes, device="cpu")
         n_rows = wp.zeros(1, dtype=wp.int32, device="cpu")
         inputs = [
             scratch,
@@ -216,19 +173,19 @@ def _solve_blocks(prepared: PreparedMesh, threads: int, report: Report) -> tuple
 
 
 def _joined(blocks: list[Any]) -> tuple[Any, Any]:
-    """Join the clusters' rows and a missing one, each block freed once it is copied; where each begins."""
+    """Join the blocks, and add a spare row of MISSING; return the codes and the first row of each block."""
     starts = np.concatenate([[0], np.cumsum([len(block) for block in blocks])])
     codes = wp.empty((int(starts[-1]) + 1, LANES), dtype=wp.uint16, device="cpu")
     joined = codes.numpy()
     for cluster in range(len(blocks)):
         joined[starts[cluster] : starts[cluster + 1]] = blocks[cluster]
-        blocks[cluster] = None  # frees memory while the copy grows
+        blocks[cluster] = None  # free it while the copy grows
     joined[-1] = MISSING
     return codes, wp.array(starts[:-1].astype(np.int32), dtype=wp.int32, device="cpu")
 
 
 def _symmetrize(prepared: PreparedMesh, arrays: tuple[Any, ...], threads: int, report: Report) -> None:
-    """Make the distance from a to b that from b to a, in place."""
+    """Replace both directions of every pair by their mean, in place."""
     codes, start, row, is_near = arrays
     n_clusters = len(prepared.clusters.members)
     lanes = wp.array(codes.numpy(), dtype=patch_kernels.LaneCodes, device="cpu", copy=False)
@@ -251,36 +208,33 @@ def parallel_for(
     Parameters
     ----------
     worker : callable
-        Called once in each thread: allocates scratch and returns the function that does one item.
+        Called once in each thread: allocates scratch memory and returns the function that processes one item.
+    n_items : int
+        Items are 0 … n_items - 1.
+    threads : int
+        Number of threads.
+    report : callable
+        Takes the fraction done.
     """
-    items = itertools.count()  # next() on it is atomic
-    stop = threading.Event()
-    done = [0] * threads
-    failures: list[BaseException] = []
+    items, stop = iter(range(n_items)), threading.Event()  # the threads share the iterator: next() is atomic
 
-    def loop(thread: int) -> None:
+    def loop() -> None:
         try:
             work = worker()
-            while not stop.is_set() and (item := next(items)) < n_items:
+            while not stop.is_set() and (item := next(items, None)) is not None:
                 work(item)
-                done[thread] += 1
-        except BaseException as failure:  # noqa: BLE001 - raised again by the calling thread
-            failures.append(failure)
-            stop.set()
+        finally:
+            stop.set()  # no items are left, or one has failed
 
-    pool = [threading.Thread(target=loop, args=(k,), daemon=True) for k in range(threads)]
-    for thread in pool:
-        thread.start()
-    try:
-        while alive := [thread for thread in pool if thread.is_alive()]:
-            alive[0].join(0.1)
-            report(sum(done) / max(n_items, 1))
-    finally:
-        stop.set()
-        for thread in pool:
-            thread.join()
-    if failures:
-        raise failures[0]
+    with ThreadPoolExecutor(threads) as pool:
+        futures = [pool.submit(loop) for _ in range(threads)]
+        try:
+            while wait(futures, 0.1).not_done:
+                report(1.0 - length_hint(items) / max(n_items, 1))
+        finally:
+            stop.set()
+    for future in futures:
+        future.result()
     report(1.0)
 
 

@@ -1,1 +1,1 @@
-"""The solver for CUDA: one thread block a cluster of sources."""
+"""Solver for CUDA: each thread block solves one cluster of sources."""

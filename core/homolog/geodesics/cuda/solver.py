@@ -9,9 +9,7 @@ import warp as wp
 from homolog.errors import InputError
 from homolog.geodesics.cuda.front import (
     advance,
-    clear,
     largest_batch,
-    largest_patch,
     make_front,
     start,
 )
@@ -40,7 +38,6 @@ class DeviceCohort:
     clusters: Clusters
     sources: Any
     limits: list[Any]
-    halo: float
 
     @property
     def max_vertices(self) -> int:
@@ -49,12 +46,23 @@ class DeviceCohort:
 
 
 def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> list[GeodesicTable]:
-    """Return the tables of a plan, on the device.
+    """Solve the tables of a plan on a GPU.
 
     Parameters
     ----------
+    plan : TablePlan
+        The plan of all meshes.
+    device : str
+        Warp alias; the tables stay there.
     scratch : int
-        Memory [bytes] that the distances of one batch of clusters may take on the device.
+        Memory [bytes] on the device for the distances of one batch of clusters.
+    tick : Tick
+        Progress and cancelling.
+
+    Returns
+    -------
+    list of GeodesicTable
+        One table for each task of the plan.
     """
     cohort = _upload(plan, device)
     ends = np.searchsorted(cohort.clusters.shape, np.arange(len(plan.tasks) + 1)).tolist()
@@ -63,19 +71,16 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
     tables = []
     with wp.ScopedDevice(device):
         n_multiprocessors = max(1, wp.get_device().sm_count)
-        capacity = largest_patch(cohort.sources, n_clusters, cohort.halo)
-        batch = min(
-            largest_batch(n, capacity, scratch), max(1, _WORK_PER_LAUNCH * n_multiprocessors // n), n_clusters
-        )
-        front = make_front(batch, n, capacity)
-        store = _DenseStore if plan.dense else _BlockStore
-        stores = [store(cohort, task, k, ends[k], ends[k + 1]) for k, task in enumerate(plan.tasks)]
+        batch = min(largest_batch(n, scratch), max(1, _WORK_PER_LAUNCH * n_multiprocessors // n), n_clusters)
+        front = make_front(batch, n)
+        stores = [_Store(cohort, task, k, ends[k], ends[k + 1]) for k, task in enumerate(plan.tasks)]
         for begin in range(0, n_clusters, batch):
             end = min(begin + batch, n_clusters)
             shapes = range(int(cohort.clusters.shape[begin]), int(cohort.clusters.shape[end - 1]) + 1)
             message = f"geodesic distances of {plan.tasks[shapes[0]].name}"
             tick(begin / n_clusters, message)
-            _solve(front, cohort, range(begin, end), plan.dense)
+            start(front, cohort.sources, range(begin, end))
+            advance(front, cohort.sources, range(begin, end))
             for k in shapes:
                 low, high = max(begin, ends[k]), min(end, ends[k + 1])
                 stores[k].add(front, slice(low - begin, high - begin), low - ends[k])
@@ -88,7 +93,7 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
 
 
 def _upload(plan: TablePlan, device: str) -> DeviceCohort:
-    """Triangulate and cluster the meshes on the host; copy the result to the device."""
+    """Triangulate and cluster the meshes on the host, and copy the results to the device."""
     meshes = [task.mesh for task in plan.tasks]
     delaunay = triangulate(meshes)
     fans, clusters = build_fans(meshes, delaunay, device), find_clusters(delaunay)
@@ -102,40 +107,11 @@ def _upload(plan: TablePlan, device: str) -> DeviceCohort:
         sources.position = fans.position
         sources.fan = fans.start
         sources.corners = fans.corners
-        sources.bounds = fans.bounds
-    halo = float(delaunay.length.max())
-    return DeviceCohort(fans, clusters, sources, limits, halo)
+        sources.margin = fans.margin
+    return DeviceCohort(fans, clusters, sources, limits)
 
 
-def _solve(front: Any, cohort: DeviceCohort, clusters: range, dense: bool) -> None:  # noqa: ANN401
-    """Solve some clusters; their distances are in the front's u."""
-    if dense:
-        clear(front)  # all distances are read
-    start(front, cohort.sources, clusters, cohort.halo)
-    advance(front, cohort.sources, clusters)
-
-
-class _DenseStore:
-    """Encodes the distances of one mesh, batch by batch, into a dense table."""
-
-    def __init__(self, cohort: DeviceCohort, task: Task, shape: int, begin: int, end: int) -> None:
-        n = int(np.diff(cohort.fans.first)[shape])
-        self._limits = cohort.limits[shape]
-        self._members = cohort.sources.members[begin:end]
-        self._codes = wp.empty((n, n), dtype=wp.uint16)
-
-    def add(self, front: Any, which: slice, at: int) -> None:  # noqa: ANN401
-        u, n = front.u[which], self._codes.shape[0]
-        inputs = [u, self._members[at : at + u.shape[0]], self._limits, self._codes]
-        wp.launch(store_kernels.store_front_dense, (u.shape[0], LANES, n), inputs=inputs)
-
-    def finish(self) -> tuple[Any, ...]:
-        tiles = -(-self._codes.shape[0] // 16)
-        wp.launch(store_kernels.symmetrize_dense, (tiles, tiles, 256), inputs=[self._codes])
-        return (self._codes,)
-
-
-class _BlockStore:
+class _Store:
     """Encodes the distances of one mesh, batch by batch, into blocks."""
 
     def __init__(self, cohort: DeviceCohort, task: Task, shape: int, begin: int, end: int) -> None:
@@ -152,13 +128,14 @@ class _BlockStore:
 
     def add(self, front: Any, which: slice, at: int) -> None:  # noqa: ANN401
         u, patch = front.u[which], front.patch[which]
-        n_clusters, capacity = patch.shape
-        reached = wp.empty((n_clusters, capacity), dtype=wp.int32)
-        inputs = [u, patch, front.size[which], self._limits, reached]
+        size = front.size[which]
+        n_clusters, longest = len(size), int(size.numpy().max())
+        reached = wp.empty((n_clusters, longest), dtype=wp.int32)
+        inputs = [u, patch, size, self._limits, reached]
         wp.launch(store_kernels.mark_reached, reached.shape, inputs=inputs)
         wp.utils.array_scan(reached.flatten(), reached.flatten(), inclusive=True)
         first = self._rows
-        self._rows += int(reached[n_clusters - 1, capacity - 1 : capacity].numpy()[0])
+        self._rows += int(reached[n_clusters - 1, longest - 1 : longest].numpy()[0])
         self._grow(first)
         start, row = self._start[at : at + n_clusters], self._row[at : at + n_clusters]
         row.fill_(MISSING)

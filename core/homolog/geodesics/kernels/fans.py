@@ -4,7 +4,7 @@ import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
 from homolog.geodesics.kernels.intrinsic import Sides, apex, next_side
-from homolog.geodesics.kernels.local_solver import LAST_TRIANGLE_BIT, Corner, PropagationBound
+from homolog.geodesics.kernels.local_solver import Corner
 from homolog.geodesics.kernels.lookup import LANES
 
 wp.set_module_options({"enable_backward": False})
@@ -19,7 +19,6 @@ def fill_corners(
     first: wp.array(dtype=wp.int32),
     start: wp.array(dtype=wp.int32),
     corners: wp.array(dtype=Corner),
-    bounds: wp.array(dtype=PropagationBound),
 ):
     """Write the corners of every vertex contiguously and counterclockwise; thread (side of a triangle)."""
     side = wp.tid()
@@ -39,26 +38,18 @@ def fill_corners(
     corner.y = float(c[1])
     corner.ac = float(sides.length[side])
     corner.bc = float(sides.length[after])
-    index = start[sides.tail[side]] + sides.rank[side]
-    corners[index] = corner
-    twice_area = corner.length * corner.y
-    bound = PropagationBound()
-    bound.offset_a = twice_area / corner.bc - 0.5 * corner.bc
-    bound.offset_b = twice_area / corner.ac - 0.5 * corner.ac
-    bound.bc = corner.bc
-    rank_a = wp.min(sides.rank[base], LAST_TRIANGLE_BIT)
-    rank_b = wp.min(sides.rank[after], LAST_TRIANGLE_BIT)
-    bound.ranks = rank_a + 256 * rank_b
-    bounds[index] = bound
+    corners[start[sides.tail[side]] + sides.rank[side]] = corner
 
 
 @wp.kernel
 def find_margins(
     fan: wp.array(dtype=wp.int32), corners: wp.array(dtype=Corner), margin: wp.array(dtype=float)
 ):
-    """Find how much closer than v each corner's b may be and still depend on v.
+    """Find how much closer than v each corner's b may be and still depend on v; thread (vertex v).
 
-    The margin is |vw| - y in the triangles (v, w, b) on both sides of vb; y is the height of b over vw.
+    No straight path through a triangle (v, w, b) to b is shorter than (u(v) + u(w) - |vw|) / 2 + y, where y
+    is the height of b over vw, nor than u(v) - |vw| + y. The margin is the larger |vw| - y of the triangles
+    on both sides of vb.
     """
     v = wp.tid()
     begin = fan[v]

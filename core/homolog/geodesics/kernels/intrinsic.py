@@ -1,6 +1,6 @@
-"""Kernels for intrinsic triangulations: vertices joined by straight lines within the surface.
+"""Kernels for intrinsic triangulations, whose edges are straight lines within the surface.
 
-A triangulation is three arrays over *sides*: side 3f + k runs from corner k of face f to the next one.
+A triangulation is a set of arrays over *sides*: side 3f + k runs from corner k of face f to the next one.
 """
 
 import warp as wp
@@ -10,9 +10,9 @@ import homolog.device  # noqa: F401 - starts Warp
 wp.set_module_options({"enable_backward": False})
 
 FLAT = wp.constant(wp.float64(-1.0e-9))
-"""Cotangent sum from which an edge counts as Delaunay: cocircular corners are left alone."""
+"""Sum of cotangents from which an edge counts as Delaunay; edges of cocircular corners are not flipped."""
 MOST_FLIPS = wp.constant(100)
-"""Flips for each edge after which to be content with what is reached; a mesh needs about a fifth."""
+"""Limit of flips per edge; a mesh needs about 0.2."""
 
 
 @wp.struct
@@ -48,7 +48,7 @@ def pair_sides(
     leaving: wp.array(dtype=wp.int32),
     twin: wp.array(dtype=wp.int32),
 ):
-    """Find each side's opposite among those that leave its head."""
+    """Find the twin of each side among those that start at its head."""
     side = wp.tid()
     head = tail[next_side(side)]
     for k in range(start[head], start[head + 1]):
@@ -58,7 +58,7 @@ def pair_sides(
 
 @wp.func
 def opposite_cotangent(sides: Sides, side: int) -> wp.float64:
-    """Return the cotangent of the angle that faces a side."""
+    """Return the cotangent of the angle opposite to a side."""
     c = apex(sides, side)
     across = sides.length[side] - c[0]
     return (c[1] * c[1] - c[0] * across) / wp.max(c[1] * sides.length[side], wp.float64(1.0e-300))
@@ -66,7 +66,7 @@ def opposite_cotangent(sides: Sides, side: int) -> wp.float64:
 
 @wp.func
 def set_side(sides: Sides, side: int, tail: int, twin: int, length: wp.float64):
-    """Set a side, and its twin's twin."""
+    """Set a side, and the twin of its twin."""
     sides.tail[side] = tail
     sides.length[side] = length
     sides.twin[side] = twin
@@ -75,7 +75,7 @@ def set_side(sides: Sides, side: int, tail: int, twin: int, length: wp.float64):
 
 @wp.func
 def side_after_flip(side: int, h1: int, h2: int, t1: int, t2: int) -> int:
-    """Return where a flip puts a side."""
+    """Return the index of a side after a flip."""
     return wp.where(
         side == t2, h1, wp.where(side == h1, h2, wp.where(side == h2, t1, wp.where(side == t1, t2, side)))
     )
@@ -118,7 +118,7 @@ def flip(sides: Sides, h: int):
 def push_edge(
     sides: Sides, side: int, queued: wp.array(dtype=wp.int32), stack: wp.array(dtype=wp.int32), n: int
 ) -> int:
-    """List a side's edge once; return the length of the list."""
+    """Push the edge of a side unless it is on the stack; return the height of the stack."""
     edge = wp.min(side, sides.twin[side])
     if queued[edge] != 0:
         return n
@@ -129,7 +129,7 @@ def push_edge(
 
 @wp.kernel
 def flip_to_delaunay(sides: Sides, queued: wp.array(dtype=wp.int32), stack: wp.array(dtype=wp.int32)):
-    """Flip edges until the angles that face each of them sum to at most 180 degrees."""
+    """Flip edges until the two angles opposite to each sum to at most 180 degrees."""
     n = int(0)
     for side in range(sides.tail.shape[0]):
         n = push_edge(sides, side, queued, stack, n)
@@ -150,7 +150,7 @@ def flip_to_delaunay(sides: Sides, queued: wp.array(dtype=wp.int32), stack: wp.a
 
 @wp.kernel
 def assign_ranks(sides: Sides, leaving_side: wp.array(dtype=wp.int32)):
-    """Give each side its rank at its tail, counterclockwise from one of the sides there."""
+    """Assign numbers to the sides that start at each vertex, counterclockwise."""
     v = wp.tid()
     side = leaving_side[v]
     rank = int(0)

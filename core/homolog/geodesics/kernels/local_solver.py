@@ -1,4 +1,4 @@
-"""Parts of the fast iterative method on triangles: local solvers, encoding, symmetrization."""
+"""Kernel functions of both solvers: update of a vertex from a triangle, encoding, mean of directions."""
 
 import warp as wp
 
@@ -10,9 +10,6 @@ wp.set_module_options({"enable_backward": False})
 UNREACHED = wp.constant(1.0e18)
 D_MAX_CODE = wp.constant(64249)
 """Code of d_max; codes up to 65534 leave a headroom of 2 % until both directions of a pair are averaged."""
-
-LAST_TRIANGLE_BIT = wp.constant(14)
-"""Each triangle around a vertex is one bit; this bit stands for triangle 14 and all after it."""
 
 DECREASE_TOLERANCE = wp.constant(1.0000006)
 """A distance counts as decreased if it exceeded this times the new one; smaller changes are rounding."""
@@ -33,19 +30,6 @@ class Corner:
 
 
 @wp.struct
-class PropagationBound:
-    """Lower bounds of the distances at a and b that a decrease at c can cause.
-
-    Used by `homolog.geodesics.cuda.kernels.block.affected_triangles`.
-    """
-
-    offset_a: float  # height of a over bc, less half of |bc|
-    offset_b: float  # height of b over ac, less half of |ac|
-    bc: float
-    ranks: int  # of this triangle around a, plus 256 times that around b; at most LAST_TRIANGLE_BIT
-
-
-@wp.struct
 class DistanceLimits:
     """Range and resolution of one shape's distances [mm]."""
 
@@ -55,10 +39,10 @@ class DistanceLimits:
     unit: float  # length of one code step
 
 
-@wp.func
-def edge_path(corner: Corner, da: float, db: float) -> float:
-    """Return the distance at c along the shorter of the edges ac and bc."""
-    return wp.min(da + corner.ac, db + corner.bc)
+@wp.func_native("return corners.data[index].b;")
+def corner_b(corners: wp.array(dtype=Corner), index: int) -> int:
+    """Load a corner's vertex b."""
+    ...
 
 
 @wp.func

@@ -1,11 +1,12 @@
-"""Warp side of a geodesic table: distances between vertices and between any points of a surface.
+"""Lookups of geodesic distances in kernels: between any two points of a surface.
 
-Kernels of other parts import the structs and functions of this module.
+Kernels of other packages import the structs and functions of this module.
 """
 
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
+from homolog.geodesics.kernels.memory import load_int
 
 wp.set_module_options({"enable_backward": False})
 
@@ -14,13 +15,13 @@ __all__ = [
     "MISSING",
     "SurfacePoint",
     "TableData",
+    "blocks_of",
     "geodesic",
     "surface_point",
-    "table_distance",
 ]
 
 LANES = 16
-"""Sources in a cluster: neighbouring vertices that are solved, and stored, side by side."""
+"""Number of sources in a cluster: neighbouring vertices that are solved and stored together."""
 MISSING = 65535
 """Code of a pair that is farther apart than the table reaches."""
 CornerCodes = wp.types.matrix(shape=(3, 3), dtype=wp.int32)
@@ -28,15 +29,13 @@ CornerCodes = wp.types.matrix(shape=(3, 3), dtype=wp.int32)
 
 @wp.struct
 class TableData:
-    """A geodesic table on a device; make it with `GeodesicTable.on_device`, put several in one array."""
+    """A geodesic table on a device, from `GeodesicTable.on_device`; an array can hold several."""
 
-    dense: wp.array2d(dtype=wp.uint16)  # (V, V) codes, or empty
-    blocks: wp.array2d(dtype=wp.uint16)  # (R, LANES) codes: the patches of all clusters, one after another
-    start: wp.array(dtype=wp.int32)  # (C,) first row of each cluster in blocks
-    row: wp.array2d(dtype=wp.uint16)  # (C, V) row of a vertex within the cluster's patch, or MISSING
+    codes: wp.array2d(dtype=wp.uint16)  # (R, LANES) the blocks of all clusters, one after another
+    start: wp.array(dtype=wp.int32)  # (C,) first row of each cluster's block
+    row: wp.array2d(dtype=wp.uint16)  # (C, V) row of a vertex within the cluster's block, or MISSING
     slot: wp.array(dtype=wp.int32)  # (V,) LANES * cluster + lane of each vertex
     unit: float  # length of one code step
-    is_dense: int
 
 
 @wp.struct
@@ -60,53 +59,45 @@ class PairDistance:
     at_y: wp.vec3
 
 
-@wp.func
-def table_code(table: TableData, i: int, j: int) -> int:
-    """Return the code of vertices i and j, or MISSING."""
-    if table.is_dense != 0:
-        return int(table.dense[i, j])
-    slot = table.slot[i]
-    cluster = slot // LANES
-    row = int(table.row[cluster, j])
-    if row == MISSING:
-        return MISSING
-    return int(table.blocks[table.start[cluster] + row, slot % LANES])
+@wp.func_native("return row.data[wp::int64(cluster) * row.shape[1] + vertex];")
+def load_row(row: wp.array2d(dtype=wp.uint16), cluster: int, vertex: int) -> int:
+    """Load a vertex's row within the block of a cluster."""
+    ...
+
+
+@wp.func_native("return row == 65535 ? 65535 : codes.data[wp::int64(16) * (start + row) + lane];")
+def load_code(codes: wp.array2d(dtype=wp.uint16), start: int, row: int, lane: int) -> int:
+    """Load a code from a row of a block, MISSING for a missing row."""
+    ...
+
+
+@wp.struct
+class Blocks:
+    """Where a table holds the codes of a triangle's corners."""
+
+    slot: wp.vec3i
+    start: wp.vec3i
 
 
 @wp.func
-def table_distance(table: TableData, i: int, j: int) -> float:
-    """Return the geodesic distance between vertices i and j, negative if it is out of the table's range."""
-    code = table_code(table, i, j)
-    return wp.where(code == MISSING, -1.0, float(code) * table.unit)
+def blocks_of(table: TableData, corners: wp.vec3i) -> Blocks:
+    """Return the blocks of a triangle's corners: to be done once for the distances from one point to many."""
+    blocks = Blocks()
+    for i in range(3):
+        blocks.slot[i] = load_int(table.slot, corners[i])
+        blocks.start[i] = load_int(table.start, blocks.slot[i] // LANES)
+    return blocks
 
 
 @wp.func
-def corner_codes(table: TableData, a: wp.vec3i, b: wp.vec3i) -> CornerCodes:
-    """Return the codes of the corners a of one triangle and b of another; all count only if none is MISSING.
-
-    Corners of a triangle mostly share a cluster: what leads to its block is read once then.
-    """
+def corner_codes(table: TableData, blocks: Blocks, b: wp.vec3i) -> CornerCodes:
+    """Return the codes of the corners of one triangle, given by its blocks, and the corners b of another."""
     codes = CornerCodes()
-    if table.is_dense != 0:
-        for i in range(3):
-            for j in range(3):
-                codes[i, j] = int(table.dense[a[i], b[j]])
-    else:
-        cluster = int(-1)
-        start = int(0)
-        rows = wp.vec3i(0, 0, 0)
-        for i in range(3):
-            slot = table.slot[a[i]]
-            if slot // LANES != cluster:
-                cluster = slot // LANES
-                start = table.start[cluster]
-                for j in range(3):
-                    rows[j] = int(table.row[cluster, b[j]])
-                if wp.max(rows) == MISSING:
-                    codes[i, 0] = MISSING
-                    return codes
-            for j in range(3):
-                codes[i, j] = int(table.blocks[start + rows[j], slot % LANES])
+    for i in range(3):
+        slot = blocks.slot[i]
+        for j in range(3):
+            row = load_row(table.row, slot // LANES, b[j])
+            codes[i, j] = load_code(table.codes, blocks.start[i], row, slot % LANES)
     return codes
 
 
@@ -146,8 +137,8 @@ def surface_point(
 
 
 @wp.func
-def geodesic(table: TableData, x: SurfacePoint, y: SurfacePoint) -> PairDistance:
-    """Return the geodesic distance D(x, y), with its derivatives with respect to x and to y.
+def geodesic(table: TableData, blocks: Blocks, x: SurfacePoint, y: SurfacePoint) -> PairDistance:
+    """Return the geodesic distance D(x, y) and its derivatives by x and by y; blocks are those of x.
 
     D² = Σ aᵢ bⱼ dᵢⱼ² - Σ aᵢ |vᵢ - x|² - Σ bⱼ |wⱼ - y|² is exact in the plane and smooth at x = y; within one
     triangle D is |x - y|. Derivatives have a length of about 1, 0 where D is 0. D is negative if one of the
@@ -161,7 +152,7 @@ def geodesic(table: TableData, x: SurfacePoint, y: SurfacePoint) -> PairDistance
         pair.at_y = -pair.at_x
         pair.distance = wp.length(difference)
         return pair
-    return interpolate(table.unit, corner_codes(table, x.corners, y.corners), x, y)
+    return interpolate(table.unit, corner_codes(table, blocks, y.corners), x, y)
 
 
 @wp.func

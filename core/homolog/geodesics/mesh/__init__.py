@@ -1,1 +1,1 @@
-"""Meshes made ready for the solvers: intrinsic triangulation, fans of triangles, clusters of sources."""
+"""Preparation of meshes for the solvers: intrinsic triangulation, fans of triangles, clusters of sources."""

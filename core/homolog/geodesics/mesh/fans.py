@@ -10,8 +10,8 @@ import warp as wp
 
 from homolog.arrays import IntArray, frozen
 from homolog.device import cores
-from homolog.geodesics.kernels.fans import UNVISITED, fill_corners, grow_clusters
-from homolog.geodesics.kernels.local_solver import Corner, PropagationBound
+from homolog.geodesics.kernels.fans import UNVISITED, fill_corners, find_margins, grow_clusters
+from homolog.geodesics.kernels.local_solver import Corner
 from homolog.geodesics.kernels.lookup import LANES
 from homolog.geodesics.mesh.intrinsic import Triangulation
 from homolog.surfaces.mesh import TriangleMesh
@@ -26,36 +26,36 @@ MAX_VISITS_FOR_REST = 120
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fans:
-    """All shapes of a call, one after another, as arrays on one device.
+    """The fans of one or more shapes, one shape after another, in arrays on one device.
 
     Attributes
     ----------
     first : (S + 1,) int64 array
-        First vertex of each shape, on the host.
+        First vertex of each shape, and the number of all vertices; on the host.
     position : (N,) vec3 wp.array
-        Vertices, each shape centred.
+        Vertices of the centred shapes.
     start : (N + 1,) int32 wp.array
         First corner of each vertex.
     corners : (K,) Corner wp.array
         Triangles as seen from each vertex; vertex indices are local to their shape.
-    bounds : (K,) PropagationBound wp.array
-        Bounds that decide which neighbours a decrease can affect.
+    margin : (K,) float wp.array
+        Decides which neighbours a decrease can affect (see `find_margins`).
     """
 
     first: IntArray
     position: Any
     start: Any
     corners: Any
-    bounds: Any
+    margin: Any
 
 
 def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: str) -> Fans:
-    """Return the fans of checked meshes (see `homolog.surfaces.topology.check_mesh`).
+    """Build the fans of checked meshes (see `homolog.surfaces.topology.check_mesh`).
 
     Parameters
     ----------
     meshes : sequence of TriangleMesh
-        Checked meshes, side by side in the arrays.
+        Checked meshes.
     delaunay : Triangulation
         Their intrinsic Delaunay triangulation.
     device : str
@@ -73,23 +73,23 @@ def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: 
         start = wp.array(delaunay.starts(), dtype=wp.int32)
         corners = wp.empty(len(delaunay.tail), dtype=Corner)
         faces_first = wp.array(face_first.astype(np.int32), dtype=wp.int32)
-        bounds = wp.empty(len(delaunay.tail), dtype=PropagationBound)
-        inputs = [sides, faces_first, start, corners, bounds]
-        wp.launch(fill_corners, len(delaunay.tail), inputs=inputs)
+        wp.launch(fill_corners, len(corners), inputs=[sides, faces_first, start, corners])
+        margin = wp.empty(len(corners), dtype=wp.float32)
+        wp.launch(find_margins, len(centred), inputs=[start, corners, margin])
         position = wp.array(centred.astype(np.float32), dtype=wp.vec3)
-    return Fans(first, position, start, corners, bounds)
+    return Fans(first, position, start, corners, margin)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clusters:
-    """Every vertex in one cluster of neighbours, numbered through all shapes.
+    """A partition of all vertices into clusters of neighbours, numbered through all shapes.
 
     Attributes
     ----------
     members : (C, LANES) int32 array
-        Vertices of each cluster, counted within their shape; -1 in lanes without one.
+        Vertices of each cluster, numbered within their shape; -1 in unused lanes.
     shape : (C,) int32 array
-        Shape of each cluster; ascending.
+        Shape of each cluster, ascending.
     slot : (N,) int32 array
         LANES * cluster + lane of every vertex.
     """
@@ -100,11 +100,11 @@ class Clusters:
 
 
 def find_clusters(delaunay: Triangulation) -> Clusters:
-    """Return clusters of at most LANES vertices each, grown along edges, on the host.
+    """Group vertices into clusters of at most LANES, grown along edges, on the host.
 
-    Clusters in space would join the two walls of a thin shape; clusters along edges do not.
+    Clusters grown in space would join the two walls of a thin shape.
     """
-    wp.load_module(grow_clusters.module, device="cpu")  # before the threads, which would each load it
+    wp.load_module(grow_clusters.module, device="cpu")  # otherwise each thread would load it
     starts = delaunay.starts()
 
     def grow(shape: int) -> tuple[IntArray, IntArray]:

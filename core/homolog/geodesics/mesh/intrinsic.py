@@ -1,7 +1,7 @@
 """Intrinsic Delaunay triangulations: the same surface, the same vertices, better triangles.
 
-The distance within a surface of flat triangles does not depend on how it is cut into triangles. Edges are
-flipped within the surface, straight lines over former edges included, until the angles that face each edge
+Distances within a surface of flat triangles do not depend on its triangulation. Edges are flipped within the
+surface, where new edges are straight lines across former ones, until the two angles opposite to each edge
 sum to at most 180 degrees (Bobenko and Springborn 2007; Fisher et al. 2007). The fast iterative method is
 then faster and more accurate, because slivers need repeated updates and cause its largest errors.
 """
@@ -32,20 +32,20 @@ SIDES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Triangulation:
-    """Triangles of several shapes, one shape after another; side 3f + k leaves corner k of face f.
+    """Triangulation of several shapes, one after another; side 3f + k starts at corner k of face f.
 
     Attributes
     ----------
     first : (S + 1,) int64 array
         First vertex of each shape.
     tail : (3F,) int32 array
-        Vertex that each side starts from, counted through all shapes.
+        Vertex at which each side starts, numbered through all shapes.
     twin : (3F,) int32 array
         The same edge as a side of the neighbouring face.
     length : (3F,) float64 array
         Length of each side [mm].
     rank : (3F,) int32 array
-        Number of each side among those that leave its tail, counterclockwise from one of them.
+        Rank of each side among those that start at its tail, counterclockwise.
     """
 
     first: IntArray
@@ -55,7 +55,7 @@ class Triangulation:
     rank: IntArray
 
     def starts(self) -> IntArray:
-        """Return the first entry of each vertex, (N + 1,), in a list of the sides that leave it."""
+        """Return the first entry of each vertex, (N + 1,), in a list of sides sorted by tail."""
         return _starts(self.tail, int(self.first[-1]))
 
     def on_device(self, device: str) -> Any:  # noqa: ANN401 - a wp.struct has no type
@@ -67,11 +67,11 @@ class Triangulation:
 
 
 def triangulate(meshes: Sequence[TriangleMesh]) -> Triangulation:
-    """Return the intrinsic Delaunay triangulations of checked meshes.
+    """Compute the intrinsic Delaunay triangulations of checked meshes.
 
-    Vertices are unchanged. Several edges may join the same two vertices, and an edge may be a loop.
+    Vertices do not change. Several edges may join the same two vertices, and an edge may be a loop.
     """
-    wp.load_module(flip_to_delaunay.module, device="cpu")  # before the threads, which would each load it
+    wp.load_module(flip_to_delaunay.module, device="cpu")  # otherwise each thread would load it
     with ThreadPoolExecutor(min(cores(), len(meshes))) as pool:
         parts = list(pool.map(_triangulate, meshes))
     first = np.concatenate([[0], np.cumsum([len(mesh.vertices) for mesh in meshes])])

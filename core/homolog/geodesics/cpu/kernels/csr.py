@@ -23,7 +23,7 @@ def store_entry(
 
 
 @wp.kernel
-def fill_blocks(
+def fill_entries(
     codes: wp.array(dtype=LaneCodes),
     row: wp.array2d(dtype=wp.uint16),
     start: wp.array(dtype=wp.int32),

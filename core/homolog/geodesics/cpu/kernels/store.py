@@ -11,21 +11,6 @@ from homolog.geodesics.kernels.memory import load_int
 # Lane loops must not be unrolled by Warp: the compiler then vectorizes them.
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})
 
-TILE = 32
-"""Rows and columns of the tiles in which a dense table is symmetrized."""
-
-
-@wp.func_native("codes.data[wp::int64(i) * codes.shape[1] + j] = code;")
-def store_dense_code(codes: wp.array2d(dtype=wp.uint16), i: int, j: int, code: int):
-    """Set a code of a dense table."""
-    ...
-
-
-@wp.func_native("return codes.data[wp::int64(i) * codes.shape[1] + j];")
-def load_dense_code(codes: wp.array2d(dtype=wp.uint16), i: int, j: int) -> int:
-    """Return a code of a dense table."""
-    ...
-
 
 @wp.func
 def encode_reached(
@@ -51,26 +36,6 @@ def encode_reached(
             reached[n] = mesh_vertex[v]
             n += 1
     return n
-
-
-@wp.kernel
-def store_dense(
-    scratch: Scratch,
-    limits: DistanceLimits,
-    mesh_vertex: wp.array(dtype=wp.int32),
-    reached: wp.array(dtype=wp.int32),
-    block: wp.array(dtype=LaneCodes),
-    members: wp.array2d(dtype=wp.int32),
-    codes: wp.array2d(dtype=wp.uint16),
-    cluster: int,
-):
-    """Write the rows of one cluster's sources, which are initialized to MISSING."""
-    n = encode_reached(scratch, limits, mesh_vertex, reached, block)
-    for lane in range(LANES):
-        m = members[cluster, lane]
-        if m >= 0:
-            for k in range(n):
-                store_dense_code(codes, m, load_int(reached, k), load_code(block, k, lane))
 
 
 @wp.kernel
@@ -143,21 +108,3 @@ def symmetrize_tiles(
                 mean = mean_code(load_code(blocks, forward, i), load_code(blocks, reverse[i], j))
                 store_code(blocks, forward, i, mean)
                 store_code(blocks, reverse[i], j, mean)
-
-
-@wp.kernel
-def symmetrize_strip(codes: wp.array2d(dtype=wp.uint16), strip: int):
-    """Replace both directions of every pair by their mean, for TILE rows and what mirrors them."""
-    n = wp.min(TILE * strip + TILE, codes.shape[0])
-    for tile in range(strip + 1):
-        for i in range(TILE * strip, n):
-            j = TILE * tile
-            end = wp.min(TILE * tile + TILE, i)
-            while j < end:
-                code = load_dense_code(codes, i, j)
-                reverse = load_dense_code(codes, j, i)
-                if wp.min(code, reverse) != MISSING:  # most pairs are far apart
-                    mean = int(mean_code(code, reverse))
-                    store_dense_code(codes, i, j, mean)
-                    store_dense_code(codes, j, i, mean)
-                j += 1

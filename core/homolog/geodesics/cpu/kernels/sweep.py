@@ -26,10 +26,11 @@ from homolog.geodesics.kernels.local_solver import (
     UNREACHED,
     Corner,
     DistanceLimits,
+    corner_b,
     straight_path_squared,
 )
 from homolog.geodesics.kernels.lookup import LANES
-from homolog.geodesics.kernels.memory import corner_b, load_int
+from homolog.geodesics.kernels.memory import load_int
 
 # Lane loops must not be unrolled by Warp: the compiler then vectorizes them.
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})

@@ -10,20 +10,6 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 4})
 
 
 @wp.kernel
-def store_front_dense(
-    u: wp.array3d(dtype=wp.float32),
-    members: wp.array2d(dtype=wp.int32),
-    limits: DistanceLimits,
-    codes: wp.array2d(dtype=wp.uint16),
-):
-    """Encode the table rows of some clusters' sources; thread (cluster, lane, vertex)."""
-    b, lane, v = wp.tid()
-    m = members[b, lane]
-    if m >= 0:
-        codes[m, v] = encode(u[b, v, lane], limits)
-
-
-@wp.kernel
 def mark_reached(
     u: wp.array3d(dtype=wp.float32),
     patch: wp.array2d(dtype=wp.int32),
@@ -66,18 +52,6 @@ def store_front_blocks(
         row[b, v] = wp.uint16(previous - before)
         for lane in range(LANES):
             blocks[previous, lane] = encode(u[b, v, lane], limits)
-
-
-@wp.kernel
-def symmetrize_dense(codes: wp.array2d(dtype=wp.uint16)):
-    """Replace both directions of every pair by their mean; threads are (strip, tile, entry of 16 x 16)."""
-    strip, tile, k = wp.tid()
-    i = 16 * strip + k // 16
-    j = 16 * tile + k % 16
-    if j < i and i < codes.shape[0]:
-        mean = mean_code(int(codes[i, j]), int(codes[j, i]))
-        codes[i, j] = mean
-        codes[j, i] = mean
 
 
 @wp.kernel
