@@ -45,6 +45,13 @@ def gpu():
     return device
 
 
+@pytest.fixture(autouse=True)
+def _gpu_for_marked_tests(request):
+    """Skip tests marked ``cuda`` where there is no GPU."""
+    if request.node.get_closest_marker("cuda") is not None:
+        request.getfixturevalue("gpu")
+
+
 @pytest.fixture(scope="session")
 def ellipsoids(tmp_path_factory):
     """Return a folder with the label maps of four ellipsoids, 1 mm voxels; not to be written to."""
