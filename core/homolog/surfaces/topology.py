@@ -106,10 +106,11 @@ def _sides(faces: IntArray) -> IntArray:
 
 def _longest_sides(mesh: TriangleMesh) -> FloatArray:
     """Length of the longest side of each face [mm], shape (F,)."""
-    corners = mesh.vertices[mesh.faces]
-    sides = corners - corners[:, [1, 2, 0]]
-    longest: FloatArray = np.sqrt(np.einsum("fsi,fsi->fs", sides, sides).max(axis=1))
-    return longest
+    squares = np.zeros((3, len(mesh.faces)))
+    for column in mesh.vertices.T:
+        corners = np.ascontiguousarray(column)[mesh.faces.T]
+        squares += (corners - corners[[1, 2, 0]]) ** 2
+    return np.asarray(np.sqrt(squares.max(axis=0)))
 
 
 def _vertex_components(faces: IntArray, n_vertices: int) -> IntArray:
@@ -146,6 +147,10 @@ def _vertex_fault(mesh: TriangleMesh) -> str:
     )
     if unused:
         return f"has {unused} vertices that belong to no face; remove them"
+    x, y, z = mesh.vertices.T
+    keys = np.sort(x + 0.618034 * y + 0.381966 * z)  # the same for points that coincide
+    if (keys[1:] != keys[:-1]).all():
+        return ""
     ordered = mesh.vertices[np.lexsort(mesh.vertices.T)]
     twins = np.count_nonzero((ordered[1:] == ordered[:-1]).all(axis=1))
     if twins:
@@ -168,7 +173,7 @@ def _side_fault(mesh: TriangleMesh) -> str:
         np.array_equal(there.indptr, back.indptr) and np.array_equal(there.indices, back.indices)
     ):
         return _edge_fault(sides)
-    pieces = int(connected_components(there.astype(np.float64), directed=True, connection="weak")[0])
+    pieces = int(connected_components(there.astype(np.float64), directed=True, connection="strong")[0])
     if pieces > 1:
         return f"has {pieces} separate pieces; keep the largest or treat them as subjects of their own"
     twin = np.empty(len(sides), np.int64)
@@ -195,4 +200,4 @@ def _fans(twin: IntArray) -> int:
     following = np.roll(twin.reshape(3, -1), 1, axis=0).ravel()
     n = len(twin)
     steps = coo_array((np.ones(n), (np.arange(n), following)), shape=(n, n))
-    return int(connected_components(steps, directed=True, connection="weak")[0])
+    return int(connected_components(steps, directed=True, connection="strong")[0])
