@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Mapping
 
-from PySide6.QtCore import QEvent, QObject, QSize, Qt, QTimer, Slot
+from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, QTimer, Slot
 from PySide6.QtGui import QAction, QActionGroup, QCursor, QEnterEvent, QIcon, QKeyEvent, QKeySequence, QPixmap
 from PySide6.QtWidgets import (
+    QAbstractScrollArea,
     QDialog,
     QGridLayout,
     QHBoxLayout,
@@ -134,6 +135,19 @@ class Actions(QObject):
                 self._reasons[entry.id] = reason
                 action.setEnabled(possible)
                 action.setToolTip(self._tip(entry, reason))
+
+    def offer(self, widget: QWidget, *identifiers: str) -> None:
+        """Offer commands in the context menu of a widget."""
+
+        def pop_up(place: QPoint) -> None:
+            menu = QMenu(widget)
+            menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+            menu.addActions([self._actions[identifier] for identifier in identifiers])
+            area = widget.viewport() if isinstance(widget, QAbstractScrollArea) else widget
+            menu.popup(area.mapToGlobal(place))
+
+        widget.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+        widget.customContextMenuRequested.connect(pop_up)
 
     def button(self, identifier: str, parent: QWidget, size: int = 20) -> QToolButton:
         """Return a tool button of a command."""

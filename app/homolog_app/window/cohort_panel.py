@@ -81,6 +81,7 @@ class CohortPanel(Panel):
         self.filter.setAccessibleName("Filter subjects")
         self.filter.textChanged.connect(self.rows.setFilterFixedString)
         self.table = self._table()
+        actions.offer(self.table, "edit.group", "edit.include", "run.regroom", "edit.remove")
         self.labels = LabelPicker(session, theme)
         self.body.addLayout(self._tools(actions))
         self.body.addWidget(self.labels)

@@ -44,6 +44,25 @@ def test_a_right_click_on_a_subject_offers_to_show_it_alone(explored, qapp, wait
     assert scene.layout_count == 1
 
 
+def test_a_right_click_on_a_row_of_the_cohort_offers_what_can_be_done_with_it(beans, qapp, wait):
+    from PySide6.QtCore import QPoint
+    from PySide6.QtGui import QContextMenuEvent
+    from PySide6.QtWidgets import QMenu
+
+    table, session = beans.inspector.cohort.table, beans.workspace.session
+    session.select(["b"])
+    place = QPoint(20, 20)
+    at = table.viewport().mapToGlobal(place)
+    qapp.postEvent(table.viewport(), QContextMenuEvent(QContextMenuEvent.Reason.Mouse, place, at))
+    wait(lambda: qapp.activePopupWidget() is not None)
+    menu = qapp.activePopupWidget()
+    assert isinstance(menu, QMenu)
+    actions = {action.text(): action for action in menu.actions()}
+    menu.close()
+    actions["Include or exclude"].trigger()
+    assert [member.name for member in session.study.included] == ["a", "c", "d"]
+
+
 def test_plots_are_saved_with_their_texts(modes, tmp_path):
     from PySide6.QtGui import QImage
 

@@ -126,6 +126,7 @@ class CheckPage(ExplorePage):
         self.checked = InspectionState(workspace, self, self.title)
         self.rows = SuspectModel(workspace.theme)
         self.table = suspect_table(self.rows)
+        actions.offer(self.table, "check.mend", "check.mend_all", "check.export")
         self.state, self.message = label("", "Hint", wrap=True), label("", wrap=True)
         self.again, self.export = button("Find suspects"), button("Export list…")
         self.repair = button("Optimize again here", "primary")

@@ -98,6 +98,7 @@ class MeasurePage(ExplorePage):
         self._rows.setSourceModel(self.table)
         self._rows.setSortRole(SORTED_BY)
         self.view = _SubjectView()
+        actions.offer(self.view, "explore.table")
         self.write_button = ActionButton("Export CSV…", actions["explore.table"])
         self.plots = self.charts = MeasurePlots(workspace.theme)
         self._lay_out()
