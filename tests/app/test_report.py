@@ -190,8 +190,8 @@ def test_structure_cohort_and_axes_are_kept_and_used(project, without_figures):
     assert _analyze(project, "--between", "A", "C", "--size", "with", "--axes", "patient") == 0
     rows = _rows(project.folder / "analysis" / "groups_group_A_C" / "regions.csv")
     assert "superior" in {row["peak_place"] for row in rows}
-    told = "--structure", "left <ventricle>", "--cohort", "Twins"
-    assert main(["report", str(project.folder), *told, "--progress", "none"]) == 0
+    remarks = "--structure", "left <ventricle>", "--cohort", "Twins"
+    assert main(["report", str(project.folder), *remarks, "--progress", "none"]) == 0
     details = read_details(project)
     assert (details.structure, details.cohort, details.axes) == ("left <ventricle>", "Twins", Axes.PATIENT)
     page = (project.folder / "report" / "report.html").read_text(encoding="utf-8")
@@ -625,7 +625,7 @@ def test_methods_of_a_study_like_an_earlier_one_tell_the_difference(project, wit
         assert _analyze(project, "--between", "A", "C", *options) == 0
     page = api.report(project.folder).read_text(encoding="utf-8")
     like = r"\. Its methods were those of the study “([^”]*)”, except: Shapes were aligned by generalized"
-    assert [found.partition("; ")[2] for found in re.findall(like, page)] == 2 * ["form (size and shape)"]
+    assert [result.partition("; ")[2] for result in re.findall(like, page)] == 2 * ["form (size and shape)"]
     assert page.count("residuals were permuted (Freedman and Lane).") == 1
 
 

@@ -295,8 +295,8 @@ def test_a_table_of_another_name_is_left_alone_and_said(tmp_path):
 )
 def test_headings_may_be_in_another_language(tmp_path, heading):
     (tmp_path / "cohort.csv").write_text(f"{heading}\na;x.stl;1\nb;y.stl;2\n", encoding="utf-8-sig")
-    found = cohort_of(tmp_path, "x.stl", "y.stl")
-    assert [(one.name, one.path.name, one.group) for one in found.subjects] == [
+    result = cohort_of(tmp_path, "x.stl", "y.stl")
+    assert [(subject.name, subject.path.name, subject.group) for subject in result.subjects] == [
         ("a", "x.stl", "1"),
         ("b", "y.stl", "2"),
     ]
@@ -305,13 +305,15 @@ def test_headings_may_be_in_another_language(tmp_path, heading):
 @pytest.mark.parametrize("times", [("baseline", "followup"), ("2019-03-01", "2020-04-02")])
 def test_folders_of_points_in_time_are_not_subjects_of_many_structures(tmp_path, times):
     names = [f"P{n}/{time}/{item}.nii.gz" for n in (1, 2, 3) for time in times for item in ("seg", "t1")]
-    found = cohort_of(tmp_path, *names)
-    assert files_of(found) == {f"P{n}_{time}": f"P{n}/{time}/seg.nii.gz" for n in (1, 2, 3) for time in times}
+    result = cohort_of(tmp_path, *names)
+    assert files_of(result) == {
+        f"P{n}_{time}": f"P{n}/{time}/seg.nii.gz" for n in (1, 2, 3) for time in times
+    }
 
 
 def test_folders_whose_names_differ_by_the_side_are_sides(tmp_path):
-    found = cohort_of(tmp_path, *(f"femur_{side}/{n:02d}.stl" for side in "LR" for n in (1, 2)))
-    assert {subject.name: subject.columns["side"] for subject in found.subjects} == {
+    result = cohort_of(tmp_path, *(f"femur_{side}/{n:02d}.stl" for side in "LR" for n in (1, 2)))
+    assert {subject.name: subject.columns["side"] for subject in result.subjects} == {
         "01_L": "L", "02_L": "L", "01_R": "R", "02_R": "R",
     }  # fmt: skip
 
@@ -327,8 +329,8 @@ def test_folders_whose_names_differ_by_the_side_are_sides(tmp_path):
     ],
 )
 def test_masks_beside_scans_may_be_named_in_another_language(tmp_path, mask, scan):
-    found = cohort_of(tmp_path, *(text.format(n) for n in ("a1", "a2", "a3") for text in (mask, scan)))
-    assert [subject.path for subject in found.subjects] == [
+    result = cohort_of(tmp_path, *(text.format(n) for n in ("a1", "a2", "a3") for text in (mask, scan)))
+    assert [subject.path for subject in result.subjects] == [
         tmp_path / mask.format(n) for n in ("a1", "a2", "a3")
     ]
 

@@ -39,13 +39,13 @@ def test_new_columns_and_groups_are_added_and_replaced(read):
 
 
 def test_tables_may_be_in_another_language(read):
-    found = read("Alter;Kennung;Gruppe\n62,5;p01_ED;krank\n")
-    assert (found.subjects[0].group, found.subjects[0].columns) == ("krank", {"age": "61", "Alter": "62,5"})
+    result = read("Alter;Kennung;Gruppe\n62,5;p01_ED;krank\n")
+    assert (result.subjects[0].group, result.subjects[0].columns) == ("krank", {"age": "61", "Alter": "62,5"})
 
 
 def test_files_name_the_subjects_where_their_names_differ_from_the_tables(read):
-    found = read("Kennung;Datei;Gruppe\nProband 1;heart10.nii.gz;krank\n")
-    assert (found.matched, found.subjects[2].group) == (("p10_ED",), "krank")
+    result = read("Kennung;Datei;Gruppe\nProband 1;heart10.nii.gz;krank\n")
+    assert (result.matched, result.subjects[2].group) == (("p10_ED",), "krank")
 
 
 def test_a_row_of_types_declares_categories_and_checks_numbers(read):
@@ -110,8 +110,8 @@ def test_a_row_is_of_all_times_and_sides_of_its_subject_that_have_none_of_their_
     table.write_text(f"name,age,note\n{said},61,\n", encoding="utf-8")
     assert with_table(subjects, table).matched == names
     table.write_text(f"name,age\n{said},61\n{names[1]},62\n", encoding="utf-8")
-    found = with_table(subjects, table).subjects
-    assert [subject.columns.get("age") for subject in found] == ["61", "62", None]
+    result = with_table(subjects, table).subjects
+    assert [subject.columns.get("age") for subject in result] == ["61", "62", None]
 
 
 def test_the_column_that_fits_most_subjects_names_them(read):

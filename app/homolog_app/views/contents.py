@@ -8,6 +8,7 @@ import numpy as np
 
 from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.cohort import Subject
+from homolog.geometry import transform_points
 from homolog.settings import GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import mirrors
@@ -216,4 +217,4 @@ def _arrows(points: Array, normals: Array, vectors: Array, placed: FloatArray) -
 
 
 def _placed(points: Array, placed: FloatArray) -> FloatArray:
-    return np.asarray(points @ placed[:3, :3].T + placed[:3, 3])
+    return np.asarray(transform_points(placed, points))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from homolog.arrays import Array, FloatArray
+from homolog.geometry import transform_points
 from homolog_app.rendering.colours import ColourScale, displacement_scale, viridis
 from homolog_app.rendering.scene import Arrows
 from homolog_app.rendering.text import short, shortened, signed
@@ -64,7 +65,7 @@ def mode_scene(view: ModesView, models: _Models, subject: Content | None = None)
         content = untitled(content, models)
         contents.append(content)
         local = model.model.instance(deviations[: model.modes])
-        particles[content.name] = local @ content.alignment[:3, :3].T + content.alignment[:3, 3]
+        particles[content.name] = transform_points(content.alignment, local)
     if subject is not None:
         first = models[0].result
         particles[subject.name] = first.world[first.names.index(subject.name)]
@@ -308,8 +309,7 @@ def _coloured(view: MeasureView, content: Content, shape: "ModelShape") -> tuple
         values = wall_thickness(mesh)
         scale = _thickness_scale(wall_thickness(shape.mean))
     else:
-        alignment = content.alignment
-        values = signed_distances_to(shape.mean, mesh.vertices @ alignment[:3, :3].T + alignment[:3, 3])
+        values = signed_distances_to(shape.mean, transform_points(content.alignment, mesh.vertices))
         scale = displacement_scale(shape.limit, "Distance from the mean surface")
         scale = replace(scale, low_label="inside it", high_label="outside")
     scale, unknown = scale.within(view.colour_range), np.isnan(values)

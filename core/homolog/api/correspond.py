@@ -237,6 +237,14 @@ def correspond(
     ----------
     M. Datar et al., "Geometric correspondence for ensembles of nonregular shapes", MICCAI 2011;
     docs/method.md describes the differences.
+
+    Examples
+    --------
+    Meshes of trimesh, from which a shape model is computed (docs/examples has complete programs):
+
+    >>> import homolog as hl
+    >>> result = hl.correspond({"a": mesh_a, "b": mesh_b, "c": mesh_c}, n_particles=512)  # doctest: +SKIP
+    >>> model = hl.ShapeModel.fit(result.aligned, names=result.names)  # doctest: +SKIP
     """
     chosen = run_settings(dict(settings), n_particles, device, workers)
     alias = choose_device(device)

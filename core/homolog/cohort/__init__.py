@@ -56,7 +56,7 @@ __all__ = [
 
 
 def read_cohort(path: str | PathLike[str]) -> Cohort:
-    """Read a cohort from a folder of segmentations or meshes, or from a table.
+    r"""Read a cohort from a folder of segmentations or meshes, or from a table.
 
     Parameters
     ----------
@@ -74,6 +74,20 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
     ------
     InputError
         If the path does not exist, a column or value is missing, or two subjects have the same name.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import homolog as hl
+    >>> with TemporaryDirectory() as folder:
+    ...     for name in ("anna", "bert"):
+    ...         Path(folder, f"{name}.ply").touch()
+    ...     _ = Path(folder, "cohort.csv").write_text(
+    ...         "name,path,group\nanna,anna.ply,patient\nbert,bert.ply,control\n"
+    ...     )
+    ...     [(subject.name, subject.group) for subject in hl.read_cohort(folder).subjects]
+    [('anna', 'patient'), ('bert', 'control')]
     """
     path = Path(path)
     if path.is_dir():

@@ -97,6 +97,38 @@ class SurfaceSets:
         return self._made[1]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Surfaces:
+    """What surface sets of a cohort have in common, at any level of detail."""
+
+    shapes: Sequence[Shape]
+    to_optimizer: Sequence[Similarity]
+    free: BoolArray
+    device: str
+    solve: GeodesicSolver | None  # None for straight distances
+    store: Store
+
+    def build(self, originals: Sequence[TriangleMesh], limits: Sequence[float], tick: Tick) -> SurfaceSet:
+        """Solve the geodesic tables of meshes, up to a limit for each, and bring both to the device."""
+        meshes = []
+        for mesh, shape in zip(in_threads(morton_ordered, originals, cores()), self.shapes, strict=True):
+            tick(0.0, f"mesh of {shape.name}")
+            meshes.append(mesh.stored(self.store))
+        tables: list[GeodesicTable | None] = [None] * len(meshes)
+        if self.solve is not None:
+            solved_shapes = np.flatnonzero(self.free).tolist()
+            solved = self.solve(
+                [meshes[k] for k in solved_shapes],
+                [limits[k] for k in solved_shapes],
+                device=self.device,
+                names=[self.shapes[k].name for k in solved_shapes],
+                tick=tick,
+            )
+            for k, table in zip(solved_shapes, solved, strict=True):
+                tables[k] = table
+        return build_surface_set(meshes, tables, self.to_optimizer, self.device, self.free, store=self.store)
+
+
 @on_one_thread
 def prepare_cohort(
     shapes: Sequence[Shape],
@@ -116,7 +148,9 @@ def prepare_cohort(
     Parameters
     ----------
     shapes : sequence of Shape
+        The groomed and aligned subjects.
     settings : OptimizeSettings
+        Method, particles and weight of opening angles.
     device : str
         Warp alias.
     counts : sequence of int, optional
@@ -129,9 +163,13 @@ def prepare_cohort(
     unit, opening_scale : float, optional
         Of another cohort, that these shapes are compared with; by default their own.
     store : Store
-        Where meshes lie, and fields and surfaces for a CPU; of tables the solver decides.
+        Where meshes are stored, and fields and surfaces for a CPU; the solver decides for tables.
     tick : Tick
         Progress and cancelling.
+
+    Returns
+    -------
+    PreparedCohort
     """
     unit = length_unit(shapes) if unit is None else unit
     to_optimizer = tuple(Similarity(s.alignment[:3, :3] / unit, s.alignment[:3, 3] / unit) for s in shapes)
@@ -140,25 +178,7 @@ def prepare_cohort(
     geodesic = settings.method.uses_geodesics
     many_counts = [n for n in counts if n >= MIN_FINE_PARTICLES]
 
-    def surface_set(originals: Sequence[TriangleMesh], limits: Sequence[float], tick: Tick) -> SurfaceSet:
-        meshes = []
-        for mesh, shape in zip(in_threads(morton_ordered, originals, cores()), shapes, strict=True):
-            tick(0.0, f"mesh of {shape.name}")
-            meshes.append(mesh.stored(store))
-        tables: list[GeodesicTable | None] = [None] * len(shapes)
-        if geodesic:
-            solved_shapes = [k for k, is_free in enumerate(free) if is_free]
-            solved = solve(
-                [meshes[k] for k in solved_shapes],
-                [limits[k] for k in solved_shapes],
-                device=device,
-                names=[shapes[k].name for k in solved_shapes],
-                tick=tick,
-            )
-            for k, table in zip(solved_shapes, solved, strict=True):
-                tables[k] = table
-        return build_surface_set(meshes, tables, to_optimizer, device, free, store=store)
-
+    surfaces = _Surfaces(shapes, to_optimizer, free, device, solve if geodesic else None, store)
     complete = [np.inf] * len(shapes)
     cutoff = LIST_CUTOFF * math.sqrt(MEAN_AREA / (math.pi * min(many_counts))) if many_counts else 0.0
     d_max = [  # in proportion to the particle spacing on each surface
@@ -180,8 +200,8 @@ def prepare_cohort(
             store=store,
         ),
         sets=SurfaceSets(
-            lambda tick: surface_set([s.coarse_mesh for s in shapes], complete, tick),
-            lambda tick: surface_set([s.mesh for s in shapes], d_max, tick),
+            lambda tick: surfaces.build([s.coarse_mesh for s in shapes], complete, tick),
+            lambda tick: surfaces.build([s.mesh for s in shapes], d_max, tick),
         ),
         geodesic=geodesic,
         device=device,

@@ -13,6 +13,7 @@ import numpy as np
 
 from homolog.arrays import Array, FloatArray
 from homolog.files.polygons import MOST, Cells, Polygons, numbers_of
+from homolog.geometry import transform_points
 
 __all__ = ["read_freesurfer", "read_gifti"]
 
@@ -50,8 +51,7 @@ def read_gifti(content: bytes) -> Polygons:
     points, faces = arrays.get("NIFTI_INTENT_POINTSET"), arrays.get("NIFTI_INTENT_TRIANGLE")
     if points is None or faces is None:
         raise ValueError("values of a surface, but no surface")
-    matrix = _to_scanner(points)
-    table = _table(points).astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    table = transform_points(_to_scanner(points), _table(points).astype(np.float64))
     return Polygons(table, Cells.of_triangles(_table(faces).astype(np.int64)), header=_RAS)
 
 

@@ -68,6 +68,17 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     InputError
         If the file is missing or can't be read, contains no triangles, or more than 1 % of them have
         vertices that are not finite (fewer are removed). The surface may be open.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import homolog as hl
+    >>> vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
+    >>> with TemporaryDirectory() as folder:
+    ...     hl.write_mesh(f"{folder}/corner.ply", hl.TriangleMesh(vertices, faces))
+    ...     hl.read_mesh(f"{folder}/corner.ply")
+    TriangleMesh(4 vertices, 4 faces)
     """
     path = Path(path)
     reader = _READERS.get(path.suffix.lower())
@@ -124,6 +135,17 @@ def write_mesh(
     ------
     InputError
         If the suffix is unknown, the file can't be written, or .stl or .obj is given values.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import homolog as hl
+    >>> vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
+    >>> with TemporaryDirectory() as folder:
+    ...     hl.write_mesh(f"{folder}/corner.ply", hl.TriangleMesh(vertices, faces))
+    ...     hl.read_mesh(f"{folder}/corner.ply")
+    TriangleMesh(4 vertices, 4 faces)
     """
     path = Path(path)
     suffix = path.suffix.lower()

@@ -22,6 +22,15 @@ class TriangleMesh:
         Positions [mm], read-only.
     faces : (F, 3) int32 array
         Vertex indices, read-only.
+
+    Examples
+    --------
+    >>> import homolog as hl
+    >>> vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
+    >>> mesh = hl.TriangleMesh(vertices, faces)
+    >>> mesh, round(mesh.area, 3)
+    (TriangleMesh(4 vertices, 4 faces), 2.366)
     """
 
     vertices: FloatArray

@@ -79,13 +79,13 @@ def test_size_of_three_groups_has_the_f_of_welch_and_a_share_of_the_variance():
 def test_the_standardized_size_is_hedges_g_and_its_interval_covers_the_truth():
     generator = np.random.default_rng(2)
     design = group_design(["a"] * 9 + ["b"] * 12, ["a", "b"])
-    found = []
+    result = []
     for _ in range(200):
         size = generator.normal(size=21) + np.repeat([0.0, 1.5], [9, 12])
-        found.append(standardized_size(size, design))
+        result.append(standardized_size(size, design))
     pooled = np.sqrt((8 * size[:9].var(ddof=1) + 11 * size[9:].var(ddof=1)) / 19)
     plain = (size[9:].mean() - size[:9].mean()) / pooled
-    assert found[-1].value == pytest.approx(plain * (1 - 3 / (4 * 19 - 1)), rel=1e-3)
-    assert 0.9 <= np.mean([each.low <= 1.5 <= each.high for each in found]) <= 0.99
-    assert np.mean([each.value for each in found]) == pytest.approx(1.5, abs=0.1)
+    assert result[-1].value == pytest.approx(plain * (1 - 3 / (4 * 19 - 1)), rel=1e-3)
+    assert 0.9 <= np.mean([each.low <= 1.5 <= each.high for each in result]) <= 0.99
+    assert np.mean([each.value for each in result]) == pytest.approx(1.5, abs=0.1)
     assert standardized_size(np.repeat([0.0, 1.0], [9, 12]), design) is None

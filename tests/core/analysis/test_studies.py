@@ -142,6 +142,6 @@ def test_p_of_all_permutations_depends_neither_on_the_seed_nor_on_the_order_of_g
         compare_two_groups(shapes, list(labels), ("a", "b"), options=replace(options, seed=7)),
         compare_two_groups(shapes[order], list(labels[order]), ("a", "b"), options=options),
     ]
-    assert all(found.test.exact for found in answers)
-    p = [(found.test.p_permutation, found.size.p, found.pointwise.p_fwe.min()) for found in answers]
+    assert all(result.test.exact for result in answers)
+    p = [(result.test.p_permutation, result.size.p, result.pointwise.p_fwe.min()) for result in answers]
     np.testing.assert_allclose(p, [p[0]] * 4, rtol=1e-12)

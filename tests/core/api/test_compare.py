@@ -181,7 +181,7 @@ def test_the_caution_on_size_is_given_where_size_is_reported(shapes):
     skewed = shapes * (1.0 + sizes[:, None, None])
     labels = ["a" if index % 3 else "b" for index in range(18)]
     answers = hl.compare_groups(skewed, labels, modes=2, permutations=199)
-    assert [any("test of size" in item for item in found.cautions) for found in answers] == [True, False]
+    assert [any("test of size" in item for item in result.cautions) for result in answers] == [True, False]
     single = hl.compare_groups(skewed, labels, modes=2, permutations=199, alignment="similarity")
     assert any("test of size" in item for item in single.cautions)
 
@@ -192,8 +192,8 @@ def test_spellings_of_one_group_or_category_are_told_and_those_of_numbers_are_no
     scanners = {"scanner:c": ["1", "1.0", *16 * ["2"]], "age": ["40", "40.0", *AGES[2:].tolist()]}
     scanners["scanner:c"][5:9] = ["1", "1.0", "1", "1.0"]
     result = hl.compare_groups(shapes, groups, ("male", "female"), covariates=scanners, modes=2, **FORM)
-    told = [caution.partition(": ")[2] for caution in result.cautions if "treated as different" in caution]
-    assert told == [
+    remarks = [caution.partition(": ")[2] for caution in result.cautions if "treated as different" in caution]
+    assert remarks == [
         "groups contains 'Male' and 'male', which were treated as different values.",
         "'scanner:c' contains '1' and '1.0', which were treated as different values.",
     ]

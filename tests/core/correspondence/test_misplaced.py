@@ -124,9 +124,9 @@ def test_a_run_ends_with_exchanges_that_lower_its_objective(discs, monkeypatch):
         return exchanged
 
     monkeypatch.setattr("homolog.correspondence.loop.exchange", exchange)
-    found = optimize(discs, ON.model_copy(update={"settle_iterations": 5}))
+    result = optimize(discs, ON.model_copy(update={"settle_iterations": 5}))
     assert given == [(64, 5e-4, True)]
-    assert (found.repaired > 0)[exchanged].all()
+    assert (result.repaired > 0)[exchanged].all()
 
 
 def test_an_exchange_puts_two_particles_in_each_others_place():

@@ -45,6 +45,7 @@ class PreparedMesh:
 
     @property
     def n_vertices(self) -> int:
+        """Number of vertices of the mesh."""
         return len(self.clusters.slot)
 
     def solver(self) -> tuple[Any, Callable[[int], None]]:
