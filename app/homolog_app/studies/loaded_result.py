@@ -98,8 +98,14 @@ class Recorder:
         write_arrays(project.folder / _FRAMES, arrays)
 
 
-def load_result(project: ProjectFolder) -> LoadedResult:
+def load_result(project: ProjectFolder, tick: Tick = no_tick) -> LoadedResult:
     """Read a project's result with all data that the window shows.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+    tick : Tick
+        Progress and cancelling.
 
     Raises
     ------
@@ -109,12 +115,13 @@ def load_result(project: ProjectFolder) -> LoadedResult:
     from homolog.grooming.subject import COARSE_VERTICES
     from homolog.surfaces.simplify import simplified
 
-    result = read_result(project)
+    result = read_result(project, part_of(tick, 0.0, 0.3))
     record = project.read().result
     if record is None:
         raise InputError(f"{project.folder}: has no result")
     surfaces = {}
-    for subject in record.subjects:
+    for number, subject in enumerate(record.subjects):
+        tick(0.3 + 0.7 * number / len(record.subjects), f"surface of {subject.name}")
         mesh = read_surface(project, subject)
         surfaces[subject.name] = (mesh, simplified(mesh, COARSE_VERTICES))
     summary = f"{record.particles} particles on {len(record.subjects)} shapes, " + (

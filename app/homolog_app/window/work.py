@@ -214,7 +214,7 @@ class Work(QObject):
             self._receive_result(loaded)
             then()
 
-        self.compute("open", lambda tick: load_result(project), "reading the result", take)
+        self.compute("open", lambda tick: load_result(project, tick), "reading the result", take)
 
     def import_model(
         self, source: Path, folder: Path, domain: str, take: Callable[[Sequence[str]], None]

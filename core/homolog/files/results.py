@@ -13,6 +13,7 @@ from homolog.files.meshes import read_mesh
 from homolog.files.particles import read_particles
 from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
+from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import mirrors
 
@@ -96,8 +97,14 @@ def mode_file(project: ProjectFolder, mode: int, side: str) -> Path:
     return project.model / f"mode_{mode + 1:02d}_{side}_{MODE_DEVIATIONS:g}sd.vtp"
 
 
-def read_result(project: ProjectFolder) -> Result:
+def read_result(project: ProjectFolder, tick: Tick = no_tick) -> Result:
     """Read the last result of a project, with the present groups and columns of the cohort's table.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+    tick : Tick
+        Progress and cancelling.
 
     Raises
     ------
@@ -109,15 +116,16 @@ def read_result(project: ProjectFolder) -> Result:
     subjects = record.subjects
     present = {subject.name: subject for subject in whole.subjects}
     listed = [present.get(subject.name, subject) for subject in subjects]
-    world, local = (
-        [read_particles(particle_file(project, subject.file, frame)) for subject in subjects]
-        for frame in ("world", "local")
-    )
-    for entry, *both in zip(subjects, world, local, strict=True):
-        if any(len(points) != record.particles for points in both):
-            raise InputError(
-                f"{project.folder}: the particles of {entry.name} are not {record.particles}; run again"
-            )
+    world: list[FloatArray] = []
+    local: list[FloatArray] = []
+    for number, subject in enumerate(subjects):
+        tick(number / len(subjects), f"particles of {subject.name}")
+        for frame, kept in (("world", world), ("local", local)):
+            kept.append(read_particles(particle_file(project, subject.file, frame)))
+            if len(kept[-1]) != record.particles:
+                raise InputError(
+                    f"{project.folder}: the particles of {subject.name} are not {record.particles}; run again"
+                )
     return Result(
         names=tuple(subject.name for subject in subjects),
         groups=tuple(item.group for item in listed),
