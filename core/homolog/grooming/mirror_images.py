@@ -29,7 +29,7 @@ _CLEAR = 2.0
 _LEAST_SPREAD = 0.05
 _LIKELY = np.log(100.0)
 """Logarithm of how much likelier a preference is among mirror images than among the usual subjects."""
-_LEAST = 0.25
+_LEAST = 0.5
 """Of the usual preference: what a mirror image has, at least."""
 _FEWEST = 3
 
