@@ -1,6 +1,7 @@
 """Layout of panels with captions and colour bars; views of regions."""
 
 import io
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -70,8 +71,10 @@ def _view(toward: FloatArray) -> View:
 
 _DPI = 200
 _UNDATED = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-_OPTIONS: dict[str, dict[str, Any]] = {"png": {"pil_kwargs": {"compress_level": 3}}}
-"""By format. PNG takes half the time of the usual level 6, and files are a little larger."""
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "png": {"pil_kwargs": {"compress_level": 1, "compress_type": zlib.Z_RLE}}
+}
+"""By format. Run lengths take a third of the time of the usual compression, in files of about the size."""
 _FONT_PT = 8.5
 _TITLE_PT = 10.5
 # Lengths on the page [inches].

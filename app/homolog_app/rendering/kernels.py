@@ -106,12 +106,14 @@ def fill(
             right = wp.min(int(wp.floor(wp.max(a[0], wp.max(b[0], c[0])) - 0.5)) + 1, wide)
             for row in range(top, bottom):
                 y = float(row) + 0.5
+                entered = bool(False)
                 for column in range(left, right):
                     x = float(column) + 0.5
                     u = grow[0] * (x - c[0]) + grow[1] * (y - c[1])
                     v = grow[2] * (x - c[0]) + grow[3] * (y - c[1])
                     w = 1.0 - u - v
                     if u >= 0.0 and v >= 0.0 and w >= 0.0:
+                        entered = True
                         depth = u * a[2] + v * b[2] + w * c[2]
                         if scene.cut != 0:
                             across = x * scene.step * scene.right - y * scene.step * scene.up
@@ -120,6 +122,8 @@ def fill(
                         if nearest[row - low, column] < 0 or depth < relief[row - low, column][2]:
                             nearest[row - low, column] = face
                             relief[row - low, column] = wp.vec3(u, v, depth)
+                    elif entered:
+                        break
     capped = scene.cut != 0 and wp.dot(scene.plane, ahead) > FLAT
     for row in range(nearest.shape[0] // SAMPLES):
         for column in range(wide // SAMPLES):
@@ -167,8 +171,7 @@ def occlude(
     count = directions.shape[0] // sets
     for j in range(count):
         along = wp.quat_rotate(turn, directions[own + j * sets])
-        hit = wp.mesh_query_ray(mesh, points[i] + 0.01 * reach * normal, along, reach)
-        if not hit.result:
+        if not wp.mesh_query_ray_anyhit(mesh, points[i] + 0.01 * reach * normal, along, reach):
             free += 1.0
     openness[i] = free / float(count)
 

@@ -113,7 +113,7 @@ class Software:
         step = pixel / kernels.SMOOTH
         middle = np.array(frame.centre) + back * frame.depth
         corner = middle - right * frame.width / 2.0 + up * height * pixel / 2.0
-        shown = _joined(scene, pixel)
+        shown = _joined(scene, pixel, back)
         triangles = kernels.Triangles()
         triangles.faces = wp.array(shown.faces.astype(np.int32), dtype=wp.vec3i, device=_DEVICE)
         triangles.normals, triangles.colours = warp_vectors(shown.normals), warp_vectors(shown.colours)
@@ -143,11 +143,12 @@ class Software:
         return np.array(image.numpy())
 
 
-def _joined(scene: Scene, pixel: float) -> Surface:
-    """Return all of a scene as one surface; `pixel` is the size of one [mm]."""
+def _joined(scene: Scene, pixel: float, back: FloatArray) -> Surface:
+    """Return all of a scene as one surface, for pixels of a size [mm] and a direction to the viewer."""
     balls = scene.balls_left
     solids = [surface for surface in scene.surfaces if surface is not None]
-    solids += [_ball_surface(balls, pixel)] if balls is not None else []
+    if balls is not None:
+        solids.append(_ball_surface(balls, pixel, back if scene.cut is None else None))
     starts = np.cumsum([0] + [len(solid.vertices) for solid in solids])
     return Surface(
         np.concatenate([solid.vertices for solid in solids]),
@@ -157,9 +158,12 @@ def _joined(scene: Scene, pixel: float) -> Surface:
     )
 
 
-def _ball_surface(balls: Balls, step: float) -> Surface:
-    """Return balls as triangles, few where they are small in the picture."""
+def _ball_surface(balls: Balls, step: float, back: FloatArray | None) -> Surface:
+    """Return balls as triangles, few where they are small in the picture; only those towards a viewer."""
     unit, faces = _unit_ball(2 if balls.radius > _SMALL_BALL_PIXELS * step else 1)
+    if back is not None:
+        a, b, c = (unit[faces[:, corner]] for corner in range(3))
+        faces = faces[np.cross(b - a, c - a) @ back > 0.0]
     count, size = len(balls.centres), len(unit)
     colours = np.broadcast_to(balls.colours, (count, 3))
     return Surface(
