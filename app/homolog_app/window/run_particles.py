@@ -164,6 +164,8 @@ class EnergyCurves(Plot):
     def show_rows(self, rows: FloatArray | Sequence[Sequence[float]], *, is_live: bool = False) -> None:
         """Show energies (T, 4): iteration and three terms; live ones leave room for further iterations."""
         table = np.asarray(rows, dtype=np.float64).reshape(-1, 4)
+        is_new = np.diff(table[:, 1:], axis=0).any(axis=1)  # a frame between two evaluations repeats the last
+        table = table[np.concatenate([np.ones(min(len(table), 1), dtype=bool), is_new])]
         every = max(1, len(table) // _MOST_POINTS)
         self._rows = np.concatenate([table[::every], table[-1:]]) if len(table) else table
         if is_live and self._ahead and self._fits():

@@ -108,6 +108,14 @@ def test_energies_of_one_iteration_are_no_curve(window, plots):
 
 
 @pytest.mark.window
+def test_energies_that_repeat_the_last_evaluation_are_no_step_of_the_curve(window):
+    curves = window.docks.curves
+    curves.show_rows([[20, 1.0, 2.0, 3.0], [24, 1.0, 2.0, 3.0]], is_live=True)
+    assert curves.is_empty
+    curves.show_rows([[20, 1.0, 2.0, 3.0], [24, 1.0, 2.0, 3.0], [40, 1.0, 2.0, 4.0]], is_live=True)
+    assert not curves.is_empty
+
+
 def test_live_energies_are_drawn_in_frames_that_stay_until_they_leave_them(window, plots, monkeypatch):
     from homolog_app.window.run_particles import EnergyCurves
 
