@@ -116,6 +116,7 @@ def test_energies_that_repeat_the_last_evaluation_are_no_step_of_the_curve(windo
     assert not curves.is_empty
 
 
+@pytest.mark.window
 def test_live_energies_are_drawn_in_frames_that_stay_until_they_leave_them(window, plots, monkeypatch):
     from homolog_app.window.run_particles import EnergyCurves
 
