@@ -150,7 +150,7 @@ def test_both_renderers_draw_the_same_picture(ball):
 
 def test_a_graphics_driver_that_ends_its_process_is_replaced_by_software(ball, monkeypatch):
     monkeypatch.setattr("homolog_app.rendering.draw.begin", os.abort)
-    monkeypatch.setattr("homolog_app.rendering.draw._may_have_graphics_card", lambda: True)
+    monkeypatch.setattr("homolog_app.rendering.draw.may_have_graphics_card", lambda: True)
     choice = RendererChoice()
     image = choice.draw(Scene((surface(ball, GREY),)), frame_around([ball.vertices], VIEWS["left"]), 50)
     assert "software" in choice.name
@@ -160,7 +160,7 @@ def test_a_graphics_driver_that_ends_its_process_is_replaced_by_software(ball, m
 def test_a_graphics_driver_that_hangs_is_ended_and_replaced_by_software(monkeypatch):
     others = set(active_children())
     monkeypatch.setattr("homolog_app.rendering.draw.begin", signal.pause)
-    monkeypatch.setattr("homolog_app.rendering.draw._may_have_graphics_card", lambda: True)
+    monkeypatch.setattr("homolog_app.rendering.draw.may_have_graphics_card", lambda: True)
     monkeypatch.setattr("homolog_app.rendering.draw.PATIENCE_S", 2.0)
     assert RendererChoice().name == "software"
     assert set(active_children()) <= others
@@ -181,7 +181,7 @@ def test_a_renderer_that_is_not_known_is_refused(monkeypatch):
 
 def test_without_a_graphics_card_opengl_is_started_only_for_what_needs_it(ball, monkeypatch):
     _opengl()  # skips where there is none
-    monkeypatch.setattr("homolog_app.rendering.draw._may_have_graphics_card", lambda: False)
+    monkeypatch.setattr("homolog_app.rendering.draw.may_have_graphics_card", lambda: False)
     others, choice = set(active_children()), RendererChoice()
     choice.draw(Scene((surface(ball, GREY),)), frame_around([ball.vertices], VIEWS["left"]), 50)
     assert choice.name == "software"

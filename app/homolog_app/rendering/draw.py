@@ -132,7 +132,7 @@ class RendererChoice:
             if wanted not in _WANTED:
                 raise InputError(f"{RENDERER}={wanted}: use {' or '.join(filter(None, _WANTED))}")
             needed = wanted == "opengl"
-            uses_opengl = needed or (wanted != "software" and _may_have_graphics_card())
+            uses_opengl = needed or (wanted != "software" and may_have_graphics_card())
             self._drawer = self._opengl(needed) if uses_opengl else _software()
         return self._drawer
 
@@ -187,7 +187,7 @@ def _draw(scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
     return opengl.draw(scene, frame, width)
 
 
-def _may_have_graphics_card() -> bool:
+def may_have_graphics_card() -> bool:
     """Return False where OpenGL could only be emulated: to look saves a process that loads VTK."""
     return sys.platform != "linux" or any(any(Path("/dev").glob(card)) for card in _CARDS)
 

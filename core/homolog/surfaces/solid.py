@@ -148,7 +148,7 @@ def _bounding(mesh: TriangleMesh, patches: IntArray) -> BoolArray:
         first[groups[::-1]] = np.arange(len(groups))[::-1]
         last[groups] = np.arange(len(groups))
         result = bounds(first, _PLACES[0])[groups]
-        is_open = _uneven(mesh, groups, result != bounds(last, _PLACES[0])[groups], result)
+        is_open = uneven_faces(mesh, groups, result != bounds(last, _PLACES[0])[groups], result)
         result &= ~is_open
         if (every := -(-np.count_nonzero(is_open) // _MOST_ASKED)) > 1:
             some = np.flatnonzero(is_open)[::every]
@@ -188,7 +188,7 @@ def _groups(mesh: TriangleMesh, patches: IntArray) -> IntArray:
     return groups
 
 
-def _uneven(mesh: TriangleMesh, groups: IntArray, differs: BoolArray, result: BoolArray) -> BoolArray:
+def uneven_faces(mesh: TriangleMesh, groups: IntArray, differs: BoolArray, result: BoolArray) -> BoolArray:
     """Return the faces of groups that hold different answers, or meet a group with another answer."""
     bounding, other = np.zeros((2, len(mesh.vertices)), dtype=bool)
     bounding[mesh.faces[result]] = True

@@ -229,7 +229,7 @@ def test_of_many_doubtful_faces_some_are_asked_and_no_bounding_one_is_left_out(e
     expected = solid_of(pieces).bounds
     monkeypatch.setattr("homolog.surfaces.solid.LARGE", 0)
     monkeypatch.setattr("homolog.surfaces.solid._MOST_ASKED", 2000)
-    monkeypatch.setattr("homolog.surfaces.solid._uneven", lambda mesh, *_: np.ones(len(mesh.faces), bool))
+    monkeypatch.setattr("homolog.surfaces.solid.uneven_faces", lambda mesh, *_: np.ones(len(mesh.faces), bool))
     bounds = solid_of(pieces).bounds
     assert bounds[expected].all()
     assert bounds.mean() < expected.mean() + 0.2
