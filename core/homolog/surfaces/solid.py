@@ -36,7 +36,7 @@ _ASIDE = 0.02
 """Of the mean edge: distance of these tests from the face."""
 LARGE = 100_000
 """Faces: of larger meshes two of each group are tested, and more where groups differ."""
-_MOST_ASKED = 100_000
+MOST_TESTED_FACES = 100_000
 """Most faces of a large mesh that are tested one by one; others follow their neighbours."""
 _CELL = 4.0
 """Roots of the mean area of a patch's faces along the sides of the cells that make groups."""
@@ -150,7 +150,7 @@ def _bounding(mesh: TriangleMesh, patches: IntArray) -> BoolArray:
         result = bounds(first, _PLACES[0])[groups]
         is_open = uneven_faces(mesh, groups, result != bounds(last, _PLACES[0])[groups], result)
         result &= ~is_open
-        if (every := -(-np.count_nonzero(is_open) // _MOST_ASKED)) > 1:
+        if (every := -(-np.count_nonzero(is_open) // MOST_TESTED_FACES)) > 1:
             some = np.flatnonzero(is_open)[::every]
             result[some] = bounds(some, _PLACES[0])
             return _with_neighbours(mesh, result, is_open, math.ceil(math.sqrt(2.0 * every)))

@@ -228,8 +228,10 @@ def test_of_many_doubtful_faces_some_are_asked_and_no_bounding_one_is_left_out(e
     pieces = joined(egg, moved(egg, [16.0, 3.0, 1.0], 0.6), moved(egg, [0.0, 0.0, 0.0], 0.5))
     expected = solid_of(pieces).bounds
     monkeypatch.setattr("homolog.surfaces.solid.LARGE", 0)
-    monkeypatch.setattr("homolog.surfaces.solid._MOST_ASKED", 2000)
-    monkeypatch.setattr("homolog.surfaces.solid.uneven_faces", lambda mesh, *_: np.ones(len(mesh.faces), bool))
+    monkeypatch.setattr("homolog.surfaces.solid.MOST_TESTED_FACES", 2000)
+    monkeypatch.setattr(
+        "homolog.surfaces.solid.uneven_faces", lambda mesh, *_: np.ones(len(mesh.faces), bool)
+    )
     bounds = solid_of(pieces).bounds
     assert bounds[expected].all()
     assert bounds.mean() < expected.mean() + 0.2
