@@ -61,7 +61,7 @@ def test_a_page_shows_every_text_as_it_is_and_runs_none():
 def test_a_report_about_hostile_names_runs_none_and_stays_in_its_project(tmp_path, monkeypatch):
     # Pictures come pickled from the process that has OpenGL, which is not what is watched for.
     monkeypatch.setenv(draw.RENDERER, "software")
-    monkeypatch.setattr(draw, "_CHOICE", draw.RendererChoice())
+    monkeypatch.setattr(draw, "CHOICE", draw.RendererChoice())
     good_project(tmp_path)
     project = ProjectFolder(tmp_path / "project")
     write_report(project)  # unwatched: on a bare machine the first pictures compile kernels into a cache

@@ -63,13 +63,13 @@ def draw(scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
     image : (height, width, 4) uint8 array
         Red, green, blue, opacity, the first row on top; empty pixels are transparent.
     """
-    return _CHOICE.draw(scene, frame, width)
+    return CHOICE.draw(scene, frame, width)
 
 
 def start_renderer() -> None:
     """Choose and start the renderer in advance; errors are raised with the first picture."""
     with suppress(InputError):
-        _ = _CHOICE.name
+        _ = CHOICE.name
 
 
 def with_opengl(function: Callable[..., _T], *arguments: object) -> _T:
@@ -80,12 +80,12 @@ def with_opengl(function: Callable[..., _T], *arguments: object) -> _T:
     InputError
         If there is no OpenGL.
     """
-    return _CHOICE.with_opengl(function, *arguments)
+    return CHOICE.with_opengl(function, *arguments)
 
 
 def renderer_name() -> str:
     """Return the name of the renderer."""
-    return _CHOICE.name
+    return CHOICE.name
 
 
 class RendererChoice:
@@ -198,4 +198,4 @@ def _software() -> _Drawer:
     return Software()
 
 
-_CHOICE = RendererChoice()
+CHOICE = RendererChoice()

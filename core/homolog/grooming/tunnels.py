@@ -16,7 +16,7 @@ __all__ = ["euler_number", "fill_tunnels"]
 _CORNERS = list(np.ndindex(2, 2, 2))
 _ANY_NEIGHBOUR = np.ones((3, 3, 3), dtype=bool)
 _NEAR = np.argwhere(_ANY_NEIGHBOUR) - 1
-_LOOKS = 20  # times the voxels of the solid's box: patches are looked at while their boxes hold no more
+MAX_LOOKS = 20  # times the voxels of the solid's box: patches are looked at while their boxes hold no more
 _RADII = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)  # voxels: of the balls of successive closings
 
 
@@ -141,7 +141,7 @@ def _patched(solid: BoolArray, radius: float) -> BoolArray:
     result = solid.copy()
     patches, _ = ndimage.label(closed[inner] & ~solid, _ANY_NEIGHBOUR)
     bounds = ndimage.find_objects(patches)
-    left = _LOOKS * solid.size
+    left = MAX_LOOKS * solid.size
     for number in np.flatnonzero(_gains_of_patches(solid, patches) > 0):
         box = tuple(slice(max(axis.start - 1, 0), axis.stop + 1) for axis in bounds[number - 1])
         old = result[box]

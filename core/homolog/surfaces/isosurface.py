@@ -20,7 +20,7 @@ __all__ = ["coarse_isosurface", "isosurface", "marching_cubes"]
 
 VERTICES = 6000
 MOST_VERTICES = 250_000
-_MOST_CROSSED = 2_000_000  # grid edges that the zero level crosses: more take minutes
+MAX_CROSSED_EDGES = 2_000_000  # grid edges that the zero level crosses: more take minutes
 _EQUILATERAL = 2.0 / np.sqrt(3.0)  # edge² times vertices, over the area
 _SLIVER = 0.05  # of the volume of the nodes inside
 _NEAREST = 0.01
@@ -74,8 +74,8 @@ def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool =
             "nothing is left of the shape after smoothing; use a finer grid or less smoothing"
         )
     nodes, faces = marching_cubes(field.values)
-    if len(nodes) > _MOST_CROSSED:
-        least = field.spacing * float(np.sqrt(len(nodes) / _MOST_CROSSED))
+    if len(nodes) > MAX_CROSSED_EDGES:
+        least = field.spacing * float(np.sqrt(len(nodes) / MAX_CROSSED_EDGES))
         raise InputError(
             f"has a surface of {len(nodes):,} vertices on its grid, as sponges have; set the grid spacing to "
             f"{least:.3g} mm or more, fill its pores, or exclude it"

@@ -117,7 +117,7 @@ def test_the_answers_of_other_seeds_can_be_cancelled_and_are_shown_where_they_ar
     from PySide6.QtTest import QTest
     from PySide6.QtWidgets import QAbstractButton
 
-    monkeypatch.setattr("homolog_app.window.explore.groups_page._SEEDS", 2)
+    monkeypatch.setattr("homolog_app.window.explore.groups_page.N_SEEDS", 2)
     window.projects.save()
     ask(page, window, wait, "group")
     job = window.workspace.session

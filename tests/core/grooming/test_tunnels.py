@@ -102,7 +102,7 @@ def test_patches_are_looked_at_while_that_is_little_work(monkeypatch):
     wall = np.zeros((30, 30, 30), dtype=bool)
     wall[12:18] = True
     wall[12:18, 13:16, 13:16] = False
-    monkeypatch.setattr("homolog.grooming.tunnels._LOOKS", 0)
+    monkeypatch.setattr("homolog.grooming.tunnels.MAX_LOOKS", 0)
     unchanged, filled = fill_tunnels(wall, 4.0)
     assert np.array_equal(unchanged, wall)
     assert filled == 0

@@ -177,7 +177,7 @@ def test_edges_that_ask_for_millions_of_vertices_are_refused(torus):
 
 def test_a_surface_that_crosses_too_many_edges_of_the_grid_is_refused_with_a_spacing(torus, monkeypatch):
     crossed = len(marching_cubes(torus.values)[0])
-    monkeypatch.setattr("homolog.surfaces.isosurface._MOST_CROSSED", crossed // 4)
+    monkeypatch.setattr("homolog.surfaces.isosurface.MAX_CROSSED_EDGES", crossed // 4)
     with pytest.raises(InputError, match="set the grid spacing to 2 mm or more"):
         isosurface(torus)
 

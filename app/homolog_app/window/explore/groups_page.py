@@ -51,7 +51,7 @@ _MAPS = {"Mean difference": "difference", "Discriminant": "discriminant"}
 _LAYOUTS = {"The map": 1, "Group means and maps": 4}
 _WHOLE = 100
 _END = 14  # letters of a group's name next to the slider
-_SEEDS = 5
+N_SEEDS = 5
 
 
 class GroupsPage(ExplorePage):
@@ -103,7 +103,7 @@ class GroupsPage(ExplorePage):
         self.progress = Progress(actions["run.cancel"])
         self.go = button("Compare groups", "primary")
         self.keep = button("Add to report")
-        self.seeds = button(f"Repeat with {_SEEDS} seeds")
+        self.seeds = button(f"Repeat with {N_SEEDS} seeds")
         self.seeds.setToolTip(
             "Place the particles again with other seeds, store the runs in the project, and report how the "
             "answer varies; takes as long as that many runs"
@@ -229,8 +229,8 @@ class GroupsPage(ExplorePage):
         project, cohort = self.workspace.project, self.workspace.session.study
         self.workspace.work.compute(
             "seeds",
-            lambda tick: repeat_by_seed(project, answers, cohort, _SEEDS, tick),
-            f"answers of {_SEEDS} seeds",
+            lambda tick: repeat_by_seed(project, answers, cohort, N_SEEDS, tick),
+            f"answers of {N_SEEDS} seeds",
             lambda sentences: self.by_seed.show_sentences(sentences, self.reveal),
         )
 
