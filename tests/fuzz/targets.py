@@ -320,7 +320,7 @@ def good_table(folder: Path) -> None:
     from homolog.geodesics import solve_tables
     from homolog.geodesics.cache import save_table
 
-    save_table(folder / "table.npz", solve_tables([octahedron()], 1.0, memory_limit=70)[0])
+    save_table(folder / "table.npz", solve_tables([octahedron()], 1.0)[0])
 
 
 def read_table(folder: Path) -> object:
