@@ -106,7 +106,8 @@ def model_figures(
         yield ReportFigure(
             "energies",
             energies_figure(project),
-            "The terms of the objective during the optimization (energies; lower is better).",
+            "The terms of the objective during the optimization (energies). Their values have no scale of "
+            "their own; only whether they are flat at the end can be judged.",
         )
 
 

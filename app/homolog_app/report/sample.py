@@ -134,6 +134,9 @@ def add_missing(page: Page, record: ResultRecord, details: ReportDetails, studie
         "ethics approval",
     ]
     if studies:
-        points.append("how answers vary with the seed of the correspondence (homolog analyze --seeds 5)")
+        points.append(
+            "for studies of one seed, how answers vary with the seed of the correspondence "
+            "(homolog analyze --seeds 5)"
+        )
     given = "" if not details.cohort else ", where the description of the cohort does not say it"
     page.paragraph(f"For the authors to add{given}: {'; '.join(points)}.")

@@ -70,7 +70,7 @@ def add_regions(
         "side named: along a smooth surface this may be a different distribution of corresponding points "
         "rather than of tissue, and should be claimed only near edges and landmarks. Intervals are of the "
         "peak by itself, not corrected over the surface; since the peak was chosen by its statistic, its "
-        "effect is overestimated."
+        "effect is overestimated." + (" Thickness of the wall is not tested here." if hollow else "")
     )
     if hollow:
         _add_walls(page, study, carrier)

@@ -67,10 +67,16 @@ def add_study(
         if figure.shows_regions
     }
     tables = add_regions(page, study, carrier, pictured)
-    spread = spread_text(read_spread(*kept))
+    answers = read_spread(*kept)
+    seeds = list(dict.fromkeys(str(answer.seed) for answer in answers))
+    repeated = (
+        f"The particles were placed with the seeds {', '.join(seeds)}; the first is that of all other "
+        "results. For the others the optimization and the study were repeated with the same settings. "
+    )
     page.paragraph(
         "The seed of the correspondence is part of the uncertainty. "
-        + (" ".join(spread) or "One seed was used, so that its share is not known.")
+        + (repeated if answers else "One seed was used, so that its share is not known.")
+        + " ".join(spread_text(answers))
     )
     add_assumptions(page, study)
     heading = ""
@@ -159,7 +165,9 @@ def _size_and_separation(page: Page, study: Study, tested: Sequence[tuple[str, C
         )  # fmt: skip
         page.paragraph(
             "Accuracy, AUC and the numbers of those classified correctly are cross-validated and means over "
-            "the repeats. “≤” stands before the least p that the permutations can give after correction."
+            "the repeats. “≤” stands before the least p that the permutations can give after correction. "
+            "Accuracy counts subjects on the right side of a threshold and AUC ranks all scores, so that "
+            "their p values can differ: report both, or the one that was chosen beforehand."
         )
 
 

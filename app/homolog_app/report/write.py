@@ -172,7 +172,7 @@ def _effects(study: Study, comparison: Comparison, finding: Finding, carrier: Su
         largest = (
             f"{count}: {region.area:.0f} mm²{on_wall}, on average {abs(region.mean_outward):.{digits}f} "
             f"mm{per} {region.direction(region.mean_outward)}; outward {low:+.{digits}f} to "
-            f"{high:+.{digits}f} mm{per}. The peak is "
+            f"{high:+.{digits}f} mm{per}. The largest statistic is "
             f"{'' if carrier.directions.are_the_patients else 'towards '}{region.place}"
         )
     peak = region.outward.value
@@ -204,8 +204,9 @@ def _model_section(
         f"particle stands for {each:.3g} mm² of it on average, so that particles are about {each**0.5:.2g} "
         "mm apart. The modes below are those of all subjects; tests use modes of the subjects and the "
         "alignment of each comparison. The sign of a mode is arbitrary. Scores and standard deviations are "
-        "root mean squares over the particles. Generalization is computed of all numbers of modes that "
-        "models without a held-out subject have, specificity of some only, as it takes long."
+        "root mean squares over the particles. For generalization each subject in turn was held out and "
+        "fitted with modes of the others; it had taken part in the correspondence. Specificity was "
+        "computed for some numbers of modes only."
     )
     small = [figure for figure in figures if figure.name in ("scree", "scores")]
     page.figures(small)
