@@ -406,3 +406,64 @@ def test_folders_of_points_in_time_with_a_file_for_each_patient_are_groups(tmp_p
     assert [(subject.name, subject.group) for subject in cohort.subjects] == [
         (f"pat{i}_{time}", time) for time in times for i in range(3)
     ]
+
+
+@pytest.mark.parametrize("sites", [("siteA", "siteB"), ("site1", "site2"), ("boston", "kyoto")])
+@pytest.mark.parametrize("scans", [[], ["images"]])
+def test_sites_with_a_folder_of_label_maps_each_are_groups(tmp_path, sites, scans):
+    names = [
+        f"{site}/{kind}/{n:02d}.nii.gz" for site in sites for kind in ("labels", *scans) for n in range(3)
+    ]
+    cohort = cohort_of(tmp_path, *names)
+    assert {subject.name: (subject.group, subject.path.parent.name) for subject in cohort.subjects} == {
+        f"{n:02d}_{site}": (site, "labels") for site in sites for n in range(3)
+    }
+
+
+@pytest.mark.parametrize("parts", [("rater1", "rater2"), ("batch_1", "batch_2"), ("AD", "CN"), ("F", "M")])
+def test_numbered_parts_and_diagnoses_with_files_of_the_same_names_are_groups(tmp_path, parts):
+    cohort = cohort_of(tmp_path, *(f"{part}/P{n}.nii.gz" for part in parts for n in range(3)))
+    assert {subject.name: subject.group for subject in cohort.subjects} == {
+        f"P{n}_{part}": part for part in parts for n in range(3)
+    }
+
+
+def test_folders_of_sides_in_a_subjects_folder_are_subjects(tmp_path):
+    cohort = cohort_of(tmp_path, *(f"P{n}/{side}/femur.stl" for n in (1, 2) for side in ("left", "right")))
+    assert sides_of(cohort).of == {f"P{n}_{side}": side for n in (1, 2) for side in ("left", "right")}
+
+
+def test_sides_within_words_are_no_structures(tmp_path):
+    cohort = cohort_of(tmp_path, *(f"P{n}_Femur{side}.stl" for n in (1, 2, 3) for side in ("Left", "Right")))
+    assert len(cohort.subjects) == len(sides_of(cohort).of) == 6
+    names = [f"{side}Femur{n}.stl" for n in (1, 2, 3) for side in ("left", "right")]
+    assert not cohort_of(tmp_path / "b", *names).notes
+
+
+@pytest.mark.parametrize("place", ["{}/CT/0.dcm", "{}/0.dcm"])
+def test_a_mask_goes_before_the_dicom_slices_beside_it(tmp_path, place):
+    for patient in ("p1", "p2", "p3"):
+        dicom(tmp_path / place.format(patient))
+    cohort = cohort_of(tmp_path, "p1/liver.nii.gz", "p2/liver.nii.gz")
+    assert files_of(cohort) == {"p1": "p1/liver.nii.gz", "p2": "p2/liver.nii.gz"}
+    assert "p3" in " ".join(cohort.notes)
+
+
+def test_several_label_maps_of_a_freesurfer_subject_are_structures(tmp_path):
+    cohort = cohort_of(tmp_path, *(f"s{n}/mri/{side}h.hippo.mgz" for n in (1, 2) for side in "lr"))
+    assert [*mask_files(cohort.subjects[0].path)] == ["lh.hippo", "rh.hippo"]
+
+
+def test_scans_of_nnunet_beside_label_maps_are_their_scans(tmp_path):
+    cohort = cohort_of(tmp_path, *(f"c_{n}{end}.nii.gz" for n in (1, 2) for end in ("", "_0000", "_0001")))
+    assert [(subject.name, subject.image is not None) for subject in cohort.subjects] == [
+        ("c_1", True),
+        ("c_2", True),
+    ]
+
+
+def test_folders_that_are_not_used_beside_files_get_a_note(tmp_path):
+    names = ("P1.stl", "P2.stl", "old/P1.stl", "images/P1.nii", "project/groomed/P1.vtp")
+    cohort = cohort_of(tmp_path, *names, "project/project.json")
+    assert len(cohort.subjects) == 2
+    assert [word in cohort.notes[0] for word in ("old", "images", "project")] == [True, False, False]

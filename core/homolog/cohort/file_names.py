@@ -16,6 +16,7 @@ __all__ = [
     "corrected",
     "is_group",
     "is_picture",
+    "is_site",
     "kinds_before_numbers",
     "known_files",
     "maps_of_all",
@@ -30,6 +31,8 @@ __all__ = [
     "words_but_times",
 ]
 
+_CAPITAL = re.compile(r"(?<=[a-z])(?=[A-Z])")
+"""Between the words of ``femurLeft``."""
 _SEPARATED = re.compile(r"[^\W_]+")
 # fmt: off
 _MASKS = frozenset([
@@ -52,9 +55,10 @@ _LABEL_MAPS = frozenset({"aseg", "dseg", "firstseg", "wmparc"})
 """Words of BIDS, FSL and FreeSurfer for a map of all structures."""
 # fmt: off
 _GROUPS = frozenset([
-    "case", "cases", "control", "controls", "disease", "diseased", "female", "females", "healthy", "male",
-    "males", "men", "normal", "normals", "pathological", "patient", "patients", "test", "testing", "train",
-    "training", "val", "valid", "validation", "women",
+    "ad", "asd", "case", "cases", "cn", "control", "controls", "ctl", "ctrl", "disease", "diseased", "f",
+    "female", "females", "hc", "healthy", "m", "male", "males", "mci", "men", "nc", "normal", "normals",
+    "pathological", "patient", "patients", "td", "test", "testing", "train", "training", "val", "valid",
+    "validation", "women",
 ])
 # fmt: on
 """Words in the names of folders of groups."""
@@ -62,6 +66,14 @@ _TIME = re.compile(
     r"(day|frame|month|phase|ses|session|time|timepoint|tp|visit|week|year)\d{1,4}"
     r"|(19|20)\d\d[01]\d[0-3]\d|baseline|diastole|ed|es|followup|post|postop|pre|preop|systole"
 )
+_SITE = re.compile(
+    r"(arm|batch|center|centre|cohort|fold|group|hospital|observer|part|rater|reader|scanner|set|site|study)"
+    r"[-_. ]?(\d{1,3}|[a-z])",
+    re.IGNORECASE,
+)
+"""Names of folders that are numbered parts of a cohort: ``siteA``, ``batch 2``."""
+_CHANNEL = re.compile(r"_000\d$")
+"""End of the names of nnU-Net's scans."""
 _DATE = re.compile(r"(?<!\d)((?:19|20)\d\d)[-_.]([01]\d)[-_.]([0-3]\d)(?!\d)")
 _OTHER_GIFTI = re.compile(
     r"\.(shape|func|label|time|tensor|vector|coord|topo|rgba|dset|annot)\.gii$"
@@ -103,9 +115,16 @@ def copies_among(files: Sequence[Path]) -> list[Path]:
 def is_group(name: str) -> bool:
     """Return whether a folder's name is that of a group: ``patients``, ``train``, ``pre``."""
     tokens = _words(name)
+    if is_site(name):
+        return True
     return bool(tokens) and all(
         word in _GROUPS or word in _MODALITIES or _TIME.fullmatch(word) for word in tokens
     )
+
+
+def is_site(name: str) -> bool:
+    """Return whether a folder's name is that of a numbered part of a cohort: ``siteA``, ``rater2``."""
+    return bool(_SITE.fullmatch(name))
 
 
 def name_within(kind: str, name: str) -> str:
@@ -130,13 +149,17 @@ def scans_beside(files: Sequence[Path]) -> dict[Path, Path]:
     """Return the scans next to label maps of the same subjects, each with its label map.
 
     ``case1.nii.gz`` next to ``case1_seg.nii.gz``, ``case1_ct.nii.gz`` next to ``case1.nii.gz``, ``ct_1.nrrd``
-    next to ``mask_1.nrrd``.
+    next to ``mask_1.nrrd``, nnU-Net's ``case1_0000.nii.gz`` next to ``case1.nii.gz``.
     """
+    stems = {stem_of(file) for file in files}
     by_subject: dict[tuple[str, ...], list[tuple[int, Path]]] = defaultdict(list)
     for file in files:
-        tokens = _words(stem_of(file))
+        stem = stem_of(file)
+        without_channel = _CHANNEL.sub("", stem)
+        is_channel = stem != without_channel and without_channel in stems
+        tokens = _words(without_channel if is_channel else stem)
         is_mask = not _MASKS.isdisjoint(tokens) or suffix_of(file) == ".seg.nrrd"
-        rank = 2 if is_mask else 0 if not _PICTURES.isdisjoint(tokens) else 1
+        rank = 0 if is_channel else 2 if is_mask else 0 if not _PICTURES.isdisjoint(tokens) else 1
         by_subject[_whose(tokens)].append((rank, file))
     scans: dict[Path, Path] = {}
     for ranked in by_subject.values():
@@ -236,7 +259,8 @@ def kinds_before_numbers(stems: Sequence[str]) -> list[str]:
             numbers[parts[1]].add(parts[2])
     every = set().union(*numbers.values())
     kinds = [name for name, own in numbers.items() if _kind(name) and len(own) >= _FULL * len(every)]
-    return kinds if len(kinds) == len(numbers) > 1 and len(every) >= _FEWEST else []
+    several = len(kinds) == len(numbers) and len({_kind(name) for name in kinds}) > 1
+    return kinds if several and len(every) >= _FEWEST else []
 
 
 def pictures_among(files: Sequence[Path]) -> dict[str, Path]:
@@ -267,7 +291,7 @@ def _kind(text: str) -> tuple[str, ...]:
     """Return the words of a structure: neither side nor time, and at least one that is no short code."""
     tokens = tuple(
         word
-        for word in _words(text)
+        for word in _words(_CAPITAL.sub("_", text))
         if word not in _MASKS and not is_side(word) and not _TIME.fullmatch(word)
     )
     return tokens if any(word.isalpha() and len(word) > 2 for word in tokens) else ()

@@ -12,6 +12,7 @@ from homolog.cohort.file_names import (
     copies_among,
     corrected,
     is_group,
+    is_site,
     kinds_before_numbers,
     known_files,
     maps_of_all,
@@ -75,6 +76,8 @@ def read_folder(folder: Path) -> Cohort:
     files = known_files(entries)
     folders = [entry for entry in entries if entry.is_dir()]
     series = {item: series_of(item) for item in folders if holds_dicom(item)}
+    if series and not files and _have_masks(series):
+        return _read_folders(folder, folders)
     if slices or not (files or series or not holds_dicom(folder)):
         raise InputError(
             f"{folder}: contains the slices of a DICOM series; give the folder above it, which contains one "
@@ -82,12 +85,32 @@ def read_folder(folder: Path) -> Cohort:
         )
     if not files and not series:
         below = {item: places for item in folders if (places := series_below(item))}
-        if not below or max(map(len, below.values())) > 1:
+        if not below or max(map(len, below.values())) > 1 or _have_masks(below):
             return _read_folders(folder, folders)
         series = {item: places[0] for item, places in below.items()}
     subjects, notes = _of_files(folder, files)
+    stems = {stem_of(file) for file in files}
+    unused = [item for item in folders if item not in series and files and _holds_others(item)]
+    if unused:
+        notes.append(
+            f"not used: the folders {_listed([item.name for item in unused])}, which contain segmentations "
+            "or meshes, too; the files next to them were taken"
+        )
+    series = {item: place for item, place in series.items() if item.name not in stems}
     subjects += [Subject(item.name, place, image=image_beside(place)) for item, place in series.items()]
     return Cohort(tuple(sorted(subjects, key=lambda subject: subject.path)), folder, tuple(notes))
+
+
+def _have_masks(folders: Iterable[Path]) -> bool:
+    """Return whether label maps or meshes lie next to the DICOM slices of patients."""
+    return any(
+        file.is_file() for item in folders for files in subjects_in(item).values() for file in files.values()
+    )
+
+
+def _holds_others(folder: Path) -> bool:
+    is_project = (folder / "project.json").is_file()
+    return not is_project and holds_files(folder) and not _only_scans(folder)
 
 
 def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[str]]:
@@ -155,7 +178,8 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
         return read_folder(several[0])
     if several and (labels := _label_folders(by_folder)):
         return _of_label_folders(folder, labels, [item for item in by_folder if item not in labels])
-    if several and (sides_among([item.name for item in by_place]) or not _are_subjects(by_folder)):
+    parts = [item.name for item in by_place]
+    if several and (sides_among(parts) or all(map(is_site, parts)) or not _are_subjects(by_folder)):
         return _of_parts(folder, list(by_folder))
     if not by_place:
         above = [item for item in below if holds_files(item)]
@@ -203,7 +227,7 @@ def _nothing_in(folder: Path) -> InputError:
 def _subject_of(name: str, files: _Files, by_structure: bool) -> Subject:
     """Return a subject; its path is its folder if it has one file per structure."""
     first = next(iter(files.values()))
-    if by_structure and "" not in files and first.parent.name != "mri":
+    if by_structure and "" not in files and (len(files) > 1 or first.parent.name != "mri"):
         return Subject(name, first.parent)
     return _subject(name, first)
 
@@ -222,6 +246,12 @@ def _label_folders(by_folder: Mapping[Path, _Files]) -> list[Path]:
         if item not in labels
     ]
     return labels if all(known) else []
+
+
+def _has_label_folder(folder: Path) -> bool:
+    """Return whether a folder of label maps lies in a folder, with those of several subjects."""
+    inner = [item for item in entries_of(folder) if item.is_dir() and _LABEL_FOLDER.fullmatch(item.name)]
+    return any(len(owned_files(item)) > 1 for item in inner)
 
 
 def _of_label_folders(folder: Path, labels: Sequence[Path], others: Sequence[Path]) -> Cohort:
@@ -260,7 +290,7 @@ def _of_parts(folder: Path, parts: Sequence[Path]) -> Cohort:
     """Return the cohort of folders with several subjects each: sides, groups, or structures."""
     if sides := sides_among([item.name for item in parts]):
         return _of_sides(folder, {item: sides[item.name] for item in parts})
-    if all(is_group(item.name) for item in parts):
+    if all(is_group(item.name) for item in parts) or all(map(_has_label_folder, parts)):
         return _of_groups(folder, parts)
     owned = {item: owned_files(item) for item in parts}
     if _are_structures(owned):

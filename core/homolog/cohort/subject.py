@@ -29,7 +29,7 @@ FREESURFER_SUFFIXES = (".pial", ".white", ".smoothwm", ".midthickness", ".surf")
 """Of FreeSurfer's surfaces: the last part of their names, which says what they are (``lh.pial``)."""
 MESH_SUFFIXES = (
     ".vtp", ".vtk", ".ply", ".stl", ".obj", ".off", ".vtu", ".glb", ".gltf", ".3mf", ".surf.gii", ".gii",
-    *FREESURFER_SUFFIXES,
+    ".vtk.gz", ".ply.gz", ".stl.gz", ".obj.gz", ".off.gz", *FREESURFER_SUFFIXES,
 )  # fmt: skip
 
 _MARKUPS = ".mrk.json"

@@ -20,6 +20,7 @@ from homolog.cohort.file_names import (
     structure_in,
     times_among,
 )
+from homolog.cohort.sides import sides_among
 from homolog.cohort.subject import IMAGE_ENDING, stem_of, suffix_of
 
 __all__ = ["entries_of", "holds_files", "mask_files", "owned_files", "subjects_in"]
@@ -44,8 +45,8 @@ _DEPTH = 5
 def subjects_in(folder: Path, name: str = "") -> dict[str, dict[str, Path]]:
     """Return the files of a subject's folder by structure, by the names of its subjects.
 
-    There are several where it has sessions (BIDS), or its files or folders are points in time (``frame01``,
-    ``ED``, ``2020-04-02``); the file of a point in time has an empty name.
+    There are several where it has sessions (BIDS), folders of sides, or its files or folders are points in
+    time (``frame01``, ``ED``, ``2020-04-02``); the file of a point in time has an empty name.
 
     Parameters
     ----------
@@ -70,11 +71,11 @@ def subjects_in(folder: Path, name: str = "") -> dict[str, dict[str, Path]]:
     if files:
         return {name: files}
     subjects: dict[str, dict[str, Path]] = {}
-    times = times_among(item.name for item in below)
+    parts = times_among(item.name for item in below) or list(sides_among([item.name for item in below]))
     for item in below:
         if item.name.casefold() in _KINDS_OF_SCAN:
             subjects |= subjects_in(item, name)
-        elif _SESSION.fullmatch(item.name) or item.name in times:
+        elif _SESSION.fullmatch(item.name) or item.name in parts:
             subjects |= subjects_in(item, f"{name}_{item.name}")
     if subjects:
         return subjects

@@ -3,7 +3,9 @@
 VTK's readers follow damaged files out of memory, which ends the program; here files are read without it.
 """
 
+import gzip
 import os
+import zlib
 from collections.abc import Callable, Iterable, Mapping
 from os import PathLike
 from pathlib import Path
@@ -41,6 +43,9 @@ _READERS: dict[str, Callable[[bytes], Polygons]] = {
     **dict.fromkeys((".pial", ".white", ".smoothwm", ".midthickness", ".surf"), read_freesurfer),
 }
 _WRITTEN = (".vtp", ".vtk", ".ply", ".stl", ".obj")
+_PACKED = (".vtk", ".ply", ".stl", ".obj", ".off")
+"""Types that are read compressed by gzip, too."""
+_PART = 2**24  # bytes that are unpacked at once
 _READ_BYTES = 32  # of memory for each byte of a file, at most about
 _MOST_LOST = 0.01
 """Of the faces: with more corners that aren't numbers a file is damaged; fewer leave holes."""
@@ -54,7 +59,8 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     ----------
     path : path
         A file that ends in .vtp, .vtu, .vtk, .ply, .stl, .obj, .off, .glb, .gltf, .3mf, .gii (GIFTI), or
-        .pial, .white, .smoothwm, .midthickness or .surf (FreeSurfer). Coordinates are millimetres, LPS unless
+        .pial, .white, .smoothwm, .midthickness or .surf (FreeSurfer); .vtk, .ply, .stl, .obj and .off also
+        compressed (.stl.gz). Coordinates are millimetres, LPS unless
         the file says ``SPACE=RAS``; those of GIFTI and FreeSurfer are RAS. Volume cells give their outer
         surface.
 
@@ -81,13 +87,14 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     TriangleMesh(4 vertices, 4 faces)
     """
     path = Path(path)
-    reader = _READERS.get(path.suffix.lower())
+    packed = path.suffix.lower() == ".gz" and path.with_suffix("").suffix.lower() in _PACKED
+    reader = _READERS.get((path.with_suffix("") if packed else path).suffix.lower())
     if reader is None:
         raise _unknown(path, _READERS)
     if not path.is_file():
         raise InputError(f"{path}: does not exist; correct the path or exclude it")
     check_fits(path, _READ_BYTES * path.stat().st_size, "simplify the surface")
-    content = path.read_bytes()
+    content = _unpacked(path) if packed else path.read_bytes()
     try:
         surface = read_gltf(content, path.parent) if reader is read_gltf else reader(content)
         every = surface.triangles()
@@ -106,6 +113,19 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
         raise InputError(f"{path}: contains no triangles; export the surface, not its points only")
     turn = (-1.0, -1.0, 1.0) if "SPACE=RAS" in surface.header else (1.0, 1.0, 1.0)
     return TriangleMesh(*_welded(surface.points * turn, faces))
+
+
+def _unpacked(path: Path) -> bytes:
+    """Return the content of a file compressed by gzip."""
+    parts: list[bytes] = []
+    try:
+        with gzip.open(path) as stream:
+            while part := stream.read(_PART):
+                parts.append(part)
+                check_fits(path, _READ_BYTES * len(parts) * _PART, "simplify the surface")
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path}: can't be unpacked ({error}); copy or export it again") from error
+    return b"".join(parts)
 
 
 def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:

@@ -104,7 +104,15 @@ class Header:
         place, begin = (self.path.parent / self.files[0], 0) if self.files else (self.path, self.length)
         size, is_whole = _unpacked_size(place, begin, needed)
         stored = os.path.getsize(place) - begin
-        if size != needed or not is_whole or self._number("compresseddatasize") != stored:
+        declared = self._number("compresseddatasize")
+        if size == needed and is_whole and declared == 0:  # SimpleITK then takes a data file as a whole
+            if self.files:
+                return
+            raise InputError(
+                f"{self.path}: its header lacks the size of the compressed voxels; insert the line "
+                f"'CompressedDataSize = {stored}' above ElementDataFile, or save it again uncompressed"
+            )
+        if size != needed or not is_whole or declared != stored:
             raise InputError(
                 f"{self.path}: its compressed voxels are not the {needed} bytes that its header declares, or "
                 "of another size when compressed; copy or export it again"

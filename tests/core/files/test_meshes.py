@@ -1,3 +1,4 @@
+import gzip
 import sys
 
 import numpy as np
@@ -361,3 +362,14 @@ def test_a_package_that_is_not_installed_is_named_and_the_file_not_blamed(mesh, 
     message = user_message(caught.value)
     assert "trimesh is not installed" in message
     assert "pip install trimesh" in message
+
+
+@pytest.mark.parametrize("suffix", [".vtk", ".ply", ".stl", ".obj"])
+def test_meshes_compressed_by_gzip_are_read_if_they_are_whole(mesh, tmp_path, suffix):
+    write_mesh(tmp_path / f"a{suffix}", mesh)
+    packed = gzip.compress((tmp_path / f"a{suffix}").read_bytes())
+    (tmp_path / f"a{suffix}.gz").write_bytes(packed)
+    (tmp_path / f"b{suffix}.gz").write_bytes(packed[:-12])
+    assert read_mesh(tmp_path / f"a{suffix}.gz").volume == pytest.approx(mesh.volume)
+    with pytest.raises(InputError, match="unpacked"):
+        read_mesh(tmp_path / f"b{suffix}.gz")

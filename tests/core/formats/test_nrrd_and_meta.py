@@ -210,7 +210,6 @@ def test_voxels_of_unknown_size_are_read_with_a_note(write_meta, blocks, points,
     [
         (0, {}, True),
         (1, {}, False),
-        (None, {}, False),
         (0, {"DimSize": "9 10 10"}, False),
         (0, {"DimSize": "9 10 12"}, False),
     ],
@@ -231,6 +230,21 @@ def test_compressed_voxels_must_be_those_of_the_header(
         return
     with pytest.raises(InputError, match="compressed voxels"):
         read_segmentation(path, None)
+
+
+@pytest.mark.parametrize("name", ["a.mha", "a.mhd"])
+def test_the_compressed_size_may_be_missing_where_voxels_have_a_file_of_their_own(
+    write_meta, blocks, points, tmp_path, name
+):
+    body = zlib.compress(blocks.tobytes(order="F"))
+    lines = {"CompressedData": "True"}
+    if name == "a.mha":
+        with pytest.raises(InputError, match=rf"'CompressedDataSize = {len(body)}'"):
+            read_segmentation(write_meta(name, body=body, **lines), None)
+        return
+    (tmp_path / "a.zraw").write_bytes(body)
+    path = write_meta(name, body=b"", ElementDataFile="a.zraw", **lines)
+    assert np.allclose(points(read_segmentation(path, None)), expected(blocks))
 
 
 @pytest.mark.parametrize("skip", [8, -1])
