@@ -95,7 +95,7 @@ def good_checkpoint(folder: Path) -> None:
         "energies": np.zeros((1, 4)),
     }
     counts = {field.name: 1 for field in fields(Checkpoint) if field.name not in arrays}
-    write_checkpoint(folder / "checkpoint.npz", Checkpoint(**arrays, **counts), "f")
+    write_checkpoint(folder / "checkpoint.npz", Checkpoint(**arrays, **counts), "f", 0.5)
 
 
 def good_report(folder: Path) -> None:

@@ -120,8 +120,7 @@ def _columns(result: Result) -> list[str]:
 
 def _write_scores(path: Path, result: Result, model: ShapeModel) -> None:
     modes = [f"mode_{number}_rms_mm" for number in range(1, len(model.explained_variance) + 1)]
-    rms_scores = (model.scores / np.sqrt(len(model.mean))).tolist()
-    rows = zip(result.names, result.groups, rms_scores, strict=True)
+    rows = zip(result.names, result.groups, model.scores.tolist(), strict=True)
     write_table(path, ["name", "group", *modes], ([name, group, *scores] for name, group, scores in rows))
 
 
@@ -131,9 +130,9 @@ def _write_modes(path: Path, result: Result, model: ShapeModel) -> None:
         "mode", "eigenvalue_mm2", "standard_deviation_rms_mm", "share", "cumulative_share",
         "chance_eigenvalue_mm2", "above_chance",
     ]  # fmt: skip
-    shares, deviations = model.explained_variance_ratio, model.standard_deviations / np.sqrt(len(model.mean))
+    shares, eigenvalues = model.explained_variance_ratio, len(model.mean) * model.explained_variance
     rows = zip(
-        model.explained_variance.tolist(), deviations.tolist(), shares.tolist(),
+        eigenvalues.tolist(), model.standard_deviations.tolist(), shares.tolist(),
         np.cumsum(shares).tolist(), parallel.threshold.tolist(), strict=False,
     )  # fmt: skip
     write_table(

@@ -144,12 +144,6 @@ def study_figures(
             )
 
 
-def _per_particle(scores: FloatArray, mean: FloatArray) -> FloatArray:
-    """Return scores as root mean square displacements of the particles [mm]."""
-    displacement: FloatArray = scores / np.sqrt(len(mean))
-    return displacement
-
-
 def scores_figure(
     model: ShapeModel,
     labels: Sequence[str],
@@ -157,11 +151,11 @@ def scores_figure(
     theme: Theme = LIGHT,
 ) -> Figure:
     """Draw the subjects in the plane of two modes, each with its label's colour and marker."""
-    scores, colours = _per_particle(model.scores, model.mean), page_colours(theme)
+    colours = page_colours(theme)
     shares = 100.0 * model.explained_variance_ratio
     names = [f"mode {mode + 1} ({shares[mode]:.0f} %), score (mm)" for mode in modes]
     figure = new_figure(4.2, 3.6, colours)
-    draw_scores(figure.subplots(), scores[:, list(modes)], labels, (names[0], names[1]), colours)
+    draw_scores(figure.subplots(), model.scores[:, list(modes)], labels, (names[0], names[1]), colours)
     return figure
 
 
@@ -205,7 +199,7 @@ def discriminant_figure(study: Study, comparison: Comparison, theme: Theme = LIG
     assert comparison.discriminant is not None
     first, second = comparison.counts
     members = np.array([study.labels[subject] for subject in comparison.subjects]) == second
-    places, colours = _per_particle(comparison.discriminant.scores, comparison.mean), page_colours(theme)
+    places, colours = comparison.discriminant.scores, page_colours(theme)
     figure = new_figure(4.6, 1.9, colours)
     order = group_order(study.labels)
     draw_discriminant(figure.subplots(), places, members, (first, second), order, colours)

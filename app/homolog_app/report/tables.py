@@ -312,8 +312,8 @@ def _subjects(study: Study, result: Result) -> tuple[list[str], Iterator[list[_C
     places: list[dict[int, float]] = []
     for item in lines:
         assert item.discriminant is not None
-        rms = item.discriminant.scores / np.sqrt(len(item.mean))
-        places.append(dict(zip(item.subjects.tolist(), rms.tolist(), strict=True)))
+        scores = item.discriminant.scores.tolist()
+        places.append(dict(zip(item.subjects.tolist(), scores, strict=True)))
     size = [float(cell) for cell in column_of(result, SHAPE_SIZE)]
     columns = ["name", study.request.column, "takes_part", "left_out_because", "shape_size_mm"]
     columns += [f"discriminant_{line.title}_mm" for line in lines]

@@ -227,9 +227,11 @@ def _model_section(
             ),
             caption="Quality of the model",
         )
-    deviations = model.standard_deviations / len(model.mean) ** 0.5
     shares = zip(
-        deviations, model.explained_variance_ratio, model.explained_variance_ratio.cumsum(), strict=True
+        model.standard_deviations,
+        model.explained_variance_ratio,
+        model.explained_variance_ratio.cumsum(),
+        strict=True,
     )
     page.table(
         ["mode", "standard deviation (mm rms)", "share (%)", "cumulated (%)"],

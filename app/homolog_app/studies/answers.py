@@ -178,7 +178,7 @@ def carried_answer(shape: ModelShape, result: Result, study: Study, index: int, 
         along = np.tensordot(separation.weights.astype(np.float32), carried[2:], axes=1)
         firm = ((low > 0) | (high < 0)) & (pair.p_adjusted <= LEVEL)
         discriminant = GroupMap(along, separation.weights.astype(np.float32) @ outward[1:], firm)
-        places = separation.scores / np.sqrt(len(pair.mean))
+        places = separation.scores
     elif request.kind != "groups":
         places = _along(result, request, pair, subjects, way.effect)
         places = places - places.mean() if way.values is None else places

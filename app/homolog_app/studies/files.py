@@ -286,22 +286,21 @@ def interrupted_text(checkpoint: Path, particles: int) -> str:
         How many were wanted.
     """
     try:
-        placed, iterations = _read(checkpoint, checkpoint.stat().st_mtime_ns)
+        placed, iterations, fraction = _read(checkpoint, checkpoint.stat().st_mtime_ns)
     except (InputError, OSError, KeyError, IndexError):
         return "The last run was interrupted, and its checkpoint can't be read; start a new run."
-    return (
-        f"The last run was interrupted after {iterations} iterations, with {placed} of {particles} "
-        "particles. Resume continues from its checkpoint."
-    )
+    where = f"after {iterations} iterations" if fraction is None else f"at {100.0 * fraction:.0f} %"
+    return f"Stopped {where}, with {placed} of {particles} particles. Resume continues from there."
 
 
 @lru_cache(maxsize=1)
-def _read(checkpoint: Path, _changed: int) -> tuple[int, int]:
-    """Return numbers of particles and iterations; read again only if the file has changed."""
+def _read(checkpoint: Path, _changed: int) -> tuple[int, int, float | None]:
+    """Return particles, iterations and fraction done; read again only if the file has changed."""
     from homolog.files.arrays import read_arrays
 
-    stored = read_arrays(checkpoint)
-    return int(stored["positions"].shape[1]), int(stored["iteration"])
+    stored = read_arrays(checkpoint, names=("means", "iteration", "fraction"))
+    fraction = float(stored["fraction"]) if "fraction" in stored else None  # versions before 0.3 lack it
+    return len(stored["means"]), int(stored["iteration"]), fraction
 
 
 def copy_project(old: Path, new: Path) -> None:

@@ -43,7 +43,8 @@ class Discriminant:
     second : (M,) bool array
         Members of the second group.
     scores : (M,) array
-        Each subject's position along the direction [mm]; zero is midway between the groups' means.
+        Each subject's position along the direction [mm], as root mean square over the particles; zero is
+        midway between the groups' means.
     shrinkage : float
         Weight of the sphere in the covariance (Ledoit and Wolf 2004), in [0, 1].
     accuracy : Effect
@@ -186,7 +187,7 @@ def discriminant(
         weights=fit.direction * fit.separation,
         bootstrap=drawn,
         second=second,
-        scores=scores @ fit.direction - fit.midpoint,
+        scores=(scores @ fit.direction - fit.midpoint) / np.sqrt(particles.shape[1]),
         shrinkage=float(fit.shrinkage),
         accuracy=Effect(accuracy, *accuracy_bounds(correct, second, accuracy), p[0], permutations),
         auc=Effect(auc, *auc_bounds(held_out, second, auc), p[1], permutations),

@@ -1,7 +1,7 @@
 """The shape model: principal components of corresponding particles."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
@@ -25,22 +25,24 @@ _FEW = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeModel:
-    """Mean shape and orthonormal modes of variation of a cohort: a point distribution model.
+    """Mean shape and orthogonal modes of variation of a cohort: a point distribution model.
 
     Made by `ShapeModel.fit` or `ShapeModel.load`. Names are those of scikit-learn's `PCA` where both have
-    the same thing. All arrays are read-only.
+    the same thing; lengths are root mean squares over the particles. All arrays are read-only.
 
     Attributes
     ----------
     mean : (N, 3) array
         Mean positions of the particles [mm].
     components : (K, N, 3) array
-        Modes of variation, the largest first: unit vectors of the 3N coordinates, K < M.
+        Modes of variation, the largest first, K < M: orthogonal, and each moves the particles by a root mean
+        square of 1.
     explained_variance : (K,) array
-        Variance along each mode [mm²], with the divisor M - 1.
+        Variance of the scores in each mode [mm²], with the divisor M - 1. The eigenvalue of the covariance
+        matrix of the 3N coordinates is N times as large.
     scores : (M, K) array
-        Coordinates of the M subjects in the modes [mm]. Divided by the square root of N, they are the root
-        mean square displacements of the particles, which windows, tables and reports show.
+        Coordinates of the M subjects in the modes [mm]: root mean square displacements of the particles, as
+        in the window, tables and reports.
     sizes : (M,) array
         Root mean square distance of a subject's particles from their centroid [mm], before any scaling.
 
@@ -111,11 +113,12 @@ class ShapeModel:
         shapes = align(positions, scaling=True) if scaling else positions
         mean = shapes.mean(axis=0)
         scores, modes, variances = principal_components((shapes - mean).reshape(len(shapes), -1))
-        return cls(mean, modes.reshape(-1, *mean.shape), variances, scores, rms_radii(positions))
+        length, modes = np.sqrt(len(mean)), modes.reshape(-1, *mean.shape)
+        return cls(mean, length * modes, variances / len(mean), scores / length, rms_radii(positions))
 
     @property
     def standard_deviations(self) -> FloatArray:
-        """Standard deviation along each mode [mm], shape (K,)."""
+        """Standard deviation of the scores in each mode [mm], shape (K,)."""
         deviations: FloatArray = np.sqrt(self.explained_variance)
         return deviations
 
@@ -136,7 +139,7 @@ class ShapeModel:
         Returns
         -------
         (..., K) array
-            Coordinates in the modes [mm].
+            Coordinates in the modes [mm], as in `scores`.
 
         Raises
         ------
@@ -149,7 +152,7 @@ class ShapeModel:
                 f"particles need the model's shape (..., {len(self.mean)}, 3), not {positions.shape}"
             )
         apart = positions - self.mean
-        scores: FloatArray = np.einsum("...ni,kni->...k", apart, self.components)
+        scores: FloatArray = np.einsum("...ni,kni->...k", apart, self.components) / len(self.mean)
         return scores
 
     def inverse_transform(self, scores: ArrayLike) -> FloatArray:
@@ -242,7 +245,7 @@ class ShapeModel:
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> "ShapeModel":
-        """Read a model that `save` wrote.
+        """Read a model that `save` wrote, also in version 0.2.
 
         Parameters
         ----------
@@ -274,7 +277,19 @@ class ShapeModel:
             raise InputError(
                 f"{path}: contains no shape model: its arrays do not belong together; save it again"
             )
-        return model
+        return model._in_root_mean_squares()
+
+    def _in_root_mean_squares(self) -> "ShapeModel":
+        """Return the model with modes of a root mean square of 1; version 0.2 had modes of length 1."""
+        count = len(self.mean)
+        if not np.allclose(np.square(self.components).sum(axis=(1, 2)), 1.0):
+            return self
+        return replace(
+            self,
+            components=np.sqrt(count) * self.components,
+            explained_variance=self.explained_variance / count,
+            scores=self.scores / np.sqrt(count),
+        )
 
 
 def principal_components(

@@ -1,6 +1,6 @@
 """Named arrays in one compressed file (npz), never pickled."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 from zipfile import is_zipfile
@@ -28,7 +28,9 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
         np.savez_compressed(stream, allow_pickle=False, **arrays)
 
 
-def read_arrays(path: Path, remedy: str = "delete it and run again") -> dict[str, Array]:
+def read_arrays(
+    path: Path, remedy: str = "delete it and run again", names: Collection[str] | None = None
+) -> dict[str, Array]:
     """Read what `write_arrays` wrote, as read-only arrays.
 
     Parameters
@@ -36,6 +38,8 @@ def read_arrays(path: Path, remedy: str = "delete it and run again") -> dict[str
     path : Path
     remedy : str
         What to do if the file is damaged.
+    names : collection of str, optional
+        Read only these, as far as the file has them.
 
     Raises
     ------
@@ -50,9 +54,9 @@ def read_arrays(path: Path, remedy: str = "delete it and run again") -> dict[str
         with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             unpacked = sum(item.file_size for item in stored.zip.infolist())
             check_fits(path, unpacked, remedy)
-            return {
-                name: frozen(stored[name]) if stored[name].ndim else stored[name] for name in stored.files
-            }
+            wanted = [name for name in stored.files if names is None or name in names]
+            arrays = {name: stored[name] for name in wanted}
+            return {name: frozen(array) if array.ndim else array for name, array in arrays.items()}
     except InputError:
         raise
     except Exception as error:  # what zip, zlib and npy readers raise on damaged files is no short list

@@ -13,8 +13,10 @@ from homolog.files.arrays import read_arrays, write_arrays
 
 __all__ = ["read_checkpoint", "write_checkpoint"]
 
+FRACTION = "fraction"  # not in checkpoints of versions before 0.3
 
-def write_checkpoint(path: Path, checkpoint: Checkpoint, fingerprint: str) -> None:
+
+def write_checkpoint(path: Path, checkpoint: Checkpoint, fingerprint: str, fraction: float) -> None:
     """Replace the checkpoint atomically.
 
     Parameters
@@ -23,9 +25,11 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, fingerprint: str) -> No
     checkpoint : Checkpoint
     fingerprint : str
         Of the settings and shapes that it belongs to.
+    fraction : float
+        Fraction done of the whole run, in [0, 1], to be shown to the user.
     """
     values = {field.name: getattr(checkpoint, field.name) for field in fields(checkpoint)}
-    write_arrays(path, values | {"fingerprint": fingerprint})
+    write_arrays(path, values | {"fingerprint": fingerprint, FRACTION: fraction})
 
 
 def read_checkpoint(path: Path, fingerprint: str) -> Checkpoint | None:
@@ -40,7 +44,7 @@ def read_checkpoint(path: Path, fingerprint: str) -> Checkpoint | None:
         return None
     stored = read_arrays(path)
     names = {field.name for field in fields(Checkpoint)}
-    if names | {"fingerprint"} != set(stored):
+    if names | {"fingerprint"} != set(stored) - {FRACTION}:
         raise InputError(f"{path}: is not a checkpoint of this version; start a new run")
     if str(stored["fingerprint"]) != fingerprint:
         raise InputError(

@@ -350,7 +350,7 @@ class Run:
 
         def save(checkpoint: Checkpoint) -> None:
             self._energies = checkpoint.energies
-            write_checkpoint(path, checkpoint, inputs.fingerprint)
+            write_checkpoint(path, checkpoint, inputs.fingerprint, self.status.fraction)
 
         return run_optimization(
             inputs,

@@ -70,14 +70,12 @@ def write_model(new: ProjectFolder, cohort: Cohort, model: ShapeModel) -> None:
         Their model.
     """
     modes = [f"mode_{number}" for number in range(1, len(model.explained_variance) + 1)]
-    length = np.sqrt(len(model.mean))  # of a shape that is moved by a root mean square of 1 mm
-    rms_scores = (model.scores / length).tolist()
     write_table(
         new.model / "scores.csv",
         ["name", "group", *(f"{mode}_rms_mm" for mode in modes)],
         (
             [subject.name, subject.group, *scores]
-            for subject, scores in zip(cohort.subjects, rms_scores, strict=True)
+            for subject, scores in zip(cohort.subjects, model.scores.tolist(), strict=True)
         ),
     )
     write_table(
@@ -85,14 +83,14 @@ def write_model(new: ProjectFolder, cohort: Cohort, model: ShapeModel) -> None:
         ["mode", "eigenvalue_mm2", "standard_deviation_rms_mm", "share", "cumulative_share"],
         zip(
             range(1, len(modes) + 1),
-            model.explained_variance.tolist(),
-            (model.standard_deviations / length).tolist(),
+            (len(model.mean) * model.explained_variance).tolist(),
+            model.standard_deviations.tolist(),
             model.explained_variance_ratio.tolist(),
             np.cumsum(model.explained_variance_ratio).tolist(),
             strict=True,
         ),
     )
-    flat = (length * model.components).reshape(len(modes), model.mean.size).T.tolist()
+    flat = model.components.reshape(len(modes), model.mean.size).T.tolist()
     write_table(
         new.model / "eigenvectors.csv",
         ["particle", "axis", *modes],

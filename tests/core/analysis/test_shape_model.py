@@ -10,24 +10,24 @@ def test_modes_and_variances_are_those_of_the_full_covariance_matrix(ellipsoids)
     model = ShapeModel.fit(particles)
     covariance = np.cov(particles.reshape(12, -1), rowvar=False)
     values, vectors = np.linalg.eigh(covariance)
-    np.testing.assert_allclose(model.explained_variance, values[::-1][:11], rtol=1e-8)
+    np.testing.assert_allclose(9 * model.explained_variance, values[::-1][:11], rtol=1e-8)
     for mode, vector in zip(model.components.reshape(11, -1), vectors.T[::-1], strict=False):
-        assert abs(mode @ vector) == pytest.approx(1.0, abs=1e-9)
+        assert abs(mode @ vector) == pytest.approx(3.0, abs=1e-9)
 
 
 def test_the_primal_side_is_used_when_subjects_outnumber_coordinates(ellipsoids):
     particles = ellipsoids(subjects=40, particles=5)
     model = ShapeModel.fit(particles)
     values = np.linalg.eigvalsh(np.cov(particles.reshape(40, -1), rowvar=False))
-    np.testing.assert_allclose(model.explained_variance, values[::-1], rtol=1e-8)
+    np.testing.assert_allclose(5 * model.explained_variance, values[::-1], rtol=1e-8)
     np.testing.assert_allclose(model.inverse_transform(model.scores), particles, atol=1e-9)
 
 
-def test_modes_are_orthonormal_and_scores_rebuild_every_subject(ellipsoids):
+def test_modes_are_orthogonal_and_scores_rebuild_every_subject(ellipsoids):
     particles = ellipsoids()
     model = ShapeModel.fit(particles)
     flat = model.components.reshape(len(model.components), -1)
-    np.testing.assert_allclose(flat @ flat.T, np.eye(len(flat)), atol=1e-9)
+    np.testing.assert_allclose(flat @ flat.T / len(model.mean), np.eye(len(flat)), atol=1e-9)
     np.testing.assert_allclose(model.inverse_transform(model.scores), particles, atol=1e-9)
     np.testing.assert_allclose(model.transform(particles), model.scores, atol=1e-9)
     assert model.explained_variance_ratio.sum() == pytest.approx(1.0)
@@ -36,7 +36,7 @@ def test_modes_are_orthonormal_and_scores_rebuild_every_subject(ellipsoids):
 def test_one_standard_deviation_along_a_mode_is_that_far_from_the_mean(ellipsoids):
     model = ShapeModel.fit(ellipsoids())
     shape = model.instance([0.0, -2.0])
-    distance = np.linalg.norm(shape - model.mean)
+    distance = np.sqrt(np.square(shape - model.mean).sum(axis=1).mean())
     assert distance == pytest.approx(2.0 * model.scores[:, 1].std(ddof=1))
     assert model.transform(shape)[1] == pytest.approx(-2.0 * model.standard_deviations[1])
 
@@ -88,6 +88,18 @@ def test_a_saved_model_is_read_as_it_was(ellipsoids, tmp_path):
     read = ShapeModel.load(tmp_path / "model.npz")
     for name in ("mean", "components", "explained_variance", "scores", "sizes"):
         np.testing.assert_array_equal(getattr(read, name), getattr(model, name))
+
+
+def test_a_model_saved_with_modes_of_length_one_is_read_in_root_mean_squares(ellipsoids, tmp_path):
+    model = ShapeModel.fit(ellipsoids())
+    length = np.sqrt(len(model.mean))
+    np.savez(
+        tmp_path / "before.npz", mean=model.mean, components=model.components / length, sizes=model.sizes,
+        explained_variance=model.explained_variance * length**2, scores=model.scores * length,
+    )  # fmt: skip
+    read = ShapeModel.load(tmp_path / "before.npz")
+    for name in ("components", "explained_variance", "scores"):
+        np.testing.assert_allclose(getattr(read, name), getattr(model, name), rtol=1e-12)
 
 
 def test_what_is_no_saved_model_is_refused(ellipsoids, tmp_path):

@@ -6,6 +6,7 @@ import pytest
 
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError, NumericalError, WorkerDiedError
+from homolog.files.arrays import read_arrays
 from homolog.files.meshes import read_mesh
 from homolog.files.results import read_modes, read_result, read_surfaces
 from homolog.grooming import Problem, groom_cohort
@@ -116,6 +117,7 @@ def test_a_run_broken_off_in_the_optimization_ends_as_if_it_had_not_been(start, 
     assert run.execute(cancelling(run, Phase.OPTIMIZING)) is FinishReason.CANCELLED
     assert groomed.read().unfinished
     assert groomed.checkpoint.is_file()
+    assert run.status.fraction == read_arrays(groomed.checkpoint)["fraction"] > 0.3
     heard = []
     assert start(resume=True).execute(heard.append) is FinishReason.COMPLETED
     assert contents(groomed) == contents(finished)

@@ -321,7 +321,7 @@ class ModeSliders(QWidget):
         if shape is None:
             return
         for mode in range(len(self.rows), min(count, shape.modes)):
-            rms = float(shape.model.standard_deviations[mode]) / len(shape.model.mean) ** 0.5
+            rms = float(shape.model.standard_deviations[mode])
             share = float(shape.model.explained_variance_ratio[mode])
             row = _Row(mode, rms, share, above=mode < shape.parallel.n_retained)
             row.slider.valueChanged.connect(lambda _, mode=mode: self._follow(mode))
