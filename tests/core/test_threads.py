@@ -1,6 +1,7 @@
+import pytest
 from threadpoolctl import threadpool_info
 
-from homolog.threads import on_one_thread
+from homolog.threads import in_threads, on_one_thread
 
 
 @on_one_thread
@@ -24,3 +25,16 @@ def test_blas_has_one_thread_until_the_outermost_function_ends():
 
     assert outer() == ({1}, {1})
     assert blas() == before
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_a_failure_in_a_thread_reaches_the_caller(threads):
+    def work(item):
+        if item == 5:
+            raise ValueError(f"item {item}")
+        return item
+
+    results = in_threads(work, range(10), threads)
+    assert [next(results) for _ in range(5)] == [0, 1, 2, 3, 4]
+    with pytest.raises(ValueError, match="item 5"):
+        next(results)

@@ -17,9 +17,9 @@ from homolog.files.records import ProjectRecord
 from homolog.files.results import surface_file
 from homolog.files.tables import write_table
 from homolog.geodesics import solve_tables
-from homolog.geodesics.cache import save_table
 from homolog.grooming import groom_cohort
 from homolog.run import Phase, Run
+from homolog.run.table_files import save_table
 from homolog.surfaces.mesh import TriangleMesh
 
 FULL = (

@@ -318,14 +318,14 @@ def good_particles_folder(folder: Path) -> None:
 def good_table(folder: Path) -> None:
     """A geodesic table in blocks."""
     from homolog.geodesics import solve_tables
-    from homolog.geodesics.cache import save_table
+    from homolog.run.table_files import save_table
 
     save_table(folder / "table.npz", solve_tables([octahedron()], 1.0)[0])
 
 
 def read_table(folder: Path) -> object:
     """Follow the table's arrays, which would lead a kernel anywhere if they were not checked."""
-    from homolog.geodesics.cache import load_table
+    from homolog.run.table_files import load_table
 
     table = load_table(folder / "table.npz", "cpu")
     if table is None:

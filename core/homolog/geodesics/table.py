@@ -1,14 +1,13 @@
 """Geodesic tables: distances between all vertices of a mesh up to a longest distance, in fixed point."""
 
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 import warp as wp
 from scipy.sparse import csr_array
 
-from homolog.geodesics.cpu.kernels.csr import fill_entries
-from homolog.geodesics.cpu.kernels.patch import LaneCodes
 from homolog.geodesics.kernels.lookup import LANES, MISSING, TableData
 from homolog.memory import Store, in_memory
 
@@ -88,17 +87,18 @@ class GeodesicTable:
 
     def to_csr(self) -> csr_array:
         """Return the distances [mm], (V, V) float32, with sorted columns; the diagonal is stored."""
-        n, codes = self.n_vertices, self.codes.numpy()
-        row, start, slot = self.row.to("cpu"), self.start.numpy(), self.slot.numpy()
+        codes, row, start, slot = (getattr(self, name).numpy() for name in ARRAYS)
         counts = np.add.reduceat(codes != MISSING, start, dtype=np.int64).ravel()[slot]
         ends = np.append(0, np.cumsum(counts))
-        vertex = np.full((len(start), LANES), -1, np.int32)
-        vertex.ravel()[slot] = np.arange(n)
-        columns, distances = np.empty(ends[-1] + 1, np.int32), np.empty(ends[-1] + 1, np.float32)
-        lanes = wp.array(codes, dtype=LaneCodes, device="cpu", copy=False)
-        outputs = [ends[:-1].copy(), columns, distances, np.empty(n, np.int32)]
-        inputs = [lanes, row, start, vertex, self.unit, *outputs]
-        wp.launch(fill_entries, len(start), inputs=inputs, device="cpu")
         index = np.int32 if ends[-1] < 2**31 else np.int64
-        parts = distances[:-1], columns[:-1].astype(index, copy=False), ends.astype(index)
-        return csr_array(parts, shape=(n, n))
+        columns, distances = np.empty(ends[-1], index), np.empty(ends[-1], np.float32)
+        by_cluster = np.argsort(slot)
+        for cluster, members in groupby(by_cluster, lambda v: slot[v] // LANES):
+            reached = np.flatnonzero(row[cluster] != MISSING)
+            block = np.ascontiguousarray(codes[start[cluster] + row[cluster, reached].astype(np.int64)].T)
+            for v in members:
+                present = block[slot[v] % LANES] != MISSING
+                columns[ends[v] : ends[v + 1]] = reached[present]
+                distances[ends[v] : ends[v + 1]] = block[slot[v] % LANES, present]
+        distances *= np.float32(self.unit)
+        return csr_array((distances, columns, ends.astype(index)), shape=(len(slot), len(slot)))

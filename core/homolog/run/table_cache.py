@@ -9,9 +9,9 @@ from pathlib import Path
 
 from homolog.files.atomic import report_os_errors
 from homolog.geodesics import GeodesicTable, check_room, plan_tables, solve_plan
-from homolog.geodesics.cache import load_table, save_table, table_path
 from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
+from homolog.run.table_files import load_table, save_table, table_path
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["TableCache"]

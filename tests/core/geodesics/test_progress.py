@@ -4,7 +4,6 @@ import pytest
 
 from homolog.errors import Cancelled
 from homolog.geodesics import plan_tables, solve_tables
-from homolog.geodesics.cpu.solver import parallel_for
 from homolog.geodesics.cuda.solver import solve_on_cuda
 
 
@@ -45,14 +44,3 @@ def test_cancelling_stops_the_cuda_solver(sphere):
     with pytest.raises(Cancelled):
         solve_on_cuda(plan_tables([sphere(600)], 20.0), "cpu", 3_000_000, tick)
     assert len(calls) == 2
-
-
-def test_a_failure_in_a_thread_reaches_the_caller():
-    def worker():
-        def work(item):
-            raise ValueError(f"item {item}")
-
-        return work
-
-    with pytest.raises(ValueError, match="item"):
-        parallel_for(worker, 10, 2, lambda done: None)

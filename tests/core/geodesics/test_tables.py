@@ -45,6 +45,14 @@ def test_the_result_does_not_depend_on_the_number_of_threads(slotted):
         assert np.array_equal(getattr(first, name).numpy(), getattr(three, name).numpy())
 
 
+def test_blocks_grow_where_the_estimate_is_too_low(slotted, monkeypatch):
+    enough = solve_tables([slotted], 6.0)[0]
+    monkeypatch.setattr("homolog.geodesics.cpu.solver.block_rows", lambda task: 10)
+    grown = solve_tables([slotted], 6.0)[0]
+    for name in ARRAYS:
+        assert np.array_equal(getattr(grown, name).numpy(), getattr(enough, name).numpy())
+
+
 def test_distances_on_a_flat_side_are_straight(plate):
     matrix = geodesic_distances(plate.vertices, plate.faces, 6.0, device="cpu").tocoo()
     a, b = plate.vertices[matrix.row], plate.vertices[matrix.col]

@@ -2,10 +2,22 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.geodesics.cache import load_table
 from homolog.geodesics.table import ARRAYS
 from homolog.progress import no_tick
 from homolog.run import table_cache
+from homolog.run.table_files import load_table
+from homolog.surfaces.mesh import TriangleMesh
+
+
+@pytest.fixture
+def sphere(unit_sphere):
+    """Return a maker of spheres of radius 30 with n vertices."""
+
+    def made(n):
+        points, faces = unit_sphere(n)
+        return TriangleMesh(30.0 * points, faces)
+
+    return made
 
 
 @pytest.fixture
@@ -27,10 +39,10 @@ def same(first, other):
     ) and (first.n_vertices, first.d_max, first.unit) == (other.n_vertices, other.d_max, other.unit)
 
 
-def test_a_table_is_solved_once(solve, sphere, slotted, tmp_path, monkeypatch):
-    first = solve([sphere(300), slotted], 7.0)
+def test_a_table_is_solved_once(solve, sphere, tmp_path, monkeypatch):
+    first = solve([sphere(300), sphere(200)], 7.0)
     monkeypatch.setattr(table_cache, "solve_plan", None)
-    second = solve([sphere(300), slotted], 7.0)
+    second = solve([sphere(300), sphere(200)], 7.0)
     assert len(list(tmp_path.iterdir())) == 2
     assert all(same(*pair) for pair in zip(first, second, strict=True))
 
