@@ -122,6 +122,42 @@ def run_measures(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def add_distances(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the kind."""
+    parser = add_kind(
+        kinds,
+        "distances",
+        "a surface with its distance from another one",
+        "Write a surface with the signed distance of each vertex from another surface (distance_mm, negative "
+        "inside), and print mean, root mean square, 95th percentile and maximum, both ways. A surface "
+        "is a subject's name, mean, 'mean of GROUP', or a mesh file in aligned coordinates (LPS mm).",
+        "FILE (.vtp or .ply)",
+    )
+    parser.add_argument("--surface", required=True, help="at whose vertices distances are taken")
+    parser.add_argument("--from", dest="other", required=True, metavar="SURFACE", help="the other surface")
+
+
+def run_distances(arguments: argparse.Namespace) -> int:
+    """Write the surface and print the statistics; return the exit code."""
+    from homolog.progress import part_of
+    from homolog_app.exports.meshes import write_distances
+    from homolog_app.studies.loaded_result import load_result
+    from homolog_app.studies.model_shape import fit_model_shape
+    from homolog_app.views.contents import aligned_surfaces, named_surface
+
+    project = ProjectFolder(arguments.project)
+    with exporting(arguments) as tick:
+        loaded = load_result(project, part_of(tick, 0.0, 0.4))
+        result = loaded.result
+        shape = fit_model_shape(project.folder.name, loaded.method, result, part_of(tick, 0.4, 0.9))
+        own = aligned_surfaces(loaded)
+        pair = [named_surface(n, shape, own, result.groups)[0] for n in (arguments.surface, arguments.other)]
+        text = write_distances(arguments.out, *pair)
+    sys.stdout.write(f"{text}\n")
+    sys.stderr.write(f"{arguments.out}\n")
+    return 0
+
+
 def add_meshes(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
     """Declare the kind."""
     parser = add_kind(
@@ -229,6 +265,7 @@ _KINDS: dict[str, tuple[Callable[[Any], None], Callable[[argparse.Namespace], in
     "cohort": (add_cohort, run_cohort),
     "table": (add_table, run_table),
     "measures": (add_measures, run_measures),
+    "distances": (add_distances, run_distances),
     "particles": (add_particles, run_points),
     "markups": (add_markups, run_points),
     "shapeworks": (add_shapeworks, run_points),

@@ -12,6 +12,7 @@ from trimesh.exchange.gltf import export_glb
 from homolog.analysis.procrustes import Alignment
 from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import Array, FloatArray
+from homolog.errors import InputError
 from homolog.files.atomic import atomic_write
 from homolog.files.meshes import write_mesh
 from homolog.files.names import file_stems
@@ -28,7 +29,7 @@ from homolog_app.exports.tables import compare
 from homolog_app.pictures import LIGHT
 from homolog_app.rendering.colours import common_limit, diverging_colours, outward_displacement
 
-__all__ = ["write_glb", "write_meshes"]
+__all__ = ["write_distances", "write_glb", "write_meshes"]
 
 
 # glTF is in metres with y up and the viewer at +z: left stays at the right, superior up, anterior in front.
@@ -72,6 +73,40 @@ def write_glb(
     scene.add_geometry(surface, node_name=path.stem, geom_name=path.stem, transform=placed)
     with atomic_write(path) as part:
         part.write_bytes(export_glb(scene, include_normals=True))  # type: ignore[no-untyped-call]
+
+
+def write_distances(path: Path, surface: TriangleMesh, other: TriangleMesh) -> str:
+    """Write a surface with the distance of each vertex from another surface, and describe both directions.
+
+    Parameters
+    ----------
+    path : Path
+        A ``.vtp`` or ``.ply`` file with the values ``distance_mm``, negative inside the other surface.
+    surface, other : TriangleMesh
+        In the same coordinates.
+
+    Returns
+    -------
+    str
+        Mean, bias, root mean square, 95th percentile and maximum of both directions [mm].
+
+    Raises
+    ------
+    InputError
+        If the file has another suffix, or can't be written.
+    """
+    from homolog.surfaces.comparison import surface_distances  # loads Warp
+
+    if path.suffix.lower() not in (".vtp", ".ply"):
+        raise InputError(f"{path}: distances are written as .vtp or .ply; choose such a name")
+    there, back = surface_distances(surface, other), surface_distances(other, surface)
+    write_mesh(path, surface, {"distance_mm": there.signed})
+    both = (
+        f"{name}: mean {item.mean:.4g} mm, signed mean {item.bias:.4g}, root mean square {item.rms:.4g}, "
+        f"95 % {item.percentile(95.0):.4g}, maximum {item.maximum:.4g}"
+        for name, item in (("distance", there), ("backwards", back))
+    )
+    return "\n".join([*both, f"Hausdorff distance {max(there.maximum, back.maximum):.4g} mm"])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

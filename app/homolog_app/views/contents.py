@@ -2,12 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.cohort import Subject
+from homolog.errors import InputError
 from homolog.geometry import transform_points
 from homolog.settings import GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
@@ -23,11 +26,16 @@ if TYPE_CHECKING:
     from homolog_app.studies.model_shape import ModelShape
 
 __all__ = [
+    "MEAN",
+    "MEAN_OF",
     "DisplayOptions",
     "Groomed",
+    "aligned_surfaces",
     "arrow_factor",
+    "mesh_file",
     "model_content",
     "moment_of",
+    "named_surface",
     "outward_sign",
     "region_border",
     "single_subject",
@@ -218,3 +226,59 @@ def _arrows(points: Array, normals: Array, vectors: Array, placed: FloatArray) -
 
 def _placed(points: Array, placed: FloatArray) -> FloatArray:
     return np.asarray(transform_points(placed, points))
+
+
+MEAN, MEAN_OF = "mean", "mean of "
+"""Names of the mean surface, and of that of a group."""
+
+
+def named_surface(
+    name: str, shape: "ModelShape", own: Mapping[str, TriangleMesh], groups: Sequence[str | None]
+) -> tuple[TriangleMesh, FloatArray | None]:
+    """Return an aligned surface by its name, and its particles (N, 3) [mm] if it has any.
+
+    Parameters
+    ----------
+    name : str
+        A subject, ``"mean"``, ``"mean of GROUP"``, or a mesh file in aligned coordinates.
+    shape : ModelShape
+    own : mapping of str to TriangleMesh
+        The subjects' aligned surfaces.
+    groups : sequence of str or None
+        Of the subjects of the model.
+
+    Raises
+    ------
+    InputError
+        If there is no such subject, group or file, or the file contains no surface.
+    """
+    if name in own:
+        return own[name], shape.result.world[shape.result.names.index(name)]
+    if name == MEAN:
+        return shape.mean, shape.model.mean
+    of_group = [index for index, group in enumerate(groups) if f"{MEAN_OF}{group or ''}" == name]
+    if of_group:
+        deviations = shape.model.scores[of_group].mean(axis=0) / shape.model.standard_deviations
+        vertices = shape.mean.vertices + shape.moved(deviations)
+        return TriangleMesh(vertices, shape.mean.faces), shape.model.instance(deviations)
+    if not Path(name).is_file():
+        raise InputError(f"{name}: is no subject, 'mean', 'mean of GROUP' or mesh file; choose another one")
+    return mesh_file(Path(name)), None
+
+
+def aligned_surfaces(loaded: LoadedResult) -> dict[str, TriangleMesh]:
+    """Return the subjects' surfaces in aligned coordinates."""
+    result = loaded.result
+    return {
+        name: loaded.surfaces[name][0].placed(alignment)
+        for name, alignment in zip(result.names, result.alignments, strict=True)
+    }
+
+
+@lru_cache(maxsize=4)
+def mesh_file(path: Path) -> TriangleMesh:
+    """Return the surface of a file, with its faces outward; raises InputError if there is none."""
+    from homolog.files.meshes import read_mesh  # loads VTK
+
+    mesh = read_mesh(path)
+    return mesh if mesh.volume >= 0.0 else TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])

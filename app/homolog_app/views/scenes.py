@@ -2,21 +2,24 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from homolog.arrays import Array, FloatArray
 from homolog.geometry import transform_points
-from homolog_app.rendering.colours import ColourScale, displacement_scale, viridis
+from homolog_app.rendering.colours import ColourScale, common_limit, displacement_scale, viridis
 from homolog_app.rendering.scene import Arrows
 from homolog_app.rendering.text import short, shortened, signed
 from homolog_app.report.findings import LEVEL
 from homolog_app.views.content import Content, ViewContents
-from homolog_app.views.contents import DisplayOptions, arrow_factor, model_content, untitled
+from homolog_app.views.contents import DisplayOptions, arrow_factor, model_content, named_surface, untitled
 from homolog_app.views.view_states import GroupsView, MeasureView, ModesView
 
 if TYPE_CHECKING:
+    from homolog.surfaces.comparison import SurfaceDistances
+    from homolog.surfaces.mesh import TriangleMesh
     from homolog_app.studies.answers import GroupAnswer, GroupMap
     from homolog_app.studies.model_shape import ModelShape
 
@@ -263,7 +266,12 @@ def deviations_of(view: MeasureView) -> FloatArray:
     return deviations
 
 
-def measured_scene(view: MeasureView, shape: "ModelShape", subjects: Mapping[str, Content]) -> ViewContents:
+def measured_scene(
+    view: MeasureView,
+    shape: "ModelShape",
+    subjects: Mapping[str, Content],
+    groups: Sequence[str | None] | None = None,
+) -> ViewContents:
     """Return the shape, or two side by side, with both particles marked.
 
     Parameters
@@ -272,15 +280,35 @@ def measured_scene(view: MeasureView, shape: "ModelShape", subjects: Mapping[str
     shape : ModelShape
     subjects : mapping of str to Content
         The subjects that the view names.
+    groups : sequence of str or None, optional
+        Of the subjects of the model; those of the result if not given.
+
+    Raises
+    ------
+    InputError
+        If a surface is named that does not exist.
     """
-    names = [view.subject] if view.beside in (None, view.subject) else [view.subject, view.beside]
+    aligned = {
+        name: item.groomed.placed(item.alignment)
+        for name, item in subjects.items()
+        if item.groomed is not None
+    }
+    groups = shape.result.groups if groups is None else groups
     contents, particles, scale = [], {}, None
-    for name in names:
-        content, points = _measured(view, shape, subjects.get(name))
-        if view.map != "none" and content.groomed is not None:
-            content, scale = _coloured(view, content, shape)
+    for name in [view.subject] if view.beside in (None, view.subject) else [view.subject, view.beside or ""]:
+        if name and name not in subjects:
+            mesh, points = named_surface(name, shape, aligned, groups)
+            content = _with_line(Content(Path(name).name, None, mesh, None, _STAY), points, view)
+        else:
+            content, points = _measured(view, shape, subjects.get(name))
         contents.append(content)
-        particles[content.name] = points
+        if points is not None:
+            particles[content.name] = points
+    if view.map == "thickness":
+        contents, scale = _with_thickness(view, contents, shape)
+    elif view.map == "distance":
+        other, _ = named_surface(view.distance_from, shape, aligned, groups)
+        contents, scale = _with_distances(view, contents, shape, other)
     return ViewContents(contents, len(contents), scale, particles)
 
 
@@ -295,28 +323,59 @@ def _measured(view: MeasureView, shape: "ModelShape", subject: Content | None) -
         content = model_content(shape, shape.title, text, shape.moved(deviations), DisplayOptions())
         return _with_pins(untitled(content, [shape]), ends), particles
     particles = shape.result.world[shape.result.names.index(subject.name)]
-    return replace(subject, lines=particles[None, list(view.particles)], through=True), particles
+    return _with_line(subject, particles, view), particles
 
 
-def _coloured(view: MeasureView, content: Content, shape: "ModelShape") -> tuple[Content, ColourScale]:
-    """Colour a surface by the thickness of its wall, in its own size, or by its distance from the mean."""
-    from homolog.surfaces.closest import signed_distances_to
+def _with_line(content: Content, particles: FloatArray | None, view: MeasureView) -> Content:
+    """Draw a line between the two particles, if the surface has any."""
+    if particles is None:
+        return content
+    return replace(content, lines=particles[None, list(view.particles)], through=True)
+
+
+def _with_thickness(
+    view: MeasureView, contents: Sequence[Content], shape: "ModelShape"
+) -> tuple[list[Content], ColourScale]:
+    """Colour surfaces by the thickness of their walls, in their own size."""
     from homolog.surfaces.walls import wall_thickness
 
-    mesh = content.groomed
-    assert mesh is not None
-    if view.map == "thickness":
-        values = wall_thickness(mesh)
-        scale = _thickness_scale(wall_thickness(shape.mean))
-    else:
-        values = signed_distances_to(shape.mean, transform_points(content.alignment, mesh.vertices))
-        scale = displacement_scale(shape.limit, "Distance from the mean surface")
-        scale = replace(scale, low_label="inside it", high_label="outside")
-    scale, unknown = scale.within(view.colour_range), np.isnan(values)
-    if unknown.any():
+    scale = _thickness_scale(wall_thickness(shape.mean)).within(view.colour_range)
+    values = [wall_thickness(item.groomed) if item.groomed else np.empty(0) for item in contents]
+    if any(np.isnan(item).any() for item in values):
         scale = replace(scale, grey_label="no opposite side")
+    return [_coloured(*pair, scale) for pair in zip(contents, values, strict=True)], scale
+
+
+def _with_distances(
+    view: MeasureView, contents: Sequence[Content], shape: "ModelShape", other: "TriangleMesh"
+) -> tuple[list[Content], ColourScale]:
+    """Colour surfaces by their distance from another one, and describe it in their captions."""
+    from homolog.surfaces.comparison import surface_distances
+
+    apart = [
+        surface_distances(item.groomed.placed(item.alignment), other) for item in contents if item.groomed
+    ]
+    limit = shape.limit if other is shape.mean else common_limit([item.signed for item in apart])
+    title = "the mean surface" if other is shape.mean else Path(view.distance_from).name
+    scale = displacement_scale(limit, f"Distance from {title}").within(view.colour_range)
+    scale = replace(scale, low_label="inside it", high_label="outside")
+    coloured = []
+    for content, item in zip(contents, apart, strict=True):
+        text = " · ".join(part for part in (content.note, distance_text(item)) if part)
+        coloured.append(_coloured(replace(content, note=text), item.signed, scale))
+    return coloured, scale
+
+
+def distance_text(apart: "SurfaceDistances") -> str:
+    """Return mean, 95th percentile and maximum of distances in words."""
+    mean, high, most = (short(value) for value in (apart.mean, apart.percentile(95.0), apart.maximum))
+    return f"mean {mean} mm, 95 % {high}, maximum {most}"
+
+
+def _coloured(content: Content, values: FloatArray, scale: ColourScale) -> Content:
+    unknown = np.isnan(values)
     colours = scale.colours(np.where(unknown, scale.low, values), unknown)
-    return replace(content, colours=colours, coarse=None), scale
+    return replace(content, colours=colours, coarse=None)
 
 
 def _thickness_scale(thickness: FloatArray) -> ColourScale:

@@ -122,11 +122,13 @@ class MeasureView(ColouredView):
     Attributes
     ----------
     subject : str
-        Who is shown in place of the shape; nobody if empty.
+        What is shown in place of the shape along the mode, as in `named_surface`; that shape if empty.
     beside : str or None
-        What is shown next to it: a subject, or the shape if empty; nothing if None.
+        What is shown next to it, in the same way; nothing if None.
     map : str
-        What the colours show: the thickness of the wall, or the distance from the mean surface.
+        What the colours show: the thickness of the wall, or the distance from another surface.
+    distance_from : str
+        The other surface, as in `named_surface`.
     """
 
     page: Literal["measure"] = "measure"
@@ -136,6 +138,7 @@ class MeasureView(ColouredView):
     subject: str = ""
     beside: str | None = None
     map: Literal["none", "thickness", "distance"] = "none"
+    distance_from: str = "mean"
 
 
 class CheckView(_View):

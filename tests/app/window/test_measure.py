@@ -4,9 +4,16 @@ import csv
 
 import numpy as np
 import pytest
+import trimesh
 
+from homolog.files.meshes import write_mesh
 from homolog.surfaces.closest import distances_to
+from homolog.surfaces.comparison import surface_distances
+from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.walls import mean_over_area, wall_thickness
+from homolog_app.rendering.colours import common_limit
+from homolog_app.views.contents import aligned_surfaces
+from homolog_app.views.scenes import distance_text
 from homolog_app.window.explore.mode_plots import axis_menu
 
 pytestmark = pytest.mark.window
@@ -209,3 +216,90 @@ def test_one_measure_is_plotted_against_another(page, window):
     np.testing.assert_allclose(pairs.points, [[row[5], row[4]] for row in cells(page)])
     pairs.subject_chosen.emit("c")
     assert window.workspace.session.selection == ("c",)
+
+
+def choose(chooser, name):
+    chooser.setCurrentIndex(chooser.findData(name))
+    chooser.activated.emit(chooser.currentIndex())
+
+
+def test_the_distance_between_two_subjects_is_a_map_and_a_measure(page, window):
+    choose(page.who, "a")
+    choose(page.map, "distance")
+    choose(page.origin, "b")
+    scene = window.views.stage.scene
+    (content,), scale = scene.shown, scene.bar.scale
+    own = aligned_surfaces(window.workspace.session.result)
+    apart = surface_distances(own["a"], own["b"])
+    np.testing.assert_array_equal(content.colours, scale.colours(apart.signed))
+    assert distance_text(apart) in content.note
+    assert scale.title.endswith("b")
+    assert (scale.unit, scale.low, scale.high) == ("mm", -scale.high, common_limit([apart.signed]))
+
+
+def test_the_means_of_two_groups_can_be_compared(page, window):
+    session = window.workspace.session
+    for names, group in ((["a", "b"], "large"), (["c", "d"], "small")):
+        session.select(names)
+        session.set_group(group)
+    choose(page.who, "mean of large")
+    choose(page.map, "distance")
+    choose(page.origin, "mean of small")
+    (content,) = window.views.stage.scene.shown
+    shape = page.fitted.shape
+    means = [shape.model.scores[rows].mean(axis=0) for rows in ([0, 1], [2, 3])]
+    large, small = (
+        TriangleMesh(
+            shape.mean.vertices + shape.moved(mean / shape.model.standard_deviations), shape.mean.faces
+        )
+        for mean in means
+    )
+    np.testing.assert_allclose(content.groomed.vertices, large.vertices)
+    assert distance_text(surface_distances(large, small)) in content.note
+
+
+def test_two_mesh_files_can_be_compared(page, window, tmp_path, monkeypatch):
+    files = [tmp_path / "one.vtp", tmp_path / "other.vtp"]
+    for path, radius in zip(files, (10.0, 12.0), strict=True):
+        sphere = trimesh.creation.icosphere(subdivisions=3, radius=radius)
+        write_mesh(path, TriangleMesh(np.array(sphere.vertices), np.array(sphere.faces)))
+    for path, chooser in zip(files, (page.who, page.origin), strict=True):
+        monkeypatch.setattr(
+            "PySide6.QtWidgets.QFileDialog.getOpenFileName", lambda *_, path=path: (str(path), "")
+        )
+        choose(chooser, chooser.itemData(chooser.count() - 1))
+        assert chooser.currentText() == path.name
+    choose(page.map, "distance")
+    (content,) = window.views.stage.scene.shown
+    assert content.name == "one.vtp"
+    assert "mean 1.99 mm" in content.note  # between the middles of faces
+
+
+def test_what_is_no_mesh_file_is_refused_and_the_choice_stays(page, window, tmp_path, monkeypatch):
+    heard, bad = [], tmp_path / "bad.vtp"
+    bad.write_text("nothing")
+    window.workspace.session.failed.disconnect()
+    window.workspace.session.failed.connect(lambda *error: heard.append(error))
+    monkeypatch.setattr("PySide6.QtWidgets.QFileDialog.getOpenFileName", lambda *_: (str(bad), ""))
+    choose(page.origin, page.origin.itemData(page.origin.count() - 1))
+    assert page.origin.currentData() == "mean"
+    assert len(heard) == 1
+
+
+def test_exported_distances_are_those_of_the_command_line(
+    page, window, finished, tmp_path, monkeypatch, capsys
+):
+    from homolog_app.cli import main
+
+    choose(page.who, "a")
+    choose(page.map, "distance")
+    choose(page.origin, "b")
+    path, other = tmp_path / "window.vtp", tmp_path / "line.vtp"
+    monkeypatch.setattr("PySide6.QtWidgets.QFileDialog.getSaveFileName", lambda *_: (str(path), ""))
+    window.commands["explore.distances"].trigger()
+    line = ["export", "distances", str(finished), "--surface", "a", "--from", "b", "--out", str(other)]
+    assert main(line) == 0
+    assert path.read_bytes() == other.read_bytes()
+    assert "Hausdorff distance" in capsys.readouterr().out
+    assert main([*line[:3], "--surface", "nobody", "--from", "b", "--out", str(other)]) == 2
+    assert "nobody" in capsys.readouterr().err

@@ -1,6 +1,7 @@
 """Measures: distances, volume, area, wall thickness, along a mode and for each subject."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,14 +17,15 @@ from PySide6.QtWidgets import (
 
 from homolog.arrays import FloatArray
 from homolog.progress import Tick, part_of
+from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.studies.study import with_present_table
 from homolog_app.views.content import Content, ViewContents
-from homolog_app.views.contents import single_subject
+from homolog_app.views.contents import MEAN, aligned_surfaces, named_surface, single_subject
 from homolog_app.views.scenes import deviations_of, measured_scene
 from homolog_app.views.view_states import MeasureView
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.controls import SORTED_BY, SubjectTable
-from homolog_app.window.explore.measure_plot import MeasurePlots
+from homolog_app.window.explore.measure_parts import MeasurePlots, SurfaceChooser
 from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.theme import scaled
 from homolog_app.window.widgets import (
@@ -51,8 +53,7 @@ _STEPS = 100
 _NAME_PX, _NUMBER_PX, _GROUP_PX, _PADDING_PX = 88, 44, 80, 12
 _HEADS = ("Subject", "Group", "Dist.\n(mm)", "Vol.\n(ml)", "Area\n(cm²)", "Wall\n(mm)", "Dev.\n(mm)")
 _PARTICLES = ("First particle", "Second particle")
-_MODEL, _NOTHING = "Shape along the mode", "None"
-_MAPS = {"None": "none", "Wall thickness": "thickness", "Distance from the mean surface": "distance"}
+_MAPS = {"None": "none", "Wall thickness": "thickness", "Distance from a surface": "distance"}
 _PLOTS = {"Along the mode": 0, "By group": 1, "Scatter plot": 2}
 
 
@@ -89,8 +90,11 @@ class MeasurePage(ExplorePage):
         self.particles = (NumberBox(), NumberBox())
         self.mode, self.place = choice("Mode"), QSlider(Qt.Orientation.Horizontal)
         self.at = ValueEdit("Standard deviations", -_REACH, _REACH)
-        self.who, self.map = choice("Shape shown"), choice("Map", _MAPS)
-        self.beside = choice("Shape shown next to it")
+        model: dict[str, str | None] = {"Shape along the mode": ""}
+        self.who = SurfaceChooser("Shape shown", model)
+        self.beside = SurfaceChooser("Shape shown next to it", {"None": None} | model)
+        self.origin = SurfaceChooser("Surface from which distances are measured", {"Mean surface": MEAN})
+        self.map = choice("Map", _MAPS)
         self.kind = choice("Plots", _PLOTS)
         self.map.setToolTip("Quantity shown by the colours, in mm")
         self.table = SubjectTable(_HEADS, self)
@@ -100,6 +104,7 @@ class MeasurePage(ExplorePage):
         self.view = _SubjectView()
         actions.offer(self.view, "explore.table")
         self.write_button = ActionButton("Export CSV…", actions["explore.table"])
+        self.distances_button = ActionButton("Export distances…", actions["explore.distances"])
         self.plots = self.charts = MeasurePlots(workspace.theme)
         self._lay_out()
         self._connect(actions)
@@ -132,6 +137,7 @@ class MeasurePage(ExplorePage):
             ("Show", self.who),
             ("Beside", self.beside),
             ("Map", self.map),
+            ("Distance from", self.origin),
             ("Plots", self.kind),
         )
         self.choose_plots()
@@ -141,7 +147,11 @@ class MeasurePage(ExplorePage):
         self.body.addWidget(label("Groomed surfaces at their original size", "SectionTitle"))
         self.view.setToolTip("Deviation: mean distance of the aligned surface from the mean surface, in mm")
         self.body.addWidget(self.view, 1)
-        self.footer.addWidget(self.write_button)
+        buttons = QHBoxLayout()
+        buttons.addWidget(self.write_button, 1)
+        buttons.addWidget(self.distances_button, 1)
+        self.footer.addLayout(buttons)
+        self._show_map()
 
     def _connect(self, actions: Actions) -> None:
         self.fitted.changed.connect(self._show_model)
@@ -152,8 +162,10 @@ class MeasurePage(ExplorePage):
         self.mode.currentIndexChanged.connect(self._show_mode)
         self.place.valueChanged.connect(self._show_place)
         self.at.entered.connect(lambda value: self.place.setValue(round(value * _STEPS)))
-        for chooser in (self.who, self.beside, self.map):
-            chooser.activated.connect(lambda _: self.shown_changed.emit())
+        for chooser in (self.who, self.beside, self.origin):
+            chooser.chosen.connect(self.shown_changed)
+            chooser.failed.connect(partial(self.workspace.session.failed.emit, "open"))
+        self.map.activated.connect(self._show_map)
         self.kind.activated.connect(self.choose_plots)
         self.charts.pairs.subject_chosen.connect(lambda name: self.workspace.session.select([name]))
         self.charts.pairs.subject_toggled.connect(self.workspace.session.toggle_selected)
@@ -188,9 +200,9 @@ class MeasurePage(ExplorePage):
         view, shape = self.chosen, self.fitted.shape
         if view is None or shape is None:
             return ViewContents(subjects)
-        wanted = (view.subject, view.beside)
+        wanted = (view.subject, view.beside, view.distance_from)
         own = {subject.name: single_subject(subject) for subject in subjects if subject.name in wanted}
-        return measured_scene(view, shape, own)
+        return measured_scene(view, shape, own, self._groups)
 
     @property
     def chosen(self) -> MeasureView | None:
@@ -201,6 +213,7 @@ class MeasurePage(ExplorePage):
             mode=max(0, self.mode.currentIndex()), at=self.place.value() / _STEPS, particles=self.pair,
             subject=self.who.currentData() or "", beside=self.beside.currentData(),
             map=self.map.currentData(), colour_range=self.colour_range,
+            distance_from=self.origin.currentData() or MEAN,
         )  # fmt: skip
 
     def write(self, path: Path) -> None:
@@ -211,6 +224,34 @@ class MeasurePage(ExplorePage):
         if result is not None and self._subjects is not None:
             present = with_present_table(result.result, self.workspace.session.study)
             write_measures(path, present, self._subjects, *self.pair)
+
+    def write_distances(self, path: Path) -> str:
+        """Write the shown surface with its distances from the other one; return them in words.
+
+        Raises
+        ------
+        InputError
+            If the file can't be written.
+        """
+        from homolog_app.exports.meshes import write_distances
+
+        view, shape, loaded = self.chosen, self.fitted.shape, self.workspace.session.result
+        if view is None or shape is None or loaded is None:
+            return ""
+        own = aligned_surfaces(loaded)
+        other, _ = named_surface(view.distance_from, shape, own, self._groups)
+        if view.subject:
+            surface, _ = named_surface(view.subject, shape, own, self._groups)
+        else:
+            moved = shape.moved(deviations_of(view))
+            surface = TriangleMesh(shape.mean.vertices + moved, shape.mean.faces)
+        return write_distances(path, surface, other)
+
+    @property
+    def _groups(self) -> Sequence[str | None]:
+        """The group of each subject of the model, as the table has it now."""
+        assert self.fitted.shape is not None
+        return with_present_table(self.fitted.shape.result, self.workspace.session.study).groups
 
     @property
     def pair(self) -> tuple[int, int]:
@@ -230,13 +271,21 @@ class MeasurePage(ExplorePage):
             self.mode.clear()
             self.mode.addItems([f"Mode {mode + 1}" for mode in range(shape.modes if shape else 0)])
             self.place.setValue(0)
-            names = shape.result.names if shape else ()
-            for chooser, first in ((self.who, {_MODEL: ""}), (self.beside, {_NOTHING: None, _MODEL: ""})):
-                chooser.clear()
-                for text, name in (first | dict(zip(names, names, strict=True))).items():
-                    chooser.addItem(text, name)
             self._show_measures()
         self._measure()
+        self.shown_changed.emit()
+
+    def _fill_choosers(self) -> None:
+        """List the surfaces that can be shown or compared."""
+        shape = self.fitted.shape
+        for chooser in (self.who, self.beside, self.origin):
+            chooser.show_surfaces(shape.result.names if shape else (), self._groups if shape else ())
+
+    def _show_map(self) -> None:
+        """Show the map, and enable what belongs to distances."""
+        measures = self.map.currentData() == "distance"
+        self.origin.setEnabled(measures)
+        self.distances_button.setVisible(measures)
         self.shown_changed.emit()
 
     def _measure(self) -> None:
@@ -252,7 +301,6 @@ class MeasurePage(ExplorePage):
         self._request, known = request, self._subjects
 
         def measure(tick: Tick) -> "tuple[Measures, Measures]":
-            from homolog.surfaces.mesh import TriangleMesh
             from homolog_app.exports.tables import measure_meshes
 
             own = [loaded.surfaces[name][0] for name in loaded.result.names]
@@ -304,6 +352,7 @@ class MeasurePage(ExplorePage):
         self._show_place()
 
     def _show_table(self) -> None:
+        self._fill_choosers()
         loaded = self.workspace.session.result
         if loaded is None or self._subjects is None:
             self.table.show_rows([])

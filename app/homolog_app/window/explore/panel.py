@@ -278,6 +278,7 @@ class ExploreController(Controller):
             "explore.keep": self._groups.save_study,
             "explore.compare": self.compare,
             "explore.table": self.write_table,
+            "explore.distances": self.write_distances,
             "explore.patient": partial(show_page, PatientPage.title, "explore"),
             "patient.reference": self._patient.make_reference,
             "patient.open_reference": self.open_reference,
@@ -302,6 +303,15 @@ class ExploreController(Controller):
         path, _ = QFileDialog.getSaveFileName(self._window, "Export measures", "measures.csv", "CSV (*.csv)")
         if path:
             self._measure.write(Path(path))
+
+    @reported
+    def write_distances(self) -> None:
+        """Ask for a file and write the distances between the two surfaces of *Measure*."""
+        path, _ = QFileDialog.getSaveFileName(
+            self._window, "Export distances", "distances.vtp", "Surfaces (*.vtp *.ply)"
+        )
+        if path:
+            self._workspace.session.noticed.emit(self._measure.write_distances(Path(path)))
 
     @reported
     def write_suspects(self) -> None:

@@ -1,18 +1,31 @@
-"""Plots of measures, and of a patient among the controls."""
+"""Parts of the page *Measure*: choosers of surfaces, plots; and the plot of a patient among controls."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QComboBox,
+    QFileDialog,
+    QHBoxLayout,
+    QLabel,
+    QSizePolicy,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
 
 from homolog.analysis.cautions import p_text
 from homolog.analysis.welch import GroupMeasure, compare_measure
 from homolog.arrays import FloatArray
+from homolog.cohort import MESH_SUFFIXES
+from homolog.errors import InputError
 from homolog_app.rendering.text import short
+from homolog_app.views.contents import MEAN_OF, mesh_file
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.explore.plot import Plot
 from homolog_app.window.theme import Theme
@@ -26,13 +39,78 @@ if TYPE_CHECKING:
 
     from homolog.patient import PatientComparison, Reference
 
-__all__ = ["MEASURES", "BoxPlot", "GroupLegend", "MeasurePlot", "MeasurePlots", "PairPlot", "PercentileBars"]
+__all__ = [
+    "MEASURES",
+    "BoxPlot",
+    "GroupLegend",
+    "MeasurePlot",
+    "MeasurePlots",
+    "PairPlot",
+    "PercentileBars",
+    "SurfaceChooser",
+]
 
 
 MEASURES = {"Distance": "mm", "Volume": "ml", "Area": "cm²", "Wall": "mm", "Deviation": "mm"}
 """The measures in the order of the table, with their units."""
 
 _WIDTH = 120
+_FILE = "Mesh file…"
+_MESHES = f"Surfaces ({' '.join(f'*{suffix}' for suffix in MESH_SUFFIXES)})"
+
+
+class SurfaceChooser(QComboBox):
+    """Chooses a surface: a subject's, a group's mean, or a mesh file.
+
+    Parameters
+    ----------
+    name : str
+        Accessible name.
+    first : mapping of str to str or None
+        Further entries by label, before the others.
+    """
+
+    chosen = Signal()
+    failed = Signal(object)
+
+    def __init__(self, name: str, first: Mapping[str, str | None]) -> None:
+        super().__init__()
+        self._first, self._files = dict(first), dict[str, str | None]()
+        self.setAccessibleName(name)
+        self.setToolTip(f"{name}. Mesh files are taken as they lie, in aligned coordinates (LPS, mm).")
+        self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.setMinimumContentsLength(4)
+        self.activated.connect(self._choose)
+
+    def show_surfaces(self, subjects: Sequence[str], groups: Sequence[str | None]) -> None:
+        """List subjects and the means of groups; the choice stays if it still exists."""
+        before = self.currentData()
+        means = {f"Mean of {group}": f"{MEAN_OF}{group}" for group in sorted(set(filter(None, groups)))}
+        self.clear()
+        for text, data in (self._first | means | {name: name for name in subjects} | self._files).items():
+            self.addItem(text, data)
+        self.addItem(_FILE, _FILE)
+        self.setCurrentIndex(max(0, self.findData(before)))
+
+    def _choose(self) -> None:
+        if self.currentData() == _FILE:
+            path, _ = QFileDialog.getOpenFileName(self, "Surface in aligned coordinates", "", _MESHES)
+            self.setCurrentIndex(0)
+            if path:
+                self._add(Path(path))
+        self.chosen.emit()
+
+    def _add(self, path: Path) -> None:
+        try:
+            mesh_file(path)
+        except InputError as error:
+            self.failed.emit(error)
+            return
+        if path.name not in self._files:
+            self.insertItem(self.count() - 1, path.name, str(path))
+        self._files[path.name] = str(path)
+        self.setItemData(self.findText(path.name), str(path))
+        self.setCurrentIndex(self.findText(path.name))
 
 
 class MeasurePlot(Plot):
