@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from homolog_app.studies.study import outdated_text
 from homolog_app.window.actions import Actions
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme, pixmap, scaled
@@ -136,10 +137,11 @@ def steps_of(session: Session) -> dict[str, Step]:
     included = len(session.study.included)
     groomed = len(session.groomed_names)
     result = session.result
+    is_current = result is not None and not outdated_text(session.study, result.record)
     done = {
         "cohort": included >= 2,
-        "groom": session.is_groomed or result is not None,
-        "correspond": result is not None,
+        "groom": session.is_groomed or is_current,
+        "correspond": is_current,
         "explore": False,
     }
     enabled = {

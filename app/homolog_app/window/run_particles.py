@@ -4,11 +4,12 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QObject, QTimer, Signal, Slot
+from PySide6.QtCore import QObject, Signal, Slot
 from PySide6.QtGui import QAction
 
 from homolog.arrays import Array, FloatArray
 from homolog_app.views.contents import moment_of
+from homolog_app.window.explore.controls import Pace
 from homolog_app.window.explore.plot import Plot
 from homolog_app.window.theme import Theme
 from homolog_app.window.workspace import Workspace
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
 
 __all__ = ["EnergyCurves", "RunParticles"]
 
-_LOOK_MS = 33
-_PLAY_MS = 60
-_DRAWING_SHARE = 3.0
 _MOST_POINTS = 400
 _AHEAD = 0.25  # share of further iterations of a run for which there is room
 
@@ -51,9 +49,8 @@ class RunParticles(QObject):
         self.particles: Mapping[str, FloatArray] = {}
         self.tints: Array | None = None
         self.frame: Frame | None = None
-        self._look = QTimer(self, interval=_LOOK_MS)
+        self._look, self._player = (Pace(self, lambda: stage.scene.draw_ms) for _ in range(2))
         self._look.timeout.connect(self._show_newest_frame)
-        self._player = QTimer(self, interval=_PLAY_MS)
         self._player.timeout.connect(self._step_on)
         stage.footer.frame_chosen.connect(self._show_moment)
         self._session.job_changed.connect(self._watch)
@@ -112,7 +109,7 @@ class RunParticles(QObject):
 
     @Slot()
     def _show_newest_frame(self) -> None:
-        """Show the newest frame if there is one, then pause for at least twice the drawing time."""
+        """Show the newest frame if there is one."""
         job = self._session.job.run
         frame = job.frame if job is not None else None
         if job is not None and frame is not None and frame is not self.frame:
@@ -121,7 +118,6 @@ class RunParticles(QObject):
             self.moved.emit(True)
             if job.recorder.energies:  # first particles have none
                 self._curves.show_rows(list(job.recorder.energies), is_live=True)
-        self._look.setInterval(self._pause(_LOOK_MS))
 
     @Slot()
     def _step_on(self) -> None:
@@ -130,10 +126,6 @@ class RunParticles(QObject):
             self.stop()
         else:
             time.setValue(time.value() + 1)
-        self._player.setInterval(self._pause(_PLAY_MS))
-
-    def _pause(self, least: int) -> int:
-        return max(least, round(_DRAWING_SHARE * self._stage.scene.draw_ms))
 
     @Slot(int)
     def _show_moment(self, index: int) -> None:

@@ -181,3 +181,29 @@ def test_a_plot_fills_its_place_though_it_is_painted_before_it_knows_its_size(wi
     assert canvas.figure.bbox.size.tolist() == [canvas.width(), canvas.height()]
     curves.close()
     curves.deleteLater()
+
+
+@pytest.mark.window
+def test_texts_of_plots_grow_with_the_font_of_the_system(window, plots, qapp):
+    from PySide6.QtGui import QFont, QFontInfo
+
+    from homolog_app.window.run_particles import EnergyCurves
+
+    def height():
+        curves = EnergyCurves(window.workspace.theme)
+        curves.resize(900, 400)
+        curves.show_rows(np.array([[1.0, 3.0, 2.0, 1.0], [2.0, 2.0, 1.0, 0.5]]))
+        curves.show()
+        curves.grab()
+        size = curves.canvas.figure.axes[0].xaxis.label.get_window_extent().height
+        curves.close()
+        return size
+
+    before, font = height(), qapp.font()
+    larger = QFont(font)
+    larger.setPixelSize(2 * QFontInfo(font).pixelSize())
+    qapp.setFont(larger)
+    try:
+        assert height() == pytest.approx(2.0 * before, rel=0.1)
+    finally:
+        qapp.setFont(font)

@@ -2,6 +2,9 @@
 
 import pytest
 
+from homolog_app.window.explore.controls import Pace
+from homolog_app.window.rail import steps_of
+
 pytestmark = pytest.mark.window
 
 
@@ -86,3 +89,42 @@ def test_the_steps_are_seen_once_a_study_is_open_and_the_energies_where_they_bel
     assert not any(seen.values())
     explored.commands["file.close"].trigger()
     assert not explored.rail.isVisible()
+
+
+def test_pages_of_an_outdated_result_are_dimmed_and_its_steps_lose_their_ticks(explore, finished, window):
+    explore(finished, "modes")
+    session, explored = window.workspace.session, window.inspector.explore
+
+    def dimmed():
+        effects = [page.graphicsEffect() for page in explored.pages]
+        return {
+            page.title
+            for page, effect in zip(explored.pages, effects, strict=True)
+            if effect is not None and effect.isEnabled()
+        }
+
+    assert not dimmed()
+    assert steps_of(session)["correspond"].done
+    groom = session.study.settings.groom
+    changed = groom.model_copy(update={"smoothing": groom.smoothing + 1.0})
+    session.edit_settings("Smoothing", session.study.settings.model_copy(update={"groom": changed}))
+    assert explored.outdated.isVisible()
+    assert dimmed() == {"Modes", "Measure", "Check"}
+    assert not steps_of(session)["correspond"].done
+    session.undo.undo()
+    assert not dimmed()
+    assert steps_of(session)["correspond"].done
+
+
+@pytest.mark.parametrize(("drawing_ms", "interval"), [(1.0, 33), (100.0, 200), (250.0, 500)])
+def test_whatever_is_played_waits_twice_as_long_as_a_picture_takes(
+    explore, finished, window, wait, monkeypatch, drawing_ms, interval
+):
+    page = explore(finished, "modes")
+    page.fitted.draw_ms = drawing_ms
+    monkeypatch.setattr(type(window.views.stage.scene), "draw_ms", drawing_ms)
+    timers = [timer for owner in (page.player, window.views.run) for timer in owner.findChildren(Pace)]
+    assert len(timers) == 3  # of a mode, of a run in progress, and of a recorded one
+    for timer in timers:
+        timer.timeout.emit()
+        assert timer.interval() == interval

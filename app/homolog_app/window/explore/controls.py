@@ -35,7 +35,7 @@ from homolog_app.window.widgets import GRID, ActionButton, ValueEdit, button, ch
 if TYPE_CHECKING:
     from homolog_app.studies.model_shape import ModelShape
 
-__all__ = ["REACH", "CompareBox", "ModeSliders", "NumbersTable", "Player", "SubjectTable"]
+__all__ = ["REACH", "CompareBox", "ModeSliders", "NumbersTable", "Pace", "Player", "SubjectTable"]
 
 
 class NumbersTable(QWidget):
@@ -159,12 +159,27 @@ class CompareBox(QWidget):
 
 _PERIOD_S = 4.0
 _LEAST_MS = 33
-_DRAWING_SHARE = 1.5
+_DRAWING_SHARE = 2.0
 _SPEEDS = {"½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0}
 
 
+class Pace(QTimer):
+    """A timer for pictures that follow each other: its interval is at least twice the drawing time.
+
+    Parameters
+    ----------
+    parent : QObject
+    draw_ms : callable
+        Present drawing time [ms].
+    """
+
+    def __init__(self, parent: QObject, draw_ms: Callable[[], float]) -> None:
+        super().__init__(parent, interval=_LEAST_MS)
+        self.timeout.connect(lambda: self.setInterval(max(_LEAST_MS, round(_DRAWING_SHARE * draw_ms()))))
+
+
 class Player(QWidget):
-    """Playback: button, speed, range and loop. The interval between two values exceeds the drawing time.
+    """Playback: button, speed, range and loop.
 
     Parameters
     ----------
@@ -179,8 +194,7 @@ class Player(QWidget):
 
     def __init__(self, actions: Actions, draw_ms: Callable[[], float], ranges: Mapping[str, float]) -> None:
         super().__init__()
-        self._draw_ms = draw_ms
-        self._timer = QTimer(self, interval=_LEAST_MS)
+        self._timer = Pace(self, draw_ms)
         self._timer.timeout.connect(self._step)
         self._phase = self._seen = 0.0
         self.go = ActionButton("Play", actions["run.play"])
@@ -228,7 +242,6 @@ class Player(QWidget):
             self.swung.emit(0.0)
             return
         self.swung.emit(float(self.reach.currentData()) * math.sin(2.0 * math.pi * self._phase))
-        self._timer.setInterval(max(_LEAST_MS, round(_DRAWING_SHARE * self._draw_ms())))
 
 
 REACH = 3.0

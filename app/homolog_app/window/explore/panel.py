@@ -19,7 +19,7 @@ from homolog_app.window.explore.measure_page import MeasurePage
 from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.explore.patient_page import PatientPage
-from homolog_app.window.widgets import GRID, ActionButton, button, label
+from homolog_app.window.widgets import GRID, ActionButton, button, label, set_dimmed
 from homolog_app.window.workspace import Controller, Workspace, reported
 
 __all__ = ["PAGES", "ExploreController", "ExplorePanel", "OverviewPage"]
@@ -213,6 +213,10 @@ class ExplorePanel(QWidget):
         text = outdated_text(self._session.study, result.record) if result is not None else ""
         self.outdated.setText(text)
         self.outdated.setVisible(bool(text))
+        for page in self.pages:
+            if isinstance(page, ModesPage | MeasurePage | CheckPage):  # *Groups* compares with its question
+                for widget in filter(None, (page, page.plots)):
+                    set_dimmed(widget, bool(text))
 
     def _offer_pages(self) -> None:
         """Offer the modes alone as long as there is a preliminary model only."""

@@ -11,7 +11,7 @@ from PySide6.QtGui import QPaintEvent, QResizeEvent, QWheelEvent
 
 from homolog_app.plots import DPI, new_figure
 from homolog_app.rendering.text import complete_texts
-from homolog_app.window.theme import Theme
+from homolog_app.window.theme import Theme, text_scale
 
 __all__ = ["PlotCanvas", "figure_of"]
 
@@ -52,7 +52,8 @@ class PlotCanvas(FigureCanvasQTAgg):
     """
 
     def __init__(self, plot: Drawn) -> None:
-        super().__init__(Figure(dpi=DPI, layout="constrained"))  # type: ignore[no-untyped-call]
+        figure = Figure(dpi=DPI * text_scale(), layout="constrained")  # texts grow with the system's font
+        super().__init__(figure)  # type: ignore[no-untyped-call]
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent, on=False)  # it may be dimmed
         self._plot = plot
         self._is_new = self._is_due = True
@@ -134,7 +135,8 @@ class PlotCanvas(FigureCanvasQTAgg):
 
 def figure_of(plot: Drawn) -> Figure:
     """Return a figure of a plot as large as on the screen, for a file or the clipboard."""
-    figure = new_figure(plot.width() / DPI, plot.height() / DPI, plot.theme.colours)
+    dpi = DPI * text_scale()
+    figure = new_figure(plot.width() / dpi, plot.height() / dpi, plot.theme.colours)
     _fill(figure, plot)
     plot.draw_moving(figure)
     complete_texts(figure)
