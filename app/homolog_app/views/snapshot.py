@@ -57,7 +57,7 @@ def view_contents_of(project: ProjectFolder, wanted: Snapshot, tick: Tick) -> Vi
             inside = max(view.particles) < len(models[0].model.mean) and view.mode < models[0].modes
             _check(inside, f"there is no mode {view.mode + 1}, or no such particle")
             named: dict[str, Content] = {}
-            for name in {view.subject, view.beside, view.distance_from} & set(models[0].result.names):
+            for name in {view.subject, view.beside or "", view.distance_from} & set(models[0].result.names):
                 (content,) = _contents(project, loaded, wanted, tick, name)
                 named[name] = single_subject(content)
             return measured_scene(view, models[0], named)
