@@ -262,7 +262,7 @@ def named_surface(
         vertices = shape.mean.vertices + shape.moved(deviations)
         return TriangleMesh(vertices, shape.mean.faces), shape.model.instance(deviations)
     if not Path(name).is_file():
-        raise InputError(f"{name}: is no subject, 'mean', 'mean of GROUP' or mesh file; choose another one")
+        raise InputError(f"{name}: not found; give a subject, 'mean', 'mean of GROUP', or a mesh file")
     return mesh_file(Path(name)), None
 
 

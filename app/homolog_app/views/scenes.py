@@ -369,7 +369,7 @@ def _with_distances(
 def distance_text(apart: "SurfaceDistances") -> str:
     """Return mean, 95th percentile and maximum of distances in words."""
     mean, high, most = (short(value) for value in (apart.mean, apart.percentile(95.0), apart.maximum))
-    return f"mean {mean} mm, 95 % {high}, maximum {most}"
+    return f"mean distance {mean} mm, 95 % {high}, maximum {most}"
 
 
 def _coloured(content: Content, values: FloatArray, scale: ColourScale) -> Content:

@@ -272,7 +272,7 @@ def test_two_mesh_files_can_be_compared(page, window, tmp_path, monkeypatch):
     choose(page.map, "distance")
     (content,) = window.views.stage.scene.shown
     assert content.name == "one.vtp"
-    assert "mean 1.99 mm" in content.note  # between the middles of faces
+    assert "mean distance 1.99 mm" in content.note  # between the middles of faces
 
 
 def test_what_is_no_mesh_file_is_refused_and_the_choice_stays(page, window, tmp_path, monkeypatch):
