@@ -3,14 +3,20 @@
 import ctypes.util
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from typing import Any
 
 import warp as wp
 
+from homolog.arrays import Array
 from homolog.errors import InputError
 
-__all__ = ["choose_device", "cores", "describe_device", "device_faults"]
+__all__ = ["choose_device", "cores", "describe_device", "device_faults", "launch_on_cores", "shared"]
+
+_PIECES_PER_CORE = 4
+"""Pieces of a launch on the CPU, so that cores which are done early take from the others."""
 
 
 def _start_warp() -> None:
@@ -116,3 +122,24 @@ _FULL = ("Failed to allocate", "out of memory")
 def cores() -> int:
     """Return how many processor cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def launch_on_cores(kernel: Any, count: int, inputs: Sequence[Any]) -> None:  # noqa: ANN401
+    """Launch a kernel on the CPU, whose first argument is the index of its first thread, on all cores."""
+    wp.load_module(kernel.module, device="cpu")  # otherwise each thread would load it
+    pieces = min(count, _PIECES_PER_CORE * cores() if cores() > 1 else 1)
+    cuts = [count * number // pieces for number in range(pieces + 1)] if count else []
+
+    def launch(begin: int, end: int) -> None:
+        wp.launch(kernel, end - begin, inputs=[begin, *inputs], device="cpu")
+
+    if pieces == 1:
+        launch(0, count)
+        return
+    with ThreadPoolExecutor(min(cores(), pieces)) as pool:
+        list(pool.map(launch, cuts[:-1], cuts[1:]))
+
+
+def shared(array: Array) -> Any:  # noqa: ANN401
+    """Return a Warp array of the CPU on the memory of a contiguous array."""
+    return wp.array(array, dtype=wp.dtype_from_numpy(array.dtype), device="cpu", copy=False)

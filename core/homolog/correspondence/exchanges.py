@@ -6,27 +6,19 @@ unit vector of the shape, centred, and y = Y d. So log det(C + aI) changes by th
 determinant.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.correspondence.entropy.dual import covariance
-from homolog.device import cores
-from homolog.threads import in_threads
+from homolog.correspondence.near_pairs import PlacedParticles, Survey, promising_pairs
 
 __all__ = ["EnsembleRows", "Exchanges"]
 
-NEAREST = 12
-"""Number of nearest particles with which a particle may be exchanged."""
 LEAST_GAIN = 0.05
 """Smallest decrease of the objective by an exchange, summed over all particles."""
-TOGETHER = 64
-"""Shapes whose pairs are judged together, as most of them are pairs of all shapes."""
-PAIRS_TOGETHER = 256
-"""Pairs whose rows are multiplied at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +85,9 @@ class Exchanges:
         """Return whether an exchange lowers H(Z) and the objective clearly."""
         return bool(_sums(self.gains(shape, pair[None]))[0] > LEAST_GAIN)
 
-    def make_all(self, allowed: BoolArray, poll_cancel: Callable[[], None] = lambda: None) -> None:
+    def make_all(
+        self, allowed: BoolArray, poll_cancel: Callable[[], None] = lambda: None, device: str = "cpu"
+    ) -> None:
         """Exchange near particles until no exchange lowers H(Z) and the objective any more.
 
         Where only normals would agree better, as they do by chance in noise, particles stay.
@@ -104,42 +98,27 @@ class Exchanges:
             Particles that may be exchanged.
         poll_cancel : callable
             Called before each shape; it may raise to stop the work.
+        device : str
+            Warp device that judges pairs.
         """
         made = True
         while made:
-            surveys = [part.survey() for part in self._entropies]
+            poll_cancel()
             made = False
-            for first in range(0, len(allowed), TOGETHER):
-                shapes = range(first, min(first + TOGETHER, len(allowed)))
-                for shape, pairs in zip(shapes, self._candidates(shapes, allowed, surveys), strict=True):
-                    poll_cancel()
-                    made |= self._make_best(shape, pairs)
+            for shape, pairs in self._candidates(allowed, device):
+                poll_cancel()
+                made |= self._make_best(shape, pairs)
 
-    def _candidates(
-        self, shapes: Sequence[int], allowed: BoolArray, surveys: Sequence["_Survey"]
-    ) -> Iterator[IntArray]:
-        """Yield for each shape the near pairs (P, 2) whose exchange lowers both when a pass begins."""
-        count = allowed.shape[1]
-
-        def near_codes(shape: int) -> IntArray:
-            pairs = _near_pairs(self._rows.positions[shape, self.order[shape]])
-            codes: IntArray = pairs[allowed[shape, pairs].all(axis=1)] @ np.array([count, 1])
-            return codes
-
-        codes = list(in_threads(near_codes, shapes, cores()))
-        distinct = np.unique(np.concatenate(codes))
-        products = [survey.products(_pairs_of(distinct, count)) for survey in surveys]
-
-        def promising(item: tuple[int, IntArray]) -> IntArray:
-            shape, own = item
-            pairs, rows = _pairs_of(own, count), np.searchsorted(distinct, own)
-            changed = [
-                survey.change(shape, pairs, step, product[rows])
-                for survey, product, step in zip(surveys, products, self._steps(shape, pairs), strict=True)
-            ]
-            return pairs[_sums(-np.stack(changed, axis=1) * self._rows.weights) > LEAST_GAIN]
-
-        yield from in_threads(promising, zip(shapes, codes, strict=True), cores())
+    def _candidates(self, allowed: BoolArray, device: str) -> list[tuple[int, IntArray]]:
+        """Return for some shapes the near pairs (P, 2) whose exchange lowers both when a pass begins."""
+        rows, own = self._rows, np.arange(len(allowed))[:, None]
+        placed = PlacedParticles(
+            rows.positions[own, self.order], rows.normals[own, self.order], rows.openings[own, self.order],
+            rows.means,
+        )  # fmt: skip
+        surveys = [part.survey(weight) for part, weight in zip(self._entropies, rows.weights, strict=True)]
+        divisor = self._entropies[0].divisor
+        return promising_pairs(placed, allowed, surveys, divisor=divisor, least=LEAST_GAIN, device=device)
 
     def _make_best(self, shape: int, pairs: IntArray) -> bool:
         """Make exchanges of some pairs of a shape, the best one first; return whether there were any."""
@@ -175,17 +154,17 @@ class _Entropy:
     def __init__(self, rows: FloatArray, regularization: float) -> None:
         shapes, count = rows.shape[:2]
         self._rows = rows - rows.mean(axis=0)
-        self._c = count * max(shapes - 1, 1)
+        self.divisor = count * max(shapes - 1, 1)
         self._factor = 0.5 * (shapes - 1) * count
         self._common = 1.0 / (shapes * regularization)
         matrix = covariance(self._rows.reshape(shapes, -1)) + regularization * np.eye(shapes)
         self._inverse = np.linalg.inv(matrix)
 
-    def survey(self) -> "_Survey":
+    def survey(self, weight: float) -> Survey:
         """Return what the changes by all pairs of all shapes have in common."""
-        pulled = np.tensordot(self._inverse, self._rows, axes=1)
+        rows = np.ascontiguousarray(self._rows.swapaxes(0, 1))
         own = self._inverse.diagonal() - self._common
-        return _Survey(self, own, self._rows.transpose(1, 2, 0).copy(), pulled)
+        return Survey(own, rows, np.matmul(self._inverse, rows), weight * self._factor)
 
     def change(self, shape: int, pairs: IntArray, steps: FloatArray) -> FloatArray:
         """Return by how much the entropy changes, summed up over all particles."""
@@ -196,7 +175,7 @@ class _Entropy:
 
     def logarithm(self, own: float, steps: FloatArray, mixed: FloatArray, both: FloatArray) -> FloatArray:
         """Return the change from p' C^-1 p, p' C^-1 y and y' C^-1 y; the latter two are (P,)."""
-        c = self._c
+        c = self.divisor
         squared = np.square(steps).sum(axis=(1, 2))
         determinant = (c + squared * own + mixed) * (c + mixed) - own * (squared * mixed + both)
         return np.asarray(self._factor * np.log(determinant / c**2))
@@ -207,7 +186,7 @@ class _Entropy:
         unit[shape] += 1.0
         changed = np.stack([unit, self._across(pair[None], step[None])[:, 0]], axis=1)
         pulled = self._inverse @ changed
-        core = self._c * np.array([[0.0, 1.0], [1.0, -np.square(step).sum()]]) + changed.T @ pulled
+        core = self.divisor * np.array([[0.0, 1.0], [1.0, -np.square(step).sum()]]) + changed.T @ pulled
         self._inverse -= pulled @ np.linalg.solve(core, pulled.T)
         self._rows[shape, pair] += step
         self._rows[:, pair] -= self._rows[:, pair].mean(axis=0)
@@ -215,38 +194,6 @@ class _Entropy:
     def _across(self, pairs: IntArray, steps: FloatArray) -> FloatArray:
         """Return y = Y d, (M, P)."""
         return np.asarray(np.einsum("mpki,pki->mp", self._rows[:, pairs], steps))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Survey:
-    """Changes by many pairs of many shapes at one state: y' C^-1 y is quadratic in d, by products of rows.
-
-    It shares no array with the entropy, which changes while threads read the survey.
-    """
-
-    entropy: _Entropy
-    own: FloatArray  # (M,), p' C^-1 p of each shape
-    rows: FloatArray  # (N, 3, M)
-    pulled: FloatArray  # (M, N, 3), C^-1 times the rows
-
-    def products(self, pairs: IntArray) -> FloatArray:
-        """Return Y' C^-1 Y of the coordinates of pairs (P, 2), (P, 2, 3, 2, 3)."""
-        result = np.empty((len(pairs), 2, 3, 2, 3))
-        for first in range(0, len(pairs), PAIRS_TOGETHER):
-            some = slice(first, first + PAIRS_TOGETHER)
-            left, right = self.rows[pairs[some]], self.pulled[:, pairs[some]]
-            result[some] = np.matmul(
-                left.reshape(len(left), 6, -1),
-                right.transpose(1, 2, 3, 0).reshape(len(left), 6, -1).swapaxes(1, 2),
-            ).reshape(-1, 2, 3, 2, 3)
-        return result
-
-    def change(self, shape: int, pairs: IntArray, steps: FloatArray, products: FloatArray) -> FloatArray:
-        """Return by how much the entropy changes by each of the pairs of a shape."""
-        mixed = np.einsum("pki,pki->p", self.pulled[shape, pairs], steps)
-        flat = steps.reshape(-1, 6)
-        both = np.einsum("pa,pab,pb->p", flat, products.reshape(-1, 6, 6), flat, optimize=True)
-        return self.entropy.logarithm(float(self.own[shape]), steps, mixed, both)
 
 
 def _sums(gains: FloatArray) -> FloatArray:
@@ -258,14 +205,3 @@ def _logs(normals: FloatArray, means: FloatArray) -> FloatArray:
     """Return the Logs of unit normals (..., 3) at means (..., 3)."""
     cosine = np.clip(np.sum(normals * means, axis=-1, keepdims=True), -1.0 + 1e-9, 1.0)
     return np.asarray((normals - cosine * means) / np.sinc(np.arccos(cosine) / np.pi))
-
-
-def _near_pairs(points: FloatArray) -> IntArray:
-    count = len(points)
-    near = np.asarray(cKDTree(points).query(points, k=min(NEAREST + 1, count))[1])
-    lower, upper = np.minimum(near[:, :1], near[:, 1:]), np.maximum(near[:, :1], near[:, 1:])
-    return _pairs_of(np.unique(lower * count + upper), count)
-
-
-def _pairs_of(codes: IntArray, count: int) -> IntArray:
-    return np.stack(np.divmod(codes, count), axis=1)

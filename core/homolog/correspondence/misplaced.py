@@ -110,7 +110,8 @@ def exchange(engine: Engine, weights: Weights, allowed: BoolArray) -> BoolArray:
     )
     exchanges = Exchanges(rows)
     if len(allowed) >= MIN_SHAPES:
-        exchanges.make_all(np.broadcast_to(allowed, exchanges.order.shape), engine.launch.poll_cancel)
+        movable = np.broadcast_to(allowed, exchanges.order.shape)
+        exchanges.make_all(movable, engine.launch.poll_cancel, engine.launch.device)
     moved: BoolArray = exchanges.order != np.arange(exchanges.order.shape[1])
     if moved.any():
         positions = engine.host_positions().astype(np.float64)

@@ -5,8 +5,9 @@ depend on the scale of the shapes.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import warp as wp
@@ -16,13 +17,12 @@ from homolog.arrays import Array, BoolArray, DeviceArray, FloatArray, IntArray
 from homolog.correspondence.kernels.particles import Surface
 from homolog.correspondence.poses import rescale, scales_of
 from homolog.correspondence.types import Shape
-from homolog.device import cores
 from homolog.errors import NumericalError
 from homolog.geodesics import GeodesicTable
 from homolog.geometry import transform_points
 from homolog.memory import Store, in_memory
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.threads import in_threads
+from homolog.surfaces.sides import MeshSides
 
 __all__ = [
     "Similarity",
@@ -33,6 +33,9 @@ __all__ = [
     "normalize_size",
     "on_device",
 ]
+
+TOGETHER = 64
+"""Meshes whose sides are paired at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,11 +140,10 @@ def build_surface_set(
     transformed_meshes = [
         TriangleMesh(store(f.apply(m.vertices)), m.faces) for m, f in zip(meshes, to_optimizer, strict=True)
     ]
-    neighbours = in_threads(lambda mesh: face_neighbours(mesh.faces), meshes, cores())
     free = [True] * len(meshes) if free_shapes is None else free_shapes
     references = [
         _surface(*parts, device, store)
-        for parts in zip(transformed_meshes, neighbours, tables, to_optimizer, free, strict=True)
+        for parts in zip(transformed_meshes, face_neighbours(meshes), tables, to_optimizer, free, strict=True)
     ]
     extent = max(float(np.abs(mesh.vertices).max()) for mesh in transformed_meshes)
     sizes = np.array([surface.size for surface in references])
@@ -191,18 +193,15 @@ def morton_ordered(mesh: TriangleMesh) -> TriangleMesh:
     return TriangleMesh(mesh.vertices[order], rank[mesh.faces])
 
 
-def face_neighbours(faces: IntArray) -> IntArray:
-    """Return for each face the three faces across the edges opposite to its corners, shape (F, 3)."""
-    n = int(faces.max()) + 1
-    start = np.roll(faces, -1, axis=1).ravel().astype(np.int64)
-    stop = np.roll(faces, -2, axis=1).ravel().astype(np.int64)
-    forward = start * n + stop
-    order = np.argsort(forward)
-    backward = stop * n + start
-    position = order[np.minimum(np.searchsorted(forward[order], backward), len(order) - 1)]
-    if not np.array_equal(forward[position], backward):
-        raise NumericalError("a mesh for the optimizer is not closed and consistently oriented")
-    return (position // 3).reshape(-1, 3).astype(np.int32)
+def face_neighbours(meshes: Sequence[TriangleMesh]) -> Iterator[IntArray]:
+    """Yield for each face of each mesh the faces across the edges opposite to its corners, (F, 3)."""
+    for begin in range(0, len(meshes), TOGETHER):
+        sides = MeshSides.of(meshes[begin : begin + TOGETHER])
+        if not sides.is_closed.all():
+            raise NumericalError("a mesh for the optimizer is not closed and consistently oriented")
+        across = np.roll(sides.twin.reshape(-1, 3) // 3, -1, axis=1)
+        for first, end in pairwise(sides.first_face.tolist()):
+            yield across[first:end] - np.int32(first)
 
 
 def nearest_faces(mesh: TriangleMesh, points: FloatArray, normals: FloatArray) -> IntArray:

@@ -2,13 +2,10 @@
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 from homolog.device import cores
 from homolog.errors import InputError
@@ -16,9 +13,14 @@ from homolog.geodesics.kernels import local_solver
 from homolog.geodesics.kernels.lookup import LANES, MISSING
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.topology import check_mesh, edges
+from homolog.surfaces.sides import MeshSides
+from homolog.surfaces.topology import check_arrays
+from homolog.threads import in_threads
 
 __all__ = ["TablePlan", "Task", "block_rows", "plan_tables"]
+
+TOGETHER = 64
+"""Meshes that are checked at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,9 +98,10 @@ def plan_tables(
     """
     labels = [f"mesh {k + 1}" for k in range(len(meshes))] if names is None else names
     limits = np.broadcast_to(np.asarray(d_max, float), len(meshes)).tolist()
-    with ThreadPoolExecutor(min(cores(), 8)) as pool:
-        tasks = []
-        for task in pool.map(_task, labels, meshes, limits):
+    tasks: list[Task] = []
+    for begin in range(0, len(meshes), TOGETHER):
+        some = slice(begin, begin + TOGETHER)
+        for task in _tasks(labels[some], meshes[some], limits[some]):
             tick(0.0, f"mesh of {task.name} checked")
             tasks.append(task)
     nbytes = sum(_table_bytes(task) for task in tasks)
@@ -110,21 +113,22 @@ def plan_tables(
     return TablePlan(tuple(tasks), nbytes)
 
 
-def _task(name: str, mesh: TriangleMesh, d_max: float) -> Task:
-    check_mesh(mesh, name)
-    if not d_max > 0.0:
-        raise InputError(f"{name}: d_max is {d_max}; geodesic distances need a positive length in mm")
-    return Task(name, mesh, d_max, min(d_max, _longest(mesh, d_max)), mesh.mean_edge)
-
-
-def _longest(mesh: TriangleMesh, d_max: float) -> float:
-    """Return an upper bound of all distances on the mesh; inf if d_max is shorter than its bounding box."""
-    if d_max < np.linalg.norm(np.ptp(mesh.vertices, axis=0)):
-        return math.inf
-    pairs = edges(mesh.faces)
-    lengths = np.linalg.norm(mesh.vertices[pairs[:, 0]] - mesh.vertices[pairs[:, 1]], axis=1)
-    graph = coo_array((lengths, (pairs[:, 0], pairs[:, 1])), shape=(len(mesh.vertices),) * 2)
-    return 2.0 * float(dijkstra(graph.tocsr(), directed=False, indices=np.array([0])).max())
+def _tasks(names: Sequence[str], meshes: Sequence[TriangleMesh], limits: Sequence[float]) -> list[Task]:
+    """Check meshes, and bound their distances where d_max is not shorter than the box around."""
+    for name, mesh, d_max in zip(names, meshes, limits, strict=True):
+        check_arrays(mesh, name)
+        if not d_max > 0.0:
+            raise InputError(f"{name}: d_max is {d_max}; geodesic distances need a positive length in mm")
+    sides = MeshSides.of(meshes)
+    sides.check(names)
+    is_short = [
+        limit < np.linalg.norm(np.ptp(mesh.vertices, axis=0))
+        for mesh, limit in zip(meshes, limits, strict=True)
+    ]
+    longest = np.where(is_short, np.inf, np.inf if all(is_short) else 2.0 * sides.reach())
+    bounds = np.minimum(limits, longest).tolist()
+    edges = in_threads(lambda mesh: mesh.mean_edge, meshes, cores())
+    return [Task(*parts) for parts in zip(names, meshes, limits, bounds, edges, strict=True)]
 
 
 def block_rows(task: Task) -> int:

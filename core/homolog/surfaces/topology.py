@@ -10,12 +10,14 @@ from homolog.errors import InputError
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = [
+    "check_arrays",
     "check_mesh",
     "edges",
     "euler_number",
     "face_components",
     "is_sound",
     "longest_edge",
+    "may_have_twins",
     "without_cavities",
 ]
 
@@ -71,6 +73,19 @@ def check_mesh(mesh: TriangleMesh, name: str) -> None:
     """
     if fault := _fault(mesh):
         raise InputError(f"{name}: the mesh {fault}")
+
+
+def check_arrays(mesh: TriangleMesh, name: str) -> None:
+    """Raise InputError unless the arrays of a mesh have the right shapes, and faces refer to its vertices."""
+    if fault := _array_fault(mesh):
+        raise InputError(f"{name}: the mesh {fault}")
+
+
+def may_have_twins(vertices: FloatArray) -> bool:
+    """Return whether some of the vertices (V, 3) may coincide; False if none do."""
+    x, y, z = vertices.T
+    keys = np.sort(x + 0.618034 * y + 0.381966 * z)  # the same for points that coincide
+    return bool((keys[1:] == keys[:-1]).any())
 
 
 def is_sound(mesh: TriangleMesh) -> bool:
@@ -147,9 +162,7 @@ def _vertex_fault(mesh: TriangleMesh) -> str:
     )
     if unused:
         return f"has {unused} vertices that belong to no face; remove them"
-    x, y, z = mesh.vertices.T
-    keys = np.sort(x + 0.618034 * y + 0.381966 * z)  # the same for points that coincide
-    if (keys[1:] != keys[:-1]).all():
+    if not may_have_twins(mesh.vertices):
         return ""
     ordered = mesh.vertices[np.lexsort(mesh.vertices.T)]
     twins = np.count_nonzero((ordered[1:] == ordered[:-1]).all(axis=1))

@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+import warp as wp
+from scipy.spatial import cKDTree
 
 from homolog.correspondence.entropy.dual import covariance, entropy
 from homolog.correspondence.exchanges import EnsembleRows, Exchanges
+from homolog.correspondence.kernels import exchanges as kernels
 
 SHAPES, COUNT = 6, 60
 WEIGHTS, REGULARIZATIONS = (0.02, 0.15), (5e-4, 0.01)
@@ -80,7 +83,8 @@ def test_exchanges_do_not_depend_on_the_number_of_threads(rows, monkeypatch):
     shuffled = after(rows, order)
     orders = []
     for threads in (1, 4, 4):
-        monkeypatch.setattr("homolog.correspondence.exchanges.cores", lambda threads=threads: threads)
+        for user in ("device", "correspondence.near_pairs"):
+            monkeypatch.setattr(f"homolog.{user}.cores", lambda threads=threads: threads)
         exchanges = Exchanges(shuffled)
         exchanges.make_all(np.ones((SHAPES, COUNT), dtype=bool))
         orders.append(exchanges.order)
@@ -104,3 +108,24 @@ def test_where_only_normals_would_agree_better_particles_stay(rows):
     pair = np.array([8, near])
     assert Exchanges(odd).gains(0, pair[None])[0, 1] > 1.0
     assert not Exchanges(odd).lower(0, pair)
+
+
+@pytest.mark.cuda
+def test_a_gpu_makes_the_exchanges_of_the_cpu(rows, gpu):
+    order = np.tile(np.arange(COUNT), (SHAPES, 1))
+    order[::2, [3, 11]] = [11, 3]
+    orders = []
+    for device in ("cpu", gpu):
+        exchanges = Exchanges(after(rows, order))
+        exchanges.make_all(np.ones((SHAPES, COUNT), dtype=bool), device=device)
+        orders.append(exchanges.order)
+    np.testing.assert_array_equal(*orders)
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
+def test_the_nearest_particles_of_a_gpu_are_those_of_a_tree(rows, device):
+    found = wp.zeros((SHAPES * COUNT, int(kernels.NEAREST)), dtype=wp.int32, device=device)
+    positions = wp.array(rows.positions.reshape(-1, 3), dtype=wp.vec3d, device=device)
+    wp.launch(kernels.find_nearest, SHAPES * COUNT, inputs=[0, COUNT, positions, found], device=device)
+    expected = [cKDTree(own).query(own, k=int(kernels.NEAREST) + 1)[1][:, 1:] for own in rows.positions]
+    np.testing.assert_array_equal(found.numpy(), np.concatenate(expected))

@@ -146,7 +146,7 @@ def test_an_exchange_puts_two_particles_in_each_others_place():
         host_means=lambda: normals,
         host_openings=lambda: np.zeros((5, 64)),
         set_positions=put.append,
-        launch=SimpleNamespace(poll_cancel=lambda: None),
+        launch=SimpleNamespace(device="cpu", poll_cancel=lambda: None),
     )
     weights = SimpleNamespace(ensemble=0.02, normals=0.15, regularization=5e-4, normals_regularization=0.01)
     moved = exchange(engine, weights, np.ones((5, 1), dtype=bool))

@@ -1,8 +1,11 @@
 import numpy as np
 import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
 
 from homolog.errors import InputError
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.sides import MeshSides
 from homolog.surfaces.topology import check_mesh, edges, euler_number, face_components, longest_edge
 
 VERTICES = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)
@@ -46,39 +49,69 @@ def with_vertex(row, value):
 BOW_TIE = np.where(FACES == 0, 0, FACES + 3)
 
 
-@pytest.mark.parametrize(
-    ("vertices", "faces", "fault"),
-    [
-        (VERTICES, FACES[:0], "has no faces"),
-        (VERTICES[:, :2], FACES, "needs arrays of shape"),
-        (with_vertex(2, np.nan), FACES, "1 vertices that are not finite"),
-        (VERTICES, FACES + 1, "vertices outside 0 … 3"),
-        (VERTICES, FACES - 1, "vertices outside 0 … 3"),
-        (with_vertex(2, (VERTICES[0] + VERTICES[1]) / 2), FACES, "1 faces without area"),
-        (VERTICES, np.concatenate([FACES, [[0, 0, 1]]]), "1 faces without area (the first is face 4)"),
-        (np.concatenate([VERTICES, [[9, 9, 9]]]), FACES, "1 vertices that belong to no face"),
-        (
-            np.concatenate([VERTICES, VERTICES]),
-            np.concatenate([FACES, FACES + 4]),
-            "is not welded: 4 vertices",
-        ),
-        (VERTICES, FACES[1:], "is not closed: 3 edges"),
-        (VERTICES, np.concatenate([FACES, FACES[:1]]), "is not manifold: 3 edges have more than two"),
-        (VERTICES, np.concatenate([FACES[:1, ::-1], FACES[1:]]), "opposite orientation"),
-        (
-            np.concatenate([VERTICES, VERTICES + 9]),
-            np.concatenate([FACES, FACES + 4]),
-            "has 2 separate pieces",
-        ),
-        (
-            np.concatenate([VERTICES, VERTICES[1:] * [-1, -1, 1] + [2, 2, 0]]),
-            np.concatenate([FACES, BOW_TIE]),
-            "touches itself at 1 vertices",
-        ),
-    ],
-)
+FAULTS = [
+    (VERTICES, FACES[:0], "has no faces"),
+    (VERTICES[:, :2], FACES, "needs arrays of shape"),
+    (with_vertex(2, np.nan), FACES, "1 vertices that are not finite"),
+    (VERTICES, FACES + 1, "vertices outside 0 … 3"),
+    (VERTICES, FACES - 1, "vertices outside 0 … 3"),
+    (with_vertex(2, (VERTICES[0] + VERTICES[1]) / 2), FACES, "1 faces without area"),
+    (VERTICES, np.concatenate([FACES, [[0, 0, 1]]]), "1 faces without area (the first is face 4)"),
+    (np.concatenate([VERTICES, [[9, 9, 9]]]), FACES, "1 vertices that belong to no face"),
+    (
+        np.concatenate([VERTICES, VERTICES]),
+        np.concatenate([FACES, FACES + 4]),
+        "is not welded: 4 vertices",
+    ),
+    (VERTICES, FACES[1:], "is not closed: 3 edges"),
+    (VERTICES, np.concatenate([FACES, FACES[:1]]), "is not manifold: 3 edges have more than two"),
+    (VERTICES, np.concatenate([FACES[:1, ::-1], FACES[1:]]), "opposite orientation"),
+    (
+        np.concatenate([VERTICES, VERTICES + 9]),
+        np.concatenate([FACES, FACES + 4]),
+        "has 2 separate pieces",
+    ),
+    (
+        np.concatenate([VERTICES, VERTICES[1:] * [-1, -1, 1] + [2, 2, 0]]),
+        np.concatenate([FACES, BOW_TIE]),
+        "touches itself at 1 vertices",
+    ),
+]
+
+
+@pytest.mark.parametrize(("vertices", "faces", "fault"), FAULTS)
 def test_a_fault_is_named_with_the_subject_and_a_remedy(vertices, faces, fault):
     with pytest.raises(InputError) as caught:
         check_mesh(TriangleMesh(vertices, faces), "hip_12")
     assert str(caught.value).startswith("hip_12: the mesh ")
     assert fault in str(caught.value)
+
+
+@pytest.mark.parametrize(("vertices", "faces", "fault"), FAULTS[5:])
+def test_the_same_fault_is_found_among_many_meshes(vertices, faces, fault):
+    sound, faulty = TriangleMesh(VERTICES, FACES), TriangleMesh(vertices, faces)
+    with pytest.raises(InputError) as caught:
+        MeshSides.of([sound, faulty, sound]).check(["a", "hip_12", "b"])
+    assert str(caught.value).startswith("hip_12: the mesh ")
+    assert fault in str(caught.value)
+
+
+def test_sides_of_many_meshes_have_the_twins_of_each(unit_sphere):
+    meshes = [TriangleMesh(*unit_sphere(300)), TriangleMesh(VERTICES, FACES), TriangleMesh(*unit_sphere(500))]
+    sides = MeshSides.of(meshes)
+    sides.check(["a", "b", "c"])
+    number = np.arange(len(sides.tail))
+    head = sides.tail[3 * (number // 3) + (number + 1) % 3]
+    assert (sides.tail[sides.twin] == head).all()
+    assert (head[sides.twin] == sides.tail).all()
+
+
+def test_the_reach_along_edges_is_that_of_shortest_paths(unit_sphere):
+    meshes = [TriangleMesh(*unit_sphere(300)), TriangleMesh(VERTICES, FACES)]
+    expected = []
+    for mesh in meshes:
+        a, b = edges(mesh.faces).T
+        lengths = np.linalg.norm(mesh.vertices[a] - mesh.vertices[b], axis=1)
+        graph = coo_array((lengths, (a, b)), shape=(len(mesh.vertices),) * 2)
+        expected.append(dijkstra(graph.tocsr(), directed=False, indices=0).max())
+    assert MeshSides.of(meshes).reach().tolist() == expected

@@ -3,9 +3,11 @@
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.kernels.intrinsic import Sides, apex, next_side
+from homolog.geodesics.kernels.intrinsic import Sides, apex
 from homolog.geodesics.kernels.local_solver import Corner
 from homolog.geodesics.kernels.lookup import LANES
+from homolog.surfaces.kernels.sides import Sides as PairedSides
+from homolog.surfaces.kernels.sides import leaving_end, next_side, sort_by_tail
 
 wp.set_module_options({"enable_backward": False})
 
@@ -62,85 +64,93 @@ def find_margins(
         )
 
 
+@wp.struct
+class Growth:
+    """Memory for the growth of clusters, an entry for each vertex of all shapes."""
+
+    slot: wp.array(dtype=wp.int32)  # LANES * cluster + lane within the shape, UNVISITED or IN_QUEUE
+    seen: wp.array(dtype=wp.int32)  # number of the search that last met a vertex
+    queue: wp.array(dtype=wp.int32)
+    front: wp.array(dtype=wp.int32)
+    members: wp.array2d(dtype=wp.int32)  # (S, LANES) of the cluster that grows
+
+
 @wp.func
 def grow_cluster(
-    seed: int,
-    visits: int,
-    cluster: int,
-    fan: wp.array(dtype=wp.int32),
-    neighbour: wp.array(dtype=wp.int32),
-    slot: wp.array(dtype=wp.int32),
-    seen: wp.array(dtype=wp.int32),
-    queue: wp.array(dtype=wp.int32),
-    members: wp.array2d(dtype=wp.int32),
+    shape: int, seed: int, search: int, visits: int, sides: PairedSides, growth: Growth
 ) -> wp.vec2i:
     """Grow a cluster from a seed by breadth-first search: the first LANES unassigned vertices.
 
     Returns the number of its members and of the vertices in the queue.
     """
-    stamp = seen[0] + 1
-    seen[0] = stamp
-    queue[0] = seed
-    seen[seed + 1] = stamp
+    first = sides.first_vertex[shape]
+    growth.queue[first] = seed
+    growth.seen[seed] = search
     tail = int(1)
     n_members = int(0)
     head = int(0)
     while head < tail and head < visits and n_members < LANES:
-        v = queue[head]
+        v = growth.queue[first + head]
         head += 1
-        if slot[v] < 0:
-            members[cluster, n_members] = v
+        if growth.slot[v] < 0:
+            growth.members[shape, n_members] = v
             n_members += 1
-        for k in range(fan[v], fan[v + 1]):
-            y = neighbour[k]
-            if seen[y + 1] != stamp:
-                seen[y + 1] = stamp
-                queue[tail] = y
+        for k in range(sides.start[v], leaving_end(sides, shape, v)):
+            y = sides.tail[next_side(sides.leaving[k])]
+            if growth.seen[y] != search:
+                growth.seen[y] = search
+                growth.queue[first + tail] = y
                 tail += 1
     return wp.vec2i(n_members, tail)
 
 
 @wp.kernel
 def grow_clusters(
+    first_shape: int,
     near: int,
     far: int,
-    fan: wp.array(dtype=wp.int32),
-    neighbour: wp.array(dtype=wp.int32),
-    slot: wp.array(dtype=wp.int32),
-    seen: wp.array(dtype=wp.int32),
-    queue: wp.array(dtype=wp.int32),
-    front: wp.array(dtype=wp.int32),
-    members: wp.array2d(dtype=wp.int32),
+    sides: PairedSides,
+    growth: Growth,
     size: wp.array(dtype=wp.int32),
 ):
-    """Cluster vertices along an advancing front; then cluster the remaining ones in wider searches."""
+    """Cluster the vertices of shapes; thread (shape, counted from `first_shape`).
+
+    Clusters grow along an advancing front; then the remaining vertices are clustered in wider searches.
+    """
+    shape = first_shape + wp.tid()
+    first = sides.first_vertex[shape]
+    end = sides.first_vertex[shape + 1]
+    sort_by_tail(sides, shape)
+    for v in range(first, end):
+        growth.slot[v] = UNVISITED
+        growth.seen[v] = 0
     n_clusters = int(0)
-    front[0] = 0
-    slot[0] = IN_QUEUE
+    n_searches = int(0)
+    growth.front[first] = first
+    growth.slot[first] = IN_QUEUE
     head = int(0)
     tail = int(1)
     while head < tail:
-        seed = front[head]
+        seed = growth.front[first + head]
         head += 1
-        if slot[seed] < 0:
-            grown = grow_cluster(seed, near, n_clusters, fan, neighbour, slot, seen, queue, members)
+        if growth.slot[seed] < 0:
+            n_searches += 1
+            grown = grow_cluster(shape, seed, n_searches, near, sides, growth)
             if grown[0] == LANES:
                 for lane in range(LANES):
-                    slot[members[n_clusters, lane]] = n_clusters * LANES + lane
+                    growth.slot[growth.members[shape, lane]] = n_clusters * LANES + lane
                 n_clusters += 1
             for k in range(grown[1]):
-                v = queue[k]
-                if slot[v] == UNVISITED:
-                    slot[v] = IN_QUEUE
-                    front[tail] = v
+                v = growth.queue[first + k]
+                if growth.slot[v] == UNVISITED:
+                    growth.slot[v] = IN_QUEUE
+                    growth.front[first + tail] = v
                     tail += 1
-    for v in range(slot.shape[0]):
-        if slot[v] < 0:
-            grown = grow_cluster(v, far, n_clusters, fan, neighbour, slot, seen, queue, members)
-            for lane in range(LANES):
-                if lane < grown[0]:
-                    slot[members[n_clusters, lane]] = n_clusters * LANES + lane
-                else:
-                    members[n_clusters, lane] = -1
+    for v in range(first, end):
+        if growth.slot[v] < 0:
+            n_searches += 1
+            grown = grow_cluster(shape, v, n_searches, far, sides, growth)
+            for lane in range(grown[0]):
+                growth.slot[growth.members[shape, lane]] = n_clusters * LANES + lane
             n_clusters += 1
-    size[0] = n_clusters
+    size[shape] = n_clusters

@@ -6,6 +6,7 @@ A triangulation is a set of arrays over *sides*: side 3f + k runs from corner k 
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
+from homolog.surfaces.kernels.sides import next_side
 
 wp.set_module_options({"enable_backward": False})
 
@@ -26,12 +27,6 @@ class Sides:
 
 
 @wp.func
-def next_side(side: int) -> int:
-    """Return the following side of the same face."""
-    return wp.where(side % 3 == 2, side - 2, side + 1)
-
-
-@wp.func
 def apex(sides: Sides, side: int) -> wp.vec2d:
     """Return the third corner of a side's face, the side laid from (0, 0) to (length, 0)."""
     ab = sides.length[side]
@@ -39,21 +34,6 @@ def apex(sides: Sides, side: int) -> wp.vec2d:
     ca = sides.length[next_side(next_side(side))]
     x = (ab * ab + ca * ca - bc * bc) / (wp.float64(2.0) * ab)
     return wp.vec2d(x, wp.sqrt(wp.max(ca * ca - x * x, wp.float64(0.0))))
-
-
-@wp.kernel
-def pair_sides(
-    tail: wp.array(dtype=wp.int32),
-    start: wp.array(dtype=wp.int32),
-    leaving: wp.array(dtype=wp.int32),
-    twin: wp.array(dtype=wp.int32),
-):
-    """Find the twin of each side among those that start at its head."""
-    side = wp.tid()
-    head = tail[next_side(side)]
-    for k in range(start[head], start[head + 1]):
-        if tail[next_side(leaving[k])] == tail[side]:
-            twin[side] = leaving[k]
 
 
 @wp.func
@@ -127,14 +107,16 @@ def push_edge(
     return n + 1
 
 
-@wp.kernel
-def flip_to_delaunay(sides: Sides, queued: wp.array(dtype=wp.int32), stack: wp.array(dtype=wp.int32)):
+@wp.func
+def flip_to_delaunay(
+    sides: Sides, begin: int, end: int, queued: wp.array(dtype=wp.int32), stack: wp.array(dtype=wp.int32)
+):
     """Flip edges until the two angles opposite to each sum to at most 180 degrees."""
-    n = int(0)
-    for side in range(sides.tail.shape[0]):
+    n = begin
+    for side in range(begin, end):
         n = push_edge(sides, side, queued, stack, n)
-    flips_left = MOST_FLIPS * n
-    while n > 0 and flips_left > 0:
+    flips_left = MOST_FLIPS * (n - begin)
+    while n > begin and flips_left > 0:
         n -= 1
         h = stack[n]
         queued[h] = 0
@@ -149,12 +131,32 @@ def flip_to_delaunay(sides: Sides, queued: wp.array(dtype=wp.int32), stack: wp.a
 
 
 @wp.kernel
-def assign_ranks(sides: Sides, leaving_side: wp.array(dtype=wp.int32)):
-    """Assign numbers to the sides that start at each vertex, counterclockwise."""
-    v = wp.tid()
-    side = leaving_side[v]
-    rank = int(0)
-    while side != leaving_side[v] or rank == 0:
-        sides.rank[side] = rank
-        side = sides.twin[next_side(next_side(side))]
-        rank += 1
+def triangulate_meshes(
+    first: int,
+    first_face: wp.array(dtype=wp.int32),
+    position: wp.array(dtype=wp.vec3d),
+    sides: Sides,
+    queued: wp.array(dtype=wp.int32),
+    stack: wp.array(dtype=wp.int32),
+    leaving: wp.array(dtype=wp.int32),
+):
+    """Triangulate meshes and rank the sides of each vertex; thread (mesh, counted from `first`).
+
+    Ranks are counterclockwise, from the last side that starts at the vertex.
+    """
+    mesh = first + wp.tid()
+    begin = 3 * first_face[mesh]
+    end = 3 * first_face[mesh + 1]
+    for side in range(begin, end):
+        sides.length[side] = wp.length(position[sides.tail[next_side(side)]] - position[sides.tail[side]])
+    flip_to_delaunay(sides, begin, end, queued, stack)
+    for side in range(begin, end):
+        leaving[sides.tail[side]] = side
+    for last in range(begin, end):
+        side = int(last)
+        if leaving[sides.tail[side]] == side:
+            rank = int(0)
+            while side != last or rank == 0:
+                sides.rank[side] = rank
+                side = sides.twin[next_side(next_side(side))]
+                rank += 1

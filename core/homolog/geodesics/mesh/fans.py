@@ -1,7 +1,6 @@
 """The fan of triangles around every vertex, and clusters of source vertices."""
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,11 +8,12 @@ import numpy as np
 import warp as wp
 
 from homolog.arrays import IntArray, frozen
-from homolog.device import cores
-from homolog.geodesics.kernels.fans import UNVISITED, fill_corners, find_margins, grow_clusters
+from homolog.device import launch_on_cores, shared
+from homolog.geodesics.kernels.fans import Growth, fill_corners, find_margins, grow_clusters
 from homolog.geodesics.kernels.local_solver import Corner
 from homolog.geodesics.kernels.lookup import LANES
 from homolog.geodesics.mesh.intrinsic import Triangulation
+from homolog.surfaces.kernels.sides import Sides as PairedSides
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["Clusters", "Fans", "build_fans", "find_clusters"]
@@ -104,33 +104,21 @@ def find_clusters(delaunay: Triangulation) -> Clusters:
 
     Clusters grown in space would join the two walls of a thin shape.
     """
-    wp.load_module(grow_clusters.module, device="cpu")  # otherwise each thread would load it
-    starts = delaunay.starts()
-
-    def grow(shape: int) -> tuple[IntArray, IntArray]:
-        first, end = delaunay.first[shape : shape + 2]
-        start = starts[first : end + 1]
-        tail = delaunay.tail[start[0] : start[-1]] - np.int32(first)
-        neighbour = tail.reshape(-1, 3)[:, [1, 2, 0]].ravel()[np.argsort(tail, kind="stable")]
-        return _clusters_of(start - start[0], neighbour)
-
-    n_shapes = len(delaunay.first) - 1
-    with ThreadPoolExecutor(min(cores(), n_shapes)) as pool:
-        parts = list(pool.map(grow, range(n_shapes)))
-    counts = np.array([len(members) for members, _ in parts])
-    before = np.cumsum(counts) - counts
-    slots = [slot + np.int32(LANES * at) for (_, slot), at in zip(parts, before, strict=True)]
-    members = np.concatenate([members for members, _ in parts])
-    shape = np.repeat(np.arange(n_shapes, dtype=np.int32), counts)
-    return Clusters(frozen(members), frozen(shape), frozen(np.concatenate(slots)))
-
-
-def _clusters_of(start: IntArray, neighbour: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the members of one shape's clusters, and the slot of every vertex."""
-    n = len(start) - 1
-    members, slot = np.empty((n, LANES), np.int32), np.full(n, UNVISITED, np.int32)
-    size, seen = np.zeros(1, np.int32), np.zeros(n + 1, np.int32)
-    queue, front = np.empty((2, n), np.int32)
-    inputs = [MAX_VISITS, MAX_VISITS_FOR_REST, start, neighbour, slot, seen, queue, front, members, size]
-    wp.launch(grow_clusters, 1, inputs=inputs, device="cpu")
-    return members[: size[0]], slot
+    n_shapes, n = len(delaunay.first) - 1, int(delaunay.first[-1])
+    sides, growth = PairedSides(), Growth()
+    sides.first_vertex, sides.first_face = (
+        shared(delaunay.first.astype(np.int32)),
+        shared(delaunay.first_face),
+    )
+    sides.tail, sides.leaving = shared(delaunay.tail), shared(np.empty_like(delaunay.tail))
+    slot, count = np.empty(n, np.int32), np.zeros(n_shapes, np.int32)
+    sides.start, growth.seen, growth.queue, growth.front = map(shared, np.empty((4, n), np.int32))
+    growth.slot, growth.members = shared(slot), shared(np.empty((n_shapes, LANES), np.int32))
+    given = [MAX_VISITS, MAX_VISITS_FOR_REST, sides, growth, shared(count)]
+    launch_on_cores(grow_clusters, n_shapes, given)
+    before = np.cumsum(count) - count
+    slot += np.repeat(LANES * before, np.diff(delaunay.first)).astype(np.int32)
+    members = np.full((count.sum(), LANES), -1, np.int32)
+    members.ravel()[slot] = np.arange(n) - np.repeat(delaunay.first[:-1], np.diff(delaunay.first))
+    shape = np.repeat(np.arange(n_shapes, dtype=np.int32), count)
+    return Clusters(frozen(members), frozen(shape), frozen(slot))

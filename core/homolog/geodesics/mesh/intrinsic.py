@@ -7,7 +7,6 @@ then faster and more accurate, because slivers need repeated updates and cause i
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,9 +14,10 @@ import numpy as np
 import warp as wp
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.device import cores
-from homolog.geodesics.kernels.intrinsic import Sides, assign_ranks, flip_to_delaunay, pair_sides
+from homolog.device import launch_on_cores, shared
+from homolog.geodesics.kernels.intrinsic import Sides, triangulate_meshes
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.sides import MeshSides
 
 __all__ = ["Triangulation", "triangulate"]
 
@@ -38,6 +38,8 @@ class Triangulation:
     ----------
     first : (S + 1,) int64 array
         First vertex of each shape.
+    first_face : (S + 1,) int32 array
+        First face of each shape.
     tail : (3F,) int32 array
         Vertex at which each side starts, numbered through all shapes.
     twin : (3F,) int32 array
@@ -49,6 +51,7 @@ class Triangulation:
     """
 
     first: IntArray
+    first_face: IntArray
     tail: IntArray
     twin: IntArray
     length: FloatArray
@@ -56,13 +59,15 @@ class Triangulation:
 
     def starts(self) -> IntArray:
         """Return the first entry of each vertex, (N + 1,), in a list of sides sorted by tail."""
-        return _starts(self.tail, int(self.first[-1]))
+        counts = np.bincount(self.tail, minlength=int(self.first[-1]))
+        return np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
 
     def on_device(self, device: str) -> Any:  # noqa: ANN401 - a wp.struct has no type
-        """Return the `Sides` for kernels."""
+        """Return the `Sides` for kernels, on the CPU on the same memory."""
         sides = Sides()
         for name, kind in SIDES.items():
-            setattr(sides, name, wp.array(getattr(self, name), dtype=kind, device=device))
+            array = wp.array(getattr(self, name), dtype=kind, device=device, copy=device != "cpu")
+            setattr(sides, name, array)
         return sides
 
 
@@ -71,40 +76,11 @@ def triangulate(meshes: Sequence[TriangleMesh]) -> Triangulation:
 
     Vertices do not change. Several edges may join the same two vertices, and an edge may be a loop.
     """
-    wp.load_module(flip_to_delaunay.module, device="cpu")  # otherwise each thread would load it
-    with ThreadPoolExecutor(min(cores(), len(meshes))) as pool:
-        parts = list(pool.map(_triangulate, meshes))
-    first = np.concatenate([[0], np.cumsum([len(mesh.vertices) for mesh in meshes])])
-    sides = np.concatenate([[0], np.cumsum([len(part.tail) for part in parts])])
-    return Triangulation(
-        first,
-        np.concatenate([part.tail + at for part, at in zip(parts, first[:-1], strict=True)], dtype=np.int32),
-        np.concatenate([part.twin + at for part, at in zip(parts, sides[:-1], strict=True)], dtype=np.int32),
-        np.concatenate([part.length for part in parts]),
-        np.concatenate([part.rank for part in parts]),
-    )
-
-
-def _triangulate(mesh: TriangleMesh) -> Triangulation:
-    n = len(mesh.vertices)
-    tail = np.array(mesh.faces.ravel())
-    twin, queued, stack = np.zeros((3, len(tail)), np.int32)
-    start = _starts(tail, n)
-    leaving_sides = np.argsort(tail, kind="stable").astype(np.int32)
-    wp.launch(pair_sides, len(tail), inputs=[tail, start, leaving_sides, twin], device="cpu")
-    first = np.array([0, n])
-    sides = Triangulation(first, tail, twin, _lengths(mesh), np.zeros_like(tail)).on_device("cpu")
-    wp.launch(flip_to_delaunay, 1, inputs=[sides, queued, stack], device="cpu")
-    leaving = np.zeros(n, np.int32)
-    leaving[sides.tail.numpy()] = np.arange(len(tail))
-    wp.launch(assign_ranks, n, inputs=[sides, leaving], device="cpu")
-    return Triangulation(first, *(getattr(sides, name).numpy() for name in SIDES))
-
-
-def _lengths(mesh: TriangleMesh) -> FloatArray:
-    corners = mesh.vertices[mesh.faces]
-    return np.asarray(np.linalg.norm(corners[:, [1, 2, 0]] - corners, axis=2).ravel())
-
-
-def _starts(tail: IntArray, n_vertices: int) -> IntArray:
-    return np.concatenate([[0], np.cumsum(np.bincount(tail, minlength=n_vertices))]).astype(np.int32)
+    paired = MeshSides.of(meshes)
+    first, n = paired.first_vertex.astype(np.int64), len(paired.tail)
+    rank, queued, stack = np.zeros((3, n), np.int32)
+    result = Triangulation(first, paired.first_face, paired.tail, paired.twin, np.empty(n), rank)
+    inputs = [shared(paired.first_face), paired.positions(), result.on_device("cpu")]
+    inputs += [shared(item) for item in (queued, stack, paired.leaving)]
+    launch_on_cores(triangulate_meshes, len(meshes), inputs)
+    return result

@@ -1,0 +1,195 @@
+"""Kernels that pair the sides of closed meshes; one thread takes a whole mesh.
+
+Side 3f + k starts at corner k of face f. Faces and vertices are counted through all meshes.
+"""
+
+import warp as wp
+
+import homolog.device  # noqa: F401 - starts Warp
+
+wp.set_module_options({"enable_backward": False})
+
+__all__ = ["Sides", "check_meshes", "find_reach", "leaving_end", "next_side", "pair_sides", "sort_by_tail"]
+
+
+@wp.struct
+class Sides:
+    """The sides of some meshes, and their order by the vertices from which they start."""
+
+    first_vertex: wp.array(dtype=wp.int32)  # (S + 1,) of each mesh, and the number of all
+    first_face: wp.array(dtype=wp.int32)  # (S + 1,)
+    tail: wp.array(dtype=wp.int32)  # (3F,) vertex that a side starts from, counted through all meshes
+    twin: wp.array(dtype=wp.int32)  # (3F,) the same edge in the neighbouring face
+    start: wp.array(dtype=wp.int32)  # (N,) first of each vertex in `leaving`
+    leaving: wp.array(dtype=wp.int32)  # (3F,) sides by tail
+
+
+@wp.func
+def next_side(side: int) -> int:
+    """Return the following side of the same face."""
+    return wp.where(side % 3 == 2, side - 2, side + 1)
+
+
+@wp.func
+def leaving_end(sides: Sides, mesh: int, vertex: int) -> int:
+    """Return the end of a vertex's entries in `leaving`."""
+    if vertex + 1 < sides.first_vertex[mesh + 1]:
+        return sides.start[vertex + 1]
+    return 3 * sides.first_face[mesh + 1]
+
+
+@wp.func
+def sort_by_tail(sides: Sides, mesh: int):
+    """Fill `start` and `leaving` of a mesh; the sides of a vertex are in ascending order."""
+    begin = 3 * sides.first_face[mesh]
+    end = 3 * sides.first_face[mesh + 1]
+    for vertex in range(sides.first_vertex[mesh], sides.first_vertex[mesh + 1]):
+        sides.start[vertex] = 0
+    for side in range(begin, end):
+        sides.start[sides.tail[side]] += 1
+    total = begin
+    for vertex in range(sides.first_vertex[mesh], sides.first_vertex[mesh + 1]):
+        total += sides.start[vertex]
+        sides.start[vertex] = total
+    for back in range(begin, end):
+        side = begin + end - 1 - back
+        place = sides.start[sides.tail[side]] - 1
+        sides.start[sides.tail[side]] = place
+        sides.leaving[place] = side
+
+
+@wp.kernel
+def pair_sides(first: int, faces: wp.array(dtype=wp.int32), sides: Sides, is_closed: wp.array(dtype=bool)):
+    """Find the twins of all sides; thread (mesh, counted from `first`).
+
+    A mesh is closed, manifold at edges and oriented if every side runs once against one other.
+    """
+    mesh = first + wp.tid()
+    begin = 3 * sides.first_face[mesh]
+    end = 3 * sides.first_face[mesh + 1]
+    for side in range(begin, end):
+        sides.tail[side] = faces[side] + sides.first_vertex[mesh]
+    sort_by_tail(sides, mesh)
+    closed = bool(True)
+    for side in range(begin, end):
+        head = sides.tail[next_side(side)]
+        matches = int(0)
+        for k in range(sides.start[head], leaving_end(sides, mesh, head)):
+            other = sides.leaving[k]
+            if sides.tail[next_side(other)] == sides.tail[side]:
+                sides.twin[side] = other
+                matches += 1
+        if matches != 1 or head == sides.tail[side]:
+            closed = False
+    is_closed[mesh] = closed
+
+
+@wp.func
+def has_area(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, flattest: wp.float64) -> bool:
+    """Return whether a face is higher than a part of its longest side."""
+    longest = wp.max(wp.max(wp.length_sq(b - a), wp.length_sq(c - b)), wp.length_sq(a - c))
+    return wp.length(wp.cross(b - a, c - a)) > flattest * longest
+
+
+@wp.func
+def count_connected(
+    sides: Sides, mesh: int, seen: wp.array(dtype=wp.int32), queue: wp.array(dtype=wp.int32)
+) -> int:
+    """Return the number of vertices that edges connect with the first one."""
+    begin = sides.first_vertex[mesh]
+    queue[begin] = begin
+    seen[begin] = 1
+    head = begin
+    tail = begin + 1
+    while head < tail:
+        vertex = queue[head]
+        head += 1
+        for k in range(sides.start[vertex], leaving_end(sides, mesh, vertex)):
+            other = sides.tail[next_side(sides.leaving[k])]
+            if seen[other] == 0:
+                seen[other] = 1
+                queue[tail] = other
+                tail += 1
+    return tail - begin
+
+
+@wp.kernel
+def check_meshes(
+    first: int,
+    sides: Sides,
+    position: wp.array(dtype=wp.vec3d),
+    flattest: wp.float64,
+    seen: wp.array(dtype=wp.int32),
+    queue: wp.array(dtype=wp.int32),
+    is_sound: wp.array(dtype=bool),
+):
+    """Check faces, fans of vertices and connections of closed meshes; thread (mesh, counted from `first`)."""
+    mesh = first + wp.tid()
+    if not is_sound[mesh]:
+        return
+    sound = bool(True)
+    for face in range(sides.first_face[mesh], sides.first_face[mesh + 1]):
+        a = position[sides.tail[3 * face]]
+        b = position[sides.tail[3 * face + 1]]
+        c = position[sides.tail[3 * face + 2]]
+        if not has_area(a, b, c, flattest):
+            sound = False
+    for vertex in range(sides.first_vertex[mesh], sides.first_vertex[mesh + 1]):
+        degree = leaving_end(sides, mesh, vertex) - sides.start[vertex]
+        if degree == 0:
+            sound = False
+        else:
+            side = sides.leaving[sides.start[vertex]]
+            turned = int(0)
+            while turned == 0 or (side != sides.leaving[sides.start[vertex]] and turned <= degree):
+                side = sides.twin[next_side(next_side(side))]
+                turned += 1
+            if turned != degree:
+                sound = False
+    n_vertices = sides.first_vertex[mesh + 1] - sides.first_vertex[mesh]
+    is_sound[mesh] = sound and count_connected(sides, mesh, seen, queue) == n_vertices
+
+
+@wp.kernel
+def find_reach(
+    first: int,
+    sides: Sides,
+    position: wp.array(dtype=wp.vec3d),
+    waiting: wp.array(dtype=wp.int32),
+    queue: wp.array(dtype=wp.int32),
+    distance: wp.array(dtype=wp.float64),
+    reach: wp.array(dtype=wp.float64),
+):
+    """Find the longest of all shortest paths along edges from the first vertex; thread (mesh, from `first`).
+
+    Bellman's and Ford's method with a queue, of which each vertex is in at most one place.
+    """
+    mesh = first + wp.tid()
+    begin = sides.first_vertex[mesh]
+    n = sides.first_vertex[mesh + 1] - begin
+    for vertex in range(begin, begin + n):
+        distance[vertex] = wp.float64(1.0e300)
+        waiting[vertex] = 0
+    distance[begin] = wp.float64(0.0)
+    queue[begin] = begin
+    waiting[begin] = 1
+    head = int(0)
+    length = int(1)
+    while length > 0:
+        vertex = queue[begin + head]
+        head = wp.where(head + 1 == n, 0, head + 1)
+        length -= 1
+        waiting[vertex] = 0
+        for k in range(sides.start[vertex], leaving_end(sides, mesh, vertex)):
+            other = sides.tail[next_side(sides.leaving[k])]
+            there = distance[vertex] + wp.length(position[vertex] - position[other])
+            if there < distance[other]:
+                distance[other] = there
+                if waiting[other] == 0:
+                    waiting[other] = 1
+                    queue[begin + (head + length) % n] = other
+                    length += 1
+    farthest = wp.float64(0.0)
+    for vertex in range(begin, begin + n):
+        farthest = wp.max(farthest, distance[vertex])
+    reach[mesh] = farthest

@@ -1,0 +1,98 @@
+"""The sides of many meshes, paired and checked by compiled code on all cores."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.device import launch_on_cores, shared
+from homolog.surfaces.kernels import sides as kernels
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.topology import FLATTEST, check_mesh, may_have_twins
+
+__all__ = ["MeshSides"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshSides:
+    """The sides of some meshes, which lie one after another; side 3f + k starts at corner k of face f.
+
+    Attributes
+    ----------
+    meshes : sequence of TriangleMesh
+        S of them.
+    first_vertex, first_face : (S + 1,) int32 arrays
+        Of each mesh, and the number of all.
+    tail : (3F,) int32 array
+        Vertex at which each side starts, counted through all meshes.
+    twin : (3F,) int32 array
+        The same edge as a side of the neighbouring face.
+    start : (N,) int32 array
+        First of each vertex in `leaving`.
+    leaving : (3F,) int32 array
+        Sides sorted by tail.
+    is_closed : (S,) bool array
+        Whether the twins of a mesh are valid: each side runs once against one other.
+    """
+
+    meshes: Sequence[TriangleMesh]
+    first_vertex: IntArray
+    first_face: IntArray
+    tail: IntArray
+    twin: IntArray
+    start: IntArray
+    leaving: IntArray
+    is_closed: BoolArray
+
+    @classmethod
+    def of(cls, meshes: Sequence[TriangleMesh]) -> "MeshSides":
+        """Pair the sides of meshes whose faces refer to their vertices."""
+        first_vertex, first_face = (
+            np.concatenate([[0], np.cumsum([len(item) for item in items])]).astype(np.int32)
+            for items in ([mesh.vertices for mesh in meshes], [mesh.faces for mesh in meshes])
+        )
+        faces = np.concatenate([mesh.faces.ravel() for mesh in meshes])
+        tail, twin, leaving = np.zeros((3, len(faces)), np.int32)
+        start, is_closed = np.zeros(first_vertex[-1], np.int32), np.zeros(len(meshes), dtype=bool)
+        made = cls(meshes, first_vertex, first_face, tail, twin, start, leaving, is_closed)
+        inputs = [shared(faces), made.for_kernels(), shared(is_closed)]
+        launch_on_cores(kernels.pair_sides, len(meshes), inputs)
+        return made
+
+    def for_kernels(self) -> Any:  # noqa: ANN401 - a wp.struct has no type
+        """Return the `Sides` of kernels on the CPU, on the same memory."""
+        sides = kernels.Sides()
+        for name in ("first_vertex", "first_face", "tail", "twin", "start", "leaving"):
+            setattr(sides, name, shared(getattr(self, name)))
+        return sides
+
+    def check(self, names: Sequence[str]) -> None:
+        """Raise InputError unless all meshes pass `check_mesh`.
+
+        Meshes that the compiled checks doubt are looked at by `check_mesh`, which says what is wrong.
+        """
+        n = int(self.first_vertex[-1])
+        seen, queue, is_sound = np.zeros(n, np.int32), np.empty(n, np.int32), self.is_closed.copy()
+        inputs = [self.for_kernels(), self.positions(), 2.0 * FLATTEST]
+        inputs += [shared(seen), shared(queue), shared(is_sound)]
+        launch_on_cores(kernels.check_meshes, len(self.meshes), inputs)
+        for mesh, name, sound in zip(self.meshes, names, is_sound, strict=True):
+            if not sound or may_have_twins(mesh.vertices):
+                check_mesh(mesh, name)
+
+    def reach(self) -> FloatArray:
+        """Return how far along edges the farthest vertex is from the first one of each mesh, (S,) [mm]."""
+        n = int(self.first_vertex[-1])
+        result = np.zeros(len(self.meshes))
+        scratch = [shared(item) for item in (*np.empty((2, n), np.int32), np.empty(n), result)]
+        inputs = [self.for_kernels(), self.positions(), *scratch]
+        launch_on_cores(kernels.find_reach, len(self.meshes), inputs)
+        return result
+
+    def positions(self) -> Any:  # noqa: ANN401 - a wp.array
+        """Return the vertices of all meshes, (N,) vec3d, for kernels on the CPU."""
+        joined = np.concatenate([mesh.vertices for mesh in self.meshes])
+        return wp.array(joined, dtype=wp.vec3d, device="cpu", copy=False)
