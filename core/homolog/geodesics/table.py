@@ -92,13 +92,13 @@ class GeodesicTable:
         ends = np.append(0, np.cumsum(counts))
         index = np.int32 if ends[-1] < 2**31 else np.int64
         columns, distances = np.empty(ends[-1], index), np.empty(ends[-1], np.float32)
-        by_cluster = np.argsort(slot)
-        for cluster, members in groupby(by_cluster, lambda v: slot[v] // LANES):
+        for cluster, members in groupby(np.argsort(slot), lambda v: slot[v] // LANES):
             reached = np.flatnonzero(row[cluster] != MISSING)
             block = np.ascontiguousarray(codes[start[cluster] + row[cluster, reached].astype(np.int64)].T)
-            for v in members:
-                present = block[slot[v] % LANES] != MISSING
-                columns[ends[v] : ends[v + 1]] = reached[present]
-                distances[ends[v] : ends[v + 1]] = block[slot[v] % LANES, present]
+            present = block != MISSING
+            found, known, at = np.broadcast_to(reached, block.shape)[present], block[present], 0
+            for v in members:  # lane by lane
+                here = slice(at, at := at + counts[v])
+                columns[ends[v] : ends[v + 1]], distances[ends[v] : ends[v + 1]] = found[here], known[here]
         distances *= np.float32(self.unit)
         return csr_array((distances, columns, ends.astype(index)), shape=(len(slot), len(slot)))
