@@ -6,7 +6,8 @@
 
 The first two take --cohorts, the second also --distances, --particles, --seeds and --device; a run whose line
 is in the file is not repeated. Distances are *circular* (virtual sources, the default), *straight*
-(Euclidean) and *exact* (polyhedral, by tvb-gdist: about a minute for each mesh). Commit 320e32c also has *planar* ones (fronts of the paper), a065c72 *second-order* ones.
+(Euclidean) and *exact* (polyhedral, by tvb-gdist: about a minute for each mesh). Commit 320e32c also has
+*planar* ones (fronts of the paper), a065c72 *second-order* ones.
 """
 
 import argparse
