@@ -1,4 +1,4 @@
-"""Similarities as (4, 4) matrices, and farthest-point sampling."""
+"""Similarities as (4, 4) matrices: application, fit, scale and rotation; farthest-point sampling."""
 
 from collections.abc import Sequence
 
@@ -13,6 +13,8 @@ __all__ = [
     "fit_similarity",
     "inverse_matrices",
     "rms_radius",
+    "rotation_of",
+    "scale_of",
     "transform_points",
 ]
 
@@ -38,6 +40,17 @@ def inverse_matrices(matrices: FloatArray) -> FloatArray:
     """Return the inverses of (..., 4, 4) matrices."""
     inverses: FloatArray = np.asarray(np.linalg.inv(matrices), dtype=np.float64)
     return inverses
+
+
+def scale_of(matrices: FloatArray) -> FloatArray:
+    """Return the positive scale (...) of similarities (..., 3, 3) or (..., 4, 4), mirror images included."""
+    return np.asarray(np.cbrt(np.abs(np.linalg.det(matrices[..., :3, :3]))))
+
+
+def rotation_of(matrices: FloatArray) -> FloatArray:
+    """Return the rotations (..., 3, 3) of similarities (..., 4, 4) that are no mirror images."""
+    linear = matrices[..., :3, :3]
+    return np.asarray(linear / np.cbrt(np.linalg.det(linear))[..., None, None])
 
 
 def fit_rotation(

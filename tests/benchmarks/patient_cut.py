@@ -22,7 +22,6 @@ from homolog.grooming import GroomedSubject
 from homolog.grooming.subject import groom, read_source
 from homolog.grooming.volumes import Segmentation
 from homolog.patient import Reference, compare_groomed
-from homolog.patient.fit import vertex_areas
 
 
 def main() -> None:
@@ -54,7 +53,7 @@ def cut(
 ) -> tuple[Segmentation, np.ndarray]:
     """Return the image without what lies beyond a plane, and the vertices that do."""
     along = (whole.mesh.vertices - source.origin) @ source.rotation[:, axis] / source.spacing[axis]
-    areas = vertex_areas(whole.mesh)
+    areas = whole.mesh.vertex_areas
     order = np.argsort(-side * along)
     level = along[order[np.searchsorted(np.cumsum(areas[order]), share * areas.sum())]]
     first, last = 0, source.mask.shape[axis]
@@ -72,7 +71,7 @@ def cut(
 def line(
     reference: Reference, side: str, part: GroomedSubject, whole: GroomedSubject, beyond: np.ndarray
 ) -> str:
-    areas = vertex_areas(whole.mesh)
+    areas = whole.mesh.vertex_areas
     share = 100.0 * areas[beyond].sum() / areas.sum()
     result, usual = (compare_groomed(reference, item, force=True) for item in (part, whole))
     said = [remark for remark in result.remarks if "surface is missing" in remark]

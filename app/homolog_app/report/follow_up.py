@@ -13,7 +13,6 @@ from homolog.files.meshes import write_mesh
 from homolog.files.tables import write_table
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.patient import Change, FollowUp, Reference
-from homolog.patient.fit import vertex_areas
 from homolog.progress import Tick, no_tick
 from homolog_app.pictures.layout import Panel, arrange
 from homolog_app.rendering.colours import LIGHT, common_limit
@@ -115,7 +114,7 @@ def write_follow_up(
     write_sheets(
         folder / "follow_up.pdf", _title(follow_up), _sheets(follow_up, reference, rows_of_panels, scale)
     )
-    areas = vertex_areas(follow_up.surface)
+    areas = follow_up.surface.vertex_areas
     columns = [
         "time", "since", "volume_percent", "mean_mm", "rms_mm", "outward_mm", "inward_mm", "beyond_mm2",
         "largest_z", "limit", "repeats", "controls_twice",
@@ -172,7 +171,7 @@ def _times(follow_up: FollowUp, reference: Reference) -> str:
 
 
 def _number_rows(follow_up: FollowUp) -> list[tuple[str, ...]]:
-    areas = vertex_areas(follow_up.surface)
+    areas = follow_up.surface.vertex_areas
     rows = []
     for change in follow_up.changes:
         values = zip(_COLUMNS[1:], _numbers(change, areas), strict=True)

@@ -20,6 +20,7 @@ from homolog.errors import InputError
 from homolog.files.atomic import write_text
 from homolog.files.project import OUT_OF_DATE, ProjectFolder
 from homolog.files.results import Result
+from homolog.geometry import scale_of
 
 __all__ = [
     "SHAPE_SIZE",
@@ -83,7 +84,7 @@ def compared_shapes(result: Result, alignment: Alignment) -> FloatArray:
 
 
 def _at_own_size(result: Result) -> FloatArray:
-    scale = np.cbrt(np.abs(np.linalg.det(result.alignments[:, :3, :3])))
+    scale = scale_of(result.alignments)
     if np.allclose(scale, 1.0, rtol=1e-9):
         return result.world
     centre = result.world.mean(axis=1, keepdims=True)

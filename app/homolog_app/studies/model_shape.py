@@ -19,10 +19,10 @@ from homolog.arrays import Array, BoolArray, Float32Array, FloatArray, IntArray,
 from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result, read_result
+from homolog.geometry import scale_of
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import Method
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.mirroring import scale_of
 from homolog_app.rendering.colours import common_limit
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from homolog.arrays import Array, FloatArray
-from homolog.geometry import transform_points
-from homolog.surfaces.mirroring import mirrors, scale_of
+from homolog.geometry import scale_of, transform_points
+from homolog.surfaces.mirroring import mirrors
 from homolog_app.rendering.actors import QuickBalls, SceneActors
 from homolog_app.rendering.camera import VIEWS as ANATOMICAL
 from homolog_app.rendering.camera import Box, Clip, Cut, View, around, extent_of

@@ -103,7 +103,7 @@ def prepare_on(
     _connect(devices)
     unit = length_unit(shapes)
     opening = settings.opening_weight if settings.method.uses_normals else 0.0
-    ways = [Similarity(shape.alignment[:3, :3] / unit, shape.alignment[:3, 3] / unit) for shape in shapes]
+    ways = [Similarity.of(shape.alignment, unit) for shape in shapes]
     openings = 0.0
     if opening:
         openings = opening_scale(shapes, ways, opening, part_of(tick, 0.0, 0.05), device=devices[0])

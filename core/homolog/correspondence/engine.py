@@ -20,9 +20,10 @@ from homolog.correspondence.schedule import Weights
 from homolog.correspondence.surface_sets import SurfaceSet, nearest_faces
 from homolog.device import cores
 from homolog.geodesics.kernels.lookup import SurfacePoint
+from homolog.geometry import rotation_of
 from homolog.threads import in_threads
 
-__all__ = ["Engine", "Particles", "rotations"]
+__all__ = ["Engine", "Particles"]
 
 NEWTON_STEPS = 2
 
@@ -181,7 +182,7 @@ class Engine:
         self.poses = poses
         packed: Any = np.zeros(self.shapes, dtype=_POSE.numpy_dtype())
         packed["linear"] = poses[:, :3, :3]
-        packed["rotation"] = rotations(poses)
+        packed["rotation"] = rotation_of(poses)
         packed["shift"] = poses[:, :3, 3]
         self._poses.assign(wp.array(packed, dtype=kernels.Pose, device=self.launch.device))
 
@@ -223,7 +224,7 @@ class Engine:
 
     def aligned_normals(self) -> FloatArray:
         """Return the aligned normals, shape (M, n, 3)."""
-        result: FloatArray = np.einsum("mij,mnj->mni", rotations(self.poses), self.host_normals())
+        result: FloatArray = np.einsum("mij,mnj->mni", rotation_of(self.poses), self.host_normals())
         return result
 
     def start_stage(self, weights: Sequence[Weights], done: int = 0) -> None:
@@ -349,10 +350,3 @@ class Engine:
     def count_iteration(self) -> None:
         """Advance to the parameters of the next iteration."""
         wp.launch(step_kernels.next_iteration, dim=1, inputs=[self.iteration], device=self.launch.device)
-
-
-def rotations(poses: FloatArray) -> FloatArray:
-    """Return the rotation matrices of similarities, (M, 3, 3)."""
-    linear = poses[:, :3, :3]
-    rotation_matrices: FloatArray = linear / np.cbrt(np.linalg.det(linear))[:, None, None]
-    return rotation_matrices

@@ -6,7 +6,7 @@ import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.correspondence.divided import make_engine
-from homolog.correspondence.engine import Engine, Particles, rotations
+from homolog.correspondence.engine import Engine, Particles
 from homolog.correspondence.entropy.dual import ensemble_entropy
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
 from homolog.correspondence.initialization.registration import InitialRegistration
@@ -19,7 +19,6 @@ from homolog.correspondence.poses import (
     largest_turn,
     poses_of_particles,
     procrustes_step,
-    scales_of,
 )
 from homolog.correspondence.prepared_cohort import PreparedCohort, landmarks_on_device
 from homolog.correspondence.recorder import CheckpointCallback, RunRecorder
@@ -34,7 +33,7 @@ from homolog.correspondence.types import (
     Stage,
 )
 from homolog.errors import Cancelled, InputError, NumericalError
-from homolog.geometry import inverse_matrices, transform_points
+from homolog.geometry import inverse_matrices, rotation_of, scale_of, transform_points
 from homolog.progress import Tick, part_of
 from homolog.settings import OptimizeSettings, Procrustes
 
@@ -96,7 +95,7 @@ class OptimizationLoop:
     ) -> None:
         self.cohort, self.settings, self.initial, self.stages = cohort, settings, initial, stages
         self.alignments = alignments
-        scales = None if settings.procrustes is Procrustes.SIMILARITY else scales_of(alignments)
+        scales = None if settings.procrustes is Procrustes.SIMILARITY else scale_of(alignments)
         compared = np.array([shape.alignment for shape in shapes]) if shapes else alignments
         self.log = RunRecorder(compared, scales, cohort.unit, observe, on_checkpoint)
         self.log.tangential_weight = TANGENTIAL_WEIGHT
@@ -227,7 +226,7 @@ class OptimizationLoop:
         plan, old = self.stages[index], self.engine
         self.cohort.surface_set(plan.count, part_of(self.tick, self._done.before(index), self._done(index)))
         random = np.random.default_rng([self.settings.seed, plan.count])
-        scales = np.cbrt(np.linalg.det(self.poses[:, :3, :3]))
+        scales = scale_of(self.poses)
         offset = SPLIT_OFFSET * old.width * scales * old.surface_set.sizes
         aligned = split(old.aligned_positions(), old.aligned_normals(), plan.count, offset, random)
         self._set_particles(plan.count, transform_points(inverse_matrices(self.poses), aligned))
@@ -387,7 +386,7 @@ class OptimizationLoop:
         if self.aligns:
             scaling = self.settings.procrustes is Procrustes.SIMILARITY
             alignments = alignments_of_particles(local, alignments, poses, self.free_poses, scaling=scaling)
-        rotation_matrices = rotations(alignments) @ rotations(poses).transpose(0, 2, 1)
+        rotation_matrices = rotation_of(alignments) @ rotation_of(poses).transpose(0, 2, 1)
         return OptimizedParticles(
             world=transform_points(alignments, local),
             local=local,

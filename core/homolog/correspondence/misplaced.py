@@ -10,13 +10,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
-from homolog.correspondence.engine import Engine, rotations
+from homolog.correspondence.engine import Engine
 from homolog.correspondence.exchanges import EnsembleRows, Exchanges
 from homolog.correspondence.initialization.registration import features, snap_to_mesh
 from homolog.correspondence.schedule import Weights
 from homolog.device import cores
 from homolog.errors import InputError
-from homolog.geometry import farthest_point_sampling, inverse_matrices, transform_points
+from homolog.geometry import farthest_point_sampling, inverse_matrices, rotation_of, transform_points
 from homolog.threads import in_threads
 
 __all__ = [
@@ -177,7 +177,7 @@ def relocate(engine: Engine, misplaced: BoolArray) -> None:
     targets = transform_points(
         inverse_matrices(engine.poses), predict_positions(aligned, misplaced, engine.launch.poll_cancel)
     )
-    normals = np.einsum("mji,nj->mni", rotations(engine.poses), means)
+    normals = np.einsum("mji,nj->mni", rotation_of(engine.poses), means)
     positions = engine.host_positions().astype(np.float64)
     for k in np.flatnonzero(misplaced.any(axis=1)).tolist():
         engine.launch.poll_cancel()

@@ -14,12 +14,11 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from homolog.arrays import DeviceArray, FloatArray
-from homolog.correspondence.engine import rotations
 from homolog.correspondence.ensemble import Ensemble
 from homolog.correspondence.initialization.registration import features
 from homolog.correspondence.kernels import particles as kernels
 from homolog.correspondence.kernels.functions import stencil_cache
-from homolog.geometry import inverse_matrices, transform_points
+from homolog.geometry import inverse_matrices, rotation_of, transform_points
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["SurfacePoints", "Term", "search_poses"]
@@ -82,7 +81,7 @@ class SurfacePoints:
         openings : (n,) array
             Weighted opening angles.
         """
-        rotation = rotations(pose[None])[0]
+        rotation = rotation_of(pose[None])[0]
         goals, wanted = transform_points(inverse_matrices(pose), targets), normals @ rotation
         first = np.asarray(self._tree.query(features(goals, wanted))[1])
         points, planes = self._vertices[first], self._normals[first]

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.correspondence.compiled_poses import CompiledSteps
 from homolog.correspondence.entropy.dual import covariance, inverse_dual
-from homolog.geometry import fit_rotation, fit_similarity, transform_points
+from homolog.geometry import fit_rotation, fit_similarity, scale_of, transform_points
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = [
@@ -22,7 +22,6 @@ __all__ = [
     "procrustes_step",
     "rescale",
     "robust_step",
-    "scales_of",
 ]
 
 N_SWEEPS = 3  # over the shapes, in `entropy_step`
@@ -35,15 +34,9 @@ MAX_ROUNDS, CONVERGENCE = (
 )  # of generalized Procrustes analysis: at most, and when the mean has come to rest
 
 
-def scales_of(matrices: FloatArray) -> FloatArray:
-    """Return the scales of (M, 4, 4) similarities, (M,)."""
-    scales: FloatArray = np.cbrt(np.linalg.det(matrices[:, :3, :3]))
-    return scales
-
-
 def largest_turn(matrices: FloatArray) -> float:
     """Return the largest angle [rad] by which any of (M, 4, 4) similarities turns."""
-    linear = matrices[:, :3, :3] / scales_of(matrices)[:, None, None]
+    linear = matrices[:, :3, :3] / scale_of(matrices)[:, None, None]
     return float(Rotation.from_matrix(linear).magnitude().max())
 
 
@@ -87,7 +80,7 @@ def alignments_of_particles(
     if not free.all():
         return align_to_mean(local, alignments, free, scaling=scaling)
     if not scaling:
-        poses = rescale(poses, scales_of(alignments), transform_points(poses, local).mean(axis=1))
+        poses = rescale(poses, scale_of(alignments), transform_points(poses, local).mean(axis=1))
     return generalized_procrustes(local, poses, scaling=scaling)
 
 
@@ -107,7 +100,7 @@ def rescale(matrices: FloatArray, scales: FloatArray, centres: FloatArray) -> Fl
     -------
     (M, 4, 4) array
     """
-    growth = (scales / scales_of(matrices))[:, None]
+    growth = (scales / scale_of(matrices))[:, None]
     result = matrices.copy()
     result[:, :3, :3] *= growth[:, None]
     result[:, :3, 3] = centres + growth * (result[:, :3, 3] - centres)
@@ -131,7 +124,7 @@ def generalized_procrustes(points: FloatArray, poses: FloatArray, *, scaling: bo
     -------
     (M, 4, 4) float64 array
     """
-    initial, scales = transform_points(poses, points), scales_of(poses)
+    initial, scales = transform_points(poses, points), scale_of(poses)
     centred = initial - initial.mean(axis=1, keepdims=True)
     sizes = np.sqrt(np.square(centred).sum(axis=(1, 2)))
     common = float(np.exp(np.log(sizes).mean()))
@@ -168,7 +161,7 @@ def align_to_mean(points: FloatArray, poses: FloatArray, free: BoolArray, *, sca
         result[k] = fit_similarity(points[k], mean, scaling=True)
     if not scaling:
         result[free] = rescale(
-            result[free], scales_of(poses[free]), np.tile(mean.mean(axis=0), (free.sum(), 1))
+            result[free], scale_of(poses[free]), np.tile(mean.mean(axis=0), (free.sum(), 1))
         )
     return result
 
@@ -298,9 +291,9 @@ def entropy_step(
                 pulls[begin + together :] += weights[np.ix_(later, chosen)] @ change
     if scaling and free.all():
         centre = points.mean(axis=(0, 1))
-        scales = scales_of(result)
+        scales = scale_of(result)
         result = rescale(
-            result, scales * np.exp(np.log(scales_of(poses) / scales).mean()), np.tile(centre, (shapes, 1))
+            result, scales * np.exp(np.log(scale_of(poses) / scales).mean()), np.tile(centre, (shapes, 1))
         )
     return result
 

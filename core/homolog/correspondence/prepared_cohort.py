@@ -172,7 +172,7 @@ def prepare_cohort(
     PreparedCohort
     """
     unit = length_unit(shapes) if unit is None else unit
-    to_optimizer = tuple(Similarity(s.alignment[:3, :3] / unit, s.alignment[:3, 3] / unit) for s in shapes)
+    to_optimizer = tuple(Similarity.of(shape.alignment, unit) for shape in shapes)
     counts = particle_counts(settings.particles) if counts is None else counts
     free = np.full(len(shapes), True) if free_shapes is None else free_shapes
     geodesic = settings.method.uses_geodesics

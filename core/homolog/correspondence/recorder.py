@@ -8,8 +8,9 @@ import numpy as np
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.correspondence.engine import Engine, Particles
-from homolog.correspondence.poses import rescale, scales_of
+from homolog.correspondence.poses import rescale
 from homolog.correspondence.types import Checkpoint, Frame, FrameCallback, Stage
+from homolog.geometry import scale_of
 
 __all__ = ["CheckpointCallback", "RunRecorder"]
 
@@ -117,7 +118,7 @@ class RunRecorder:
         self._next_frame = now + FRAME_INTERVAL_S
         world, alignments = engine.aligned_positions() * self.unit, self.aligned(engine.poses)
         if self.scales is not None:
-            centres, before = world.mean(axis=1), scales_of(alignments)
+            centres, before = world.mean(axis=1), scale_of(alignments)
             alignments = rescale(alignments, self.scales, centres)
             growth = (self.scales / before)[:, None, None]
             world = centres[:, None] + growth * (world - centres[:, None])

@@ -184,7 +184,7 @@ def _predict_misplaced(shapes: Sequence[Shape], local: FloatArray, misplaced: Bo
 
 def _similarities(shapes: Sequence[Shape]) -> list[Similarity]:
     unit = length_unit(shapes)
-    return [Similarity(s.alignment[:3, :3] / unit, s.alignment[:3, 3] / unit) for s in shapes]
+    return [Similarity.of(shape.alignment, unit) for shape in shapes]
 
 
 def _transform_mesh(mesh: TriangleMesh, placement: Similarity) -> TriangleMesh:

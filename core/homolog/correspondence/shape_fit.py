@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from homolog.arrays import BoolArray, FloatArray
-from homolog.correspondence.engine import Engine, Particles, rotations
+from homolog.correspondence.engine import Engine, Particles
 from homolog.correspondence.ensemble import Ensemble, ShapeState
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
 from homolog.correspondence.fit_engine import FitEngine
@@ -29,7 +29,7 @@ from homolog.correspondence.refit import carry_particles
 from homolog.correspondence.schedule import NORMALS_ANNEALING, StagePlan, plan_stages
 from homolog.correspondence.surface_sets import Similarity
 from homolog.correspondence.types import InitialParticles, Shape
-from homolog.geometry import fit_similarity, inverse_matrices, transform_points
+from homolog.geometry import fit_similarity, inverse_matrices, rotation_of, transform_points
 from homolog.progress import Tick, no_tick
 from homolog.settings import OptimizeSettings, Procrustes
 from homolog.surfaces.mirroring import MIRROR, mirrors
@@ -388,7 +388,7 @@ class _FitLoop(OptimizationLoop):
         both = np.stack([self._ensemble.mean, own])
         targets = predict_positions(both, np.stack([np.zeros_like(misplaced[0]), misplaced[0]]))[1]
         targets = transform_points(inverse_matrices(self.poses[0]), targets)
-        normals = self._ensemble.normals @ rotations(self.poses)[0]
+        normals = self._ensemble.normals @ rotation_of(self.poses)[0]
         moved, mesh = misplaced[0], self.engine.surface_set.meshes[0]
         positions[0, moved] = snap_to_mesh(targets[moved], normals[moved], mesh)
         self.engine.set_positions(positions)

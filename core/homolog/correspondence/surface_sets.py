@@ -15,11 +15,11 @@ from scipy.spatial import cKDTree
 
 from homolog.arrays import Array, BoolArray, DeviceArray, FloatArray, IntArray
 from homolog.correspondence.kernels.particles import Surface
-from homolog.correspondence.poses import rescale, scales_of
+from homolog.correspondence.poses import rescale
 from homolog.correspondence.types import Shape
 from homolog.errors import NumericalError
 from homolog.geodesics import GeodesicTable
-from homolog.geometry import transform_points
+from homolog.geometry import scale_of, transform_points
 from homolog.memory import Store, in_memory
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.sides import MeshSides
@@ -45,10 +45,15 @@ class Similarity:
     linear: FloatArray
     origin: FloatArray
 
+    @classmethod
+    def of(cls, alignment: FloatArray, unit: float) -> "Similarity":
+        """Return the similarity of a local-to-world matrix (4, 4) and the optimizer's unit [mm]."""
+        return cls(alignment[:3, :3] / unit, alignment[:3, 3] / unit)
+
     @property
     def scale(self) -> float:
         """Optimizer lengths per millimetre."""
-        return float(np.cbrt(np.linalg.det(self.linear)))
+        return float(scale_of(self.linear))
 
     def apply(self, points: FloatArray) -> FloatArray:
         """Map local points (..., 3) to the optimizer's coordinates."""
@@ -97,7 +102,7 @@ def normalize_size(shapes: Sequence[Shape]) -> list[Shape]:
     """
     alignments = np.stack([shape.alignment for shape in shapes])
     areas = np.array([shape.mesh.area for shape in shapes])
-    scales = scales_of(alignments)
+    scales = scale_of(alignments)
     sizes = scales * np.sqrt(areas)
     centres = np.stack([transform_points(s.alignment, s.mesh.vertices).mean(axis=0) for s in shapes])
     common = np.exp(np.log(sizes).mean())

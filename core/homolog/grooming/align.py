@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.device import cores
 from homolog.errors import InputError
+from homolog.geometry import rotation_of, scale_of
 from homolog.grooming.icp import (
     Fit,
     OrientedPoints,
@@ -128,7 +129,7 @@ def register(
         elif settings.alignment is Alignment.ICP:
             fit = fits[index]
             distances[index] = fit.distance
-            pose[:3] = fit.pose[:3] / np.cbrt(np.linalg.det(fit.pose[:3, :3]))
+            pose[:3] = fit.pose[:3] / scale_of(fit.pose)
         pose[:3, :3] *= goal / size
         pose[:3, 3] *= goal
         pose[:3, 3] -= pose[:3, :3] @ unit.centre
@@ -223,8 +224,7 @@ def _by_neighbours(
 
 def _turns(alignments: FloatArray) -> FloatArray:
     """Return by what angle each similarity (M, 4, 4) turns relative to the most usual one [degrees]."""
-    linear = alignments[:, :3, :3]
-    turns = Rotation.from_matrix(linear / np.cbrt(np.linalg.det(linear))[:, None, None])
+    turns = Rotation.from_matrix(rotation_of(alignments))
     angles = np.degrees([(turns * turn.inv()).magnitude() for turn in turns])
     usual: FloatArray = angles[int(np.argmin(np.median(angles, axis=1)))]
     return usual

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.geometry import fit_rotation
+from homolog.geometry import fit_rotation, scale_of
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["Fit", "OrientedPoints", "axes_rotation", "fit_at", "oriented_points", "refined", "registered"]
@@ -165,7 +165,7 @@ def _iterated(own: _Half, other: _Half, poses: FloatArray, count: int, rounds: i
     moving = np.arange(len(poses))  # those that have not settled
     for _ in range(rounds):
         pose = poses[moving]
-        scale = np.cbrt(np.linalg.det(pose[:, :3, :3]))[:, None, None]
+        scale = scale_of(pose)[:, None, None]
         turn, shift = pose[:, :3, :3] / scale, pose[:, None, :3, 3]
         there, onto = other.nearest(
             a @ pose[:, :3, :3].transpose(0, 2, 1) + shift, na @ turn.transpose(0, 2, 1)

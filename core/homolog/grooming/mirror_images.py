@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 from homolog.arrays import FloatArray
 from homolog.device import cores
-from homolog.geometry import transform_points
+from homolog.geometry import rotation_of, transform_points
 from homolog.grooming.align import RegisterPair, by_typicality
 from homolog.grooming.icp import OrientedPoints, oriented_points, refined
 from homolog.grooming.subject import GroomedSubject
@@ -168,7 +168,7 @@ def _turned(cloud: OrientedPoints, rotation: FloatArray) -> OrientedPoints:
 
 
 def _moved(cloud: OrientedPoints, pose: FloatArray) -> OrientedPoints:
-    rotation = pose[:3, :3] / np.cbrt(np.linalg.det(pose[:3, :3]))
+    rotation = rotation_of(pose)
     return replace(cloud, points=transform_points(pose, cloud.points), normals=cloud.normals @ rotation.T)
 
 

@@ -77,7 +77,7 @@ def uncovered(located: LocatedParticles, tick: Tick = no_tick) -> list[Suspect]:
 def _gaps(located: LocatedParticles, m: int, reach: FloatArray, limit: float) -> list[_Gap]:
     """Return the regions around the vertices of a mesh that are farther than the limit, in spacings."""
     mesh, points, corners = located.meshes[m], located.local[m], located.meshes[m].faces[located.faces[m]]
-    shares = np.bincount(mesh.faces.ravel(), np.repeat(mesh.face_areas / 3.0, 3), len(mesh.vertices))
+    shares = mesh.vertex_areas
     sides = edges(mesh.faces)
     sides = sides[(reach[sides] > _EDGE).all(axis=1)]
     graph = coo_array((np.ones(len(sides)), tuple(sides.T)), shape=(len(reach),) * 2)

@@ -19,6 +19,7 @@ from homolog.geodesics.kernels.lookup import SurfacePoint
 from homolog.geometry import transform_points
 from homolog.inspection import kernels
 from homolog.progress import Tick, no_tick, part_of
+from homolog.surfaces.closest import on_device
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.simplify import simplified
 from homolog.surfaces.topology import longest_edge
@@ -164,13 +165,9 @@ def locate_particles(
 
 def closest_points_on(mesh: TriangleMesh, points: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return a mesh's normals (n, 3) and faces (n,) next to points (n, 3), and its distances (n,) [mm]."""
-    middle = mesh.vertices.mean(axis=0)  # single precision: keep the numbers small
     reach = float(np.ptp(np.concatenate([mesh.vertices, points]), axis=0).sum())
     with wp.ScopedDevice("cpu"):
-        surface = wp.Mesh(
-            points=wp.array((mesh.vertices - middle).astype(np.float32), dtype=wp.vec3),
-            indices=wp.array(mesh.faces.ravel(), dtype=wp.int32),
-        )
+        surface, middle = on_device(mesh)
         own = wp.array(mesh.vertex_normals.astype(np.float32), dtype=wp.vec3)
         located = wp.array((points - middle).astype(np.float32), dtype=wp.vec3)
         normals = wp.zeros(len(points), dtype=wp.vec3)

@@ -7,7 +7,7 @@ import numpy as np
 
 from homolog.arrays import Array, FloatArray, frozen
 from homolog.patient.distribution import Percentile, percentile
-from homolog.patient.fit import SurfaceFit, fit_surface, vertex_areas
+from homolog.patient.fit import SurfaceFit, fit_surface
 from homolog.patient.local import LocalNorm, Region, prediction_limit, regions
 from homolog.patient.mesh_graph import ring_mean
 from homolog.patient.surface_model import SurfaceModel
@@ -151,7 +151,7 @@ class ExpectedChange:
         averaged = ring_mean(change, surface.faces, AVERAGED)
         z, rest = self.local.standardised(averaged), averaged - self.local.mean
         met = fit.met & own.met
-        beyond = regions(surface, vertex_areas(surface), change - self.local.mean, z, met, self.limit)
+        beyond = regions(surface, surface.vertex_areas, change - self.local.mean, z, met, self.limit)
         return AgainstExpected(
             frozen(z),
             beyond,
@@ -187,5 +187,5 @@ class ExpectedChange:
 
 
 def _rms(values: FloatArray, surface: TriangleMesh) -> float:
-    areas = vertex_areas(surface)
+    areas = surface.vertex_areas
     return float(np.sqrt(areas @ np.square(values) / areas.sum()))

@@ -16,7 +16,7 @@ from homolog.patient.checks import check_fit, check_unit
 from homolog.patient.controls import COARSE_VERTICES
 from homolog.patient.cut import check_cut, ends_of, fit_rest
 from homolog.patient.distribution import Percentile, percentile
-from homolog.patient.fit import SurfaceFit, fit_surface, vertex_areas
+from homolog.patient.fit import SurfaceFit, fit_surface
 from homolog.patient.left_out import Measures, measures_of
 from homolog.patient.local import Region, bands_of, regions, scores_of
 from homolog.patient.own_surface import OwnSurface, own_surface
@@ -255,7 +255,7 @@ def compare_groomed(
         missing=cut.missing,
         total=total,
         total_z=reference.total.standardised(total),
-        regions=regions(surface, vertex_areas(surface), fit.residual, z, fit.met, reference.limit),
+        regions=regions(surface, surface.vertex_areas, fit.residual, z, fit.met, reference.limit),
         remarks=(*groomed.report.notes, *remarks),
         particles=particles,
         own=own,

@@ -14,7 +14,7 @@ from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.files.records import ResultRecord
 from homolog.files.results import Result, read_surface
-from homolog.geometry import fit_similarity, inverse_matrices, transform_points
+from homolog.geometry import fit_similarity, inverse_matrices, rotation_of, scale_of, transform_points
 from homolog.grooming.cache import read_groomed
 from homolog.patient.target import Target
 from homolog.progress import Tick, no_tick, part_of
@@ -126,7 +126,7 @@ def read_controls(
         if mirrors(alignment):
             local = transform_points(MIRROR, local)
             alignment = alignment @ MIRROR
-        rotation = alignment[:3, :3] / np.cbrt(np.linalg.det(alignment[:3, :3]))
+        rotation = rotation_of(alignment)
         meshes.append(_mesh(project, record, result, index))
         particles.append(local)
         turned.append(local @ rotation.T)
@@ -180,7 +180,7 @@ def _template(result: Result, aligned: FloatArray) -> TriangleMesh:
     goal = aligned.mean(axis=0)
     pose = fit_similarity(mean, goal, scaling=True)
     start = transform_points(pose, mean)
-    scale = np.cbrt(np.linalg.det(pose[:3, :3]))
+    scale = scale_of(pose)
     vertices = transform_points(pose, mesh.vertices)
     moved = warp_surface(start, vertices, (goal - start)[None], scale * result.smoothing)[0]
     return TriangleMesh(vertices + moved, mesh.faces)

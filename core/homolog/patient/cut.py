@@ -10,7 +10,7 @@ from homolog.arrays import BoolArray, FloatArray
 from homolog.errors import InputError
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject
-from homolog.patient.fit import CutEnd, SurfaceFit, fit_surface, vertex_areas
+from homolog.patient.fit import CutEnd, SurfaceFit, fit_surface
 from homolog.patient.local import bands_of
 from homolog.patient.reference import Reference
 from homolog.progress import Tick, no_tick
@@ -89,7 +89,7 @@ def fit_rest(
     beyond, missing = (
         np.any([end.beyond(local, inward * end.depth) for end in ends], axis=0) for inward in (0.0, 1.0)
     )
-    areas = vertex_areas(reference.model.surface(rest.expected))
+    areas = reference.model.surface(rest.expected).vertex_areas
     share = float(areas[beyond].sum() / areas.sum())
     seen = replace(rest, residual=np.where(missing, 0.0, rest.residual), met=rest.met & ~missing)
     return CutFit(seen, missing, share)
@@ -165,6 +165,6 @@ def _continues_beyond(reference: Reference, mesh: TriangleMesh, fit: SurfaceFit,
     z = reference.local.standardised(bands_of(fit.residual, model.faces))[0]
     here = transform_points(inverse_matrices(fit.pose), surface.vertices)
     nearest = np.asarray(KDTree(mesh.vertices).query(here, k=8)[1])
-    areas = vertex_areas(surface)
+    areas = surface.vertex_areas
     beyond = (end.cap[nearest].mean(axis=1) >= _CAP_SHARE) & end.beyond(here)
     return bool(areas[beyond].sum() >= _LEAST_MISSING * areas.sum() and np.median(z[beyond]) < _INWARD)

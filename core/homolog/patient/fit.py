@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from homolog.arrays import BoolArray, FloatArray, frozen
-from homolog.geometry import inverse_matrices, transform_points
+from homolog.geometry import inverse_matrices, rotation_of, transform_points
 from homolog.grooming.icp import oriented_points, registered
 from homolog.patient.mesh_graph import remove_spikes
 from homolog.patient.surface_model import SurfaceModel
@@ -16,7 +16,7 @@ from homolog.patient.target import Target
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["CutEnd", "SurfaceFit", "fit_surface", "vertex_areas"]
+__all__ = ["CutEnd", "SurfaceFit", "fit_surface"]
 
 _ROUNDS = 40
 _SETTLED = 0.002
@@ -127,7 +127,7 @@ def fit_surface(
     """
     tick(0.0, "aligning")
     target, shape = Target(mesh), model.expected(columns)
-    areas = vertex_areas(model.surface(shape))
+    areas = model.surface(shape).vertex_areas
     share = _INDEPENDENT * areas / areas.sum()
     pose = first_pose(model.surface(shape), coarse) if pose is None else pose
     first = _on_surface(model, target, pose, shape)
@@ -163,15 +163,9 @@ def first_pose(surface: TriangleMesh, coarse: TriangleMesh) -> FloatArray:
     moving, fixed = oriented_points(coarse), oriented_points(surface)
     pose = registered(moving.scaled(1.0 / moving.size), fixed.scaled(1.0 / fixed.size)).pose
     result = np.eye(4)
-    result[:3, :3] = pose[:3, :3] / np.cbrt(np.linalg.det(pose[:3, :3]))
+    result[:3, :3] = rotation_of(pose)
     result[:3, 3] = fixed.centre + fixed.size * pose[:3, 3] - result[:3, :3] @ moving.centre
     return result
-
-
-def vertex_areas(mesh: TriangleMesh) -> FloatArray:
-    """Return the area nearest to each vertex, a third of its faces' [mm²], (V,)."""
-    areas = np.bincount(mesh.faces.ravel(), np.repeat(mesh.face_areas / 3.0, 3), len(mesh.vertices))
-    return np.asarray(areas, dtype=np.float64)
 
 
 def _robust(ratios: FloatArray) -> FloatArray:

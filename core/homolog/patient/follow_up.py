@@ -9,7 +9,7 @@ from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.patient.change import AVERAGED, AgainstExpected, ExpectedChange, distances_to_times
 from homolog.patient.compare import PatientComparison
-from homolog.patient.fit import SurfaceFit, vertex_areas
+from homolog.patient.fit import SurfaceFit
 from homolog.patient.local import Region, prediction_limit, regions
 from homolog.patient.mesh_graph import ring_mean
 from homolog.progress import Tick, no_tick, part_of
@@ -176,7 +176,7 @@ def _change(
     beyond: tuple[Region, ...] = ()
     if error is not None and limit is not None:
         z = ring_mean(distance, surface.faces, AVERAGED) / error
-        beyond = regions(surface, vertex_areas(surface), distance, z, met, limit)
+        beyond = regions(surface, surface.vertex_areas, distance, z, met, limit)
     volume = abs(later.mesh.volume) / abs(first.mesh.volume)
     against = None if expected is None else expected.against(fit, own, volume, surface)
     return Change(

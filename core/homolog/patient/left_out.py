@@ -13,7 +13,7 @@ from homolog.errors import NumericalError
 from homolog.geometry import rms_radius
 from homolog.patient.change import distances_to_times
 from homolog.patient.controls import COARSE_VERTICES, Controls
-from homolog.patient.fit import SurfaceFit, fit_surface, vertex_areas
+from homolog.patient.fit import SurfaceFit, fit_surface
 from homolog.patient.placed import Placing
 from homolog.patient.surface_model import SurfaceModel
 from homolog.progress import Tick, no_tick
@@ -110,7 +110,7 @@ def measures_of(
     mean = model.expected(columns)
     surface = model.surface(fit.expected)
     seen = np.ones(model.vertices, np.bool_) if missing is None else ~missing
-    areas = seen * vertex_areas(surface)
+    areas = seen * surface.vertex_areas
     share = areas / areas.sum()
     scores = fit.scores[:modes]
     particles = fit.particles if seen.all() else fit.expected[model.vertices :]

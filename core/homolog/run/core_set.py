@@ -30,7 +30,7 @@ from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.atomic import report_os_errors
 from homolog.files.names import file_stems
-from homolog.geometry import transform_points
+from homolog.geometry import scale_of, transform_points
 from homolog.grooming import GroomedSubject
 from homolog.grooming.cache import read_groomed
 from homolog.progress import Tick, no_tick, part_of
@@ -303,7 +303,7 @@ def joint_ensemble(
             )
     every = scaled[:: -(-len(scaled) // _MOST_SPREADS)]
     weight = settings.opening_weight if settings.method.uses_normals else 0.0
-    ways = [Similarity(shape.alignment[:3, :3] / unit, shape.alignment[:3, 3] / unit) for shape in every]
+    ways = [Similarity.of(shape.alignment, unit) for shape in every]
     openings = opening_scale(every, ways, weight, part_of(tick, 0.0, 0.2))
     states: list[ShapeState] = []
     for index, (shape, placement) in enumerate(
@@ -316,7 +316,7 @@ def joint_ensemble(
                 unit=unit, opening_scale=openings,
             )
         )  # fmt: skip
-    area = scaled[0].mesh.area * float(np.cbrt(abs(np.linalg.det(placements[0, :3, :3])))) ** 2
+    area = scaled[0].mesh.area * float(scale_of(placements[0])) ** 2
     return states, make_ensemble(
         states, settings, unit=unit, area=area if settings.procrustes.takes_size_out else 0.0,
         opening_scale=openings, templates=range(len(states)),
@@ -329,7 +329,7 @@ def first_placement(shape: Shape, ensemble: Ensemble, settings: OptimizeSettings
     placement[:3] /= float(ensemble.unit[0])
     if not settings.procrustes.takes_size_out:
         return placement
-    scale = float(np.cbrt(abs(np.linalg.det(placement[:3, :3]))))
+    scale = float(scale_of(placement))
     placement[:3] *= np.sqrt(float(ensemble.area[0]) / shape.mesh.area) / scale
     centre = transform_points(placement, shape.mesh.vertices).mean(axis=0)
     placement[:3, 3] += ensemble.mean.mean(axis=0) - centre

@@ -7,7 +7,6 @@ import numpy as np
 from homolog.arrays import FloatArray, frozen
 from homolog.surfaces.closest import signed_distances_to
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.walls import vertex_areas
 
 __all__ = ["SurfaceDistances", "surface_distances"]
 
@@ -74,4 +73,4 @@ def surface_distances(surface: TriangleMesh, other: TriangleMesh) -> SurfaceDist
     -------
     SurfaceDistances
     """
-    return SurfaceDistances(signed_distances_to(other, surface.vertices), vertex_areas(surface))
+    return SurfaceDistances(signed_distances_to(other, surface.vertices), surface.vertex_areas)

@@ -6,7 +6,7 @@ import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray, frozen
 
-__all__ = ["MIRROR", "mirrors", "scale_of"]
+__all__ = ["MIRROR", "mirrors"]
 
 MIRROR: Final[FloatArray] = frozen(np.diag([-1.0, 1.0, 1.0, 1.0]))
 """Exchanges left and right (the first axis of LPS); its own inverse, and exact in floating point."""
@@ -15,8 +15,3 @@ MIRROR: Final[FloatArray] = frozen(np.diag([-1.0, 1.0, 1.0, 1.0]))
 def mirrors(matrices: FloatArray) -> BoolArray:
     """Return whether affine maps (..., 4, 4) exchange left and right, shape (...)."""
     return np.asarray(np.linalg.det(matrices[..., :3, :3]) < 0.0)
-
-
-def scale_of(matrices: FloatArray) -> FloatArray:
-    """Return the enlargement of similarities (..., 4, 4), mirror images included; positive, shape (...)."""
-    return np.asarray(np.cbrt(np.abs(np.linalg.det(matrices[..., :3, :3]))))

@@ -9,7 +9,7 @@ from homolog.surfaces.closest import on_device
 from homolog.surfaces.kernels import distances as kernels
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["mean_over_area", "vertex_areas", "wall_thickness"]
+__all__ = ["mean_over_area", "wall_thickness"]
 
 _CONE = np.deg2rad(25.0)
 _RINGS = ((0.0, 1), (0.5, 6), (1.0, 6))
@@ -64,15 +64,9 @@ def mean_over_area(mesh: TriangleMesh, values: FloatArray) -> float:
     values : (V,) array
         At the vertices, such as those that `wall_thickness` returns.
     """
-    weights, known = vertex_areas(mesh), ~np.isnan(values)
+    weights, known = mesh.vertex_areas, ~np.isnan(values)
     total = float(weights[known].sum())
     return float(weights[known] @ values[known]) / total if total > 0.0 else float("nan")
-
-
-def vertex_areas(mesh: TriangleMesh) -> FloatArray:
-    """Return the area nearest to each vertex, a third of its faces' [mm²], (V,)."""
-    areas = np.bincount(mesh.faces.ravel(), np.repeat(mesh.face_areas / 3.0, 3), len(mesh.vertices))
-    return np.asarray(areas, dtype=np.float64)
 
 
 def _directions() -> FloatArray:

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from homolog.correspondence import InitialParticles, initialize_fit, optimize
 from homolog.correspondence import poses as poses_module
-from homolog.correspondence.poses import entropy_step, scales_of
-from homolog.geometry import transform_points
+from homolog.correspondence.poses import entropy_step
+from homolog.geometry import scale_of, transform_points
 from homolog.settings import GroomSettings, OptimizeSettings, Procrustes, RunSettings
 
 SETTINGS = OptimizeSettings(
@@ -44,7 +44,7 @@ def test_particles_of_a_shape_three_times_as_large_lie_at_the_same_places(result
 
 
 def test_a_result_keeps_every_size_and_its_world_is_the_aligned_local_particles(result):
-    np.testing.assert_allclose(scales_of(result.alignments), 1.0, atol=1e-9)
+    np.testing.assert_allclose(scale_of(result.alignments), 1.0, atol=1e-9)
     np.testing.assert_allclose(transform_points(result.alignments, result.local), result.world, atol=1e-9)
     sizes = np.linalg.norm(result.world - result.world.mean(axis=1, keepdims=True), axis=2).mean(axis=1)
     np.testing.assert_allclose(sizes / sizes[1], GROWTH, rtol=0.02)
@@ -65,7 +65,7 @@ def test_frames_show_every_shape_in_its_own_size(grown):
     frames = []
     optimize(grown, SETTINGS, observe=frames.append)
     for frame in frames[:: max(1, len(frames) // 5)]:
-        np.testing.assert_allclose(scales_of(frame.alignments), 1.0, atol=1e-6)
+        np.testing.assert_allclose(scale_of(frame.alignments), 1.0, atol=1e-6)
     last = frames[-1].world
     sizes = np.linalg.norm(last - last.mean(axis=1, keepdims=True), axis=2).mean(axis=1)
     np.testing.assert_allclose(sizes / sizes[1], GROWTH, rtol=0.05)
@@ -78,7 +78,7 @@ def test_a_new_shape_of_another_size_is_fitted_to_shapes_that_stay(grown, result
     fitted = optimize(shapes, SETTINGS, initial=start)
     np.testing.assert_array_equal(fitted.world[:3], transform_points(result.alignments, result.local))
     np.testing.assert_array_equal(fitted.alignments[:3], result.alignments)
-    assert scales_of(fitted.alignments[3:])[0] == pytest.approx(1.0)
+    assert scale_of(fitted.alignments[3:])[0] == pytest.approx(1.0)
     apart = np.linalg.norm(fitted.local[3] / 2.5 - result.local[1], axis=1)
     assert apart.mean() < 0.5
 
@@ -87,7 +87,7 @@ def test_a_result_grows_into_one_of_the_same_sizes(grown, result):
     more = optimize(
         grown, SETTINGS.model_copy(update={"particles": 90}), initial=InitialParticles(result.local)
     )
-    np.testing.assert_allclose(scales_of(more.alignments), 1.0, atol=1e-9)
+    np.testing.assert_allclose(scale_of(more.alignments), 1.0, atol=1e-9)
     assert more.local.shape == (3, 90, 3)
 
 
@@ -100,7 +100,7 @@ def test_poses_by_entropy_leave_a_body_where_it_is_though_a_part_of_it_wanders()
     for _ in range(10):
         posed = transform_points(poses, points)
         poses = entropy_step(posed, poses, np.full(6, True), scaling=True, regularization=0.1)
-    turns = Rotation.from_matrix(poses[:, :3, :3] / scales_of(poses)[:, None, None])
+    turns = Rotation.from_matrix(poses[:, :3, :3] / scale_of(poses)[:, None, None])
     assert np.degrees((turns * turns[0].inv()).magnitude()).max() < 0.2
 
 

@@ -4,28 +4,20 @@ import numpy as np
 import pytest
 import warp as wp
 from scipy import ndimage
-from scipy.spatial import ConvexHull
 from skimage.measure import marching_cubes
 
 from homolog.surfaces.mesh import TriangleMesh
 
 
-def make_sphere(n, radius=30.0):
-    k = np.arange(n) + 0.5
-    polar, azimuth = np.arccos(1 - 2 * k / n), np.pi * (1 + 5**0.5) * k
-    points = np.stack(
-        [np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)], axis=1
-    )
-    faces = ConvexHull(points).simplices
-    a, b, c = points[faces].transpose(1, 0, 2)
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
-    return TriangleMesh(radius * points, np.where(inward[:, None], faces[:, ::-1], faces))
-
-
 @pytest.fixture(scope="session")
-def sphere():
-    """Return a maker of spheres of radius 30 with n vertices."""
-    return make_sphere
+def sphere(unit_sphere):
+    """Return a maker of spheres with n vertices."""
+
+    def made(n, radius=30.0):
+        points, faces = unit_sphere(n)
+        return TriangleMesh(radius * points, faces)
+
+    return made
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,6 @@ import pytest
 from homolog.errors import InputError
 from homolog.patient.coding import Coding
 from homolog.patient.distribution import percentile
-from homolog.patient.fit import vertex_areas
 from homolog.patient.local import (
     LocalNorm,
     bands_of,
@@ -52,7 +51,7 @@ def test_regions_are_connected_and_of_one_sign(template):
     for axis, value in ((0, 6.0), (1, -8.0), (2, 5.0)):
         z[directions[:, axis] > 0.95] = value
     met = np.ones(len(z), bool)
-    result = regions(mesh, vertex_areas(mesh), 0.5 * z, z, met, 5.5)
+    result = regions(mesh, mesh.vertex_areas, 0.5 * z, z, met, 5.5)
     assert [region.z for region in result] == [-8.0, 6.0]
     assert result[0].mean == pytest.approx(-4.0)
     assert result[0].area == pytest.approx(2.0 * np.pi * 100.0 * 0.05, rel=0.35)
