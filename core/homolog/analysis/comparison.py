@@ -200,6 +200,38 @@ class Comparison:
         return cautions_of(self)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sample:
+    """Who takes part in a comparison, and what is compared; see `run_comparison`."""
+
+    shapes: FloatArray
+    subjects: IntArray
+    design: Design
+    title: str
+    counts: dict[str, int]
+    members: dict[str, BoolArray]
+    mean: FloatArray | None
+    data: FloatArray | None
+    size: FloatArray
+
+    def tested(self, options: Options) -> FloatArray:
+        """Return what is tested: the aligned shapes, or differences of pairs."""
+        return prepare_shapes(self.shapes[self.subjects], options) if self.data is None else self.data
+
+    def of(self, kept: BoolArray) -> "_Sample":
+        """Return the part of the sample whose subjects (m,) are kept."""
+        numbers = [np.count_nonzero(own & kept) for own in self.members.values()] or [np.count_nonzero(kept)]
+        return replace(
+            self,
+            subjects=self.subjects[kept],
+            design=self.design.of(kept),
+            counts=dict(zip(self.counts, map(int, numbers), strict=True)),
+            members={name: own[kept] for name, own in self.members.items()},
+            data=None if self.data is None else self.data[kept],
+            size=self.size[kept],
+        )
+
+
 def run_comparison(
     shapes: FloatArray,
     subjects: IntArray,
@@ -213,7 +245,6 @@ def run_comparison(
     mean: FloatArray | None = None,
     data: FloatArray | None = None,
     size: FloatArray | None = None,
-    nested: bool = True,
 ) -> Comparison:
     """Run the tests of one design, and once more without outliers.
 
@@ -237,56 +268,45 @@ def run_comparison(
         What is tested in place of the subjects' shapes: differences of pairs [mm].
     size : (m,) array, optional
         The same for size [mm].
-    nested : bool
-        Whether to repeat it without outliers.
 
     Returns
     -------
     Comparison
     """
-    given = data
-    data = prepare_shapes(shapes[subjects], options) if data is None else data
     size = rms_radii(shapes[subjects]) if size is None else size
-    members = members or {}
+    sample = _Sample(shapes, subjects, design, title, counts, members or {}, mean, data, size)
+    done = _compared(sample, options, tick)
+    kept = ~np.isin(subjects, done.outliers)
+    if kept.all() or any(np.count_nonzero(own & kept) < 2 for own in sample.members.values()):
+        return done
+    with suppress(InputError):  # too few are left
+        remainder = _compared(sample.of(kept), replace(options, null_repeats=0), part_of(tick, 0.9, 1.0))
+        return replace(done, without_outliers=remainder)
+    return done
+
+
+def _compared(sample: _Sample, options: Options, tick: Tick) -> Comparison:
+    """Run all tests of a sample."""
+    data, design, size = sample.tested(options), sample.design, sample.size
     drawn = {"permutations": options.permutations, "seed": options.seed}
     test = mode_test(data, design, modes=options.modes, **drawn, tick=part_of(tick, 0.0, 0.4))
-    alike = () if design.covariates.shape[1] else tuple(members.values())
+    alike = () if design.covariates.shape[1] else tuple(sample.members.values())
     pointwise = pointwise_test(data, design, members=alike, **drawn, tick=part_of(tick, 0.4, 0.8))
     false_positives = _false_positives(data, design, test.modes, options, part_of(tick, 0.8, 1.0))
     effect = size_effect(size, design, alike, **drawn)
     several = effect is not None and design.tested.shape[1] > 1
-    distances = relative_distances(data, design, list(members.values()))
+    distances = relative_distances(data, design, list(sample.members.values()))
     outliers = outliers_by(distances)
-    kept = np.full(len(subjects), True)
-    kept[outliers] = False
-    remainder = None
-    if nested and len(outliers) and all(np.count_nonzero(own & kept) > 1 for own in members.values()):
-        sizes = [np.count_nonzero(own & kept) for own in members.values()] or [np.count_nonzero(kept)]
-        with suppress(InputError):  # too few are left
-            remainder = run_comparison(
-                shapes,
-                subjects[kept],
-                design.of(kept),
-                title,
-                dict(zip(counts, map(int, sizes), strict=True)),
-                replace(options, null_repeats=0),
-                part_of(tick, 0.9, 1.0),
-                members={name: own[kept] for name, own in members.items()},
-                mean=mean,
-                data=None if given is None else given[kept],
-                size=size[kept],
-                nested=False,
-            )
     return Comparison(
-        title=title,
-        subjects=subjects,
-        counts=counts,
-        mean=data.mean(axis=0) if mean is None else mean,
+        title=sample.title,
+        subjects=sample.subjects,
+        counts=sample.counts,
+        mean=data.mean(axis=0) if sample.mean is None else sample.mean,
         test=test,
         pointwise=pointwise,
         size=effect,
         distance=_distance(test, design),
-        dispersion=dispersion_test(data, design, test.modes, members, **drawn),
+        dispersion=dispersion_test(data, design, test.modes, sample.members, **drawn),
         discriminant=None,
         p_adjusted=min(options.answers * test.p_permutation, 1.0),
         p_fwe=np.minimum(options.answers * pointwise.p_fwe, 1.0),
@@ -294,12 +314,11 @@ def run_comparison(
         size_variance=size_variance(size, design, alike) if several else None,
         size_standardized=None if effect is None else standardized_size(size, design),
         false_positives=false_positives,
-        size_skewness=size_skewness(size, data, design, members),
-        outliers=subjects[outliers],
+        size_skewness=size_skewness(size, data, design, sample.members),
+        outliers=sample.subjects[outliers],
         outlier_distances=tuple(distances[outliers].tolist()),
         outlier_limit=outlier_limit(distances),
         reports_size=options.reports_size,
-        without_outliers=remainder,
     )
 
 

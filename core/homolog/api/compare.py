@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Literal, overload
+from functools import partial
+from typing import Any, Literal, overload
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from homolog.api.comparison_arguments import (
     pairs_of,
     unpaired,
 )
-from homolog.arrays import Array, ArrayLike
+from homolog.arrays import Array, ArrayLike, FloatArray
 from homolog.errors import InputError
 from homolog.progress import Tick, part_of, tick_of
 
@@ -189,27 +190,26 @@ def compare_groups(
             title = " - ".join(order[::-1])
             paired = compare_pairs(shapes, *both, title, options=options, names=names, tick=tick)
             return replace(paired, notes=notes)
-        each: tuple[Comparison, ...] = ()
-        if len(order) == 2:
-            overall = compare_two_groups(
-                here, own, (order[0], order[1]), covariates=columns, options=options, names=called, tick=tick
-            )
-        else:
-            overall, each = compare_several(
-                here,
-                own,
-                order,
-                comparisons=comparisons,
-                covariates=columns,
-                options=options,
-                names=called,
-                tick=tick,
-            )
+        question = partial(_two_or_more, here, own, order, comparisons)
+        overall, each = question(covariates=columns, options=options, names=called, tick=tick)
         pairwise = tuple(pair.renumbered(chosen) for pair in each)
         return replace(overall.renumbered(chosen), pairwise=pairwise, notes=notes)
 
     options = Options(modes=modes, permutations=permutations, null_repeats=null_repeats, seed=seed)
     return _answers(ask, alignment, options, callback)
+
+
+def _two_or_more(
+    shapes: FloatArray,
+    groups: list[str],
+    order: tuple[str, ...],
+    comparisons: Sequence[tuple[str, str]] | None,
+    **how: Any,  # noqa: ANN401 - passed on
+) -> tuple[Comparison, tuple[Comparison, ...]]:
+    """Compare all groups; return the overall comparison, and those of pairs if there are three or more."""
+    if len(order) == 2:
+        return compare_two_groups(shapes, groups, (order[0], order[1]), **how), ()
+    return compare_several(shapes, groups, order, comparisons=comparisons, **how)
 
 
 @overload

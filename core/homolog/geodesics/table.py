@@ -96,9 +96,9 @@ class GeodesicTable:
             reached = np.flatnonzero(row[cluster] != MISSING)
             block = np.ascontiguousarray(codes[start[cluster] + row[cluster, reached].astype(np.int64)].T)
             present = block != MISSING
-            found, known, at = np.broadcast_to(reached, block.shape)[present], block[present], 0
+            to, code, at = np.broadcast_to(reached, block.shape)[present], block[present], 0
             for v in members:  # lane by lane
                 here = slice(at, at := at + counts[v])
-                columns[ends[v] : ends[v + 1]], distances[ends[v] : ends[v + 1]] = found[here], known[here]
+                columns[ends[v] : ends[v + 1]], distances[ends[v] : ends[v + 1]] = to[here], code[here]
         distances *= np.float32(self.unit)
         return csr_array((distances, columns, ends.astype(index)), shape=(len(slot), len(slot)))

@@ -42,6 +42,10 @@ class _Pair:
     image: OrientedPoints
     fixed: OrientedPoints
 
+    def preference(self, surface: OrientedPoints) -> float:
+        """Return the logarithm of how much nearer to a surface the mirror image is than the subject."""
+        return float(np.log(_gap(self.image, surface) / _gap(self.own, surface)))
+
 
 def better_mirrored(
     groomed: Sequence[GroomedSubject],
@@ -77,13 +81,9 @@ def better_mirrored(
     ]
     units = [cloud.scaled(1.0 / cloud.size) for cloud in placed]
     order = by_typicality(units).tolist()
-    sample = {k for k in order if groomed[k].name in known}
-    sample -= set([k for k in order if k in sample][_SAMPLE:])
-    looked_at = [k for k in order if k in sample or groomed[k].name not in known]
+    looked_at, references = _looked_at(order, {k for k in order if groomed[k].name in known})
     if len(looked_at) <= _FEWEST:
         return set()
-    count = 1 + int(np.clip(_COMPARISONS // len(looked_at), 1, _REFERENCES))
-    references = ([k for k in order if k in sample] if len(sample) > 1 else order)[:count]
     middle = references[0]
     fixed = _thinned(units[middle], _FIXED)
 
@@ -103,17 +103,10 @@ def better_mirrored(
     tasks = [partial(pair_of, k) for k in every]
     made = run_in_threads(tasks, part_of(tick, 0.0, 0.7), "comparing with mirror images", cores())
     pairs = dict(zip(every, made, strict=True))
-    surfaces = [pairs[k].fixed for k in references]
 
     def preference(k: int, inner: Tick) -> FloatArray:
         inner(0.0, "comparing with mirror images")
-        pair = pairs[k]
-        return np.array(
-            [
-                0.0 if j == k else np.log(_gap(pair.image, surface) / _gap(pair.own, surface))
-                for j, surface in zip(references, surfaces, strict=True)
-            ]
-        )
+        return np.array([0.0 if j == k else pairs[k].preference(pairs[j].fixed) for j in references])
 
     works = [partial(preference, k) for k in every]
     further = part_of(tick, 0.7, 1.0)
@@ -125,6 +118,17 @@ def better_mirrored(
     return {groomed[k].name for k, is_image in zip(looked_at, are_images, strict=True) if is_image} - set(
         known
     )
+
+
+def _looked_at(order: list[int], known: set[int]) -> tuple[list[int], list[int]]:
+    """Return whom to compare with mirror images, and the most typical to compare with, from typical on.
+
+    Of subjects of a result, which are not decided upon, a sample takes part.
+    """
+    sample = [k for k in order if k in known][:_SAMPLE]
+    looked_at = [k for k in order if k in sample or k not in known]
+    count = 1 + int(np.clip(_COMPARISONS // max(len(looked_at), 1), 1, _REFERENCES))
+    return looked_at, (sample if len(sample) > 1 else order)[:count]
 
 
 def _sides(preferences: FloatArray) -> FloatArray:

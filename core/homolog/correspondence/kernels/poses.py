@@ -91,6 +91,56 @@ def rotation_of(turn: wp.vec3d) -> wp.mat33d:
     return wp.quat_to_matrix(wp.quatd(axis[0], axis[1], axis[2], wp.cos(half)))
 
 
+@wp.struct
+class Moments:
+    """Weighted sums over the points of a shape, counted from their centre, and over their offsets."""
+
+    total: wp.float64  # weights
+    first: wp.vec3d  # points
+    shift: wp.vec3d  # offsets
+    second: wp.mat33d  # point ⊗ point
+    cross: wp.mat33d  # point ⊗ offset
+
+
+@wp.func
+def add_point(moments: Moments, place: wp.vec3d, offset: wp.vec3d, weight: wp.float64) -> Moments:
+    """Return the moments with a further point."""
+    weighted = weight * place
+    moments.total += weight
+    moments.first += weighted
+    moments.shift += weight * offset
+    moments.second += wp.outer(weighted, place)
+    moments.cross += wp.outer(weighted, offset)
+    return moments
+
+
+@wp.func
+def least_squares(moments: Moments, scaling: int) -> Unknowns:
+    """Return the rotation vector, shift and logarithm of the scale that come closest to the offsets."""
+    second = moments.second
+    first = moments.first
+    cross = moments.cross
+    trace = second[0, 0] + second[1, 1] + second[2, 2]
+    matrix = Equations()
+    right = Unknowns()
+    for i in range(3):
+        for j in range(3):
+            matrix[i, j] = -second[i, j]
+        matrix[i, i] += trace
+        matrix[3 + i, 3 + i] = moments.total
+        matrix[6, i + 3] = first[i]
+        following = (i + 1) % 3
+        last = (i + 2) % 3
+        # the cross product of an axis and the first moment
+        matrix[3 + following, i] = -first[last]
+        matrix[3 + last, i] = first[following]
+        right[i] = cross[following, last] - cross[last, following]
+        right[3 + i] = moments.shift[i]
+    matrix[6, 6] = trace
+    right[6] = cross[0, 0] + cross[1, 1] + cross[2, 2]
+    return solved(matrix, right, 6 + scaling)
+
+
 @wp.kernel
 def align_shapes(
     rows: wp.array(dtype=int),
@@ -129,41 +179,13 @@ def align_shapes(
         squares[thread, i] = wp.length_sq(factor * pulls[own, i])
     centre /= wp.float64(count)
     scale = outlier_ratio * wp.max(median_of(squares, thread), wp.float64(1.0e-12))
-    total = wp.float64(0.0)
-    second = wp.mat33d()
-    cross = wp.mat33d()
-    first = wp.vec3d()
-    shift = wp.vec3d()
+    moments = Moments()
     for i in range(count):
         offset = factor * pulls[own, i]
         ratio = wp.float64(1.0) + wp.length_sq(offset) / scale
         weight = wp.float64(1.0) / (ratio * ratio)
-        place_of = points[shape, i] - centre
-        weighted = weight * place_of
-        total += weight
-        first += weighted
-        shift += weight * offset
-        second += wp.outer(weighted, place_of)
-        cross += wp.outer(weighted, offset)
-    trace = second[0, 0] + second[1, 1] + second[2, 2]
-    matrix = Equations()
-    right = Unknowns()
-    for i in range(3):
-        for j in range(3):
-            matrix[i, j] = -second[i, j]
-        matrix[i, i] += trace
-        matrix[3 + i, 3 + i] = total
-        matrix[6, i + 3] = first[i]
-        following = (i + 1) % 3
-        last = (i + 2) % 3
-        # the cross product of an axis and the first moment
-        matrix[3 + following, i] = -first[last]
-        matrix[3 + last, i] = first[following]
-        right[i] = cross[following, last] - cross[last, following]
-        right[3 + i] = shift[i]
-    matrix[6, 6] = trace
-    right[6] = cross[0, 0] + cross[1, 1] + cross[2, 2]
-    change = solved(matrix, right, 6 + scaling)
+        moments = add_point(moments, points[shape, i] - centre, offset, weight)
+    change = least_squares(moments, scaling)
     linear = rotation_of(wp.vec3d(change[0], change[1], change[2]))
     if scaling == 1:
         linear = wp.exp(change[6]) * linear
