@@ -36,7 +36,9 @@ __all__ = [
 
 _Model = TypeVar("_Model", bound=BaseModel)
 _AUTO = "auto"
-_OR_NAME = "; or the name of a structure, as homolog labels lists them"
+_LABEL_HELP = (
+    "Number of the structure's label, or its name as homolog labels lists it. (default: all labels above 0)"
+)
 
 
 def add_options(
@@ -55,14 +57,12 @@ def add_options(
                 help=_help(parameter),
             )
         else:
+            is_label = model is GroomSettings and parameter.name == "label"
             group.add_argument(
                 _option(parameter),
                 default=argparse.SUPPRESS,
-                metavar="{" + ",".join(parameter.choices) + "}"
-                if parameter.choices
-                else parameter.kind.__name__.upper(),
-                help=_help(parameter)
-                + (_OR_NAME if model is GroomSettings and parameter.name == "label" else ""),
+                metavar=_metavar(parameter) if not is_label else "LABEL",
+                help=_help(parameter) if not is_label else _LABEL_HELP,
             )
 
 
@@ -188,12 +188,17 @@ def _title(model: type[BaseModel]) -> str:
     return (model.__doc__ or model.__name__).split("\n")[0].rstrip(".").lower()
 
 
+def _metavar(parameter: Parameter) -> str:
+    return "{" + ",".join(parameter.choices) + "}" if parameter.choices else parameter.kind.__name__.upper()
+
+
 def _help(parameter: Parameter) -> str:
     default = _AUTO if parameter.default is None else parameter.default
     if parameter.kind is bool:
         default = "on" if default else "off"
-    facts = [parameter.bounds, parameter.unit, f"default {default}"]
-    return f"{parameter.help} ({', '.join(fact for fact in facts if fact)})".replace("%", "%%")
+    facts = [parameter.bounds, parameter.unit, "" if default == "" else f"default {default}"]
+    brackets = ", ".join(fact for fact in facts if fact)
+    return f"{parameter.help} ({brackets})".replace(" ()", "").replace("%", "%%")
 
 
 _WIDTH = 28
