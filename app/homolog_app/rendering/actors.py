@@ -4,6 +4,7 @@ Classes of VTK are named only where pyvista has none: a mapper of surfaces that 
 depth offsets, one that draws a ball for each point, and filters that follow a moving surface by themselves.
 """
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,9 +12,16 @@ import pyvista as pv
 from pyvista.plotting.mapper import PointGaussianMapper
 from vtkmodules.vtkFiltersCore import vtkCutter
 from vtkmodules.vtkFiltersGeneral import vtkContourTriangulator
-from vtkmodules.vtkRenderingCore import vtkGlyph3DMapper, vtkPolyDataMapper
+from vtkmodules.vtkRenderingCore import (
+    vtkActor2D,
+    vtkGlyph3DMapper,
+    vtkPolyDataMapper,
+    vtkPolyDataMapper2D,
+    vtkRenderer,
+)
 
 from homolog.arrays import Array, FloatArray
+from homolog_app.rendering.colours import Colours, rgb
 from homolog_app.rendering.scene import (
     AMBIENT,
     DIFFUSE,
@@ -25,7 +33,7 @@ from homolog_app.rendering.scene import (
     Surface,
 )  # fmt: skip
 
-__all__ = ["QuickBalls", "RoundBalls", "SceneActors"]
+__all__ = ["Overview", "QuickBalls", "RoundBalls", "SceneActors"]
 
 _BALL = """//VTK::Color::Impl
 float r2 = dot(offsetVCVSOutput.xy, offsetVCVSOutput.xy);
@@ -104,6 +112,90 @@ class SceneActors:
     def lift(self, way: FloatArray) -> None:
         """Shift the balls by a vector (3,) [mm], such as off the surface towards the eye."""
         self._balls.actor.SetPosition(*way)
+
+
+_ZOOMED, _INSET, _RIM, _SMALLEST = 0.75, 0.36, 1.12, 48
+"""Share of a shape from which a view shows a part; size of the overview, its margin, its least pixels."""
+
+
+class Overview:
+    """The whole shape, small in the lower right corner of a view that shows a part, with a frame around it.
+
+    Parameters
+    ----------
+    renderer : vtkRenderer
+        Of the view, in its window.
+    """
+
+    def __init__(self, renderer: Vtk) -> None:
+        self._renderer, self._inset = renderer, vtkRenderer()
+        self._inset.InteractiveOff()
+        self._inset.SetDraw(False)
+        self._inset.GetActiveCamera().ParallelProjectionOn()
+        for light in renderer.GetLights():
+            self._inset.AddLight(light)
+        self._frame = pv.PolyData(np.zeros((8, 3)), lines=[5, 0, 1, 2, 3, 0, 5, 4, 5, 6, 7, 4])
+        mapper = vtkPolyDataMapper2D()
+        mapper.SetInputData(self._frame)
+        self._lines = vtkActor2D()
+        self._lines.SetMapper(mapper)
+        self._inset.AddViewProp(self._lines)
+        renderer.GetRenderWindow().AddRenderer(self._inset)
+
+    def hide(self) -> None:
+        """Hide it until the next drawing of its view."""
+        self._inset.SetDraw(False)
+
+    @property
+    def shown(self) -> bool:
+        """Whether it is drawn."""
+        return bool(self._inset.GetDraw())
+
+    def paint(self, colours: Colours) -> None:
+        """Apply the scheme's colours."""
+        self._inset.SetBackground(*rgb(colours.raised))
+        self._lines.GetProperty().SetColor(*rgb(colours.accent))
+
+    def face(self, actors: Sequence[Vtk], points: FloatArray, axes: FloatArray) -> None:
+        """Before each drawing: show the actors of the surfaces whole if the view shows a part of points.
+
+        Parameters
+        ----------
+        actors : sequence of vtkActor
+        points : (n, 3) array
+            On the surfaces [mm].
+        axes : (3, 3) array
+            Directions to the right, upwards and ahead.
+        """
+        width, height = self._renderer.GetSize()
+        camera, side = self._renderer.GetActiveCamera(), round(_INSET * min(width, height))
+        low, high = (
+            (pick(points @ axes.T, axis=0) for pick in (np.min, np.max)) if len(points) else 2 * [axes[0]]
+        )
+        extent, middle = (high - low) / 2.0, (low + high) / 2.0
+        needed = max(extent[1], extent[0] * height / max(width, 1))
+        zoomed = self._renderer.GetDraw() and camera.GetParallelScale() < _ZOOMED * needed
+        self._inset.SetDraw(bool(zoomed and side >= _SMALLEST))
+        if not self.shown:
+            return
+        for actor in actors:
+            if not self._inset.HasViewProp(actor):
+                self._inset.AddViewProp(actor)
+        left, bottom, right, top = self._renderer.GetViewport()
+        share = side / width * (right - left), side / height * (top - bottom)
+        self._inset.SetViewport(right - share[0], bottom, right, bottom + share[1])
+        own, scale = self._inset.GetActiveCamera(), _RIM * max(extent[:2])
+        own.SetFocalPoint(*(axes.T @ middle))
+        own.SetPosition(*(axes.T @ (middle - [0.0, 0.0, 4.0 * scale])))
+        own.SetViewUp(*axes[1])
+        own.SetParallelScale(scale)
+        self._inset.ResetCameraClippingRange()
+        centre = axes[:2] @ np.array(camera.GetFocalPoint()) - middle[:2]
+        half = camera.GetParallelScale() * np.array([width / height, 1.0])
+        corners = centre + half * [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
+        pixels = (np.clip(corners / scale, -1.0, 1.0) + 1.0) / 2.0 * (side - 1)
+        rim = [(0, 0), (side - 1, 0), (side - 1, side - 1), (0, side - 1)]
+        self._frame.points = np.column_stack([np.concatenate([pixels, rim]), np.zeros(8)])
 
 
 class _SurfaceActor:

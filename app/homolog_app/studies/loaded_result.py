@@ -128,7 +128,7 @@ def load_result(project: ProjectFolder, tick: Tick = no_tick) -> LoadedResult:
         f"imported from {record.source}{_remarks(record)}"
         if record.source
         else f"{record.metric} distances, {record.iterations} iterations in "
-        f"{sum(record.seconds.values()):.0f} s on {record.device}"
+        f"{sum(record.seconds.values()):.0f}\u00a0s on {record.device}"
     )
     summary += f"; {record.mirrored_text}" if record.mirrored_text else ""
     return LoadedResult(result, surfaces, _energies(project), _frames(project), summary, record)

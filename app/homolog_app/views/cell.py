@@ -9,7 +9,7 @@ import numpy as np
 from homolog.arrays import Array, FloatArray
 from homolog.geometry import scale_of, transform_points
 from homolog.surfaces.mirroring import mirrors
-from homolog_app.rendering.actors import QuickBalls, SceneActors
+from homolog_app.rendering.actors import Overview, QuickBalls, SceneActors
 from homolog_app.rendering.camera import VIEWS as ANATOMICAL
 from homolog_app.rendering.camera import Box, Clip, Cut, View, around, extent_of
 from homolog_app.rendering.colours import LIGHT_SCHEME, Colours, rgb, rgb_bytes
@@ -166,12 +166,14 @@ class ViewCell:
         self._colours = LIGHT_SCHEME
         self._plain: dict[str, Array] = {}
         self.texts, self._bar, self._numbers = Caption(renderer), ScaleBar(renderer), NumberLabels(renderer)
+        self.overview = Overview(renderer)
 
     def place(self, viewport: tuple[float, float, float, float] | None) -> None:
         """Set the view's part of the window, or none."""
         self.renderer.SetViewport(*(viewport or (0.0, 0.0, 0.0, 0.0)))
         self.renderer.SetDraw(viewport is not None)
         self.renderer.SetInteractive(viewport is not None)
+        self.overview.hide()
 
     def fill(self, content: Content | None) -> None:
         """Show a content, or nothing; moved surfaces are updated in place."""
@@ -278,6 +280,7 @@ class ViewCell:
         self.texts.paint(colours)
         self._bar.paint(colours)
         self._numbers.paint(colours)
+        self.overview.paint(colours)
         self._update()
 
     def face_camera(self, bounds: tuple[float, ...]) -> None:
@@ -289,6 +292,7 @@ class ViewCell:
         if self.content is not None:
             self.texts.face(self.content.patient_axes, right, up)
         self._numbers.face(right, self.texts.caption)
+        self.overview.face(self.surface_actors, self.points, np.stack([right, up, ahead]))
 
     @property
     def axes(self) -> FloatArray:

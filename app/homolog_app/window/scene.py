@@ -9,7 +9,7 @@ from PySide6.QtGui import QImage, QResizeEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from homolog.arrays import Array, FloatArray
-from homolog_app.rendering.camera import CameraState, Canvas, Clip
+from homolog_app.rendering.camera import Box, CameraState, Canvas, Clip, ClipPlane
 from homolog_app.rendering.colours import DARK_SCHEME, LIGHT_SCHEME, Colours
 from homolog_app.views.content import MOST, Content, ViewContents
 from homolog_app.views.grid import Grid, drawn
@@ -52,6 +52,8 @@ class Scene(QWidget):
         self.displayed = ViewContents(())
         self._colours = LIGHT_SCHEME
         self._reported = (-1, 0, 0)
+        self._clip: Clip | None = None
+        self._uncovering: Clip | None = None
         self._left_at = 0  # the page of subjects to come back to from shapes of the model
         self.share, self._turn, self._partial = MOST, 0, False
         self._size: object = None
@@ -174,8 +176,13 @@ class Scene(QWidget):
     def cut(self, clip: Clip | None) -> None:
         """Cut all shapes open at a plane, or leave them whole."""
         self._after_drawing()
-        self.grid.clip = clip
+        self._clip = clip
+        self._apply_clips()
         self.plot.update()
+
+    def _apply_clips(self) -> None:
+        """Cut at the user's plane, or else in front of what a close-up shows."""
+        self.grid.clip = self._clip or self._uncovering
 
     def show_particles(
         self, particles: Mapping[str, FloatArray], tints: Array | None = None, *, live: bool = False
@@ -215,6 +222,8 @@ class Scene(QWidget):
 
     def fit(self) -> None:
         """Zoom to the whole shapes."""
+        self._uncovering = None
+        self._apply_clips()
         self._fitted = self.grid.fit(self.plot.width(), self.plot.height()) or self._fitted
         self.fitted = self.looks
         self.plot.update()
@@ -242,7 +251,10 @@ class Scene(QWidget):
             self.fit()
 
     def go_to(self, name: str, place: FloatArray, normal: FloatArray) -> None:
-        """Show a subject's page and a close-up of a point of its surface from outside."""
+        """Show a subject's page and a close-up of a point of its surface from outside.
+
+        A wall in front of the point, as of a hollow organ, is cut away.
+        """
         self.show_name(name)
         bounds = self.grid.bounds
         if bounds is not None:
@@ -251,7 +263,24 @@ class Scene(QWidget):
                 height = min(height, _CLOSE_UP_BALLS * self.grid.radius)
             for camera in self.grid.cameras.each:
                 aim(camera, place, normal, height)
+            self._uncovering = self._plane_before(name, place, normal, bounds)
+            self._apply_clips()
             self.plot.update()
+
+    def _plane_before(self, name: str, place: FloatArray, normal: FloatArray, box: Box) -> Clip | None:
+        """Return the plane facing the camera in front of a point, if a surface hides the point."""
+        points = next(
+            (c.points for c in self.grid.cells if c.content and c.content.name == name), np.empty((0, 3))
+        )
+        ahead = (points - place) @ normal
+        aside = np.linalg.norm(points - place - ahead[:, None] * normal, axis=1)
+        room = 4.0 * self.grid.radius
+        if not ((aside < 0.5 * room) & (ahead > room)).any():
+            return None
+        low, high = np.reshape(box, (3, 2)).T
+        depth = ((low + high) / 2.0 - place) @ normal - 0.5 * room
+        share = (1.0 + depth / float(np.linalg.norm(high - low) / 2.0)) / 2.0
+        return Clip(plane=ClipPlane.VIEW, position=float(np.clip(share, 0.0, 1.0)), box=box)
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""

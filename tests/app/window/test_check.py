@@ -371,3 +371,36 @@ def test_two_subjects_are_told_to_be_too_few(explored, errors, wait):
     settled(explored, wait)
     assert "three or more" in page_of(explored).state.text()
     assert not errors
+
+
+def test_a_close_up_has_the_whole_shape_in_a_corner(checking, wait):
+    scene = checking.views.stage.scene
+    cells = scene.grid.cells
+
+    def overviews():
+        scene.plot.repaint()
+        return [cell.overview.shown for cell in cells[: scene.grid.count]]
+
+    assert not any(overviews())
+    checking.commands["check.next"].trigger()
+    settled(checking, wait)
+    for camera in scene.grid.cameras.each:  # seen from an end, the whole shape may fit
+        camera.SetParallelScale(0.4 * camera.GetParallelScale())
+    assert all(overviews())
+    checking.commands["view.reset"].trigger()
+    assert not any(overviews())
+
+
+def test_a_wall_in_front_of_a_close_up_is_cut_away_until_the_whole_shapes_are_shown(checking):
+    scene, names = checking.views.stage.scene, [content.name for content in checking.views.subjects]
+    mesh = scene.grid.cells[0].content.groomed.placed(scene.grid.cells[0].content.alignment)
+    vertex = int(mesh.vertices[:, 2].argmax())
+    place, normal = mesh.vertices[vertex], mesh.vertex_normals[vertex]
+    scene.go_to(names[0], place, normal)
+    assert scene.canvas.clip is None
+    scene.go_to(names[0], place, -normal)  # as of a place on the inner wall of a hollow organ
+    kept, origin = scene.canvas.clip.cut(scene.grid.bounds, normal)
+    depths = (np.array([place, mesh.vertices[int(mesh.vertices[:, 2].argmin())]]) - origin) @ kept
+    assert depths[0] > 0.0 > depths[1]
+    scene.fit()
+    assert scene.canvas.clip is None
