@@ -23,12 +23,11 @@ from homolog.files.report_details import read_details
 from homolog.files.results import Result, read_result
 from homolog.parameters import fault_text
 from homolog.progress import Tick, no_tick, part_of, tick_of
-from homolog_app.report.directions import directions_of
 from homolog_app.report.findings import Finding, cautions, findings
 from homolog_app.report.request import StudyRequest, column_of, reference_first
 from homolog_app.report.seeds import SeedAnswer, answer_by_seed, spread_text, write_spread
 from homolog_app.report.study import run_study
-from homolog_app.report.surface_maps import SurfaceCarrier
+from homolog_app.report.surface_maps import SurfaceCarrier, directions_of
 from homolog_app.report.tables import save_study
 from homolog_app.report.write import write_report
 

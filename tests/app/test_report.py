@@ -22,7 +22,6 @@ from homolog.settings import RunSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app import api
 from homolog_app.cli import main
-from homolog_app.report.directions import directions_of
 from homolog_app.report.findings import corrections_text, p_text
 from homolog_app.report.page import Page
 from homolog_app.report.request import (
@@ -36,7 +35,7 @@ from homolog_app.report.request import (
 from homolog_app.report.sample import sample_rows
 from homolog_app.report.sheets import sheets_of, wrapped_cells
 from homolog_app.report.study import run_study
-from homolog_app.report.surface_maps import EDGE, INNER, OUTER, SurfaceCarrier
+from homolog_app.report.surface_maps import EDGE, INNER, OUTER, SurfaceCarrier, directions_of
 
 HOSTILE = "<script>alert('x')</script> & co"
 QUICK = ["--permutations", "199", "--null-repeats", "50", "--progress", "none"]

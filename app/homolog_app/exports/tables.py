@@ -23,10 +23,9 @@ from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.exports.settings import TableSettings
-from homolog_app.report.directions import directions_of
 from homolog_app.report.request import Answered, StudyRequest, read_requests
 from homolog_app.report.study import Study, run_study
-from homolog_app.report.surface_maps import SurfaceCarrier
+from homolog_app.report.surface_maps import SurfaceCarrier, directions_of
 from homolog_app.report.tables import write_study_tables
 
 __all__ = [

@@ -17,7 +17,6 @@ from homolog.files.project import ProjectFolder
 from homolog.files.report_details import read_details
 from homolog.files.results import Result
 from homolog.files.tables import write_table
-from homolog_app.report.directions import directions_of
 from homolog_app.report.findings import LEVEL
 from homolog_app.report.request import (
     SHAPE_SIZE,
@@ -30,7 +29,7 @@ from homolog_app.report.request import (
 )
 from homolog_app.report.sample import sample_rows
 from homolog_app.report.study import Study, study_options
-from homolog_app.report.surface_maps import SurfaceCarrier, significant_regions
+from homolog_app.report.surface_maps import SurfaceCarrier, directions_of, significant_regions
 
 __all__ = ["save_study"]
 

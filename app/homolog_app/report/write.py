@@ -21,7 +21,6 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog_app.pictures import write_picture
 from homolog_app.rendering.camera import Clip
 from homolog_app.report import NOTICE
-from homolog_app.report.directions import directions_of
 from homolog_app.report.figures import ReportFigure, model_figures, quality_rows, study_figures
 from homolog_app.report.findings import (
     LEVEL,
@@ -40,7 +39,7 @@ from homolog_app.report.sheets import write_page
 from homolog_app.report.study import Study, run_study
 from homolog_app.report.study_parts import digits_of, settings_rows
 from homolog_app.report.study_section import add_study
-from homolog_app.report.surface_maps import SurfaceCarrier, significant_regions
+from homolog_app.report.surface_maps import SurfaceCarrier, directions_of, significant_regions
 from homolog_app.report.tables import save_study
 
 __all__ = ["write_report"]

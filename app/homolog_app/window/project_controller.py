@@ -204,10 +204,10 @@ class ProjectController(Controller):
         if not workspace.preferences.ask_on_close:
             return True
         if workspace.session.job.is_busy:
+            run = "The run can be resumed from its checkpoint." if workspace.session.job.run else ""
             answer = ask(
-                self._window, "Stop the computation?",
-                "It has not finished. A run can be resumed from its checkpoint.", ("Stop", "Keep working"),
-                1, lambda: not workspace.session.job.is_busy,
+                self._window, "Stop the computation?", f"It has not finished. {run}".strip(),
+                ("Stop", "Keep working"), 1, lambda: not workspace.session.job.is_busy,
             )  # fmt: skip
             if answer == "Keep working":
                 return False
