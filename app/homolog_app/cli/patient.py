@@ -152,6 +152,12 @@ def add_patient_options(parser: argparse.ArgumentParser) -> None:
         "--label", help="label value or name of the structure, if it differs from the controls'"
     )
     parser.add_argument(
+        "--cut-off",
+        action="store_true",
+        help="the segmentation itself is cut off at flat ends, as at the border of an image; what is missing "
+        "there is no difference",
+    )
+    parser.add_argument(
         "--force", action="store_true", help="compare even what looks like another structure or side"
     )
 
@@ -185,6 +191,7 @@ def run_patient(arguments: argparse.Namespace) -> int:
         tuple(arguments.against),
         arguments.follow_up,
         tuple(arguments.repeat),
+        arguments.cut_off,
     )
     with (
         handling(signal.SIGTERM, signal.default_int_handler),  # tidy up as for Ctrl-C
@@ -233,6 +240,7 @@ def run_patient_report(arguments: argparse.Namespace) -> int:
             arguments.side or "",
             arguments.label,
             arguments.force,
+            cut_off=arguments.cut_off,
         )
         summary = write_report_file(arguments.out, Reference.load(arguments.reference), request, tick)
     sys.stderr.write(f"{summary}\n{arguments.out}\n")

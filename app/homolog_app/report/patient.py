@@ -92,6 +92,8 @@ class PatientRequest:
         Whether the files are one patient at several times, the first time first.
     repeats : tuple of Path
         Further segmentations of the first time, for the measurement error of a follow-up.
+    cut_off : bool
+        Whether files are cut off at flat ends inside their images.
     """
 
     files: tuple[Path, ...]
@@ -102,6 +104,7 @@ class PatientRequest:
     against: tuple[Path, ...] = ()
     follow_up: bool = False
     repeats: tuple[Path, ...] = ()
+    cut_off: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,8 +208,8 @@ def _compared(
 ) -> PatientComparison:
     """Compare a patient; values of a table come before those that were given for all."""
     values = {**request.covariates, **{key: item for key, item in subject.columns.items() if item}}
-    side = request.side or values.get("side", "").strip().lower()
-    return compare_patient(reference, subject, values, side=side, force=request.force, tick=tick)
+    side, cut_off, force = request.side, request.cut_off, request.force
+    return compare_patient(reference, subject, values, side=side, cut_off=cut_off, force=force, tick=tick)
 
 
 def patients_of(files: Sequence[Path]) -> tuple[Subject, ...]:

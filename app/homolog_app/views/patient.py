@@ -201,7 +201,9 @@ class ComparedPatient:
     voxels: "Segmentation | None"
 
 
-def compared(reference: "Reference", path: Path, values: Mapping[str, str], tick: Tick) -> ComparedPatient:
+def compared(
+    reference: "Reference", path: Path, values: Mapping[str, str], cut_off: bool, tick: Tick
+) -> ComparedPatient:
     """Compare a patient's file with a reference; raises InputError if it can't be compared."""
     from homolog.patient import compare_patient
     from homolog_app.pictures.layout import view_of_region
@@ -211,7 +213,7 @@ def compared(reference: "Reference", path: Path, values: Mapping[str, str], tick
     subjects = patients_of([path])
     if len(subjects) != 1:
         raise InputError(f"{path}: contains {len(subjects)} subjects; choose one file")
-    comparison = compare_patient(reference, subjects[0], values, tick=tick)
+    comparison = compare_patient(reference, subjects[0], values, cut_off=cut_off, tick=tick)
     shape = comparison.matched
     views = [view_of_region(shape, region.vertices, region.centre) for region in comparison.regions]
     groom = reference.provenance.groom

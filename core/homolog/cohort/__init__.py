@@ -8,7 +8,16 @@ from homolog.cohort.dicom import dicom_files, is_dicom_seg, is_rtstruct
 from homolog.cohort.folder import read_folder
 from homolog.cohort.manifest import MANIFESTS, names_files, read_manifest
 from homolog.cohort.pictures import pictures_in
-from homolog.cohort.sides import FROM_NAMES, LEFT, RIGHT, SIDE_COLUMN, Sides, other_side, sides_of
+from homolog.cohort.sides import (
+    FROM_NAMES,
+    LEFT,
+    RIGHT,
+    SIDE_COLUMN,
+    Sides,
+    other_side,
+    side_of_word,
+    sides_of,
+)
 from homolog.cohort.subject import (
     IMAGE_SUFFIXES,
     MESH_SUFFIXES,
@@ -47,6 +56,7 @@ __all__ = [
     "other_side",
     "pictures_in",
     "read_cohort",
+    "side_of_word",
     "sides_of",
     "stem_of",
     "suffix_of",

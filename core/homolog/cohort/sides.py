@@ -16,6 +16,7 @@ __all__ = [
     "Sides",
     "is_side",
     "other_side",
+    "side_of_word",
     "sides_among",
     "sides_of",
 ]
@@ -53,6 +54,11 @@ class Sides:
 def is_side(word: str) -> bool:
     """Return whether a word means left or right."""
     return word.casefold() in _CODES
+
+
+def side_of_word(word: str) -> str:
+    """Return left or right, whichever a word means; empty if it means neither."""
+    return _CODES.get(word.strip().casefold(), "")
 
 
 def sides_among(names: Sequence[str]) -> dict[str, str]:

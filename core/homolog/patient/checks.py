@@ -4,6 +4,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from homolog.arrays import FloatArray
+from homolog.cohort import other_side
 from homolog.errors import InputError
 from homolog.geometry import rms_radius, transform_points
 from homolog.patient.fit import SurfaceFit
@@ -135,10 +136,15 @@ def _checked(
     other = gap_of_image(reference.model, mesh, columns, reference.modes, tick)
     is_clear = limit is not None and other < limit * measures.gap
     if is_clear or (measures.gap > usual and other < _MIRRORED_BETTER * measures.gap):
-        side = f"{reference.provenance.side} " if reference.provenance.side else ""
+        side = reference.provenance.side
+        remedy = (
+            f"it is of the other side; give its side ({other_side(side)}), or correct the file"
+            if side
+            else "it is of the other side, or its file is mirrored; correct the file"
+        )
         raise InputError(
-            f"{name}: fits the {side}controls better mirrored ({100.0 * other:.1f} % of its size away, "
-            f"not {percent}): it is of the other side; give its side (left or right), or correct the file"
+            f"{name}: fits the {side}{' ' * bool(side)}controls better mirrored "
+            f"({100.0 * other:.1f} % of its size away, not {percent}): {remedy}"
         )
     remarks = []
     if limit is not None and other < measures.gap / limit:

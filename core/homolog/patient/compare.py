@@ -7,14 +7,14 @@ import numpy as np
 
 from homolog import __version__
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
-from homolog.cohort import Subject
+from homolog.cohort import SIDE_COLUMN, Subject, side_of_word
 from homolog.correspondence import Shape
 from homolog.errors import InputError, NumericalError
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject, groom_subject
 from homolog.patient.checks import check_fit, check_unit
 from homolog.patient.controls import COARSE_VERTICES
-from homolog.patient.cut import check_cut, ends_of, fit_rest
+from homolog.patient.cut import check_cut, ends_of, fit_rest, flat_ends, flat_remarks
 from homolog.patient.distribution import Percentile, percentile
 from homolog.patient.fit import SurfaceFit, fit_surface
 from homolog.patient.left_out import Measures, measures_of
@@ -119,15 +119,7 @@ class PatientComparison:
     def place(self, region: Region) -> str:
         """Return the location of a region's centre on the patient, as text: ``"left anterior"`` (LPS)."""
         middle = self.mesh.vertices.mean(axis=0)
-        way = self.position(region) - middle
-        way = way / max(float(np.abs(self.mesh.vertices - middle).max()), 1e-9)
-        way = way / max(float(np.linalg.norm(way)), 1e-9)
-        named = [
-            senses[int(part > 0.0)]
-            for senses, part in zip(_DIRECTIONS, way.tolist(), strict=True)
-            if abs(part) > _CLEAR
-        ]
-        return " ".join(named)
+        return _named(self.position(region) - middle)
 
     def position(self, region: Region) -> FloatArray:
         """Return a region's centre in the file's frame [mm], (3,)."""
@@ -148,6 +140,7 @@ def compare_patient(
     covariates: Mapping[str, str] | None = None,
     *,
     side: str = "",
+    cut_off: bool = False,
     force: bool = False,
     tick: Tick = no_tick,
 ) -> PatientComparison:
@@ -161,7 +154,11 @@ def compare_patient(
     covariates : mapping of str to str, optional
         The patient's values of the reference's covariates; others are ignored.
     side : str
-        ``"left"`` or ``"right"``: the patient is mirrored if the reference is of the other one.
+        ``"left"`` or ``"right"``: the patient is mirrored if the reference is of the other one. By default
+        the value ``side`` of the covariates.
+    cut_off : bool
+        Whether the patient is cut off at its flat ends inside the image, as at the border of one. What is
+        missing there is no difference.
     force : bool
         Compare even what looks like another structure or side.
     tick : Tick
@@ -180,8 +177,9 @@ def compare_patient(
         lambda _: groom_subject(subject, reference.provenance.groom), part_of(tick, 0.0, 0.5), "grooming"
     )
     return compare_groomed(
-        reference, groomed, covariates, side=side, force=force, tick=part_of(tick, 0.5, 1.0)
-    )
+        reference, groomed, covariates,
+        side=side, cut_off=cut_off, force=force, tick=part_of(tick, 0.5, 1.0),
+    )  # fmt: skip
 
 
 @on_one_thread
@@ -191,6 +189,7 @@ def compare_groomed(
     covariates: Mapping[str, str] | None = None,
     *,
     side: str = "",
+    cut_off: bool = False,
     force: bool = False,
     tick: Tick = no_tick,
 ) -> PatientComparison:
@@ -202,7 +201,7 @@ def compare_groomed(
         The population.
     groomed : GroomedSubject
         The patient.
-    covariates, side, force, tick
+    covariates, side, cut_off, force, tick
         As in `compare_patient`.
 
     Returns
@@ -213,11 +212,16 @@ def compare_groomed(
     columns, remarks = reference.coding.columns(values)
     model = reference.model
     check_unit(groomed.name, groomed.mesh, model, columns)
-    turn, side_remarks = _turn(reference, side)
+    turn, side_remarks = _turn(reference, side or values.get(SIDE_COLUMN, ""))
     mesh = groomed.mesh.placed(turn)
     coarse = simplified(mesh, COARSE_VERTICES)
     fit = fit_surface(model, mesh, coarse, columns, part_of(tick, 0.0, 0.3))
-    cut = fit_rest(reference, mesh, coarse, columns, ends_of(groomed, mesh, turn), fit)
+    ends = ends_of(groomed, mesh, turn)
+    flat = flat_ends(groomed, mesh, fit, model.surface(fit.expected), _regions(reference, fit), ends)
+    if flat and not cut_off:
+        rest = fit_rest(reference, mesh, coarse, columns, flat, fit)
+        remarks += flat_remarks(rest, [_named(turn[:3, :3].T @ end.direction) for end in flat])
+    cut = fit_rest(reference, mesh, coarse, columns, [*ends, *(flat if cut_off else [])], fit)
     fit = cut.fit
     measures, total = measures_of(model, fit, columns, reference.modes, cut.missing)
     remarks += [
@@ -227,11 +231,14 @@ def compare_groomed(
             groomed.name, reference, mesh, fit, measures, columns, part_of(tick, 0.3, 0.4), force=force
         ),
     ]
-    z = scores_of(reference.local, fit.residual, bands_of(fit.residual, model.faces))
+    z = _z(reference, fit)
     z[cut.missing] = 0.0
     surface = model.surface(fit.expected)
-    if groomed.report.padded:
-        remarks += check_cut(groomed.name, cut, measures.gap, reference, force=force)
+    remarks += check_cut(
+        groomed.name, cut, measures.gap, reference, at_border=groomed.report.padded, force=force
+    )
+    if cut_off and not flat:
+        remarks.append("has no flat end where the reference expects more of it; it was compared as a whole")
     particles, unplaced = _particles(reference, groomed, fit, turn, part_of(tick, 0.4, 1.0))
     remarks += unplaced
     largest, placement = float(np.abs(z).max()), fit.pose @ turn
@@ -255,11 +262,34 @@ def compare_groomed(
         missing=cut.missing,
         total=total,
         total_z=reference.total.standardised(total),
-        regions=regions(surface, surface.vertex_areas, fit.residual, z, fit.met, reference.limit),
+        regions=_regions(reference, fit, z),
         remarks=(*groomed.report.notes, *remarks),
         particles=particles,
         own=own,
     )
+
+
+def _z(reference: Reference, fit: SurfaceFit) -> FloatArray:
+    """Return the differences from the expected shape in standard deviations (V,)."""
+    return scores_of(reference.local, fit.residual, bands_of(fit.residual, reference.model.faces))
+
+
+def _regions(reference: Reference, fit: SurfaceFit, z: FloatArray | None = None) -> tuple[Region, ...]:
+    """Return the parts beyond the limit."""
+    surface = reference.model.surface(fit.expected)
+    z = _z(reference, fit) if z is None else z
+    return regions(surface, surface.vertex_areas, fit.residual, z, fit.met, reference.limit)
+
+
+def _named(way: FloatArray) -> str:
+    """Return the anatomical directions of a vector (3,): ``"left anterior"`` (LPS)."""
+    way = way / max(float(np.linalg.norm(way)), 1e-9)
+    named = [
+        senses[int(part > 0.0)]
+        for senses, part in zip(_DIRECTIONS, way.tolist(), strict=True)
+        if abs(part) > _CLEAR
+    ]
+    return " ".join(named)
 
 
 def _particles(
@@ -290,9 +320,10 @@ def _version_remarks(reference: Reference) -> list[str]:
 
 def _turn(reference: Reference, side: str) -> tuple[FloatArray, list[str]]:
     """Return the reflection, if any, to the reference's side, and a remark."""
-    own = reference.provenance.side
-    if side not in ("", "left", "right"):
-        raise InputError(f"side {side}: must be left or right")
+    own, given = reference.provenance.side, side.strip()
+    side = side_of_word(given)
+    if given and not side:
+        raise InputError(f"side {given}: must be left or right")
     if not own:
         unused = f"its side ({side}) was not used: the sides of the controls are not known"
         return np.eye(4), [unused] if side else []

@@ -11,12 +11,12 @@ from homolog.errors import InputError
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject
 from homolog.patient.fit import CutEnd, SurfaceFit, fit_surface
-from homolog.patient.local import bands_of
+from homolog.patient.local import Region, bands_of
 from homolog.patient.reference import Reference
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["CutFit", "check_cut", "ends_of", "fit_rest"]
+__all__ = ["CutFit", "check_cut", "ends_of", "fit_rest", "flat_ends", "flat_remarks"]
 
 _CAP_COSINE, _CAP_DEPTH = 0.97, 2.0
 """Of a flat end: cosine of the normals to the axis, and how far inward it reaches [nodes]."""
@@ -24,6 +24,10 @@ _CAP_SHARE, _INWARD = 0.5, -2.0
 """Share of its nearest points that lie on an end, for a vertex that is cut off there, and z of such ones."""
 _LEAST_MISSING, _MOST_MISSING = 0.005, 0.3
 """Of the surface: from where on an end is cut, and on the rest is no basis."""
+_FLAT, _MOST_BEYOND = 0.35, 0.5
+"""Of a flat end inside the image: standard deviation of its height [nodes], share of the surface beyond."""
+_NEAR_COSINES = (0.8, 0.9, _CAP_COSINE)
+"""To the direction of a flat end, of the normals that determine it, round by round."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +99,9 @@ def fit_rest(
     return CutFit(seen, missing, share)
 
 
-def check_cut(name: str, cut: CutFit, gap: float, reference: Reference, *, force: bool = False) -> list[str]:
+def check_cut(
+    name: str, cut: CutFit, gap: float, reference: Reference, *, at_border: bool, force: bool = False
+) -> list[str]:
     """Return a remark on the part that is cut off.
 
     Parameters
@@ -106,6 +112,8 @@ def check_cut(name: str, cut: CutFit, gap: float, reference: Reference, *, force
     gap : float
         Median distance from the fitted model, over the size.
     reference : Reference
+    at_border : bool
+        Whether the patient touches the border of its image.
     force : bool
         Return what would be refused as a remark.
 
@@ -114,11 +122,11 @@ def check_cut(name: str, cut: CutFit, gap: float, reference: Reference, *, force
     InputError
         If so much is cut off that the rest is no basis, or the rest fits as a whole, and badly.
     """
-    share = cut.share
-    if share <= _MOST_MISSING and (share > 0.0 or gap <= float(reference.gap[-1])):
-        return [_remark(share)] if share > 0.0 else []
+    share, by = cut.share, " by the border of its image" * at_border
+    if share <= _MOST_MISSING and (share > 0.0 or not at_border or gap <= float(reference.gap[-1])):
+        return [_remark(share, by)] if share > 0.0 else []
     if share > 0.0:
-        problem = f"is cut off by the border of its image: {100.0 * share:.0f} % of the surface is missing"
+        problem = f"is cut off{by}: {100.0 * share:.0f} % of the surface is missing"
     else:
         problem = (
             "touches the border of its image and fits worse than every control: a part is probably cut off"
@@ -129,9 +137,9 @@ def check_cut(name: str, cut: CutFit, gap: float, reference: Reference, *, force
     return [problem]
 
 
-def _remark(share: float) -> str:
+def _remark(share: float, by: str) -> str:
     return (
-        f"cut off by the border of its image: about {100.0 * share:.0f} % of the surface is missing there, "
+        f"cut off{by}: about {100.0 * share:.0f} % of the surface is missing there, "
         "of which nothing is said; size is that of the whole shape that the rest suggests"
     )
 
@@ -147,15 +155,87 @@ def ends_of(groomed: GroomedSubject, mesh: TriangleMesh, turn: FloatArray) -> li
     turn : (4, 4) array
         Reflection to the side of the controls, or the identity.
     """
-    ends = []
-    depth = _CAP_DEPTH * float(np.linalg.norm(groomed.field.index_to_world[:3, 0]))
-    for border in groomed.report.borders:
-        direction = turn[:3, :3] @ border
-        along, slope = mesh.vertices @ direction, mesh.vertex_normals @ direction
-        height = float(along.max())
-        cap = (slope > _CAP_COSINE) & (along > height - depth)
-        ends.append(CutEnd(direction, height, depth, cap))
+    return [_end(groomed, mesh, turn[:3, :3] @ border) for border in groomed.report.borders]
+
+
+def flat_ends(
+    groomed: GroomedSubject,
+    mesh: TriangleMesh,
+    fit: SurfaceFit,
+    surface: TriangleMesh,
+    regions: Sequence[Region],
+    known: Sequence[CutEnd] = (),
+) -> list[CutEnd]:
+    """Return the flat ends of a surface inward of the expected shape: it may be cut off there.
+
+    Parameters
+    ----------
+    groomed : GroomedSubject
+    mesh : TriangleMesh
+        Its surface, reflected if need be.
+    fit : SurfaceFit
+        To the whole surface.
+    surface : TriangleMesh
+        The expected one of that fit.
+    regions : sequence of Region
+        Where the patient differs from it.
+    known : sequence of CutEnd
+        At the border of the image; they are not returned again.
+    """
+    tree, areas = KDTree(mesh.vertices), surface.vertex_areas
+    here, normals = (
+        surface.placed(inverse_matrices(fit.pose)).vertices,
+        surface.vertex_normals @ fit.pose[:3, :3],
+    )
+    ends: list[CutEnd] = []
+    for region in regions:
+        if region.peak > 0.0 or region.area < _LEAST_MISSING * surface.area:
+            continue
+        own = region.vertices
+        nearest = np.unique(np.asarray(tree.query(here[own], k=8)[1]))
+        # The vector area of what is missing is that of the flat end.
+        end = _end(groomed, mesh, _direction(areas[own] @ normals[own], mesh.vertex_normals[nearest]))
+        beyond = areas * end.beyond(here)
+        is_cut = beyond[own].sum() >= _CAP_SHARE * region.area and beyond.sum() < _MOST_BEYOND * areas.sum()
+        is_known = any(other.direction @ end.direction > _CAP_COSINE for other in (*known, *ends))
+        if is_cut and not is_known and _is_flat(mesh, end):
+            ends.append(end)
     return ends
+
+
+def flat_remarks(cut: CutFit, places: Sequence[str]) -> list[str]:
+    """Return a remark on a patient that seems to be cut off inside its image, at ends that are named."""
+    if cut.share == 0.0:
+        return []
+    where = f" ({', '.join(filter(None, places))})" if any(places) else ""
+    return [
+        f"has a flat end{where}, beyond which the reference expects {100.0 * cut.share:.0f} % of its "
+        "surface: if its segmentation or scan ends there, compare it as cut off at this end"
+    ]
+
+
+def _is_flat(mesh: TriangleMesh, end: CutEnd) -> bool:
+    """Return whether the surface is flat at an end."""
+    heights = mesh.vertices[end.cap] @ end.direction
+    return bool(end.cap.any() and heights.std() < _FLAT * end.depth / _CAP_DEPTH)
+
+
+def _direction(first: FloatArray, normals: FloatArray) -> FloatArray:
+    """Return the direction (3,) of the normals (n, 3) near to a first one."""
+    direction = first
+    for cosine in _NEAR_COSINES:
+        direction = direction / max(float(np.linalg.norm(direction)), 1e-9)
+        near = normals @ direction > cosine
+        direction = normals[near].mean(axis=0) if near.any() else direction
+    return direction / max(float(np.linalg.norm(direction)), 1e-9)
+
+
+def _end(groomed: GroomedSubject, mesh: TriangleMesh, direction: FloatArray) -> CutEnd:
+    """Return the end of a surface in a direction."""
+    depth = _CAP_DEPTH * float(np.linalg.norm(groomed.field.index_to_world[:3, 0]))
+    along, slope = mesh.vertices @ direction, mesh.vertex_normals @ direction
+    height = float(along.max())
+    return CutEnd(direction, height, depth, (slope > _CAP_COSINE) & (along > height - depth))
 
 
 def _continues_beyond(reference: Reference, mesh: TriangleMesh, fit: SurfaceFit, end: CutEnd) -> bool:

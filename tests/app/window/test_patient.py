@@ -201,6 +201,27 @@ def test_the_patient_is_set_beside_further_groups(patient, tmp_path, wait):
     assert "Not a diagnosis" in patient.further.caution.text()
 
 
+def test_side_and_flat_ends_are_asked_for_and_given_to_the_comparison(page, ellipsoids, monkeypatch, wait):
+    from dataclasses import replace
+
+    from homolog.errors import Cancelled
+
+    given = []
+
+    def compare(_reference, _path, values, cut_off, tick):
+        given.append((values, cut_off))
+        raise Cancelled
+
+    monkeypatch.setattr("homolog_app.window.explore.patient_page.compared", compare)
+    assert page.form.side is None
+    page.set_reference(replace(page.reference, provenance=replace(page.reference.provenance, side="right")))
+    page.form.side.setCurrentText("left")
+    page.form.cut_off.setChecked(True)
+    page.compare(ellipsoids / "a.nrrd")
+    wait(lambda: bool(given) and not page.workspace.session.job.is_busy)
+    assert given == [({"side": "left"}, True)]
+
+
 def test_a_file_that_is_no_shape_leaves_the_patient_as_it_is(patient, explored, tmp_path, wait):
     (tmp_path / "notes.txt").write_text("nothing")
     before = patient.comparison

@@ -198,9 +198,13 @@ def test_the_other_side_is_recognised_and_mirrored_if_it_is_said(template, prove
 
     sided = build(template, replace(provenance, side="right"), 14, subject)
     other = groomed("p", TriangleMesh(moved(subject(-1.0), random), faces))
-    with pytest.raises(InputError, match="better mirrored"):
+    with pytest.raises(InputError, match=r"better mirrored .* give its side \(left\)"):
         compare_groomed(sided, other)
     comparison = compare_groomed(sided, other, side="left")
+    by_table = compare_groomed(sided, other, {"side": "L"})
+    assert np.array_equal(by_table.z, comparison.z)
+    with pytest.raises(InputError, match="side up: must be left or right"):
+        compare_groomed(sided, other, {"side": "up"})
     assert comparison.outside.value < 2.0 * sided.outside[-1]
     assert np.linalg.det(comparison.placement[:3, :3]) < 0.0
     forced = compare_groomed(sided, other, force=True)
@@ -233,7 +237,7 @@ def test_a_sided_shape_that_fits_no_worse_than_controls_is_recognised_by_its_mir
     sided = build(template, provenance, 14, subject)
     assert sided.side_limit is not None
     other = groomed("p", TriangleMesh(moved(subject(-1.0), random), faces))
-    with pytest.raises(InputError, match="better mirrored"):
+    with pytest.raises(InputError, match=r"better mirrored .*file is mirrored; correct the file"):
         compare_groomed(sided, other)
     assert compare_groomed(sided, groomed("q", TriangleMesh(moved(subject(1.0), random), faces))) is not None
     neither = groomed("r", TriangleMesh(moved(shape(directions, random), random), faces))
@@ -247,8 +251,7 @@ def test_what_the_image_cuts_off_is_named_and_too_much_is_refused(reference, tem
 
     def cut(share):
         points = whole.mesh.vertices - whole.mesh.vertices.mean(axis=0)
-        top = np.quantile(points[:, 0], 1.0 - share)
-        points[:, 0] = np.minimum(points[:, 0], top + 1e-4 * points[:, 0])
+        points = cut_at(points, np.quantile(points[:, 0], 1.0 - share))
         return groomed("p", TriangleMesh(points, faces), borders=((1.0, 0.0, 0.0),))
 
     comparison = compare_groomed(reference, cut(0.12), AGE)
@@ -262,6 +265,41 @@ def test_what_the_image_cuts_off_is_named_and_too_much_is_refused(reference, tem
     with pytest.raises(InputError, match="is cut off"):
         compare_groomed(reference, cut(0.45), AGE)
     assert not any("cut off" in remark for remark in compare_groomed(reference, whole, AGE).remarks)
+
+
+def cut_at(points, place):
+    """Return points (n, 3) that lie beyond a plane across the first axis pressed onto it."""
+    cut = points - points.mean(axis=0)
+    cut[:, 0] = np.minimum(cut[:, 0], place + 1e-4 * cut[:, 0])
+    return cut
+
+
+def test_a_flat_end_inside_the_image_is_remarked_and_left_out_if_it_is_said_to_be_cut_off(
+    reference, template
+):
+    _, faces = template
+    whole = patient(template)
+    cut = groomed("p", TriangleMesh(cut_at(whole.mesh.vertices, 20.0), faces))
+    as_it_is = compare_groomed(reference, cut, AGE)
+    assert as_it_is.regions[0].peak < -5.0
+    assert any("flat end (left)" in remark for remark in as_it_is.remarks)
+    left_out = compare_groomed(reference, cut, AGE, cut_off=True)
+    assert not left_out.regions
+    assert np.all(left_out.expected.vertices[left_out.missing, 0] > 12.0)
+    assert any(remark.startswith("cut off") for remark in left_out.remarks)
+    assert not any("flat end" in remark for remark in left_out.remarks)
+    far = groomed("p", TriangleMesh(cut_at(whole.mesh.vertices, 3.0), faces))
+    with pytest.raises(InputError, match="is cut off: "):
+        compare_groomed(reference, far, AGE, cut_off=True)
+
+
+def test_a_dent_is_no_flat_end(reference, template):
+    dent = patient(template, bump=-4.0)
+    for cut_off in (False, True):
+        comparison = compare_groomed(reference, dent, AGE, cut_off=cut_off)
+        assert comparison.regions[0].peak < -2.0
+        assert not comparison.missing.any()
+    assert any("no flat end" in remark for remark in comparison.remarks)
 
 
 def test_a_shape_at_the_border_of_its_image_that_fits_worse_than_every_control_is_refused(

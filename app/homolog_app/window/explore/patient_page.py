@@ -11,7 +11,6 @@ from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
-    QFormLayout,
     QHBoxLayout,
     QHeaderView,
     QLineEdit,
@@ -47,6 +46,7 @@ from homolog_app.window.explore.controls import SubjectTable
 from homolog_app.window.explore.follow_up_part import FollowUpPart
 from homolog_app.window.explore.measure_parts import PercentileBars
 from homolog_app.window.explore.page import ExplorePage, ModelCache
+from homolog_app.window.explore.patient_form import PatientForm
 from homolog_app.window.widgets import (
     GRID,
     ActionButton,
@@ -103,8 +103,7 @@ class PatientPage(ExplorePage):
         self.open = ActionButton("Open…", actions["patient.open_reference"])
         self.keep = ActionButton("Save…", actions["patient.keep_reference"])
         self.about = label("", "FieldHelp", wrap=True)
-        self.fields: dict[str, QLineEdit] = {}
-        self.form = QFormLayout()
+        self.form = PatientForm()
         self.file = ActionButton("Choose a patient's file…", actions["patient.open"], "primary")
         self.verdict = label("", wrap=True)
         self.remarks = label("", "Problem", wrap=True)
@@ -138,8 +137,9 @@ class PatientPage(ExplorePage):
         for below in (self.single, self.about, label("Patient", "SectionTitle")):
             self.body.addWidget(below)
         self.body.addLayout(self.form)
-        self.body.addWidget(self.file)
-        self.body.addWidget(label("Or drop a segmentation or a surface here.", "FieldHelp", wrap=True))
+        hint = label("Or drop a segmentation or a surface here.", "FieldHelp", wrap=True)
+        for part in (self.form.cut_off, self.file, hint):
+            self.body.addWidget(part)
         self.verdict.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.answer = QWidget()
         self.body.addWidget(self.answer)
@@ -290,7 +290,7 @@ class PatientPage(ExplorePage):
             raise InputError(f"{path}: there is nothing to compare it with; make or open a reference first")
         self.workspace.work.compute(
             "patient",
-            partial(compared, reference, path, self._values()),
+            partial(compared, reference, path, self.form.values, self.form.cut_off.isChecked()),
             "comparing the patient",
             self._receive,
         )
@@ -326,7 +326,7 @@ class PatientPage(ExplorePage):
         self.bars.show_patient(comparison, reference)
         self.nearest.setText(nearest_text(comparison, reference))
         self.nearest.setVisible(bool(self.nearest.text()))
-        self.further.set_patient(compared, reference, self._values)
+        self.further.set_patient(compared, reference, lambda: self.form.values)
         self._offer_change()
         for widget in (self.answer, self.base):
             widget.setVisible(there)
@@ -368,9 +368,6 @@ class PatientPage(ExplorePage):
         self.regions.setVisible(bool(rows))
         self.shown_changed.emit()
 
-    def _values(self) -> dict[str, str]:
-        return {name: field.text() for name, field in self.fields.items()}
-
     def _show_groups(self) -> None:
         """Offer the groups of the cohort as controls, first the one with such a name."""
         groups = reference_first(filter(None, self.workspace.session.study.groups))
@@ -385,13 +382,7 @@ class PatientPage(ExplorePage):
         """Describe the reference, with a field for each covariate."""
         self.about.setText(about_text(self.reference))
         set_primary(self.make, self.reference is None)
-        while self.form.rowCount():
-            self.form.removeRow(0)
-        self.fields = {}
-        for name in self.reference.coding.names if self.reference else ():
-            self.fields[name] = QLineEdit()
-            self.fields[name].setAccessibleName(name)
-            self.form.addRow(name.capitalize(), self.fields[name])
+        self.form.show_reference(self.reference)
         self._receive(None)
 
     def _go_to(self, row: QModelIndex) -> None:
