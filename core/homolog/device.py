@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 import warp as wp
@@ -136,8 +137,13 @@ def launch_on_cores(kernel: Any, count: int, inputs: Sequence[Any]) -> None:  # 
     if pieces == 1:
         launch(0, count)
         return
-    with ThreadPoolExecutor(min(cores(), pieces)) as pool:
-        list(pool.map(launch, cuts[:-1], cuts[1:]))
+    list(_launching_threads(os.getpid()).map(launch, cuts[:-1], cuts[1:]))
+
+
+@cache
+def _launching_threads(_process: int) -> ThreadPoolExecutor:
+    """Return the threads of `launch_on_cores`, kept because new ones cost more than many launches."""
+    return ThreadPoolExecutor(cores(), thread_name_prefix="launches")
 
 
 def shared(array: Array) -> Any:  # noqa: ANN401

@@ -286,8 +286,7 @@ class OptimizationLoop:
         """
         if not self.settings.method.uses_normals or 2 * done > self.stages[index].iterations:
             return False  # in the second half of the stage particles are left alone
-        allowed = (self.repaired <= self.log.iteration - done) & self.free
-        before = self.engine.particles()
+        allowed, before = (self.repaired <= self.log.iteration - done) & self.free, self.engine.particles()
         try:
             moved = relocate_misplaced(self.engine, allowed)
         except Cancelled:
@@ -335,9 +334,12 @@ class OptimizationLoop:
         NumericalError
             If there are so many that a subject's surface and distance field must disagree.
         """
+        distances = self.engine.surface_distances()
+        if not ((distances >= LOST_DISTANCE) & self.free).any():
+            return
         # Particles lie on the zero level, from which a coarse mesh deviates.
         limits = [[max(LOST_DISTANCE, 2.0 * mesh.mean_edge)] for mesh in self.engine.surface_set.meshes]
-        lost = (self.engine.surface_distances() >= limits) & self.free
+        lost = (distances >= limits) & self.free
         if lost.any():
             self.engine.find_faces()  # the walk over the mesh may have been trapped
             lost = (self.engine.surface_distances() >= limits) & self.free
@@ -357,8 +359,7 @@ class OptimizationLoop:
         self.log.emit_frame(self.stages[index].stage, self.engine)
         if self.log.checkpoint_is_due():
             self._checkpoint(index, done)
-        plan = self.stages[index]
-        expected = plan.expected_iterations
+        plan, expected = self.stages[index], self.stages[index].expected_iterations
         if plan.until_converged and done >= 2 * RECORD_INTERVAL:
             left = self.log.records_to_convergence(self.tolerance)
             expected = RECORD_INTERVAL * (done // RECORD_INTERVAL + left)

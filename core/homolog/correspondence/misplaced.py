@@ -13,11 +13,11 @@ from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.correspondence.engine import Engine
 from homolog.correspondence.exchanges import EnsembleRows, Exchanges
 from homolog.correspondence.initialization.registration import features, snap_to_mesh
+from homolog.correspondence.near_pairs import N_NEIGHBOURS, expected_positions
 from homolog.correspondence.schedule import Weights
-from homolog.device import cores
 from homolog.errors import InputError
 from homolog.geometry import farthest_point_sampling, inverse_matrices, rotation_of, transform_points
-from homolog.threads import in_threads
+from homolog.threads import on_one_thread
 
 __all__ = [
     "MAX_MISPLACED_FRACTION",
@@ -35,7 +35,6 @@ MIN_ANGLE = np.radians(45.0)  # between a misplaced particle's normal and the me
 MIN_MEDIAN_RATIO = 3.0  # of that angle to its median over the shapes
 MIN_SHAPES = 3  # with fewer, none of them is the exception
 MAX_MISPLACED_FRACTION = 0.1  # of a shape's particles; beyond it the whole shape is matched differently
-N_NEIGHBOURS = 8  # particles that predict the position of one between them
 # Two particles are swapped if an exchange reduces the sum of their errors, and each error, to these ratios.
 MAX_PAIR_ERROR_RATIO, MAX_ERROR_RATIO = 0.5, 0.8
 N_NEAR_CONTROL_POINTS = 300  # of the map that predicts positions, around the misplaced particles
@@ -75,7 +74,7 @@ def relocate_misplaced(engine: Engine, allowed: BoolArray) -> BoolArray:
     """
     aligned, normals, means = engine.aligned_positions(), engine.aligned_normals(), engine.host_means()
     misplaced = find_misplaced(normals, means) & allowed
-    partners = find_swapped(aligned, means)
+    partners = find_swapped(aligned, means, engine.launch.device)
     swapped = (partners != np.arange(aligned.shape[1])) & allowed & ~misplaced
     swapped &= np.take_along_axis(swapped, partners, axis=1)
     if swapped.any():
@@ -89,6 +88,7 @@ def relocate_misplaced(engine: Engine, allowed: BoolArray) -> BoolArray:
     return moved
 
 
+@on_one_thread
 def exchange(engine: Engine, weights: Weights, allowed: BoolArray) -> BoolArray:
     """Exchange particles of a shape where that lowers the objective; return which, (M, N).
 
@@ -125,7 +125,7 @@ def repairs_text(repaired: IntArray) -> str:
     return f", {count} repaired on {shapes} shape{'s' if shapes > 1 else ''}" if count else ""
 
 
-def find_swapped(aligned: FloatArray, means: FloatArray) -> IntArray:
+def find_swapped(aligned: FloatArray, means: FloatArray, device: str = "cpu") -> IntArray:
     """Return for each particle the one it is swapped with, (M, N); for nearly all the particle itself.
 
     The expected position of a particle is its mean over the shapes plus the median deviation of its
@@ -138,6 +138,8 @@ def find_swapped(aligned: FloatArray, means: FloatArray) -> IntArray:
         Particles in the coordinates in which they are compared.
     means : (N, 3) array
         Mean unit normals.
+    device : str
+        Warp device that finds the expected positions.
     """
     n_shapes, count = aligned.shape[:2]
     partners = np.tile(np.arange(count), (n_shapes, 1))
@@ -148,22 +150,20 @@ def find_swapped(aligned: FloatArray, means: FloatArray) -> IntArray:
         cKDTree(features(mean, means)).query(features(mean, means), k=N_NEIGHBOURS + 1)[1]
     )[:, 1:]
 
-    def find(k: int) -> None:
-        deviation = aligned[k] - mean
-        expected = mean + np.median(deviation[neighbours], axis=1)
-        error = np.linalg.norm(aligned[k] - expected, axis=1)
-        nearest = np.asarray(cKDTree(aligned[k]).query(expected, k=2)[1])
-        first = np.where(nearest[:, 0] == np.arange(count), nearest[:, 1], nearest[:, 0])
-        mutual = np.flatnonzero((first[first] == np.arange(count)) & (np.arange(count) < first))
-        i, j = mutual, first[mutual]
-        other_i = np.linalg.norm(aligned[k, j] - expected[i], axis=1)
-        other_j = np.linalg.norm(aligned[k, i] - expected[j], axis=1)
-        is_swap = other_i + other_j < MAX_PAIR_ERROR_RATIO * (error[i] + error[j])
-        is_swap &= (other_i < MAX_ERROR_RATIO * error[i]) & (other_j < MAX_ERROR_RATIO * error[j])
-        partners[k, i[is_swap]], partners[k, j[is_swap]] = j[is_swap], i[is_swap]
+    expected, nearest = expected_positions(aligned, mean, neighbours, device)
+    own = np.arange(count)
+    is_mutual = (np.take_along_axis(nearest, nearest, axis=1) == own) & (own < nearest)
+    k, i = np.nonzero(is_mutual)
+    j = nearest[k, i]
 
-    for _ in in_threads(find, range(n_shapes), cores()):
-        pass
+    def distances(of: IntArray, to: IntArray) -> FloatArray:
+        return np.asarray(np.linalg.norm(aligned[k, of] - expected[k, to], axis=1))
+
+    error_i, error_j, other_i, other_j = distances(i, i), distances(j, j), distances(j, i), distances(i, j)
+    is_swap = other_i + other_j < MAX_PAIR_ERROR_RATIO * (error_i + error_j)
+    is_swap &= (other_i < MAX_ERROR_RATIO * error_i) & (other_j < MAX_ERROR_RATIO * error_j)
+    k, i, j = k[is_swap], i[is_swap], j[is_swap]
+    partners[k, i], partners[k, j] = j, i
     return partners
 
 

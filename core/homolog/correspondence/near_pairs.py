@@ -13,7 +13,10 @@ from homolog.correspondence.kernels import exchanges as kernels
 from homolog.device import cores, launch_on_cores
 from homolog.threads import in_threads
 
-__all__ = ["PlacedParticles", "Survey", "promising_pairs"]
+__all__ = ["N_NEIGHBOURS", "PlacedParticles", "Survey", "expected_positions", "promising_pairs"]
+
+N_NEIGHBOURS = int(kernels.N_NEIGHBOURS)
+"""Number of particles that predict the position of one between them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,6 +106,36 @@ def promising_pairs(
     chosen = np.unique(np.stack([shape, np.minimum(place, near), np.maximum(place, near)], axis=1), axis=0)
     cuts = np.flatnonzero(np.diff(chosen[:, 0])) + 1
     return [(int(group[0, 0]), group[:, 1:]) for group in np.split(chosen, cuts) if len(group)]
+
+
+def expected_positions(
+    aligned: FloatArray, mean: FloatArray, neighbours: IntArray, device: str = "cpu"
+) -> tuple[FloatArray, IntArray]:
+    """Return where particles are expected, and which other particle of the shape is nearest to there.
+
+    Parameters
+    ----------
+    aligned : (M, N, 3) array
+        Aligned particles.
+    mean : (N, 3) array
+        Their means over the shapes.
+    neighbours : (N, N_NEIGHBOURS) int array
+        Whose median deviation from their means is added to a particle's mean.
+    device : str
+        Warp device.
+
+    Returns
+    -------
+    expected : (M, N, 3) array
+    nearest : (M, N) int array
+    """
+    shapes, count = aligned.shape[:2]
+    expected = wp.empty(shapes * count, dtype=wp.vec3d, device=device)
+    nearest = wp.zeros(shapes * count, dtype=wp.int32, device=device)
+    inputs = [wp.array(neighbours, dtype=wp.int32, ndim=2, device=device), _vectors(mean, device)]
+    inputs += [_vectors(aligned, device), expected, nearest]
+    _launch(kernels.find_expected, shapes * count, inputs, device)
+    return expected.numpy().reshape(aligned.shape), nearest.numpy().reshape(shapes, count)
 
 
 def _nearest(positions: FloatArray, device: str) -> IntArray:

@@ -171,6 +171,8 @@ def prepare_cohort(
     -------
     PreparedCohort
     """
+    for _ in in_threads(lambda shape: (shape.mesh.area, shape.mesh.mean_edge), shapes, cores()):
+        pass  # the meshes keep both
     unit = length_unit(shapes) if unit is None else unit
     to_optimizer = tuple(Similarity.of(shape.alignment, unit) for shape in shapes)
     counts = particle_counts(settings.particles) if counts is None else counts

@@ -17,12 +17,14 @@ from homolog.arrays import Array, BoolArray, DeviceArray, FloatArray, IntArray
 from homolog.correspondence.kernels.particles import Surface
 from homolog.correspondence.poses import rescale
 from homolog.correspondence.types import Shape
+from homolog.device import cores
 from homolog.errors import NumericalError
 from homolog.geodesics import GeodesicTable
 from homolog.geometry import scale_of, transform_points
 from homolog.memory import Store, in_memory
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.sides import MeshSides
+from homolog.threads import in_threads
 
 __all__ = [
     "Similarity",
@@ -34,7 +36,7 @@ __all__ = [
     "on_device",
 ]
 
-TOGETHER = 64
+TOGETHER = 128
 """Meshes whose sides are paired at once."""
 
 
@@ -142,8 +144,15 @@ def build_surface_set(
     -------
     SurfaceSet
     """
+
+    def transformed(pair: tuple[TriangleMesh, Similarity]) -> TriangleMesh:
+        mesh = TriangleMesh(pair[1].apply(pair[0].vertices), pair[0].faces)
+        mesh.area  # noqa: B018 - is computed here, and kept
+        return mesh
+
+    made = in_threads(transformed, zip(meshes, to_optimizer, strict=True), cores())
     transformed_meshes = [
-        TriangleMesh(store(f.apply(m.vertices)), m.faces) for m, f in zip(meshes, to_optimizer, strict=True)
+        mesh if store is in_memory else TriangleMesh(store(mesh.vertices), mesh.faces) for mesh in made
     ]
     free = [True] * len(meshes) if free_shapes is None else free_shapes
     references = [
@@ -191,7 +200,9 @@ def morton_ordered(mesh: TriangleMesh) -> TriangleMesh:
     """
     low = mesh.vertices.min(axis=0)
     cells = ((mesh.vertices - low) / np.ptp(mesh.vertices, axis=0).max() * 1023.0).astype(np.int64)
-    code = sum(((cells >> bit) & 1) << (3 * bit + 2 - np.arange(3)) for bit in range(10)).sum(axis=1)
+    for shift, mask in ((16, 0x30000FF), (8, 0x300F00F), (4, 0x30C30C3), (2, 0x9249249)):
+        cells = (cells | cells << shift) & mask  # two zeros between the bits
+    code = cells[:, 0] << 2 | cells[:, 1] << 1 | cells[:, 2]
     order = np.argsort(code, kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))

@@ -61,7 +61,7 @@ def distances_from(
     indices = np.asarray(sources, int)
     if len(indices) == 0 or indices.min() < 0 or indices.max() >= n:
         raise InputError(f"{name}: sources have to be vertices of the mesh, 0 … {n - 1}")
-    limits = Task(name, mesh, np.inf, 1.0, mesh.mean_edge).kernel_limits()
+    limits = Task(name, mesh, np.inf, 1.0, mesh.mean_edge, mesh.area).kernel_limits()
     limits.max_encoded = limits.propagation_limit = float(local_solver.UNREACHED)
     fans = build_fans([mesh], triangulate([mesh]), "cpu")
     with wp.ScopedDevice("cpu"):

@@ -19,7 +19,7 @@ from homolog.threads import in_threads
 
 __all__ = ["TablePlan", "Task", "block_rows", "plan_tables"]
 
-TOGETHER = 64
+TOGETHER = 128
 """Meshes that are checked at once."""
 
 
@@ -39,6 +39,8 @@ class Task:
         Longest distance [mm] to encode: d_max, or an upper bound of all distances on the mesh.
     mean_edge : float
         Mean edge length [mm].
+    area : float
+        Of the surface [mm²].
     """
 
     name: str
@@ -46,6 +48,7 @@ class Task:
     d_max: float
     max_distance: float
     mean_edge: float
+    area: float
 
     def kernel_limits(self) -> Any:  # noqa: ANN401 - a wp.struct has no type
         """Return range and resolution for kernels."""
@@ -121,14 +124,16 @@ def _tasks(names: Sequence[str], meshes: Sequence[TriangleMesh], limits: Sequenc
             raise InputError(f"{name}: d_max is {d_max}; geodesic distances need a positive length in mm")
     sides = MeshSides.of(meshes)
     sides.check(names)
-    is_short = [
-        limit < np.linalg.norm(np.ptp(mesh.vertices, axis=0))
-        for mesh, limit in zip(meshes, limits, strict=True)
-    ]
-    longest = np.where(is_short, np.inf, np.inf if all(is_short) else 2.0 * sides.reach())
+
+    def lengths(mesh: TriangleMesh) -> tuple[float, float]:
+        return mesh.mean_edge, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+
+    edges, diagonals = zip(*in_threads(lengths, meshes, cores()), strict=True)
+    is_short = np.less(limits, diagonals)
+    longest = np.where(is_short, np.inf, np.inf if is_short.all() else 2.0 * sides.reach())
     bounds = np.minimum(limits, longest).tolist()
-    edges = in_threads(lambda mesh: mesh.mean_edge, meshes, cores())
-    return [Task(*parts) for parts in zip(names, meshes, limits, bounds, edges, strict=True)]
+    areas = sides.areas().tolist()
+    return [Task(*parts) for parts in zip(names, meshes, limits, bounds, edges, areas, strict=True)]
 
 
 def block_rows(task: Task) -> int:
@@ -138,7 +143,7 @@ def block_rows(task: Task) -> int:
     """
     n = len(task.mesh.vertices)
     radius = task.max_distance + 3.0 * task.mean_edge  # of a cluster: about 2.5 edges
-    return int(1.05 * n / LANES * min(n, n * math.pi * radius**2 / task.mesh.area))
+    return int(1.05 * n / LANES * min(n, n * math.pi * radius**2 / task.area))
 
 
 def _table_bytes(task: Task) -> int:

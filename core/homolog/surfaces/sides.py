@@ -83,6 +83,13 @@ class MeshSides:
             if not sound or may_have_twins(mesh.vertices):
                 check_mesh(mesh, name)
 
+    def areas(self) -> FloatArray:
+        """Return the area of each mesh, (S,) [mm²], but for the order of the sum that of `TriangleMesh`."""
+        result = np.zeros(len(self.meshes))
+        inputs = [self.for_kernels(), self.positions(), shared(result)]
+        launch_on_cores(kernels.measure_areas, len(self.meshes), inputs)
+        return result
+
     def reach(self) -> FloatArray:
         """Return how far along edges the farthest vertex is from the first one of each mesh, (S,) [mm]."""
         n = int(self.first_vertex[-1])

@@ -6,10 +6,20 @@ import homolog.device  # noqa: F401 - starts Warp
 
 wp.set_module_options({"enable_backward": False, "fast_math": False})
 
-__all__ = ["NEAREST", "EntropyPart", "find_nearest", "find_promising", "multiply_rows"]
+__all__ = [
+    "NEAREST",
+    "N_NEIGHBOURS",
+    "EntropyPart",
+    "find_expected",
+    "find_nearest",
+    "find_promising",
+    "multiply_rows",
+]
 
 NEAREST = wp.constant(12)
 """Number of nearest particles with which a particle may be exchanged."""
+N_NEIGHBOURS = wp.constant(8)
+"""Number of particles that predict the position of one between them."""
 
 
 @wp.struct
@@ -41,6 +51,47 @@ def find_nearest(
                 place -= 1
             distances[place] = distance
             nearest[particle, place] = other - begin
+
+
+@wp.kernel
+def find_expected(
+    first: int,
+    neighbours: wp.array2d(dtype=wp.int32),
+    mean: wp.array(dtype=wp.vec3d),
+    positions: wp.array(dtype=wp.vec3d),
+    expected: wp.array(dtype=wp.vec3d),
+    nearest: wp.array(dtype=wp.int32),
+):
+    """Find a particle's mean plus its neighbours' median deviation, and the other particle nearest to that.
+
+    Thread (particle, counted from `first`).
+    """
+    particle = first + wp.tid()
+    count = mean.shape[0]
+    begin = particle // count * count
+    place = particle - begin
+    middle = wp.vec3d()
+    for axis in range(3):
+        sorted_values = wp.vector(wp.float64(0.0), length=N_NEIGHBOURS)
+        for k in range(N_NEIGHBOURS):
+            near = neighbours[place, k]
+            value = positions[begin + near][axis] - mean[near][axis]
+            at = int(k)
+            while at > 0 and value < sorted_values[wp.max(at - 1, 0)]:
+                sorted_values[at] = sorted_values[at - 1]
+                at -= 1
+            sorted_values[at] = value
+        middle[axis] = (sorted_values[N_NEIGHBOURS // 2 - 1] + sorted_values[N_NEIGHBOURS // 2]) / wp.float64(
+            2.0
+        )
+    there = mean[place] + middle
+    expected[particle] = there
+    shortest = wp.float64(1.0e300)
+    for other in range(begin, begin + count):
+        distance = wp.length_sq(positions[other] - there)
+        if other != particle and distance < shortest:
+            shortest = distance
+            nearest[particle] = other - begin
 
 
 @wp.kernel

@@ -9,7 +9,16 @@ import homolog.device  # noqa: F401 - starts Warp
 
 wp.set_module_options({"enable_backward": False})
 
-__all__ = ["Sides", "check_meshes", "find_reach", "leaving_end", "next_side", "pair_sides", "sort_by_tail"]
+__all__ = [
+    "Sides",
+    "check_meshes",
+    "find_reach",
+    "leaving_end",
+    "measure_areas",
+    "next_side",
+    "pair_sides",
+    "sort_by_tail",
+]
 
 
 @wp.struct
@@ -148,6 +157,20 @@ def check_meshes(
                 sound = False
     n_vertices = sides.first_vertex[mesh + 1] - sides.first_vertex[mesh]
     is_sound[mesh] = sound and count_connected(sides, mesh, seen, queue) == n_vertices
+
+
+@wp.kernel
+def measure_areas(
+    first: int, sides: Sides, position: wp.array(dtype=wp.vec3d), area: wp.array(dtype=wp.float64)
+):
+    """Sum up the areas of the faces; thread (mesh, counted from `first`)."""
+    mesh = first + wp.tid()
+    total = wp.float64(0.0)
+    for face in range(sides.first_face[mesh], sides.first_face[mesh + 1]):
+        a = position[sides.tail[3 * face]]
+        b = position[sides.tail[3 * face + 1]]
+        total += wp.length(wp.cross(b - a, position[sides.tail[3 * face + 2]] - a))
+    area[mesh] = wp.float64(0.5) * total
 
 
 @wp.kernel
