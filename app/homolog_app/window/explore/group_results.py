@@ -96,7 +96,7 @@ class GroupResults(QTreeWidget):
         """Wrap names at the new width, and take the height that they need."""
         super().resizeEvent(event)
         self.scheduleDelayedItemsLayout()
-        self._fit_height()
+        QTimer.singleShot(0, self, self._fit_height)  # a layout that is at work would not notice
 
     def _fit_height(self) -> None:
         """Take the height of the first rows."""
