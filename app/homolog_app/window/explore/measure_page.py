@@ -130,7 +130,9 @@ class MeasurePage(ExplorePage):
         self.view.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Fixed)
         for column in range(1, len(_HEADS)):
             self.view.horizontalHeader().setSectionResizeMode(column, QHeaderView.ResizeMode.Fixed)
-            self.view.horizontalHeader().resizeSection(column, scaled(_NUMBER_PX))
+            self.view.horizontalHeader().resizeSection(
+                column, scaled(_NUMBER_PX if column > 1 else _GROUP_PX)
+            )
         particles = zip(_PARTICLES, self.particles, strict=True)
         rows = (
             *particles,
