@@ -23,7 +23,7 @@ from homolog.geodesics import GeodesicTable
 from homolog.geometry import scale_of, transform_points
 from homolog.memory import Store, in_memory
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.sides import MeshSides
+from homolog.surfaces.sides import MeshSides, batches
 from homolog.threads import in_threads
 
 __all__ = [
@@ -35,9 +35,6 @@ __all__ = [
     "normalize_size",
     "on_device",
 ]
-
-TOGETHER = 128
-"""Meshes whose sides are paired at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,8 +208,8 @@ def morton_ordered(mesh: TriangleMesh) -> TriangleMesh:
 
 def face_neighbours(meshes: Sequence[TriangleMesh]) -> Iterator[IntArray]:
     """Yield for each face of each mesh the faces across the edges opposite to its corners, (F, 3)."""
-    for begin in range(0, len(meshes), TOGETHER):
-        sides = MeshSides.of(meshes[begin : begin + TOGETHER])
+    for some in batches(len(meshes)):
+        sides = MeshSides.of(meshes[some])
         if not sides.is_closed.all():
             raise NumericalError("a mesh for the optimizer is not closed and consistently oriented")
         across = np.roll(sides.twin.reshape(-1, 3) // 3, -1, axis=1)

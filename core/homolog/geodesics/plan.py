@@ -13,14 +13,11 @@ from homolog.geodesics.kernels import local_solver
 from homolog.geodesics.kernels.lookup import LANES, MISSING
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.sides import MeshSides
+from homolog.surfaces.sides import MeshSides, batches
 from homolog.surfaces.topology import check_arrays
 from homolog.threads import in_threads
 
 __all__ = ["TablePlan", "Task", "block_rows", "plan_tables"]
-
-TOGETHER = 128
-"""Meshes that are checked at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,8 +99,7 @@ def plan_tables(
     labels = [f"mesh {k + 1}" for k in range(len(meshes))] if names is None else names
     limits = np.broadcast_to(np.asarray(d_max, float), len(meshes)).tolist()
     tasks: list[Task] = []
-    for begin in range(0, len(meshes), TOGETHER):
-        some = slice(begin, begin + TOGETHER)
+    for some in batches(len(meshes)):
         for task in _tasks(labels[some], meshes[some], limits[some]):
             tick(0.0, f"mesh of {task.name} checked")
             tasks.append(task)

@@ -1,6 +1,6 @@
 """The sides of many meshes, paired and checked by compiled code on all cores."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,12 +8,15 @@ import numpy as np
 import warp as wp
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
-from homolog.device import launch_on_cores, shared
+from homolog.device import cores, launch_on_cores, shared
 from homolog.surfaces.kernels import sides as kernels
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import FLATTEST, check_mesh, may_have_twins
 
-__all__ = ["MeshSides"]
+__all__ = ["MeshSides", "batches"]
+
+MESHES_PER_CORE = 4
+"""Meshes whose sides are paired at once, for each core: enough to share the work evenly."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,3 +106,10 @@ class MeshSides:
         """Return the vertices of all meshes, (N,) vec3d, for kernels on the CPU."""
         joined = np.concatenate([mesh.vertices for mesh in self.meshes])
         return wp.array(joined, dtype=wp.vec3d, device="cpu", copy=False)
+
+
+def batches(count: int) -> Iterator[slice]:
+    """Yield slices of `count` meshes, as many at once as keep all cores busy and need little memory."""
+    size = MESHES_PER_CORE * cores()
+    for begin in range(0, count, size):
+        yield slice(begin, begin + size)
