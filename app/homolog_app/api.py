@@ -25,7 +25,7 @@ from homolog.parameters import fault_text
 from homolog.progress import Tick, no_tick, part_of, tick_of
 from homolog_app.report.findings import Finding, cautions, findings
 from homolog_app.report.request import StudyRequest, column_of, reference_first
-from homolog_app.report.seeds import SeedAnswer, answer_by_seed, spread_text, write_spread
+from homolog_app.report.seeds import SeedAnswer, answer_by_seed, spread_text, stored_seeds, write_spread
 from homolog_app.report.study import run_study
 from homolog_app.report.surface_maps import SurfaceCarrier, directions_of
 from homolog_app.report.tables import save_study
@@ -92,10 +92,11 @@ def analyze(
     permutations: int = 10_000,
     null_repeats: int = 1000,
     seed: int = 0,
-    seeds: int = 1,
+    seeds: int | None = None,
     structure: str | None = None,
     cohort: str | None = None,
     axes: str | None = None,
+    places: str | None = None,
     callback: Callable[[float, str], object] | None = None,
 ) -> tuple[Answer, ...]:
     """Answer a question about a project, write its tables, and add it to the project's report.
@@ -124,9 +125,10 @@ def analyze(
         Number of modes to test; by parallel analysis if not given.
     permutations, null_repeats, seed : int
         Permutations of each test, repeats of the null simulation, random seed.
-    seeds : int
-        Number of seeds of the correspondence with which run and tests are repeated.
-    structure, cohort, axes : str, optional
+    seeds : int, optional
+        Number of seeds of the correspondence with which run and tests are repeated; those that are stored if
+        not given.
+    structure, cohort, axes, places : str, optional
         Details for reports, see `homolog.Project.describe`.
     callback : callable, optional
         ``callback(fraction, message)``; raise `Cancelled`, or any other error, in it to stop.
@@ -151,7 +153,7 @@ def analyze(
             complete_cases=complete_cases, modes=modes, permutations=permutations, null_repeats=null_repeats,
             seed=seed,
         )  # fmt: skip
-        Project(project).describe(structure=structure, cohort=cohort, axes=axes)
+        Project(project).describe(structure=structure, cohort=cohort, axes=axes, places=places)
         return answer_requests(folder, result, requests, seeds, tick_of(callback))
 
 
@@ -207,10 +209,14 @@ def answer_requests(
     project: ProjectFolder,
     result: Result,
     requests: Sequence[StudyRequest],
-    seeds: int = 1,
+    seeds: int | None = None,
     tick: Tick = no_tick,
 ) -> tuple[Answer, ...]:
-    """Answer questions about a locked project's result, and write their tables."""
+    """Answer questions about a locked project's result, and write their tables.
+
+    Without a number of seeds the tests are repeated with those whose correspondence is stored.
+    """
+    seeds = stored_seeds(project) if seeds is None else seeds
     if seeds < 1:
         raise InputError(f"--seeds {seeds}: must be 1 or more")
     carrier = SurfaceCarrier.of(result, directions_of(read_details(project), project.read().result))
@@ -241,6 +247,7 @@ def report(
     structure: str | None = None,
     cohort: str | None = None,
     axes: str | None = None,
+    places: str | None = None,
     callback: Callable[[float, str], object] | None = None,
 ) -> Path:
     """Write the report of a project's model and studies, as HTML and PDF, as ``homolog report`` does.
@@ -249,7 +256,7 @@ def report(
     ----------
     project : path
         With a result; studies are those that `analyze`, the command line or the window stored.
-    structure, cohort, axes : str, optional
+    structure, cohort, axes, places : str, optional
         Details for the report, see `homolog.Project.describe`.
     callback : callable, optional
         ``callback(fraction, message)``; raise `Cancelled`, or any other error, in it to stop.
@@ -266,5 +273,5 @@ def report(
     """
     folder = ProjectFolder(Path(project))
     with folder.locked(new=False):
-        Project(project).describe(structure=structure, cohort=cohort, axes=axes)
+        Project(project).describe(structure=structure, cohort=cohort, axes=axes, places=places)
         return write_report(folder, tick_of(callback))

@@ -22,6 +22,9 @@ from homolog.settings import RunSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app import api
 from homolog_app.cli import main
+from homolog_app.plots import new_figure
+from homolog_app.rendering.colours import LIGHT, page_colours
+from homolog_app.report.figures import ReportFigure
 from homolog_app.report.findings import corrections_text, p_text
 from homolog_app.report.page import Page
 from homolog_app.report.request import (
@@ -33,7 +36,7 @@ from homolog_app.report.request import (
     write_request,
 )
 from homolog_app.report.sample import sample_rows
-from homolog_app.report.sheets import sheets_of, wrapped_cells
+from homolog_app.report.sheets import sheets_of, wrapped_cells, write_page
 from homolog_app.report.study import run_study
 from homolog_app.report.surface_maps import EDGE, INNER, OUTER, SurfaceCarrier, directions_of
 
@@ -124,6 +127,9 @@ def test_three_groups_are_analyzed_with_and_without_size_and_written_as_tables(p
     folder = project.folder / "analysis" / "groups_group_A_B_C"
     tests = _rows(folder / "tests.csv")
     assert [row["comparison"] for row in tests] == ["A, B, C", "B - A", "C - A", "C - B"]
+    low, far, high = (float(tests[0][f"mahalanobis_d_corrected{end}"]) for end in ("_low_95", "", "_high_95"))
+    assert 0.0 < low < far < high
+    assert "common mean D = " in said
     particles = _rows(folder / "particles_C_-_A.csv")
     top = max(particles, key=lambda row: float(row["mean_z_mm"]))
     assert float(top["outward_mm"]) == pytest.approx(4.0, abs=1.5)
@@ -231,6 +237,18 @@ def test_python_answers_describes_and_reports_as_the_commands_do(project, capsys
         opened.describe(structure="long" * 100)
 
 
+def test_places_have_the_names_that_the_authors_give_them(project, capsys):
+    question = ["analyze", str(project.folder), *QUICK, "--between", "A", "C", "--size", "with"]
+    assert main([*question, "--places", "basal/apical"]) == 2
+    assert "--places" in capsys.readouterr().err
+    assert main([*question, "--places", "septal/lateral -y/+y basal/apical"]) == 0
+    rows = _rows(project.folder / "analysis" / "groups_group_A_C" / "regions.csv")
+    top = max(rows, key=lambda row: float(row["peak_z_mm"]))
+    assert "apical" in top["peak_place"]
+    words = {word for row in rows for word in row["peak_place"].split()}
+    assert words <= {"septal", "lateral", "-y", "+y", "basal", "apical", "middle"}
+
+
 def test_axes_are_those_of_the_patient_only_if_all_files_say_so(project):
     record = project.read().result
     image = {"voxel": [1.0, 1.0, 1.0]}
@@ -241,12 +259,6 @@ def test_axes_are_those_of_the_patient_only_if_all_files_say_so(project):
         directions = directions_of(ReportDetails(), record.model_copy(update={"subjects": rows}))
         assert directions.are_the_patients == stated
     assert not directions_of(ReportDetails(axes=Axes.FILE), None).are_the_patients
-
-
-def test_a_p_that_cannot_be_lower_is_told_as_a_bound():
-    assert p_text(0.003, 1999, least=True) == "p ≤ 0.003"
-    assert p_text(0.003, 1999) == "p = 0.003"
-    assert p_text(0.0001, 19999, least=True) == "p < 0.001"
 
 
 def test_an_interval_that_is_wider_than_its_column_breaks_between_its_numbers():
@@ -275,6 +287,27 @@ def test_rows_of_a_long_table_are_not_broken_and_every_sheet_repeats_number_and_
     assert rows == [f"row {row}" for row in range(40)]
 
 
+def test_a_pdf_has_contents_bookmarks_and_figures_as_vector_graphics(tmp_path):
+    page = Page("title", "notice")
+    for number in range(9):
+        page.heading(f"Chapter {number}")
+        page.heading(f"Section {number}", 3)
+        page.paragraph("word " * 1300)
+    figure = new_figure(4.0, 3.0, page_colours(LIGHT))
+    figure.subplots().plot([0, 1], [0, 1])
+    page.figures([ReportFigure("line", figure, "A line")])
+    write_page(tmp_path / "page.pdf", page)
+    content = (tmp_path / "page.pdf").read_bytes()
+    assert content.count(b"/Type /Outlines") == 1
+    assert b"/Count 9" in content
+    assert content.count(b"/Dest [") == 18
+    assert b"/Subtype /Image" not in content
+    contents = sheets_of(page)
+    assert len(contents) > 8
+    count = len(re.findall(rb"/Type /Page\b", content))
+    assert count == len(contents) + 1
+
+
 def test_tables_and_figures_are_numbered_and_referred_to(report):
     page = report.read_text(encoding="utf-8")
     for kind in ("Table", "Figure"):
@@ -286,7 +319,11 @@ def test_tables_and_figures_are_numbered_and_referred_to(report):
 
 def test_regression_and_pairs_are_analyzed(project, capsys):
     assert _analyze(project, "--regress", "age", "--covariates", "sex", "--size", "with") == 0
-    assert "age, adjusted for sex" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "age, adjusted for sex" in said
+    assert "Covariate sex: m - f: " in said
+    (row,) = _rows(project.folder / "analysis" / "regression_age_for_sex" / "covariates.csv")
+    assert (row["comparison"], row["n"]) == ("sex: m - f", "18")
     assert _analyze(project, "--pairs", "twin", "--between", "A", "B", "--size", "with") == 2
     assert "pair 't0' has two" in capsys.readouterr().err
 

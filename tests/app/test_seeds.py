@@ -31,12 +31,17 @@ def project(short_settings, tmp_path):
     return project
 
 
+def read_rows(path):
+    with path.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+@pytest.mark.usefixtures("without_figures")
 def test_other_seeds_are_run_once_and_their_answers_reported(project, capsys):
     question = ["analyze", str(project.folder), *QUICK, "--seeds", "2"]
     assert main(question) == 0
     assert "over 2 seeds" in capsys.readouterr().out
-    with (project.folder / "analysis" / "groups_group_a_b" / "seeds.csv").open(newline="") as stream:
-        rows = list(csv.DictReader(stream))
+    rows = read_rows(project.folder / "analysis" / "groups_group_a_b" / "seeds.csv")
     own = project.read().result.settings.optimize.seed
     assert [int(row["seed_of_correspondence"]) for row in rows] == [own, own + 1]
     again = ProjectFolder(project.folder / "seeds" / f"seed_{own + 1}")
@@ -44,6 +49,23 @@ def test_other_seeds_are_run_once_and_their_answers_reported(project, capsys):
     before = again.read().result.finished
     assert main(question) == 0
     assert again.read().result.finished == before
+
+    capsys.readouterr()
+    later = ["analyze", str(project.folder), *QUICK, "--between", "b", "a"]
+    assert main(later) == 0
+    assert "over 2 seeds" in capsys.readouterr().out
+    assert main(["report", str(project.folder), "--progress", "none"]) == 0
+    page = (project.folder / "report" / "report.html").read_text("utf-8")
+    found = page[page.index(">Findings<") : page.index(">Shape model<")]
+    assert found.count("Over 2 seeds") == 2
+    assert "--seeds 5" not in page
+    rows = read_rows(project.folder / "report" / "correspondence.csv")
+    assert [row["name"] for row in rows] == [f"e{index}" for index in range(6)]
+    for row in rows:
+        assert float(row["off_surface_mm"]) < 0.3
+        assert 0.0 < float(row["unevenness_percent"]) < 60.0
+        assert float(row["surface_mean_mm"]) < float(row["surface_p95_mm"]) < 1.5
+        assert 1.0 < float(row["farthest_mm"]) < 9.0
 
 
 ANSWER = SeedAnswer("b - a", 0, 0.011, 1.3, 6, 4.7, 0.8, 0.9, 0.5, 999, "abc")

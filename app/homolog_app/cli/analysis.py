@@ -56,10 +56,9 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
     parser.add_argument(
         "--seeds",
         type=int,
-        default=1,
         metavar="N",
         help="repeat correspondence and tests with N seeds in all, and report how the answers vary; the runs "
-        "are stored in PROJECT/seeds",
+        "are stored in PROJECT/seeds, and later questions are repeated with them (default: those stored)",
     )
     add_options(parser, ReportDetails)
     add_progress_option(parser)

@@ -118,7 +118,7 @@ class ReportSettings(CutSettings, ReportDetails):
     @property
     def emptied(self) -> list[str]:
         """Options that empty what is empty here, as a project keeps what was given before."""
-        empty = [f"--{name}=" for name in ("structure", "cohort") if not getattr(self, name)]
+        empty = [f"--{name}=" for name in ("structure", "cohort", "places") if not getattr(self, name)]
         return empty + (["--axes=auto"] if self.axes is Axes.AUTO else [])
 
 

@@ -13,6 +13,7 @@ from homolog.analysis.comparison import Comparison
 from homolog.analysis.effects import Effect, SizeVariance
 from homolog.analysis.procrustes import Alignment
 from homolog.files.results import Result
+from homolog_app.report.covariates import covariate_sentences
 from homolog_app.report.study import Study
 
 if TYPE_CHECKING:
@@ -27,7 +28,6 @@ __all__ = [
     "corrections_text",
     "findings",
     "interval_text",
-    "is_least",
     "landmark_text",
     "outlier_text",
     "p_text",
@@ -78,11 +78,6 @@ def correction_text(study: Study, *, size: bool = False, overall: bool = False) 
     if study.request.answers > 1 and not size:
         parts.append(f"{study.request.answers} analyses (form and shape; Bonferroni)")
     return f"corrected for {' and '.join(parts)}" if parts else ""
-
-
-def is_least(effect: Effect) -> bool:
-    """Return whether no permutation was as extreme as what was observed, so that p is the least possible."""
-    return effect.p is not None and effect.p <= 1.0 / (effect.permutations + 1) * (1.0 + 1e-9)
 
 
 def shows_size(study: Study) -> bool:
@@ -172,8 +167,8 @@ def region_text(study: Study, comparison: Comparison) -> str:
         return f"none of {len(significant)} particles"
     area, whole = float(study.areas[significant].sum()), float(study.areas.sum())
     return (
-        f"{np.count_nonzero(significant)} of {len(significant)} particles, {area:.0f} mm² or "
-        f"{100.0 * area / max(whole, np.finfo(float).tiny):.1f} % of the surface"
+        f"{np.count_nonzero(significant)} of {len(significant)} particles, {area:.{0 if area >= 10 else 1}f} "
+        f"mm², {100.0 * area / max(whole, np.finfo(float).tiny):.1f} % of the surface"
     )
 
 
@@ -243,9 +238,9 @@ def cautions(study: Study) -> list[str]:
 
 _NOTHING = {
     ("groups", False): "no difference in {} can be shown",
-    ("groups", True): "no difference of the whole {} can be shown, but single particles differ",
+    ("groups", True): "no difference of the whole {} can be shown, but {} of {} particles differ",
     ("regression", False): "no change of {} with {} can be shown",
-    ("regression", True): "no change of the whole {} with {} can be shown, but single particles change",
+    ("regression", True): "no change of the whole {} with {} can be shown, but {} of {} particles change",
 }
 """Texts without an effect on the whole shape: without and with significant particles."""
 
@@ -256,21 +251,28 @@ _NOUNS = {Alignment.AS_IT_LIES: "form or pose", Alignment.RIGID: "form", Alignme
 def _verdict(study: Study, comparison: Comparison) -> str:
     noun = _NOUNS[study.request.alignment]
     significant = comparison.p_adjusted <= LEVEL
-    local = bool((comparison.p_fwe <= LEVEL).any())
+    inside = int(np.count_nonzero(comparison.p_fwe <= LEVEL))
+    local, counted = inside > 0, (inside, len(comparison.p_fwe))
     who = ", ".join(f"{count} {name}" for name, count in comparison.counts.items())
     if study.request.kind == "regression":
         column = study.request.column
-        nothing = _NOTHING["regression", local].format(noun, column)
+        nothing = _NOTHING["regression", local].format(noun, column, *counted)
         verdict = f"{noun} changes with {column}" if significant else nothing
         return f"{comparison.title} ({comparison.counts['all']} subjects): {verdict}."
     if len(comparison.counts) > 2:
-        verdict = f"the groups differ in {noun}" if significant else _NOTHING["groups", local].format(noun)
+        verdict = (
+            f"the groups differ in {noun}"
+            if significant
+            else _NOTHING["groups", local].format(noun, *counted)
+        )
         return f"{who}: {verdict}."
-    verdict = f"they differ in {noun}" if significant else _NOTHING["groups", local].format(noun)
+    verdict = f"they differ in {noun}" if significant else _NOTHING["groups", local].format(noun, *counted)
     return f"{comparison.title} ({who}): {verdict}."
 
 
 _DISTANCES = {
+    "several": "Root mean square Mahalanobis distance of the groups' means from their common mean D = {} SD, "
+    "corrected for bias",
     "groups": "Mahalanobis distance of the group means D = {} SD, corrected for bias",
     "pairs": "Mean difference of the pairs D = {} SD of the differences, corrected for bias",
     "regression": "Change per unit of {column}: {} SD, corrected for bias",
@@ -284,7 +286,8 @@ def _effects(study: Study, comparison: Comparison) -> tuple[str, ...]:
         sentence = f"Whole shape: {p}."
         if comparison.distance is not None:
             interval = interval_text(comparison.distance, 3 if kind == "regression" else 2)
-            sentence = f"{_DISTANCES[kind].format(interval, column=column)}; whole shape {p}."
+            several = "several" if len(comparison.counts) > 2 else kind
+            sentence = f"{_DISTANCES[several].format(interval, column=column)}; whole shape {p}."
     else:
         sentence = "No mode exceeds chance (parallel analysis); the whole shape was not tested."
     sentences = [
@@ -306,7 +309,8 @@ def _effects(study: Study, comparison: Comparison) -> tuple[str, ...]:
             "The interval of D and the p values of accuracy and AUC assume equal dispersion, which these "
             "groups do not have."
         )
-    return (*sentences, *(_size_text(study, comparison) if shows_size(study) else ()))
+    size = _size_text(study, comparison) if shows_size(study) else []
+    return (*sentences, *size, *(covariate_sentences(study) if comparison is study.overall else ()))
 
 
 def _local_correction(study: Study, comparison: Comparison) -> str:
@@ -341,7 +345,7 @@ def _details(study: Study, comparison: Comparison) -> tuple[str, ...]:
 def _tested(p: float | None, effect: Effect) -> str:
     if p is None:
         return ""
-    return f", permutation {p_text(p, effect.permutations, least=is_least(effect))}"
+    return f", permutation {p_text(p, effect.permutations)}"
 
 
 def size_variance_text(between: SizeVariance) -> str:

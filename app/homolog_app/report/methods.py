@@ -258,7 +258,8 @@ def _adjustments(study: Study) -> Iterator[str]:
     if request.covariates:
         yield (
             f"Shapes were adjusted for {', '.join(request.covariates)} by a linear model of each coordinate; "
-            "residuals were permuted (Freedman and Lane)."
+            "residuals were permuted (Freedman and Lane). Each covariate was tested in the same way, "
+            "adjusted for the study's own effect and the other covariates."
         )
     if request.complete_cases:
         partners = ", and those whose partner is missing," if request.pairs else ""
@@ -293,8 +294,10 @@ def _further_measures(study: Study) -> Iterator[str]:
             f"residuals ({study.overall.dispersion.permutations} permutations, p not corrected)."
         )
     if any(comparison.distance is not None for comparison in study.comparisons):
+        several = _OF_SEVERAL * bool(study.pairwise)
         yield (
-            f"{_DISTANCES[request.kind]} were corrected for bias; their intervals come from the noncentral F "
+            f"{_DISTANCES[request.kind]}{several} were corrected for bias; their intervals come from the "
+            "noncentral F "
             "distribution, assume equal covariances and are not corrected for pairs."
         )
 
@@ -304,6 +307,10 @@ def _centre(study: Study) -> str:
     return "their group's centroid" if of_groups else "the shape fitted to them"
 
 
+_OF_SEVERAL = (
+    ", and of all groups together the root mean square distance of their means from the common mean (from "
+    "Hotelling and Lawley's trace, McKeon),"
+)
 _DISTANCES = {
     "groups": "Mahalanobis distances of group means in the retained modes (D, in standard deviations within "
     "groups)",

@@ -54,6 +54,8 @@ class Page:
     def __init__(self, title: str, notice: str, *, footer: str = "") -> None:
         self.title, self.notice, self._footer = title, notice, footer
         self.parts: list[dict[str, object]] = []
+        self.study = ""
+        """What captions name after their text."""
         self._numbers = {"Table": 0, "Figure": 0}
 
     def following(self, kind: str, after: int = 1) -> str:
@@ -63,7 +65,8 @@ class Page:
     def _numbered(self, kind: str, caption: str) -> str:
         number = self.following(kind)
         self._numbers[kind] += 1
-        return f"{number}. {caption}"
+        study = f" Study: {self.study}." if self.study else ""
+        return f"{number}. {caption.rstrip('.')}.{study}" if study else f"{number}. {caption}"
 
     def heading(self, text: str, level: int = 2) -> None:
         """Add a heading."""
@@ -142,12 +145,20 @@ def _typeset(text: str) -> Markup:
 
 
 def _embedded(report_figure: ReportFigure) -> dict[str, object]:
-    """Return a figure as the template takes it: its picture as text, its width [pixels], its caption."""
+    """Return a figure as the template takes it: its picture as text, its width [pixels], its caption.
+
+    The PDF takes the figure itself.
+    """
     picture, figure = io.BytesIO(), report_figure.figure
     complete_texts(figure)
     figure.savefig(picture, format="png", dpi=_DPI, facecolor=figure.get_facecolor())
     data = base64.b64encode(picture.getvalue()).decode("ascii")
-    return {"data": data, "width": round(figure.get_figwidth() * 96), "caption": report_figure.caption}
+    return {
+        "data": data,
+        "width": round(figure.get_figwidth() * 96),
+        "caption": report_figure.caption,
+        "figure": figure,
+    }
 
 
 _HEADS = (

@@ -116,8 +116,8 @@ def _describes(values: set[str]) -> bool:
         return False
 
 
-def add_missing(page: Page, record: ResultRecord, details: ReportDetails, studies: Sequence[Study]) -> None:
-    """Add one list of what a paper needs and only its authors know."""
+def add_missing(page: Page, record: ResultRecord, details: ReportDetails, one_seed: bool) -> None:
+    """Add one list of what a paper needs and only its authors know; a study may have but one seed."""
     points = [] if details.structure else ["the anatomical structure (--structure)"]
     if not details.cohort:
         points.append(
@@ -133,7 +133,7 @@ def add_missing(page: Page, record: ResultRecord, details: ReportDetails, studie
         "why there are as many subjects and particles",
         "ethics approval",
     ]
-    if studies:
+    if one_seed:
         points.append(
             "for studies of one seed, how answers vary with the seed of the correspondence "
             "(homolog analyze --seeds 5)"

@@ -16,11 +16,15 @@ from homolog.files.results import Result, read_result
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run import FinishReason, Run
+from homolog.settings import RunSettings
 from homolog_app.report.findings import LEVEL, p_text
 from homolog_app.report.request import StudyRequest
 from homolog_app.report.study import Study, run_study
 
-__all__ = ["FILE", "SeedAnswer", "answer_by_seed", "read_spread", "spread_text", "write_spread"]
+__all__ = [
+    "FILE", "SeedAnswer", "answer_by_seed", "read_spread", "seed_numbers", "spread_by_comparison",
+    "spread_text", "stored_seeds", "write_spread",
+]  # fmt: skip
 
 FILE = "seeds.csv"
 _FOLDER = "seeds"
@@ -148,16 +152,26 @@ def read_spread(folder: Path, fingerprint: str) -> list[SeedAnswer]:
     return repeats if all(item.fingerprint == fingerprint for item in repeats) else []
 
 
+def seed_numbers(answers: Sequence[SeedAnswer]) -> list[int]:
+    """Return the different seeds of answers, the result's own first."""
+    return list(dict.fromkeys(answer.seed for answer in answers))
+
+
 def spread_text(answers: Sequence[SeedAnswer]) -> list[str]:
     """Return a sentence for each comparison: the range of its answers."""
-    sentences = []
+    return [f"{title}: {text[0].lower()}{text[1:]}" for title, text in spread_by_comparison(answers).items()]
+
+
+def spread_by_comparison(answers: Sequence[SeedAnswer]) -> dict[str, str]:
+    """Return the range of the answers of each comparison, in a sentence."""
+    sentences = {}
     for title in dict.fromkeys(answer.comparison for answer in answers):
         own = [answer for answer in answers if answer.comparison == title]
         low, high = min(item.p for item in own), max(item.p for item in own)
         significant = sum(item.p <= LEVEL for item in own)
         lowest, highest = (p_text(limit, own[0].permutations) for limit in (low, high))
         text = (
-            f"{title}: over {len(own)} seeds of the correspondence "
+            f"Over {len(own)} seeds of the correspondence "
             f"{_range(lowest, highest).replace(' to p = ', ' to ')} "
             f"({significant} of {len(own)} significant)"
         )
@@ -170,7 +184,7 @@ def spread_text(answers: Sequence[SeedAnswer]) -> list[str]:
         if accuracies:
             percents_right = [f"{100 * limit:.0f}" for limit in (min(accuracies), max(accuracies))]
             text += f", balanced accuracy {_range(*percents_right)} %"
-        sentences.append(f"{text}.")
+        sentences[title] = f"{text}."
     return sentences
 
 
@@ -180,15 +194,9 @@ def _range(low: str, high: str) -> str:
 
 def _repeated(project: ProjectFolder, record: ResultRecord, seed: int, tick: Tick) -> ProjectFolder:
     """Return the project of another seed's run; compute it if missing."""
-    again = ProjectFolder(project.folder / _FOLDER / f"seed_{seed}")
-    settings = record.settings.model_copy(
-        update={"optimize": record.settings.optimize.model_copy(update={"seed": seed})}
-    )
-    there = again.read() if again.exists else None
-    if there is not None and there.result is not None and there.result.settings == settings:
-        contents = {subject.name: subject.content for subject in there.result.subjects}
-        if contents == {subject.name: subject.content for subject in record.subjects}:
-            return again
+    again, settings = _place(project, seed), _settings(record, seed)
+    if _is_stored(project, record, seed):
+        return again
     if not again.groomed.is_dir() and project.groomed.is_dir():
         shutil.copytree(project.groomed, again.groomed)  # so that nothing is groomed again
         again.write(project.read().model_copy(update={"result": None, "subjects": [], "unfinished": False}))
@@ -210,6 +218,36 @@ def _repeated(project: ProjectFolder, record: ResultRecord, seed: int, tick: Tic
     if reason is not FinishReason.COMPLETED:
         raise Cancelled
     return again
+
+
+def _place(project: ProjectFolder, seed: int) -> ProjectFolder:
+    return ProjectFolder(project.folder / _FOLDER / f"seed_{seed}")
+
+
+def _settings(record: ResultRecord, seed: int) -> RunSettings:
+    optimize = record.settings.optimize.model_copy(update={"seed": seed})
+    return record.settings.model_copy(update={"optimize": optimize})
+
+
+def _is_stored(project: ProjectFolder, record: ResultRecord, seed: int) -> bool:
+    """Return whether a seed's run with the settings and surfaces of a result is there."""
+    again = _place(project, seed)
+    there = again.read().result if again.exists else None
+    if there is None or there.settings != _settings(record, seed):
+        return False
+    contents = {subject.name: subject.content for subject in there.subjects}
+    return contents == {subject.name: subject.content for subject in record.subjects}
+
+
+def stored_seeds(project: ProjectFolder) -> int:
+    """Return the number of seeds whose correspondence is there, the result's own among them."""
+    record = project.read().result
+    if record is None or record.source:
+        return 1
+    count = 1
+    while _is_stored(project, record, record.settings.optimize.seed + count):
+        count += 1
+    return count
 
 
 def _with_table(again: Result, result: Result) -> Result:

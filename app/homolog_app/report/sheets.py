@@ -1,17 +1,14 @@
 """The A4 pages of a report's PDF."""
 
-import base64
-import io
 import re
 import textwrap
 from collections.abc import Iterable, Sequence
 from math import ceil
 from pathlib import Path
+from typing import Any
 
-import matplotlib.image
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
 from homolog import __version__
@@ -22,6 +19,7 @@ from homolog_app.rendering.colours import LIGHT
 from homolog_app.rendering.text import complete_texts, typeset
 from homolog_app.report import NOTICE
 from homolog_app.report.page import Link, Page
+from homolog_app.report.pdf import Bookmark, EmbeddedFigure, pdf_of
 
 __all__ = ["BOTTOM", "EDGE", "HIGH", "WIDE", "Sheet", "sheets_of", "write_page", "write_sheets"]
 
@@ -49,6 +47,8 @@ _UNCUT = 0.6
 _MOST_TURNED = 4
 """Rows of a transposed table next to each other."""
 _MOST_ROWS = 200
+_MANY_SHEETS, _ENTRIES = 8, 58
+"""Sheets from which contents are listed, and how many entries a sheet of them has."""
 _NUMBER = re.compile(r"Table \d+")
 
 
@@ -128,6 +128,12 @@ class Sheet:
         draw_displacement_bar(bar, limit, LIGHT, 6.5)
         self.y += max(tall, long + 0.5) + 0.28
 
+    def embed(self, figure: Figure, left: float, top: float, width: float) -> None:
+        """Put a figure at a position, as vector graphics."""
+        scale = width / figure.get_figwidth()
+        bottom = HIGH - top - scale * figure.get_figheight()
+        self.figure.add_artist(EmbeddedFigure(figure, left, bottom, scale), clip=False)
+
     def picture(self, image: Array, left: float, top: float, width: float) -> None:
         """Put a picture at a position."""
         high = image.shape[0] / image.shape[1] * width
@@ -164,36 +170,65 @@ def row_height(cells: Sequence[Sequence[str]]) -> float:
     return _ROW_LINE * max(map(len, cells)) + _ROW_GAP
 
 
-def write_sheets(path: Path, title: str, sheets: Sequence[Sheet]) -> None:
+def write_sheets(path: Path, title: str, sheets: Sequence[Sheet], contents: Sequence[Bookmark] = ()) -> None:
     """Write pages to a PDF, whole or not at all; raises InputError if it can't be written."""
-    drawn = io.BytesIO()
-    with PdfPages(drawn, metadata={"CreationDate": None, "Title": title}) as pages:
-        for number, sheet in enumerate(sheets, start=1):
-            sheet.foot(number, len(sheets))
-            complete_texts(sheet.figure)
-            pages.savefig(sheet.figure)
+    for number, sheet in enumerate(sheets, start=1):
+        sheet.foot(number, len(sheets))
+        complete_texts(sheet.figure)
+    content = pdf_of([sheet.figure for sheet in sheets], title, contents)
     with atomic_write(path) as part:
-        part.write_bytes(drawn.getvalue())
+        part.write_bytes(content)
 
 
 def write_page(path: Path, page: Page) -> None:
-    """Write a page as a PDF of A4 pages, including folded tables, without lists of files.
+    """Write a page as a PDF of A4 pages with contents, including folded tables, without lists of files.
 
     Raises
     ------
     InputError
         If the file can't be written.
     """
-    write_sheets(path, page.title, sheets_of(page))
+    flow = _flow(page)
+    contents, sheets = flow.contents, flow.sheets
+    if len(sheets) >= _MANY_SHEETS:
+        ahead = ceil(len(contents) / _ENTRIES)
+        contents = [entry._replace(page=entry.page + ahead) for entry in contents]
+        parts = (contents[start : start + _ENTRIES] for start in range(0, len(contents), _ENTRIES))
+        sheets = [*(_contents_sheet(page.title, part) for part in parts), *sheets]
+    write_sheets(path, page.title, sheets, contents)
+
+
+def _contents_sheet(title: str, entries: Sequence[Bookmark]) -> Sheet:
+    """Return a sheet that lists headings with their pages."""
+    sheet = Sheet(title)
+    sheet.heading("Contents")
+    for entry in entries:
+        large = entry.level == 1
+        sheet.y += 0.05 * large
+        text, *_ = wrapped(entry.text, 9.5)
+        for content, place, side in (
+            (text, EDGE + 0.2 * (not large), "left"),
+            (str(entry.page), WIDE - EDGE, "right"),
+        ):
+            sheet.figure.text(
+                place / WIDE, 1.0 - sheet.y / HIGH, content, fontsize=8.5, va="top", ha=side,
+                weight="bold" if large else "normal",
+            )  # fmt: skip
+        sheet.y += _LINE
+    return sheet
 
 
 def sheets_of(page: Page) -> list[Sheet]:
     """Return the A4 pages of a page."""
+    return _flow(page).sheets
+
+
+def _flow(page: Page) -> "_Flow":
     flow = _Flow(page.title)
     flow.paragraph(page.notice.removeprefix(NOTICE).strip())
     for part in page.parts:
         flow.add(part)
-    return flow.sheets
+    return flow
 
 
 class _Flow:
@@ -201,14 +236,15 @@ class _Flow:
 
     def __init__(self, title: str) -> None:
         self._title = title
-        self._headings: list[tuple[str, bool]] = []
+        self._headings: list[tuple[str, int]] = []
         self.sheets = [Sheet(title)]
+        self.contents: list[Bookmark] = []
 
     def add(self, part: dict[str, object]) -> None:
         """Add one of `Page.parts`."""
         match part:
-            case {"kind": "heading", "text": str(text), "level": level}:
-                self._headings.append((text, level == 2))
+            case {"kind": "heading", "text": str(text), "level": int(level)}:
+                self._headings.append((text, level - 1))
             case {"kind": "paragraph", "text": str(text)}:
                 self.paragraph(text)
             case {"kind": "caution", "text": str(text)}:
@@ -227,7 +263,7 @@ class _Flow:
                 assert isinstance(columns, Sequence)
                 name = caption or summary
                 if name:
-                    self._headings.append((name, False))
+                    self._headings.append((name, 0))
                 self.table(columns, [[_cell_text(cell) for cell in row] for row in rows], name)
             case {"kind": "figures", "figures": list(figures)}:
                 self.figures(figures)
@@ -242,8 +278,10 @@ class _Flow:
         if self.sheet.y + height + 0.35 * len(self._headings) > BOTTOM:
             self.sheets.append(Sheet(self._title))
         headings, self._headings = self._headings, []
-        for text, large in headings:
-            self.sheet.heading(text) if large else self.sheet.text(text, 9.0, bold=True)
+        for text, level in headings:
+            self.sheet.heading(text) if level == 1 else self.sheet.text(text, 9.0, bold=True)
+            if level:
+                self.contents.append(Bookmark(text, level, len(self.sheets)))
 
     def paragraph(self, text: str, *, bold: bool = False, colour: str = "#1a1a1e", gap: float = 0.05) -> None:
         """Add a paragraph, which may continue on the next sheet."""
@@ -274,7 +312,7 @@ class _Flow:
             if self.sheet.y + high > BOTTOM:
                 if name:
                     number = _NUMBER.match(name)
-                    self._headings.append((f"{number[0] if number else name} (continued)", False))
+                    self._headings.append((f"{number[0] if number else name} (continued)", 0))
                 self.room(BOTTOM)
                 self.sheet.row(columns, starts, bold=True)
             self.sheet.row(row, starts)
@@ -282,26 +320,25 @@ class _Flow:
         if len(rows) > _MOST_ROWS:
             self.paragraph(f"{len(rows) - _MOST_ROWS} more rows: see the HTML page.")
 
-    def figures(self, figures: Iterable[dict[str, object]]) -> None:
+    def figures(self, figures: Iterable[dict[str, Any]]) -> None:
         """Add figures with captions, side by side if they fit, also when slightly reduced."""
-        items, room = list(figures), WIDE - 2 * EDGE
-        widths = [float(str(item["width"])) / 96.0 for item in items]
+        items, room = [(item["figure"], str(item["caption"])) for item in figures], WIDE - 2 * EDGE
+        widths = [figure.get_figwidth() for figure, _ in items]
         smaller = (room - 0.1 * len(items)) / max(sum(widths), room)
         left = 0.0
         below = 0.0
-        for item, own in zip(items, widths, strict=True):
-            image = matplotlib.image.imread(io.BytesIO(base64.b64decode(str(item["data"]))))
+        for (figure, text), own in zip(items, widths, strict=True):
             width = min(own * (smaller if len(items) > 1 and smaller > _SMALLEST else 1.0), room)
-            high = image.shape[0] / image.shape[1] * width
+            high = figure.get_figheight() / own * width
             if high > (limit := BOTTOM - 2.2):
                 width, high = width * limit / high, limit
-            caption = textwrap.wrap(typeset(str(item["caption"])), max(20, int(width * _ACROSS)))
+            caption = textwrap.wrap(typeset(text), max(20, int(width * _ACROSS)))
             needed = high + 0.05 + _LINE * len(caption)
             if not left or left + width > room or self.sheet.y + needed > BOTTOM:
                 self.sheet.y += below
                 left = below = 0.0
                 self.room(needed)
-            self.sheet.picture(np.asarray(image), EDGE + left, self.sheet.y, width)
+            self.sheet.embed(figure, EDGE + left, self.sheet.y, width)
             self.sheet.figure.text(
                 (EDGE + left) / WIDE, 1.0 - (self.sheet.y + high + 0.03) / HIGH, "\n".join(caption),
                 fontsize=7.5, va="top", linespacing=1.3,

@@ -8,6 +8,7 @@ from typing import TypedDict
 import numpy as np
 
 from homolog.analysis.comparison import Comparison, Options
+from homolog.analysis.covariates import with_covariate_effects
 from homolog.analysis.data_notes import PARTNER_MISSING, exclusion_notes, spelling_notes
 from homolog.analysis.design import covariate_columns, numbers
 from homolog.analysis.studies import compare_groups, compare_pairs, compare_two_groups, pair_members, regress
@@ -15,7 +16,7 @@ from homolog.arrays import FloatArray, IntArray, frozen
 from homolog.cohort.column_types import CATEGORY
 from homolog.errors import InputError
 from homolog.files.results import Result
-from homolog.progress import Tick, no_tick
+from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.nearest import areas_of_particles, nearest_particles
 from homolog_app.report.request import (
     SHAPE_SIZE,
@@ -114,7 +115,7 @@ def run_study(result: Result, request: StudyRequest, tick: Tick = no_tick) -> St
         compared_shapes(result, request.alignment),
         [label if takes else "" for label, takes in zip(labels, taking, strict=True)],
         study_options(request),
-        tick,
+        part_of(tick, 0.0, 0.6 if request.covariates else 1.0),
     )
     pairwise: tuple[Comparison, ...] = ()
     if request.kind == "regression":
@@ -128,6 +129,8 @@ def run_study(result: Result, request: StudyRequest, tick: Tick = no_tick) -> St
     else:
         two = request.between[0], request.between[1]
         overall = compare_two_groups(question.shapes, question.labels, two, **_details(question))
+    if request.covariates:
+        overall = _with_covariates(question, overall, part_of(tick, 0.6, 1.0))
     taken = set(overall.subjects.tolist())
     if request.kind == "pairs":
         taken |= {index for index, label in enumerate(question.labels) if label in request.between}
@@ -304,7 +307,17 @@ def _covariates(question: _Question, members: IntArray) -> FloatArray | None:
     """Covariates of the members in the rows of all subjects; rows of others are zero and not used."""
     if not question.request.covariates:
         return None
-    known, names = columns_of(question.result), question.result.names
+    names = question.result.names
+    table, categories = _table(question, members)
+    columns = covariate_columns(table, [names[index] for index in members], categories=categories)
+    spread = np.zeros((len(names), columns.shape[1]))
+    spread[members] = columns
+    return spread
+
+
+def _table(question: _Question, members: IntArray) -> tuple[dict[str, list[str]], set[str]]:
+    """Return the members' values of each covariate, and which covariates are categories."""
+    known = columns_of(question.result)
     table: dict[str, list[str]] = {}
     categories = set()
     for covariate in question.request.covariates:
@@ -313,10 +326,19 @@ def _covariates(question: _Question, members: IntArray) -> FloatArray | None:
         table[column] = [values[index] for index in members]
         if is_category:
             categories.add(column)
-    columns = covariate_columns(table, [names[index] for index in members], categories=categories)
-    spread = np.zeros((len(names), columns.shape[1]))
-    spread[members] = columns
-    return spread
+    return table, categories
+
+
+def _with_covariates(question: _Question, overall: Comparison, tick: Tick) -> Comparison:
+    """Return the comparison of all groups, or of the variable, with the effects of its covariates."""
+    table, categories = _table(question, overall.subjects)
+    own = [question.labels[index] for index in overall.subjects]
+    tested = numbers(own) if question.request.kind == "regression" else own
+    assert tested is not None
+    return with_covariate_effects(
+        overall, question.shapes, tested, table, categories=categories, options=question.options,
+        tick=tick,
+    )  # fmt: skip
 
 
 def _areas(result: Result) -> FloatArray:

@@ -84,6 +84,12 @@ def _axes_text(carrier: SurfaceCarrier) -> str:
             "state them: left is towards the patient's left, anterior towards the front, superior towards "
             "the head."
         )
+    if carrier.directions.are_named:
+        sides = zip(carrier.directions.sides, "xyz", strict=True)
+        named = ", ".join(f"{low} and {high} of smaller and larger {axis}" for (low, high), axis in sides)
+        return (
+            f"Places are sides of the mean shape, seen from its middle, as the authors named them: {named}."
+        )
     return (
         "Places are directions from the middle of the mean shape along the axes of the coordinates (of "
         "images: x to the left, y to the back, z to the head, as their headers have it), which are not taken "

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import floor, log10
-from pathlib import Path
 
 import numpy as np
 
@@ -12,12 +11,12 @@ from homolog.analysis.comparison import Comparison
 from homolog.analysis.design import lookalikes
 from homolog.analysis.effects import Effect
 from homolog.files.results import Result
+from homolog_app.report.covariates import covariate_rows
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.findings import (
     LEVEL,
     classified_text,
     corrections_text,
-    is_least,
     shown_variance,
     shows_size,
     size_variance_text,
@@ -25,7 +24,7 @@ from homolog_app.report.findings import (
 from homolog_app.report.page import Page
 from homolog_app.report.request import SHAPE_SIZE
 from homolog_app.report.sample import VOXEL, SampleRow, sample_rows
-from homolog_app.report.seeds import read_spread, spread_text
+from homolog_app.report.seeds import SeedAnswer, seed_numbers, spread_text
 from homolog_app.report.study import Study
 from homolog_app.report.study_parts import (
     add_assumptions,
@@ -46,14 +45,15 @@ def add_study(
     result: Result,
     carrier: SurfaceCarrier,
     figures: Sequence[ReportFigure],
-    kept: tuple[Path, str],
+    answers: Sequence[SeedAnswer],
     before: Sequence[Study] = (),
 ) -> None:
-    """Add a study; `kept` is the folder of its tables and the fingerprint of the result.
+    """Add a study, with its answers of other seeds, if there are any.
 
     The sample is not described again if one of the studies `before` has the same.
     """
     page.heading(f"Study: {study.request.title}")
+    page.study = study.request.title
     same = [item.request.title for item in before if _sample_of(item, result) == _sample_of(study, result)]
     if same:
         page.paragraph(f"The sample is that of the study \u201c{same[0]}\u201d.")
@@ -66,9 +66,9 @@ def add_study(
         for number, figure in enumerate(figures, start=1)
         if figure.shows_regions
     }
+    _covariates(page, study)
     tables = add_regions(page, study, carrier, pictured)
-    answers = read_spread(*kept)
-    seeds = list(dict.fromkeys(str(answer.seed) for answer in answers))
+    seeds = map(str, seed_numbers(answers))
     repeated = (
         f"The particles were placed with the seeds {', '.join(seeds)}; the first is that of all other "
         "results. For the others the optimization and the study were repeated with the same settings. "
@@ -87,6 +87,7 @@ def add_study(
         caption = figure.caption.replace("those of the table", f"those of {tables.get(heading, 'the table')}")
         page.figures([replace(figure, caption=caption)])
     add_false_positives(page, study)
+    page.study = ""
 
 
 def _results(page: Page, study: Study) -> None:
@@ -112,8 +113,9 @@ def _results(page: Page, study: Study) -> None:
         (_whole_shape_row(study, *item) for item in tested),
         caption="Tests of the whole shape",
     )  # fmt: skip
+    several = _OF_SEVERAL * bool(study.pairwise)
     page.paragraph(
-        f"{_DISTANCE[study.request.kind]} The studentized statistic, by which p was found, is "
+        f"{_DISTANCE[study.request.kind]}{several} The studentized statistic, by which p was found, is "
         f"{_STATISTIC[study.request.kind == 'groups' and not study.request.covariates]}. T² is Hotelling's, "
         "Λ is Wilks' lambda. df: degrees of freedom. p (F) assumes normal data and equal covariances and is "
         "not corrected. Modes are those that the comparison was tested in, with their share of the variance "
@@ -138,6 +140,31 @@ def _results(page: Page, study: Study) -> None:
         "than p." + scale_text(study)
     )
     _size_and_separation(page, study, tested)
+
+
+def _covariates(page: Page, study: Study) -> None:
+    """Add a table of the effects of a study's covariates, if it has any."""
+    rows = covariate_rows(study)
+    if not rows:
+        return
+    page.heading("Covariates", 3)
+    page.paragraph(
+        "Each covariate was tested like the study's own effect, adjusted for that and for the other "
+        "covariates, in the modes that its own residuals retained. Effects of numbers are per unit; D is the "
+        "length of the change in standard deviations of what the model leaves unexplained, of three and more "
+        "categories the root mean square distance of their means from the common mean. p values are "
+        "corrected for analyses and, of particles, for the surface, not for the number of covariates."
+    )
+    page.table(
+        [
+            "covariate", "modes", "D (SD, 95 % CI)", "p", f"significant particles (p ≤ {LEVEL:g})",
+            "area (%)", "smallest p", "size (mm, 95 % CI)", "p of size",
+        ],
+        rows,
+        as_text=True,
+        omit="–",
+        caption="Effects of the covariates",
+    )  # fmt: skip
 
 
 def _size_and_separation(page: Page, study: Study, tested: Sequence[tuple[str, Comparison]]) -> None:
@@ -165,9 +192,11 @@ def _size_and_separation(page: Page, study: Study, tested: Sequence[tuple[str, C
         )  # fmt: skip
         page.paragraph(
             "Accuracy, AUC and the numbers of those classified correctly are cross-validated and means over "
-            "the repeats. “≤” stands before the least p that the permutations can give after correction. "
-            "Accuracy counts subjects on the right side of a threshold and AUC ranks all scores, so that "
-            "their p values can differ: report both, or the one that was chosen beforehand."
+            "the repeats. Accuracy counts subjects on the right side of a threshold and AUC ranks all "
+            "scores, so that their p values can differ: report both, or the one that was chosen beforehand. "
+            "An interval is that of the estimate, treats left-out subjects as independent and is not "
+            "corrected; p comes from permutations of the labels and is corrected. Where an interval includes "
+            "50 % or 0.5 although p ≤ 0.05, or excludes it although p is larger, p is the test."
         )
 
 
@@ -179,6 +208,10 @@ _DISTANCE = {
     "pairs": "D is the length of the mean difference of the pairs in the retained modes, in standard "
     "deviations of the differences, corrected for bias.",
 }
+_OF_SEVERAL = (
+    " Of all groups together it is the root mean square distance of their means from the common mean, each "
+    "weighted by its number of subjects."
+)
 _STANDARDIZED = {
     "groups": "Standardized size is Hedges' g: the difference in standard deviations within groups (pooled), "
     "corrected for bias; its interval comes from the noncentral t distribution and assumes equal variances.",
@@ -267,7 +300,7 @@ def _separation_row(title: str, comparison: Comparison) -> tuple[str, ...]:
 
 
 def _known(p: float | None, effect: Effect) -> str:
-    return "–" if p is None else p_number(p, effect.permutations, least=is_least(effect))
+    return "–" if p is None else p_number(p, effect.permutations)
 
 
 def _mean_text(mean: float, spread: float) -> str:

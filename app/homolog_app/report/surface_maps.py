@@ -61,8 +61,13 @@ class Directions:
 
     @property
     def are_the_patients(self) -> bool:
-        """Whether they are anatomical."""
+        """Whether they are those of the patient."""
         return self is PATIENT_AXES
+
+    @property
+    def are_named(self) -> bool:
+        """Whether they are words, and not coordinates."""
+        return self is not FILE_AXES
 
     def place(self, points: FloatArray, number: int) -> str:
         """Return where one of the points (N, 3) lies from the middle of all, such as ``"left posterior"``."""
@@ -99,6 +104,9 @@ FILE_AXES = Directions((("-x", "+x"), ("-y", "+y"), ("-z", "+z")))
 
 def directions_of(details: ReportDetails, record: ResultRecord | None) -> Directions:
     """Return how places are called."""
+    if details.places:
+        pairs = (pair.split("/") for pair in details.places.split())
+        return Directions(tuple((low, high) for low, high in pairs))
     if details.axes is not Axes.AUTO:
         return PATIENT_AXES if details.axes is Axes.PATIENT else FILE_AXES
     stated = record is not None and all(

@@ -107,6 +107,9 @@ def write_study_tables(
 def _tables(study: Study, result: Result, carrier: SurfaceCarrier, answered: Answered) -> Iterator[_Table]:
     """Yield the tables of a study: name, columns, rows."""
     yield from _tests(study, answered)
+    covariates = [_test_row(study, item) | {"unit": ""} for item in study.overall.covariates]
+    if covariates:
+        yield "covariates.csv", list(covariates[0]), (list(row.values()) for row in covariates)
     yield (
         "null_simulation.csv",
         ["comparison", "test", "false_positives", "repeats", "rate", "low_95", "high_95"],

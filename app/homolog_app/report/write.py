@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from homolog.analysis.comparison import Comparison
-from homolog.analysis.procrustes import Alignment
 from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import FloatArray
 from homolog.errors import InputError, NumericalError
@@ -21,6 +20,7 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog_app.pictures import write_picture
 from homolog_app.rendering.camera import Clip
 from homolog_app.report import NOTICE
+from homolog_app.report.correspondence import add_correspondence, correspondence_rows
 from homolog_app.report.figures import ReportFigure, model_figures, quality_rows, study_figures
 from homolog_app.report.findings import (
     LEVEL,
@@ -33,8 +33,10 @@ from homolog_app.report.findings import (
 )
 from homolog_app.report.methods import methods, pose_text
 from homolog_app.report.page import Page
+from homolog_app.report.references import references
 from homolog_app.report.request import read_requests, reference_first, study_folder
 from homolog_app.report.sample import add_missing
+from homolog_app.report.seeds import SeedAnswer, read_spread, seed_numbers, spread_by_comparison
 from homolog_app.report.sheets import write_page
 from homolog_app.report.study import Study, run_study
 from homolog_app.report.study_parts import digits_of, settings_rows
@@ -84,14 +86,15 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     figures = list(model_figures(project, result, model, carrier, part_of(tick, 0.5, 0.6), clip))
     of = f": {details.structure}" if details.structure else ""
     page = Page(f"Shape analysis of {project.folder.resolve().name}{of}", f"{NOTICE} {_made(record)}")
-    _summary(page, record, result, studies, carrier, details)
+    seeds = [read_spread(study_folder(project, request), record.fingerprint) for request in requests]
+    _summary(page, record, result, studies, seeds, carrier, details)
     _model_section(page, folder, record, result, model, figures)
+    add_correspondence(page, folder, correspondence_rows(project, record, result, carrier))
     for index, study in enumerate(studies):
         part = part_of(tick, 0.6 + 0.3 * index / len(studies), 0.6 + 0.3 * (index + 1) / len(studies))
         save_study(project, study, result, carrier)
         own = list(study_figures(study, carrier, part, clip))
-        kept = study_folder(project, study.request), record.fingerprint
-        add_study(page, study, result, carrier, own, kept, studies[:index])
+        add_study(page, study, result, carrier, own, seeds[index], studies[:index])
         figures += own
     tick(0.9, "writing the report")
     _add_landmarks(page, project)
@@ -111,8 +114,8 @@ def _made(record: ResultRecord) -> str:
 
 
 def _summary(
-    page: Page, record: ResultRecord, result: Result, studies: Sequence[Study], carrier: SurfaceCarrier,
-    details: ReportDetails,
+    page: Page, record: ResultRecord, result: Result, studies: Sequence[Study],
+    seeds: Sequence[Sequence[SeedAnswer]], carrier: SurfaceCarrier, details: ReportDetails,
 ) -> None:  # fmt: skip
     groups = list(result.groups)
     counts = ", ".join(f"{groups.count(group)} {group or 'no group'}" for group in _in_order(groups, studies))
@@ -123,7 +126,7 @@ def _summary(
     )
     if details.cohort:
         page.paragraph(f"Cohort: {details.cohort.rstrip('.')}.")
-    add_missing(page, record, details, studies)
+    add_missing(page, record, details, any(len(seed_numbers(answers)) < 2 for answers in seeds))
     if record.excluded:
         page.paragraph(f"Excluded before the run: {len(record.excluded)}. {' '.join(record.excluded)}")
     if record.mirrored_text:
@@ -136,10 +139,15 @@ def _summary(
         for text in outlier_text(result):
             page.caution(text)
         page.paragraph("No group comparison yet: run homolog analyze PROJECT --group COLUMN.")
-    for study in studies:
+    for study, answers in zip(studies, seeds, strict=True):
         page.heading(study.request.title, 3)
+        ranges = spread_by_comparison(answers)
         page.points(
-            (finding.verdict, _effects(study, comparison, finding, carrier))
+            (
+                finding.verdict,
+                f"{_effects(study, comparison, finding, carrier)} "
+                + ranges.get(comparison.title, "One seed of the correspondence."),
+            )
             for finding, comparison in zip(findings(study), study.comparisons, strict=True)
         )
         page.paragraph(corrections_text(study))
@@ -172,7 +180,7 @@ def _effects(study: Study, comparison: Comparison, finding: Finding, carrier: Su
             f"{count}: {region.area:.0f} mm²{on_wall}, on average {abs(region.mean_outward):.{digits}f} "
             f"mm{per} {region.direction(region.mean_outward)}; outward {low:+.{digits}f} to "
             f"{high:+.{digits}f} mm{per}. The largest statistic is "
-            f"{'' if carrier.directions.are_the_patients else 'towards '}{region.place}"
+            f"{'' if carrier.directions.are_named else 'towards '}{region.place}"
         )
     peak = region.outward.value
     largest += f", where the surface moves {abs(peak):.{digits}f} mm{per} {region.direction(peak)}."
@@ -198,13 +206,14 @@ def _model_section(
     page.heading("Shape model")
     area = result.mean_surface.area
     each = area / record.particles
+    held_out = "" if record.source else "; it had taken part in the correspondence"
     page.paragraph(
         f"{len(result.names)} shapes, {pose_text(record)}. The mean surface has an area of {area:.0f} mm²; a "
         f"particle stands for {each:.3g} mm² of it on average, so that particles are about {each**0.5:.2g} "
         "mm apart. The modes below are those of all subjects; tests use modes of the subjects and the "
         "alignment of each comparison. The sign of a mode is arbitrary. Scores and standard deviations are "
         "root mean squares over the particles. For generalization each subject in turn was held out and "
-        "fitted with modes of the others; it had taken part in the correspondence. Specificity was "
+        f"fitted with modes of the others{held_out}. Specificity was "
         "computed for some numbers of modes only."
     )
     small = [figure for figure in figures if figure.name in ("scree", "scores")]
@@ -279,7 +288,9 @@ def _closing(
         for study in studies
         for path in sorted(study_folder(project, study.request).glob("*.csv"))
     ]
-    own = ["quality.csv"] if (project.folder / "report" / "quality.csv").is_file() else []
+    own = [
+        name for name in ("quality.csv", "correspondence.csv") if (project.folder / "report" / name).is_file()
+    ]
     tables = [*own, "../model/scores.csv", "../model/eigenvalues.csv", *tables]
     page.links(tables, f"Tables with the subjects' names ({len(tables)} files)")
 
@@ -312,80 +323,3 @@ def _figures(errors: FloatArray) -> tuple[float, float, float, float]:
     there = errors[np.isfinite(errors)]
     median, high = np.quantile(there, [0.5, 0.95])
     return float(there.mean()), float(median), float(high), float(there.max())
-
-
-_REFERENCES = {
-    "program": "Homolog contributors. Homolog, version {}: a program for statistical shape analysis. 2026.",
-    "geodesic": (
-        "Datar M, Gur Y, Paniagua B, Styner M, Whitaker R. Geometric Correspondence for Ensembles of "
-        "Nonregular Shapes. MICCAI 2011, LNCS 6892: 368-375. PMC3346950."
-    ),
-    "particles": (
-        "Cates J, Fletcher PT, Styner M, Shenton M, Whitaker R. Shape modeling and analysis with "
-        "entropy-based particle systems. IPMI 2007, LNCS 4584: 333-345."
-    ),
-    "procrustes": "Gower JC. Generalized Procrustes analysis. Psychometrika 1975; 40: 33-51.",
-    "parallel": "Horn JL. A rationale and test for the number of factors. Psychometrika 1965; 30: 179-185.",
-    "studentized": (
-        "Welch BL. On the comparison of several mean values: an alternative approach. Biometrika 1951; 38: "
-        "330-336. Brown MB, Forsythe AB. The small sample behavior of some statistics which test the "
-        "equality of several means. Technometrics 1974; 16: 129-132. Chung E, Romano JP. Exact and "
-        "asymptotically robust permutation tests. Ann Stat 2013; 41: 484-507. Alekseyenko AV. "
-        "Multivariate Welch t-test on distances. Bioinformatics 2016; 32: 3552-3558."
-    ),
-    "hc2": (
-        "MacKinnon JG, White H. Some heteroskedasticity-consistent covariance matrix estimators. J Econom "
-        "1985; 29: 305-325."
-    ),
-    "dispersion": (
-        "Anderson MJ. Distance-based tests for homogeneity of multivariate dispersions. Biometrics 2006; 62: "
-        "245-253."
-    ),
-    "local": (
-        "Westfall PH, Young SS. Resampling-based multiple testing. Wiley, 1993. Benjamini Y, Hochberg Y. "
-        "Controlling the false discovery rate. J R Stat Soc B 1995; 57: 289-300."
-    ),
-    "freedman": (
-        "Freedman D, Lane D. A nonstochastic interpretation of reported significance levels. J Bus Econ Stat "
-        "1983; 1: 292-298."
-    ),
-    "holm": "Holm S. A simple sequentially rejective multiple test procedure. Scand J Stat 1979; 6: 65-70.",
-    "distance": (
-        "Reiser B. Confidence intervals for the Mahalanobis distance. Commun Stat Simul Comput "
-        "2001; 30: 37-45."
-    ),
-    "discriminant": (
-        "Ledoit O, Wolf M. A well-conditioned estimator for large-dimensional covariance matrices. J "
-        "Multivar Anal 2004; 88: 365-411. DeLong ER, DeLong DM, Clarke-Pearson DL. Comparing the areas under "
-        "two or more correlated receiver operating characteristic curves. Biometrics 1988; 44: 837-845. "
-        "Newcombe RG. Interval estimation for the difference between independent proportions: comparison of "
-        "eleven methods. Stat Med 1998; 17: 873-890."
-    ),
-}
-
-
-def references(record: ResultRecord, studies: list[Study]) -> list[str]:
-    """Return the references of what was done, the program's first."""
-    named = ["program"]
-    if not record.source:
-        named += ["geodesic", "particles"]
-    comparisons = [comparison for study in studies for comparison in study.comparisons]
-    requests = [study.request for study in studies]
-    if any(request.alignment is not Alignment.AS_IT_LIES for request in requests):
-        named.append("procrustes")
-    if any(request.modes is None for request in requests):
-        named.append("parallel")
-    named += ["studentized", "local"] if comparisons else []
-    if any(request.covariates or request.kind == "regression" for request in requests):
-        named.append("hc2")
-    if any(request.covariates for request in requests):
-        named.append("freedman")
-    if any(comparison.dispersion is not None for comparison in comparisons):
-        named.append("dispersion")
-    if any(study.pairwise for study in studies):
-        named.append("holm")
-    if any(comparison.distance is not None for comparison in comparisons):
-        named.append("distance")
-    if any(comparison.discriminant is not None for comparison in comparisons):
-        named.append("discriminant")
-    return [_REFERENCES[item].format(record.versions.get("homolog", "")) for item in named]

@@ -70,9 +70,9 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
         "Hotelling's T², F, the interval of D and the p-values of accuracy and AUC of this comparison assume "
         "equal dispersion: do not rely on them."
         if len(numbers) == 2
-        else "Wilks' lambda and F of all groups together assume equal dispersion: do not rely on them. Each "
-        "pair of groups has a test of dispersion of its own; where a pair gets no caution, its D, accuracy "
-        "and AUC may be used."
+        else "Wilks' lambda, F and the interval of D of all groups together assume equal dispersion: do not "
+        "rely on them. Each pair of groups has a test of dispersion of its own; where a pair gets no "
+        "caution, its D, accuracy and AUC may be used."
     )
     return (
         f"the groups differ in dispersion (mean distance to the centroid: {mean}; {p})"
@@ -149,13 +149,13 @@ _FAR = {
 """What an outlier is far from, by the name of the only group."""
 
 
-def p_text(p: float, permutations: int | None = None, *, least: bool = False) -> str:
+def p_text(p: float, permutations: int | None = None) -> str:
     """Return a p-value in publication style, such as ``"p = 0.034"`` or ``"p < 0.001"`` (see `p_number`)."""
-    number = p_number(p, permutations, least=least)
-    return f"p {number}" if number[0] in "<>≤" else f"p = {number}"
+    number = p_number(p, permutations)
+    return f"p {number}" if number[0] in "<>" else f"p = {number}"
 
 
-def p_number(p: float, permutations: int | None = None, *, least: bool = False) -> str:
+def p_number(p: float, permutations: int | None = None) -> str:
     """Return a p-value for a cell of a table, such as ``"0.034"`` or ``"< 0.001"``.
 
     Parameters
@@ -164,13 +164,9 @@ def p_number(p: float, permutations: int | None = None, *, least: bool = False) 
         The p-value.
     permutations : int, optional
         Permutations that it was counted over: no more digits are given than these can tell.
-    least : bool
-        Whether the permutations can't tell a lower one: it is then given as "≤ 0.003".
     """
     if p < 0.001:
         return "< 0.001"
-    if least and p < 1.0:
-        return f"≤ {p:.2g}"
     digits = 3 if p < 0.0995 else 2
     if permutations is not None:
         digits = min(digits, max(1, ceil(log10(permutations + 1))))

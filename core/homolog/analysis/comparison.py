@@ -21,6 +21,7 @@ from homolog.analysis.effects import (
     Effect,
     SizeVariance,
     corrected_distance,
+    distance_of_several,
     size_effect,
     size_variance,
     standardized_size,
@@ -103,7 +104,7 @@ class Comparison:
         adjusted for.
     distance : Effect or None
         Mahalanobis distance of the means (or length of the change per unit) in the retained modes, corrected
-        for its bias.
+        for its bias. Of three or more groups the root mean square distance from their common mean.
     dispersion : Dispersion or None
         Whether groups scatter alike; None for pairs.
     discriminant : Discriminant or None
@@ -142,6 +143,8 @@ class Comparison:
     reports_size : bool
         Whether size is reported, with its caution; one of several answers leaves it to the one on form, if it
         is on shape.
+    covariates : tuple of Comparison
+        Effects of the covariates, each adjusted for what is tested and for the others.
     """
 
     title: str
@@ -170,6 +173,7 @@ class Comparison:
     outlier_distances: tuple[float, ...] = ()
     outlier_limit: float = float("inf")
     reports_size: bool = True
+    covariates: tuple["Comparison", ...] = ()
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -192,6 +196,7 @@ class Comparison:
             subjects=members[self.subjects],
             outliers=members[self.outliers],
             without_outliers=None if rest is None else rest.renumbered(members),
+            covariates=tuple(item.renumbered(members) for item in self.covariates),
         )
 
     @property
@@ -245,6 +250,7 @@ def run_comparison(
     mean: FloatArray | None = None,
     data: FloatArray | None = None,
     size: FloatArray | None = None,
+    nested: bool = True,
 ) -> Comparison:
     """Run the tests of one design, and once more without outliers.
 
@@ -268,6 +274,8 @@ def run_comparison(
         What is tested in place of the subjects' shapes: differences of pairs [mm].
     size : (m,) array, optional
         The same for size [mm].
+    nested : bool
+        Whether to repeat it without outliers.
 
     Returns
     -------
@@ -277,7 +285,7 @@ def run_comparison(
     sample = _Sample(shapes, subjects, design, title, counts, members or {}, mean, data, size)
     done = _compared(sample, options, tick)
     kept = ~np.isin(subjects, done.outliers)
-    if kept.all() or any(np.count_nonzero(own & kept) < 2 for own in sample.members.values()):
+    if not nested or kept.all() or any(np.count_nonzero(own & kept) < 2 for own in sample.members.values()):
         return done
     with suppress(InputError):  # too few are left
         remainder = _compared(sample.of(kept), replace(options, null_repeats=0), part_of(tick, 0.9, 1.0))
@@ -338,6 +346,7 @@ def prepare_shapes(shapes: FloatArray, options: Options) -> FloatArray:
 
 def _distance(test: ModeTest, design: Design) -> Effect | None:
     if test.t_squared is None:
-        return None
+        columns = design.tested.shape[1]
+        return distance_of_several(test.lawley, test.modes, columns, design.error_dof, len(design.tested))
     scale = float(np.square(design.columns).sum())
     return corrected_distance(test.t_squared, test.modes, design.error_dof, scale)

@@ -20,6 +20,7 @@ from homolog.spreadsheets import MISSING
 __all__ = [
     "Design",
     "Exchange",
+    "adjusted_design",
     "covariate_columns",
     "group_design",
     "is_missing",
@@ -296,6 +297,17 @@ def regression_design(values: FloatArray, covariates: FloatArray | None = None) 
     if np.ptp(column) == 0.0:
         raise InputError("the variable is the same for all subjects; there is nothing to regress on")
     return _design(column[:, None], covariates, "the variable")
+
+
+def adjusted_design(columns: FloatArray, nuisance: FloatArray, name: str) -> Design:
+    """Return the design that tests columns (M, d), adjusted for others (M, c) and an intercept.
+
+    Raises
+    ------
+    InputError
+        If what is called `name` can't be told from the others.
+    """
+    return _design(columns, nuisance, repr(name))
 
 
 def paired_design(pairs: int) -> Design:

@@ -32,6 +32,7 @@ __all__ = [
     "accuracy_bounds",
     "auc_bounds",
     "corrected_distance",
+    "distance_of_several",
     "effect_bounds",
     "shares_below",
     "size_effect",
@@ -98,6 +99,45 @@ def corrected_distance(t_squared: float, modes: int, error_dof: int, scale: floa
         _noncentrality(f, modes, within, tail) / scale
         for tail in ((1.0 + CONFIDENCE) / 2.0, (1.0 - CONFIDENCE) / 2.0)
     )
+    return Effect(float(np.sqrt(max(square, 0.0))), float(np.sqrt(low)), float(np.sqrt(high)))
+
+
+def distance_of_several(
+    lawley: float, modes: int, columns: int, error_dof: int, subjects: int
+) -> Effect | None:
+    """Return the root mean square Mahalanobis distance of three or more groups from their common mean.
+
+    Means are over the subjects. The square is made unbiased for normal data, ``((v - k - 1) U - k d) / M``
+    with v degrees of freedom of the error, k modes and d columns. Bounds come from the noncentral F
+    distribution that McKeon (1974) approximates the trace U by, and hold for equal covariances. For one
+    column of two equal groups it is half of their distance.
+
+    Parameters
+    ----------
+    lawley : float
+        Hotelling and Lawley's trace U.
+    modes, columns : int
+        Number of modes k, and of tested columns d.
+    error_dof : int
+        Degrees of freedom of the error.
+    subjects : int
+        Number of subjects M.
+
+    Returns
+    -------
+    Effect or None
+        None with fewer than four degrees of freedom more than modes.
+    """
+    left = error_dof - modes
+    if modes < 1 or left < 4:
+        return None
+    product = modes * columns
+    ratio = (error_dof + columns - modes - 1) * (error_dof - 1) / ((left - 3) * left)
+    within = 4.0 + (product + 2.0) / (ratio - 1.0)
+    f = lawley * (left - 1) / product * within / (within - 2.0)
+    square = ((left - 1) * lawley - product) / subjects
+    tails = (1.0 + CONFIDENCE) / 2.0, (1.0 - CONFIDENCE) / 2.0
+    low, high = (_noncentrality(f, product, within, tail) / subjects for tail in tails)
     return Effect(float(np.sqrt(max(square, 0.0))), float(np.sqrt(low)), float(np.sqrt(high)))
 
 

@@ -63,6 +63,8 @@ class ModeTest:
         Wilks' lambda: share of the generalised variance that the tested effect leaves unexplained.
     pillai : float
         Pillai's trace.
+    lawley : float
+        Hotelling and Lawley's trace: sums of squares of the tested effect over those within, summed.
     t_squared : float or None
         Hotelling's T², for one tested column (two groups, a continuous variable, pairs).
     mahalanobis : float or None
@@ -91,6 +93,7 @@ class ModeTest:
     modes: int
     wilks: float
     pillai: float
+    lawley: float
     t_squared: float | None
     mahalanobis: float | None
     f: float
@@ -286,6 +289,7 @@ def mode_test(
         modes=n_modes,
         wilks=wilks,
         pillai=float(np.square(projected).sum()),
+        lawley=_lawley(projected[0]),
         t_squared=t_squared,
         mahalanobis=None if t_squared is None else float(np.sqrt(t_squared) / np.linalg.norm(design.columns)),
         f=f if n_modes else 0.0,
@@ -312,6 +316,12 @@ def _wilks(projected: FloatArray) -> FloatArray:
     left = np.eye(projected.shape[1]) - projected @ np.swapaxes(projected, 1, 2)
     wilks: FloatArray = np.clip(np.linalg.det(left), 0.0, 1.0)
     return wilks
+
+
+def _lawley(projected: FloatArray) -> float:
+    """Return Hotelling and Lawley's trace from the tested columns in the modes (d, K)."""
+    shares = np.clip(np.linalg.eigvalsh(projected @ projected.T), 0.0, 1.0 - np.finfo(float).eps)
+    return float((shares / (1.0 - shares)).sum())
 
 
 def _log_p(wilks: FloatArray, modes: int, design: Design) -> FloatArray:

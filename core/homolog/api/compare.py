@@ -9,6 +9,7 @@ import numpy as np
 
 from homolog.analysis.checks import checked_particles
 from homolog.analysis.comparison import Comparison, Options
+from homolog.analysis.covariates import with_covariate_effects
 from homolog.analysis.design import is_missing, numbers
 from homolog.analysis.procrustes import Alignment
 from homolog.analysis.studies import compare_groups as compare_several
@@ -24,7 +25,8 @@ from homolog.api.comparison_arguments import (
     pairs_of,
     unpaired,
 )
-from homolog.arrays import Array, ArrayLike, FloatArray
+from homolog.arrays import Array, ArrayLike, FloatArray, IntArray
+from homolog.cohort.column_types import CATEGORY
 from homolog.errors import InputError
 from homolog.progress import Tick, part_of, tick_of
 
@@ -186,12 +188,14 @@ def compare_groups(
     own, here = labels[chosen].tolist(), shapes[chosen]
 
     def ask(options: Options, tick: Tick) -> Comparison:
+        tick, later = part_of(tick, 0.0, share := 0.6 if covariates else 1.0), part_of(tick, share, 1.0)
         if both is not None:
             title = " - ".join(order[::-1])
             paired = compare_pairs(shapes, *both, title, options=options, names=names, tick=tick)
             return replace(paired, notes=notes)
         question = partial(_two_or_more, here, own, order, comparisons)
         overall, each = question(covariates=columns, options=options, names=called, tick=tick)
+        overall = _with_covariates(overall, here, own, covariates, chosen, options, later)
         pairwise = tuple(pair.renumbered(chosen) for pair in each)
         return replace(overall.renumbered(chosen), pairwise=pairwise, notes=notes)
 
@@ -342,13 +346,34 @@ def regress(
     columns = columns_of(covariates, chosen.tolist(), len(shapes), called)
 
     def ask(options: Options, tick: Tick) -> Comparison:
+        tick, later = part_of(tick, 0.0, share := 0.6 if covariates else 1.0), part_of(tick, share, 1.0)
         change = regress_shapes(
             shapes[chosen], given, name, covariates=columns, options=options, names=called, tick=tick
         )
+        change = _with_covariates(change, shapes[chosen], given, covariates, chosen, options, later)
         return replace(change.renumbered(chosen), notes=notes)
 
     options = Options(modes=modes, permutations=permutations, null_repeats=null_repeats, seed=seed)
     return _answers(ask, alignment, options, callback)
+
+
+def _with_covariates(
+    comparison: Comparison,
+    shapes: FloatArray,
+    tested: Sequence[str] | FloatArray,
+    covariates: Covariates | None,
+    chosen: IntArray,
+    options: Options,
+    tick: Tick,
+) -> Comparison:
+    """Return a comparison of the chosen subjects with the effects of its covariates."""
+    if not covariates:
+        return comparison
+    table = {title: [values[index] for index in chosen.tolist()] for title, values in covariates.items()}
+    categories = [title for title in table if title.endswith(CATEGORY)]
+    return with_covariate_effects(
+        comparison, shapes, tested, table, categories=categories, options=options, tick=tick
+    )
 
 
 def _answers(

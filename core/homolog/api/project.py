@@ -97,7 +97,12 @@ class Project(HasMeanShape):
         return read_details(self._folder)
 
     def describe(
-        self, *, structure: str | None = None, cohort: str | None = None, axes: str | None = None
+        self,
+        *,
+        structure: str | None = None,
+        cohort: str | None = None,
+        axes: str | None = None,
+        places: str | None = None,
     ) -> None:
         """Store details for reports in the project, as the options of ``homolog report`` do.
 
@@ -111,15 +116,19 @@ class Project(HasMeanShape):
             Whether the axes of the files are those of the patient, so that places are called left, anterior
             or superior, or the file's own, so that they are called +x or -z. ``"auto"``: those of the patient
             if all files are images whose headers say so.
+        places : str, optional
+            What the sides of the structure are called instead, such as ``"septal/lateral anterior/inferior
+            basal/apical"``: two names for each axis, towards smaller and larger x, y and z.
 
         Raises
         ------
         InputError
-            If a text is too long, `axes` is another word, or the project can't be written to.
+            If a text is too long, `axes` is another word, `places` are not three pairs, or the project can't
+            be written to.
         """
         if axes is not None and axes not in list(Axes):
             raise InputError(f"axes={axes!r}: choose one of {', '.join(Axes)}")
-        given = {"structure": structure, "cohort": cohort, "axes": axes}
+        given = {"structure": structure, "cohort": cohort, "axes": axes, "places": places}
         kept = {name: value for name, value in given.items() if value is not None}
         try:
             details = ReportDetails.model_validate(self.details.model_dump() | kept)

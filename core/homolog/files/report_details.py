@@ -34,6 +34,9 @@ class ReportDetails(BaseModel):
         Who the subjects are.
     axes : Axes
         Whether the axes of the files are those of the patient.
+    places : str
+        What the sides of the structure are called instead, such as ``"septal/lateral anterior/inferior
+        basal/apical"``: two names for each axis, towards smaller and larger coordinates.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -60,6 +63,16 @@ class ReportDetails(BaseModel):
             "the patient if all files are images whose headers say so."
         ),
     ] = Axes.AUTO
+    places: Annotated[
+        str,
+        Field(
+            max_length=200,
+            pattern=r"^([^\s/]+/[^\s/]+ [^\s/]+/[^\s/]+ [^\s/]+/[^\s/]+)?$",
+            description="What the sides of the structure are called, instead of by the axes, such as: "
+            "septal/lateral anterior/inferior basal/apical. Two names for each axis, towards smaller and "
+            "larger x, y and z.",
+        ),
+    ] = ""
 
 
 def read_details(project: ProjectFolder) -> ReportDetails:

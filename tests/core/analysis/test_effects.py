@@ -5,6 +5,7 @@ from scipy import stats
 from homolog.analysis.design import group_design, regression_design
 from homolog.analysis.effects import (
     corrected_distance,
+    distance_of_several,
     effect_bounds,
     size_effect,
     size_variance,
@@ -29,6 +30,33 @@ def test_the_distance_is_unbiased_where_the_plain_one_is_too_large():
     assert np.mean(squares) == pytest.approx(1.44, abs=0.15)
     assert np.mean(plain) > 1.5
     assert 0.92 < inside / 400 < 0.98
+
+
+def test_the_distance_of_several_groups_is_unbiased_and_its_interval_covers_the_truth():
+    generator = np.random.default_rng(4)
+    counts, means = np.array([8, 12, 16]), np.array([0.0, 0.8, 1.4])
+    labels = np.repeat(["a", "b", "c"], counts)
+    members = (labels[:, None] == ["a", "b", "c"]).astype(float)
+    truth = np.sqrt(counts @ np.square(means - counts @ means / 36) / 36)
+    squares, inside = [], 0
+    for _ in range(400):
+        scores = generator.normal(size=(36, 3))
+        scores[:, 1] += members @ means
+        of_groups = members.T @ scores / counts[:, None]
+        between = (counts[:, None] * (apart := of_groups - scores.mean(axis=0))).T @ apart
+        rest = scores - members @ of_groups
+        trace = np.trace(np.linalg.solve(rest.T @ rest, between))
+        result = distance_of_several(trace, 3, 2, 33, 36)
+        squares.append((29 * trace - 6) / 36)
+        assert result.value == pytest.approx(np.sqrt(max(squares[-1], 0.0)))
+        inside += result.low <= truth <= result.high
+    assert np.mean(squares) == pytest.approx(truth**2, abs=0.03)
+    assert 0.92 < inside / 400 < 0.98
+    two = corrected_distance(9.0, 3, 26, 7.0)
+    both = distance_of_several(9.0 / 26, 3, 1, 26, 28)
+    np.testing.assert_allclose(
+        [both.value, both.low, both.high], np.array([two.value, two.low, two.high]) / 2
+    )
 
 
 def test_bounds_of_one_number_are_welchs_and_hold_for_a_variable_too():

@@ -144,7 +144,8 @@ def _heading(study: "Study") -> str:
     text = f"{text[0].upper()}{text[1:]}"
     if not study.pairwise or not overall.test.modes:
         return text
-    return f"{text}; any difference: {p_text(overall.p_adjusted, overall.test.permutations)}"
+    far = "" if overall.distance is None else f"D {overall.distance.value:.2f}, "
+    return f"{text}; any difference: {far}{p_text(overall.p_adjusted, overall.test.permutations)}"
 
 
 def _values(study: "Study", comparison: "Comparison") -> tuple[str, str, str, str]:

@@ -1,0 +1,116 @@
+"""The section of a report on the correspondence: how even particles are, and how near to the surfaces."""
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from homolog.errors import InputError
+from homolog.files.project import ProjectFolder
+from homolog.files.records import ResultRecord
+from homolog.files.results import Result, read_surface
+from homolog.files.tables import write_table
+from homolog.inspection.located_particles import closest_points_on
+from homolog.progress import Tick, no_tick
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.nearest import areas_of_particles, nearest_particles
+from homolog_app.report.page import Page
+from homolog_app.report.surface_maps import SurfaceCarrier
+
+__all__ = ["CorrespondenceRow", "add_correspondence", "correspondence_rows"]
+
+_FILE = "correspondence.csv"
+
+
+@dataclass(frozen=True, slots=True)
+class CorrespondenceRow:
+    """How well the particles of a subject represent its surface.
+
+    Attributes
+    ----------
+    name : str
+        The subject.
+    off_surface_mm : float
+        Mean distance of its particles from its surface.
+    unevenness_percent : float
+        Standard deviation of the areas that particles stand for, divided by their mean.
+    farthest_mm : float
+        Largest distance of a vertex of the surface from its nearest particle on the same side of a wall.
+    surface_mean_mm, surface_p95_mm : float
+        Mean and 95th percentile of the distances between its surface and the mean surface carried to its
+        particles, in both directions.
+    """
+
+    name: str
+    off_surface_mm: float
+    unevenness_percent: float
+    farthest_mm: float
+    surface_mean_mm: float
+    surface_p95_mm: float
+
+
+def correspondence_rows(
+    project: ProjectFolder, record: ResultRecord, result: Result, carrier: SurfaceCarrier,
+    tick: Tick = no_tick,
+) -> list[CorrespondenceRow]:  # fmt: skip
+    """Measure the correspondence of each subject in aligned coordinates; empty if surfaces are missing."""
+    rows = []
+    for index, subject in enumerate(record.subjects):
+        tick(index / len(record.subjects), f"surface of {subject.name}")
+        try:
+            mesh = read_surface(project, subject).placed(np.array(subject.alignment))
+        except InputError:  # an import without surfaces
+            return []
+        particles = result.world[index]
+        nearest = nearest_particles(mesh, particles)
+        areas = areas_of_particles(mesh, nearest, len(particles))
+        carried = TriangleMesh(carrier.moved(particles), carrier.mesh.faces)
+        apart = np.concatenate(
+            [closest_points_on(mesh, carried.vertices)[2], closest_points_on(carried, mesh.vertices)[2]]
+        )
+        rows.append(
+            CorrespondenceRow(
+                name=subject.name,
+                off_surface_mm=float(closest_points_on(mesh, particles)[2].mean()),
+                unevenness_percent=100.0 * float(areas.std() / areas.mean()),
+                farthest_mm=float(np.linalg.norm(mesh.vertices - particles[nearest], axis=1).max()),
+                surface_mean_mm=float(apart.mean()),
+                surface_p95_mm=float(np.quantile(apart, 0.95)),
+            )
+        )
+    return rows
+
+
+def add_correspondence(page: Page, folder: Path, rows: Sequence[CorrespondenceRow]) -> None:
+    """Add what `correspondence_rows` measured, and write it as a table into the report's folder."""
+    if not rows:
+        return
+    columns = [field.name for field in fields(CorrespondenceRow)]
+    write_table(folder / _FILE, columns, [astuple(row) for row in rows])
+    titles = (
+        ("particles from their own surface, mean (mm)", ".3f"),
+        ("evenness: SD of the areas of particles, of their mean (%)", ".1f"),
+        ("surface from its nearest particle, largest (mm)", ".2f"),
+        ("surface from carried mean surface, mean (mm)", ".3f"),
+        ("surface from carried mean surface, 95th percentile (mm)", ".3f"),
+    )
+    table = []
+    for number, (title, form) in enumerate(titles, start=1):
+        values = [float(astuple(row)[number]) for row in rows]
+        worst = int(np.argmax(values))
+        cells = (float(np.mean(values)), min(values), max(values))
+        table.append((title, *(format(value, form) for value in cells), rows[worst].name))
+    page.table(
+        ["measure of a subject", "mean", "least", "largest", "subject with the largest"],
+        table,
+        as_text=True,
+        caption="Quality of the correspondence over the subjects",
+    )
+    page.paragraph(
+        "The area of a particle is the part of its subject's surface that is nearest to it, on the same side "
+        "of a wall: 0 % would be equal areas. The mean surface was carried to each subject's particles by "
+        "the spline that all maps use; its distance from the subject's own surface, in both directions, is "
+        "what particles and spline leave out. Values of each subject are in correspondence.csv. These "
+        "numbers do not show whether particles are at anatomically corresponding places: see homolog check."
+    )

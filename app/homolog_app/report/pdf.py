@@ -1,0 +1,129 @@
+"""PDF files of A4 pages: figures embedded as vector graphics, and bookmarks."""
+
+import io
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from matplotlib.artist import Artist
+from matplotlib.backends import backend_pdf
+from matplotlib.backends.backend_pdf import Op, PdfPages
+from matplotlib.figure import Figure
+
+__all__ = ["Bookmark", "EmbeddedFigure", "pdf_of"]
+
+_POINTS = 72.0
+"""In an inch."""
+_name: Any = backend_pdf.Name  # matplotlib does not type it
+
+
+class Bookmark(NamedTuple):
+    """An entry of the list of contents: its level (1, 2 …), and its page, counted from 1."""
+
+    text: str
+    level: int
+    page: int
+
+
+class EmbeddedFigure(Artist):
+    """A figure drawn as a part of another one, in PDF only.
+
+    Parameters
+    ----------
+    figure : Figure
+        To embed.
+    left, bottom : float
+        Its lower left corner [inches].
+    scale : float
+        Its width on the page divided by its own.
+    """
+
+    def __init__(self, figure: Figure, left: float, bottom: float, scale: float) -> None:
+        super().__init__()
+        self.content, self.place = figure, (left * _POINTS, bottom * _POINTS, scale)
+        for artist in figure.findobj():
+            artist.set_rasterized(False)  # bars of colours, whose pixels would go to the wrong place
+
+    def draw(self, renderer: Any) -> None:  # noqa: ANN401 - of the PDF, which matplotlib does not type
+        """Draw the figure in its own coordinates, which the page's are changed to meanwhile."""
+        left, bottom, scale = self.place
+        file, state = renderer.file, renderer.gc
+        file.output(*state.finalize())
+        before = renderer.new_gc()
+        before.copy_properties(state)
+        file.output(Op.gsave, scale, 0, 0, scale, left, bottom, Op.concat_matrix)
+        dpi = self.content.dpi
+        try:
+            self.content.dpi = _POINTS
+            self.content.draw(renderer)
+        finally:
+            self.content.dpi = dpi
+        file.output(*state.finalize(), Op.grestore)
+        state.copy_properties(before)
+
+
+def pdf_of(figures: Sequence[Figure], title: str, bookmarks: Sequence[Bookmark] = ()) -> bytes:
+    """Return a PDF with a page for each figure."""
+    drawn = io.BytesIO()
+    with _Document(drawn, metadata={"CreationDate": None, "Title": title}) as pages:
+        for figure in figures:
+            pages.savefig(figure)
+        if bookmarks:
+            pages.add_bookmarks(bookmarks)
+    return drawn.getvalue()
+
+
+class _Document(PdfPages):
+    """A PDF with bookmarks, which matplotlib does not write by itself."""
+
+    def add_bookmarks(self, bookmarks: Sequence[Bookmark]) -> None:
+        """Add bookmarks to the pages so far, and show them when the file is opened."""
+        file: Any = self._file
+        file.endStream()
+        outline = file.reserveObject("outline")
+        objects = [file.reserveObject("bookmark") for _ in bookmarks]
+        parents = _parents([bookmark.level for bookmark in bookmarks])
+        for number, bookmark in enumerate(bookmarks):
+            parent = parents[number]
+            entry: dict[str, object] = {
+                "Title": bookmark.text,
+                "Parent": outline if parent is None else objects[parent],
+                "Dest": [file.pageList[bookmark.page - 1], _name("Fit")],
+            }
+            beside = [index for index, other in enumerate(parents) if other == parent]
+            place = beside.index(number)
+            if place:
+                entry["Prev"] = objects[beside[place - 1]]
+            if place + 1 < len(beside):
+                entry["Next"] = objects[beside[place + 1]]
+            file.writeObject(objects[number], entry | _children(objects, parents, number))
+        file.writeObject(outline, {"Type": _name("Outlines")} | _children(objects, parents, None))
+        root = {
+            "Type": _name("Catalog"),
+            "Pages": file.pagesObject,
+            "Outlines": outline,
+            "PageMode": _name("UseOutlines"),
+        }
+        file.writeObject(file.rootObject, root)  # in the place of the one that the file began with
+
+
+def _parents(levels: Sequence[int]) -> list[int | None]:
+    """Return the index of the entry that each one is below, by their levels."""
+    parents: list[int | None] = []
+    above: list[int] = []
+    for number, level in enumerate(levels):
+        while above and levels[above[-1]] >= level:
+            above.pop()
+        parents.append(above[-1] if above else None)
+        above.append(number)
+    return parents
+
+
+def _children(
+    objects: Sequence[object], parents: Sequence[int | None], parent: int | None
+) -> dict[str, object]:
+    """Return the first, the last and the number of the entries below one, closed below the first level."""
+    below = [index for index, other in enumerate(parents) if other == parent]
+    if not below:
+        return {}
+    count = len(below) if parent is None else -len(below)
+    return {"First": objects[below[0]], "Last": objects[below[-1]], "Count": count}

@@ -1,0 +1,83 @@
+"""Effects of the covariates of a study, each adjusted for what the study tests and for the others."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from homolog.analysis.comparison import Comparison, Options, run_comparison
+from homolog.analysis.design import adjusted_design, covariate_columns, numbers
+from homolog.arrays import FloatArray
+from homolog.progress import Tick, no_tick, part_of
+
+__all__ = ["with_covariate_effects"]
+
+
+def with_covariate_effects(
+    comparison: Comparison,
+    shapes: FloatArray,
+    tested: Sequence[str] | FloatArray,
+    table: Mapping[str, Sequence[str | float]],
+    *,
+    categories: Collection[str] = (),
+    options: Options,
+    tick: Tick = no_tick,
+) -> Comparison:
+    """Return a comparison with the effects of its covariates.
+
+    Each is tested as the comparison itself is, but in its own modes. Effects of numbers are per unit, of two
+    categories their difference, the second minus the first in alphabetical order.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Of groups or a continuous variable, adjusted for the covariates.
+    shapes : (M, N, 3) array
+        Positions of the whole cohort [mm].
+    tested : sequence of str, or (m,) array
+        Group of each of the comparison's m subjects, or the variable.
+    table : mapping of str to sequences
+        Values of each covariate for the m subjects.
+    categories : collection of str
+        Covariates whose numbers are codes of categories.
+    options : Options
+        Of the comparison.
+    tick : Tick
+        Progress and cancelling.
+    """
+    if isinstance(tested, np.ndarray) and tested.dtype.kind == "f":
+        main = tested[:, None]
+    else:
+        main = _indicators(tested)
+    effects = []
+    for number, (title, values) in enumerate(table.items()):
+        plain = None if title in categories else numbers(values)
+        block = _indicators(values) if plain is None else plain[:, None]
+        name = title
+        if plain is None and block.shape[1] == 1:
+            name = f"{title}: {' - '.join(sorted({str(value).strip() for value in values})[::-1])}"
+        others = {other: column for other, column in table.items() if other != title}
+        nuisance = main
+        if others:
+            own = [item for item in categories if item in others]
+            nuisance = np.column_stack([main, covariate_columns(others, categories=own)])
+        effects.append(
+            run_comparison(
+                shapes,
+                comparison.subjects,
+                adjusted_design(block, nuisance, title),
+                name,
+                {"all": len(main)},
+                replace(options, null_repeats=0),
+                part_of(tick, number / len(table), (number + 1) / len(table)),
+                nested=False,
+            )
+        )
+    return replace(comparison, covariates=tuple(effects))
+
+
+def _indicators(values: Sequence[str | float] | FloatArray) -> FloatArray:
+    """Return who has each value but the first in alphabetical order, one column for each."""
+    texts = np.array([str(value).strip() for value in values])
+    columns: FloatArray = (texts[:, None] == np.unique(texts)[1:]).astype(np.float64)
+    return columns
