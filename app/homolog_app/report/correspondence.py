@@ -111,6 +111,6 @@ def add_correspondence(page: Page, folder: Path, rows: Sequence[CorrespondenceRo
         "The area of a particle is the part of its subject's surface that is nearest to it, on the same side "
         "of a wall: 0 % would be equal areas. The mean surface was carried to each subject's particles by "
         "the spline that all maps use; its distance from the subject's own surface, in both directions, is "
-        "what particles and spline leave out. Values of each subject are in correspondence.csv. These "
+        "what particles and spline do not represent. Values of each subject are in correspondence.csv. These "
         "numbers do not show whether particles are at anatomically corresponding places: see homolog check."
     )
