@@ -1,5 +1,6 @@
 """A project's result as the window shows it, and the recorded frames of its run."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,10 +12,11 @@ from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord, ResultRecord
-from homolog.files.results import Result, read_result, read_surface
+from homolog.files.results import Result, read_result
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import Method
 from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.studies.subject_surfaces import SubjectSurfaces
 
 __all__ = ["LoadedResult", "RecordedFrame", "Recorder", "load_result", "write_from_memory"]
 
@@ -38,7 +40,7 @@ class LoadedResult:
     Attributes
     ----------
     result : Result
-    surfaces : dict of str to (TriangleMesh, TriangleMesh)
+    surfaces : mapping of str to (TriangleMesh, TriangleMesh)
         The groomed surface of each subject and a light one of the same shape, in local coordinates.
     energies : (T, 4) float64 array
         Iteration and the three parts of the objective.
@@ -51,7 +53,7 @@ class LoadedResult:
     """
 
     result: Result
-    surfaces: dict[str, tuple[TriangleMesh, TriangleMesh]]
+    surfaces: Mapping[str, tuple[TriangleMesh, TriangleMesh]]
     energies: FloatArray
     frames: tuple[RecordedFrame, ...]
     summary: str
@@ -112,18 +114,12 @@ def load_result(project: ProjectFolder, tick: Tick = no_tick) -> LoadedResult:
     InputError
         If there is none, or a file is missing or damaged.
     """
-    from homolog.grooming.subject import COARSE_VERTICES
-    from homolog.surfaces.simplify import simplified
-
     result = read_result(project, part_of(tick, 0.0, 0.3))
     record = project.read().result
     if record is None:
         raise InputError(f"{project.folder}: has no result")
-    surfaces = {}
-    for number, subject in enumerate(record.subjects):
-        tick(0.3 + 0.7 * number / len(record.subjects), f"surface of {subject.name}")
-        mesh = read_surface(project, subject)
-        surfaces[subject.name] = (mesh, simplified(mesh, COARSE_VERTICES))
+    surfaces = SubjectSurfaces(project, record.subjects)
+    surfaces.read_first(part_of(tick, 0.3, 1.0))
     summary = f"{record.particles} particles on {len(record.subjects)} shapes, " + (
         f"imported from {record.source}{_remarks(record)}"
         if record.source
@@ -157,8 +153,8 @@ def write_from_memory(
     """
     from homolog.analysis.shape_model import ShapeModel
     from homolog.files.meshes import write_mesh
-    from homolog.files.particles import write_particles
-    from homolog.files.results import particle_file, surface_file
+    from homolog.files.particle_array import write_all_particles
+    from homolog.files.results import surface_file
     from homolog.files.tables import write_table
     from homolog.run.shape_files import surface_of_model, write_model, write_surfaces
 
@@ -168,10 +164,9 @@ def write_from_memory(
     surface = surface_of_model(model, result.world, meshes, result.alignments, part_of(tick, 0.0, 0.5))
     own = Cohort(tuple(subject for subject in cohort.subjects if subject.name in result.names), cohort.folder)
     with project.replacing_result() as new:
-        for index, subject in enumerate(record.subjects):
-            write_particles(particle_file(new, subject.file, "local"), result.local[index])
-            write_particles(particle_file(new, subject.file, "world"), result.world[index])
-            write_mesh(surface_file(project, subject.file), meshes[index])
+        write_all_particles(new, [subject.file for subject in record.subjects], result.local, result.world)
+        for subject, mesh in zip(record.subjects, meshes, strict=True):
+            write_mesh(surface_file(project, subject.file), mesh)
         write_model(new, own, model)
         write_surfaces(new, model, surface, part_of(tick, 0.5, 1.0))
         rows = ([int(row[0]), *row[1:]] for row in loaded.energies.tolist())

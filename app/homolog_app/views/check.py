@@ -12,7 +12,7 @@ from homolog.files.project import ProjectFolder
 from homolog.geometry import scale_of
 from homolog.progress import Tick
 from homolog_app.rendering.colours import ColourScale, viridis
-from homolog_app.views.content import Content, Numbers, ViewContents
+from homolog_app.views.content import Numbers, SubjectContents, ViewContents
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection, ParticleEnergies
@@ -93,18 +93,19 @@ class Marks:
 
 
 def checked_scene(
-    subjects: Sequence[Content], inspection: "Inspection", names: Sequence[str], marks: Marks
+    subjects: SubjectContents, inspection: "Inspection", names: Sequence[str], marks: Marks
 ) -> ViewContents:
     """Return what the views show."""
     number = {name: m for m, name in enumerate(names)}
     if marks.show == "distances" and marks.distances is not None:
         return _distances(subjects, inspection, marks.distances, names)
-    contents = [
-        replace(content, **_marked(inspection, number[content.name], marks), through=True)
-        if content.name in number
-        else content
-        for content in subjects
-    ]
+    contents = subjects.changed(
+        lambda content: (
+            replace(content, **_marked(inspection, number[content.name], marks), through=True)
+            if content.name in number
+            else content
+        )
+    )
     if marks.show == "neighbours" and marks.particle is not None:
         scale, tints = _neighbours(inspection, names, marks.particle)
         return ViewContents(contents, scale=scale, tints=tints)
@@ -113,10 +114,13 @@ def checked_scene(
         return ViewContents(contents, scale=scale, tints=tints)
     if marks.show == "texture" and marks.texture is not None:
         texture = marks.texture
-        contents = [
-            replace(content, colours=_toned(texture[content.name])) if content.name in texture else content
-            for content in contents
-        ]
+        contents = contents.changed(
+            lambda content: (
+                replace(content, colours=_toned(texture[content.name]))
+                if content.name in texture
+                else content
+            )
+        )
         return ViewContents(contents, particles={})
     if marks.pair is not None:
         return _in_two_colours(contents, inspection, names, marks.pair)
@@ -124,16 +128,15 @@ def checked_scene(
 
 
 def _in_two_colours(
-    contents: Sequence[Content], inspection: "Inspection", names: Sequence[str], pair: tuple[int, int]
+    contents: SubjectContents, inspection: "Inspection", names: Sequence[str], pair: tuple[int, int]
 ) -> ViewContents:
     """Mark two particles on every shape in two colours, which the captions name."""
     tint = np.full((inspection.located.world.shape[1], 3), _PALE, np.uint8)
     tint[list(pair)] = _MARK, _SECOND
     note = f"{pair[0]} pink · {pair[1]} blue"
-    noted = [
-        replace(content, note=" · ".join(part for part in (content.note, note) if part))
-        for content in contents
-    ]
+    noted = contents.changed(
+        lambda content: replace(content, note=" · ".join(part for part in (content.note, note) if part))
+    )
     return ViewContents(noted, tints=dict.fromkeys(names, tint))
 
 
@@ -168,10 +171,10 @@ def _energies(marks: Marks, names: Sequence[str]) -> tuple[ColourScale, Mapping[
 
 
 def _distances(
-    subjects: Sequence[Content], inspection: "Inspection", distances: Distances, names: Sequence[str]
+    subjects: SubjectContents, inspection: "Inspection", distances: Distances, names: Sequence[str]
 ) -> ViewContents:
     name = names[distances.subject]
-    own = next((content for content in subjects if content.name == name), None)
+    own = subjects.named(name)
     if own is None:
         return ViewContents(subjects)
     limit = float(distances.along.max())

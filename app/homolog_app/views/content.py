@@ -1,9 +1,9 @@
 """Contents of the views, as values that can be stored in a file."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, overload
 
 import numpy as np
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field
@@ -16,7 +16,16 @@ from homolog_app.rendering.camera import Canvas
 from homolog_app.rendering.colours import ColourScale
 from homolog_app.rendering.scene import Arrows
 
-__all__ = ["KEPT", "MOST", "Content", "Numbers", "ViewContents", "read_shown", "write_shown"]
+__all__ = [
+    "KEPT",
+    "MOST",
+    "Content",
+    "Numbers",
+    "SubjectContents",
+    "ViewContents",
+    "read_shown",
+    "write_shown",
+]
 
 MOST = 16
 """Largest number of views."""
@@ -105,6 +114,51 @@ class Content:
         return np.asarray(left @ right)
 
 
+class SubjectContents(Sequence[Content]):
+    """The contents of all subjects, each made when it is shown.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The subjects.
+    make : callable
+        Returns the content of a subject by its index.
+    """
+
+    def __init__(self, names: Sequence[str] = (), make: Callable[[int], Content] | None = None) -> None:
+        self._places = {name: place for place, name in enumerate(names)}
+        self._make = make
+
+    def __len__(self) -> int:
+        """Return the number of subjects."""
+        return len(self._places)
+
+    @overload
+    def __getitem__(self, index: int) -> Content: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Content]: ...
+
+    def __getitem__(self, index: int | slice) -> Content | list[Content]:
+        """Make the content of a subject, or those of some."""
+        chosen = range(len(self))[index]
+        assert self._make is not None, "no index is valid without subjects"
+        return self._make(chosen) if isinstance(chosen, int) else [self._make(place) for place in chosen]
+
+    def place_of(self, name: str) -> int | None:
+        """Return the index of a subject; None if there is no such subject."""
+        return self._places.get(name)
+
+    def named(self, name: str) -> Content | None:
+        """Return the content of a subject; None if there is no such subject."""
+        place = self.place_of(name)
+        return None if place is None else self[place]
+
+    def changed(self, change: Callable[[Content], Content]) -> "SubjectContents":
+        """Return contents that are changed when they are shown."""
+        return SubjectContents(list(self._places), lambda place: change(self[place]))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewContents:
     """All contents of the views.
@@ -183,7 +237,7 @@ def write_shown(path: Path, shown: ViewContents, canvas: Canvas) -> None:
     InputError
         If the file can't be written.
     """
-    contents = list(shown.contents)
+    contents = shown.contents
     if shown.columns is None:
         first = canvas.page * canvas.layout
         contents, canvas = contents[first : first + canvas.layout], canvas.model_copy(update={"page": 0})

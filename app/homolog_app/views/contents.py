@@ -18,7 +18,7 @@ from homolog.surfaces.mirroring import mirrors
 from homolog_app.rendering.colours import ColourScale, colours_by_place
 from homolog_app.rendering.scene import Arrows
 from homolog_app.studies.loaded_result import LoadedResult
-from homolog_app.views.content import Content
+from homolog_app.views.content import Content, SubjectContents
 
 if TYPE_CHECKING:
     from homolog.grooming import GroomedSubject
@@ -71,7 +71,7 @@ def subject_contents(
     surveys: "Mapping[str, FileSurvey]",
     groomed: Mapping[str, Groomed],
     result: LoadedResult | None,
-) -> list[Content]:
+) -> SubjectContents:
     """Return the contents of all subjects.
 
     A result shows its own surfaces; before there is one, the groomed surfaces where they are, the input
@@ -79,8 +79,9 @@ def subject_contents(
     """
     alignments = dict(zip(result.result.names, result.result.alignments, strict=True)) if result else {}
     turned = dict(zip(alignments, mirrors(result.result.alignments).tolist(), strict=True)) if result else {}
-    contents = []
-    for subject in subjects:
+
+    def made(place: int) -> Content:
+        subject = subjects[place]
         survey, smooth = surveys.get(subject.name), groomed.get(subject.name)
         raw = survey.surface if survey else None
         fine, coarse = (smooth.subject.mesh, smooth.subject.coarse_mesh) if smooth else (None, None)
@@ -97,8 +98,9 @@ def subject_contents(
         if fine is None and survey is not None and survey.every > 1:
             notes.append(f"every {survey.every}. voxel")
         note = " · ".join(note for note in notes if note)
-        contents.append(Content(subject.name, raw, fine, coarse, alignment, note))
-    return contents
+        return Content(subject.name, raw, fine, coarse, alignment, note)
+
+    return SubjectContents([subject.name for subject in subjects], made)
 
 
 _ARROW_SHARE = 0.09

@@ -23,6 +23,7 @@ __all__ = ["Grid", "drawn"]
 _GAP = 0.0015
 _FEW = 4
 _TEXT_PX = {1: 16, 4: 15, 9: 13}  # by the largest number of views
+_TYPICAL = 500  # subjects whose mean gives particles their colours, at most
 _LETTER = 0.55  # width of a letter by its height, about
 
 
@@ -106,7 +107,8 @@ class Grid:
     ) -> None:
         """Set the particles, coloured by position unless colours are given."""
         if particles and tints is None:
-            tints = colours_by_place(np.mean([np.asarray(points) for points in particles.values()], axis=0))
+            some = list(particles.values())[:: -(-len(particles) // _TYPICAL)]
+            tints = colours_by_place(np.mean([np.asarray(points) for points in some], axis=0))
         self.particles, self.tints = particles, tints
 
     def show_page(self, page: int) -> None:

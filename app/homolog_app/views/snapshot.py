@@ -14,7 +14,7 @@ from homolog_app.studies.file_survey import survey_subject
 from homolog_app.studies.jobs import groomed_before
 from homolog_app.studies.loaded_result import LoadedResult, load_result
 from homolog_app.views.check import ENERGIES, Marks, checked_scene
-from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.content import Content, SubjectContents, ViewContents
 from homolog_app.views.contents import Groomed, moment_of, single_subject, subject_contents
 from homolog_app.views.scenes import group_scene, measured_scene, mode_scene
 from homolog_app.views.view_states import CheckView, GroupsView, MeasureView, ModesView, Snapshot
@@ -84,7 +84,7 @@ def _needed(project: ProjectFolder, loaded: LoadedResult | None) -> LoadedResult
 
 def _contents(
     project: ProjectFolder, loaded: LoadedResult | None, wanted: Snapshot, tick: Tick, name: str = ""
-) -> list[Content]:
+) -> SubjectContents:
     """Return the contents of all subjects, or of one."""
     cohort, settings = project.cohort(), project.read().settings
     groomed = {}
@@ -142,7 +142,7 @@ def _groups(
 
 
 def _checked(
-    project: ProjectFolder, loaded: LoadedResult, view: CheckView, contents: list[Content], tick: Tick
+    project: ProjectFolder, loaded: LoadedResult, view: CheckView, contents: SubjectContents, tick: Tick
 ) -> ViewContents:
     from homolog.inspection import inspect
     from homolog_app.views.check import distances_on, energies_of, textures_of

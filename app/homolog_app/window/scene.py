@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from homolog.arrays import Array, FloatArray
 from homolog_app.rendering.camera import Box, CameraState, Canvas, Clip, ClipPlane
 from homolog_app.rendering.colours import DARK_SCHEME, LIGHT_SCHEME, Colours
-from homolog_app.views.content import MOST, Content, ViewContents
+from homolog_app.views.content import MOST, Content, SubjectContents, ViewContents
 from homolog_app.views.grid import Grid, drawn
 from homolog_app.window.interactor import ColourBar, Interactor, Picker, aim
 from homolog_app.window.theme import text_scale
@@ -155,9 +155,13 @@ class Scene(QWidget):
 
     def show_name(self, name: str) -> None:
         """Show the page with a subject."""
-        for index, content in enumerate(self.grid.contents):
-            if content.name == name and index // self.grid.count != self.grid.page:
-                self.show_page(index // self.grid.count)
+        contents = self.grid.contents
+        if isinstance(contents, SubjectContents):
+            index = contents.place_of(name)
+        else:
+            index = next((place for place, content in enumerate(contents) if content.name == name), None)
+        if index is not None and index // self.grid.count != self.grid.page:
+            self.show_page(index // self.grid.count)
 
     def switch(
         self, *, raw: bool | None = None, groomed: bool | None = None, particles: bool | None = None,

@@ -13,7 +13,7 @@ from homolog.arrays import FloatArray
 from homolog_app.studies.files import ViewRecord
 from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.views.cell import VIEWS
-from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.content import SubjectContents, ViewContents
 from homolog_app.views.contents import Groomed, subject_contents
 from homolog_app.views.view_states import ColouredView, Snapshot, SubjectsView
 from homolog_app.window.actions import Actions
@@ -49,7 +49,7 @@ class Views(QObject):
         self._bar = stage.scene.bar
         self._session, self._work = workspace.session, workspace.work
         self._shown: list[object] = []
-        self.subjects: list[Content] = []
+        self.subjects = SubjectContents()
         self.run = RunParticles(workspace, commands["run.play"], stage, curves)
         self._explore = explore
         self._result: LoadedResult | None = None

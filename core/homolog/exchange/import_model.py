@@ -20,10 +20,11 @@ from homolog.exchange.shapeworks_model import model_of_folder, model_of_project
 from homolog.files.markups import write_markups
 from homolog.files.meshes import write_mesh
 from homolog.files.names import file_stems
-from homolog.files.particles import read_particles, write_particles
+from homolog.files.particle_array import particle_file, write_all_particles
+from homolog.files.particles import read_particles
 from homolog.files.project import ProjectFolder
 from homolog.files.records import IMPORTED, ProjectRecord, ResultRecord, ResultSubject
-from homolog.files.results import particle_file, surface_file
+from homolog.files.results import surface_file
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.fingerprints import versions
@@ -126,9 +127,8 @@ def _write(project: ProjectFolder, model: ForeignModel, tick: Tick) -> list[str]
     except NumericalError as error:
         raise InputError(f"{model.source}: is not a shape model ({error}); export it again") from error
     with project.replacing_result() as new:
-        for stem, near, there, item in zip(stems, local, world, surfaces, strict=True):
-            write_particles(particle_file(new, stem, "local"), near)
-            write_particles(particle_file(new, stem, "world"), there)
+        write_all_particles(new, stems, local, world)
+        for stem, item in zip(stems, surfaces, strict=True):
             write_mesh(surface_file(project, stem), item.mesh)
         write_model(new, cohort, shapes)
         write_surfaces(new, shapes, surface, part_of(tick, 0.7, 1.0))

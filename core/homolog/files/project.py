@@ -6,6 +6,7 @@
     groomed/                  surfaces in the coordinates of their files
     registrations.npz         registrations of the surfaces to each other
     particles/                NAME_local.particles, NAME_world.particles
+    particles.npy             all of them in one array; particles.json: of which files
     model/                    mean, modes, scores, eigenvalues
     energies.csv              terms of the objective during the run
     figures/                  pictures
@@ -104,6 +105,15 @@ class ProjectFolder:
         """Whether the folder holds a project."""
         return (self.folder / _RECORD).is_file()
 
+    @property
+    def is_held(self) -> bool:
+        """Whether this program has it locked."""
+        return self._lock.is_locked
+
+    @property
+    def _lock(self) -> FileLock:
+        return FileLock(self.folder.resolve() / _LOCK, timeout=0, is_singleton=True, thread_local=False)
+
     def check_is_free(self) -> None:
         """Raise InputError if the folder contains anything but a project."""
         if (
@@ -201,8 +211,7 @@ class ProjectFolder:
             raise self._missing
         with report_os_errors(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
-            path, holder = (self.folder.resolve() / name for name in (_LOCK, _HOLDER))
-            lock = FileLock(path, timeout=0, is_singleton=True, thread_local=False)
+            lock, holder = self._lock, self.folder.resolve() / _HOLDER
             try:
                 lock.acquire()
             except Timeout as error:

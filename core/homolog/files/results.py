@@ -1,6 +1,7 @@
 """A project's result, for statistics, pictures and exports."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from homolog.arrays import FloatArray, frozen
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.meshes import read_mesh
-from homolog.files.particles import read_particles
+from homolog.files.particle_array import particle_file, read_all_particles, write_particle_array
 from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
 from homolog.progress import Tick, no_tick
@@ -31,6 +32,8 @@ __all__ = [
     "write_smoothing",
 ]
 
+_MANY_FILES = 100
+"""More text files of particles than these are not read a second time: their array is written."""
 MODE_DEVIATIONS = 2.0
 """Position of the mode surfaces in standard deviations."""
 
@@ -77,11 +80,6 @@ class Result:
         return int(mirrors(self.alignments).sum())
 
 
-def particle_file(project: ProjectFolder, stem: str, frame: str) -> Path:
-    """Return the path of a subject's particles; `frame` is ``"local"`` or ``"world"``."""
-    return project.particles / f"{stem}_{frame}.particles"
-
-
 def surface_file(project: ProjectFolder, stem: str) -> Path:
     """Return the path of a subject's groomed surface, in local coordinates."""
     return project.groomed / f"{stem}.vtp"
@@ -116,22 +114,17 @@ def read_result(project: ProjectFolder, tick: Tick = no_tick) -> Result:
     subjects = record.subjects
     present = {subject.name: subject for subject in whole.subjects}
     listed = [present.get(subject.name, subject) for subject in subjects]
-    world: list[FloatArray] = []
-    local: list[FloatArray] = []
-    for number, subject in enumerate(subjects):
-        tick(number / len(subjects), f"particles of {subject.name}")
-        for frame, kept in (("world", world), ("local", local)):
-            kept.append(read_particles(particle_file(project, subject.file, frame)))
-            if len(kept[-1]) != record.particles:
-                raise InputError(
-                    f"{project.folder}: the particles of {subject.name} are not {record.particles}; run again"
-                )
+    names, stems = [subject.name for subject in subjects], [subject.file for subject in subjects]
+    local, world, parsed = read_all_particles(project, stems, names, record.particles, tick)
+    if parsed > _MANY_FILES and project.is_held:
+        with suppress(InputError):  # a full disk, or one that is read-only
+            write_particle_array(project, stems, local, world)
     return Result(
-        names=tuple(subject.name for subject in subjects),
+        names=tuple(names),
         groups=tuple(item.group for item in listed),
         columns=tuple(item.columns for item in listed),
-        world=frozen(np.array(world)),
-        local=frozen(np.array(local)),
+        world=world,
+        local=local,
         alignments=frozen(np.array([subject.alignment for subject in subjects])),
         mean_surface=read_mesh(mean_file(project)),
         smoothing=_read_smoothing(project, record),

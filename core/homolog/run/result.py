@@ -15,10 +15,10 @@ from homolog.correspondence import OptimizedParticles, Shape
 from homolog.device import describe_device
 from homolog.files.meshes import write_mesh
 from homolog.files.names import file_stems
-from homolog.files.particles import write_particles
+from homolog.files.particle_array import write_all_particles
 from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
-from homolog.files.results import particle_file, surface_file
+from homolog.files.results import surface_file
 from homolog.files.tables import write_table
 from homolog.grooming import GroomedSubject
 from homolog.progress import Tick, part_of
@@ -214,10 +214,10 @@ def write_result(
 def _write_subjects(
     new: ProjectFolder, project: ProjectFolder, outcome: OptimizationOutcome, stems: Sequence[str], tick: Tick
 ) -> None:
+    write_all_particles(new, stems, outcome.local, outcome.world, part_of(tick, 0.0, 0.5))
+    tick = part_of(tick, 0.5, 1.0)
     for index, (stem, shape) in enumerate(zip(stems, outcome.inputs.shapes, strict=True)):
         tick(index / len(stems), f"writing {shape.name}")
-        write_particles(particle_file(new, stem, "local"), outcome.local[index])
-        write_particles(particle_file(new, stem, "world"), outcome.world[index])
         write_mesh(surface_file(project, stem), shape.mesh)
 
 

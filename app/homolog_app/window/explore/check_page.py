@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QHBoxLayout, QHeaderView, QTableView
 
 from homolog.arrays import FloatArray
 from homolog_app.views.check import checked_scene
-from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.content import SubjectContents, ViewContents
 from homolog_app.views.view_states import CheckView
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.check_display import CheckDisplay, NormalSphere
@@ -146,7 +146,7 @@ class CheckPage(ExplorePage):
         """Choose what was clicked."""
         self.look.handle_pick(pick)
 
-    def shown(self, subjects: Sequence[Content]) -> ViewContents:
+    def shown(self, subjects: SubjectContents) -> ViewContents:
         """Return the shapes with marks and colours."""
         inspection = self.checked.inspection
         if inspection is None:

@@ -1,7 +1,6 @@
 """The page *Groups*: tests of group differences or of a number's effect, and their map."""
 
 import shlex
-from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -19,7 +18,7 @@ from homolog_app.studies.answers import (
 )
 from homolog_app.studies.model_shape import largest_region, middle_of
 from homolog_app.studies.questions import effect_line, number_rows, question_text
-from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.content import SubjectContents, ViewContents
 from homolog_app.views.scenes import GREY_LABELS, group_scene
 from homolog_app.views.view_states import GroupsView
 from homolog_app.window.actions import Actions
@@ -239,7 +238,7 @@ class GroupsPage(ExplorePage):
         self.kept.setText(text)
         self.kept.setVisible(bool(text))
 
-    def shown(self, subjects: Sequence[Content]) -> ViewContents:
+    def shown(self, subjects: SubjectContents) -> ViewContents:
         """Return the map of the answer; the mean shape before there is one."""
         view = self.chosen
         return ViewContents(subjects) if view is None else group_scene(view, self.fitted.both, self.answers)
@@ -325,7 +324,7 @@ class GroupsPage(ExplorePage):
 
     def _go_to_significant(self) -> None:
         """Show the largest significant region."""
-        drawn, (content, *_) = self._map, self.shown(()).contents or (None,)
+        drawn, (content, *_) = self._map, self.shown(SubjectContents()).contents or (None,)
         if drawn is None or content is None:
             return
         largest = largest_region(self.answers[0].shape.mean.faces, drawn.significant)

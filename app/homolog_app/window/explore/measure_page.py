@@ -19,7 +19,7 @@ from homolog.arrays import FloatArray
 from homolog.progress import Tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.studies.study import with_present_table
-from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.content import SubjectContents, ViewContents
 from homolog_app.views.contents import MEAN, aligned_surfaces, named_surface, single_subject
 from homolog_app.views.scenes import deviations_of, measured_scene
 from homolog_app.views.view_states import MeasureView
@@ -197,13 +197,13 @@ class MeasurePage(ExplorePage):
             self.particles[self._next].setValue(nearest)
             self._next = 1 - self._next
 
-    def shown(self, subjects: Sequence[Content]) -> ViewContents:
+    def shown(self, subjects: SubjectContents) -> ViewContents:
         """Return the shape at the slider, with a line between the two particles."""
         view, shape = self.chosen, self.fitted.shape
         if view is None or shape is None:
             return ViewContents(subjects)
-        wanted = (view.subject, view.beside, view.distance_from)
-        own = {subject.name: single_subject(subject) for subject in subjects if subject.name in wanted}
+        wanted = [subjects.named(name) for name in (view.subject, view.beside, view.distance_from) if name]
+        own = {subject.name: single_subject(subject) for subject in wanted if subject is not None}
         return measured_scene(view, shape, own, self._groups)
 
     @property

@@ -1,6 +1,5 @@
 """The page *Modes*: shapes along the modes of variation."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -8,7 +7,7 @@ import numpy as np
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout
 
 from homolog.arrays import FloatArray
-from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.content import SubjectContents, ViewContents
 from homolog_app.views.scenes import mode_scene
 from homolog_app.views.view_states import ModesView
 from homolog_app.window.actions import Actions
@@ -101,12 +100,12 @@ class ModesPage(ExplorePage):
         """Hold."""
         self.player.stop()
 
-    def shown(self, subjects: Sequence[Content]) -> ViewContents:
+    def shown(self, subjects: SubjectContents) -> ViewContents:
         """Return the shape at the sliders, with the chosen subject next to it."""
         view = self.chosen
         if view is None:
             return ViewContents(subjects)
-        own = next((content for content in subjects if content.name == view.subject), None)
+        own = subjects.named(view.subject)
         own = own and replace(own, raw=None, note="groomed surface")
         early = self.fitted.preliminary
         if early is None:

@@ -13,7 +13,7 @@ from homolog.files.project import ProjectFolder
 from homolog.progress import Tick
 from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.studies.model_shape import ModelShape, PreliminaryModel, fit_model_shape
-from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.content import SubjectContents, ViewContents
 from homolog_app.views.view_states import View
 from homolog_app.window.actions import Actions
 from homolog_app.window.widgets import Panel
@@ -229,12 +229,12 @@ class ExplorePage(Panel):
             self.views.setCurrentIndex(self.views.findData(count))
             self.shown_changed.emit()
 
-    def shown(self, subjects: Sequence[Content]) -> ViewContents:
+    def shown(self, subjects: SubjectContents) -> ViewContents:
         """Return the contents of the views.
 
         Parameters
         ----------
-        subjects : sequence of Content
+        subjects : SubjectContents
             The subjects as they are shown anyway; `dataclasses.replace` gives them colours, arrows, lines.
         """
         return ViewContents(subjects)

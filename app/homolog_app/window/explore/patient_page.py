@@ -25,7 +25,7 @@ from homolog.errors import InputError
 from homolog.progress import Tick
 from homolog_app.report.request import names_reference, reference_first
 from homolog_app.studies.study import with_present_table
-from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.content import SubjectContents, ViewContents
 from homolog_app.views.follow_up import CHANGE, change_regions, change_scene
 from homolog_app.views.patient import (
     EXPECTED,
@@ -198,7 +198,7 @@ class PatientPage(ExplorePage):
         """False: a patient's file is not part of the project."""
         return self.comparison is None
 
-    def shown(self, subjects: Sequence[Content]) -> ViewContents:
+    def shown(self, subjects: SubjectContents) -> ViewContents:
         """Return the patient, or the subjects until there is one."""
         if self.comparison is None or self.reference is None:
             return ViewContents(subjects)
