@@ -221,7 +221,7 @@ def run_screenshot(arguments: argparse.Namespace) -> int:
     settings = with_options(ScreenshotSettings(), arguments)
     from homolog_app.exports.encode import write_still
     from homolog_app.rendering.draw import with_opengl
-    from homolog_app.views.content import KEPT, read_shown
+    from homolog_app.views.content import KEPT, open_page, read_shown
     from homolog_app.views.snapshot import view_contents_of
 
     with exporting(arguments) as tick:
@@ -231,7 +231,7 @@ def run_screenshot(arguments: argparse.Namespace) -> int:
             wanted = _snapshot(arguments.scene)
             shown, canvas = view_contents_of(ProjectFolder(arguments.project), wanted, tick), wanted.canvas
         tick(0.9, "drawing")
-        pixels = with_opengl(_drawn, shown, canvas, settings.scale, settings.transparent)
+        pixels = with_opengl(_drawn, *open_page(shown, canvas), settings.scale, settings.transparent)
         write_still(arguments.out, pixels)
     sys.stderr.write(f"{arguments.out}: {pixels.shape[1]} x {pixels.shape[0]} pixels\n")
     return 0

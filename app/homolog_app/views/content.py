@@ -1,7 +1,7 @@
 """Contents of the views, as values that can be stored in a file."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, overload
 
@@ -23,6 +23,7 @@ __all__ = [
     "Numbers",
     "SubjectContents",
     "ViewContents",
+    "open_page",
     "read_shown",
     "write_shown",
 ]
@@ -222,6 +223,16 @@ class _Texts(BaseModel):
     canvas: Canvas
 
 
+def open_page(shown: ViewContents, canvas: Canvas) -> tuple[ViewContents, Canvas]:
+    """Return only the contents of the views' open page, with the canvas of that page."""
+    if shown.columns is not None:
+        return shown, canvas
+    last = max(0, -(-len(shown.contents) // canvas.layout) - 1)
+    first = min(canvas.page, last) * canvas.layout
+    contents = shown.contents[first : first + canvas.layout]
+    return replace(shown, contents=contents), canvas.model_copy(update={"page": 0})
+
+
 def write_shown(path: Path, shown: ViewContents, canvas: Canvas) -> None:
     """Write the contents of the views' open page, with the canvas.
 
@@ -237,11 +248,8 @@ def write_shown(path: Path, shown: ViewContents, canvas: Canvas) -> None:
     InputError
         If the file can't be written.
     """
-    contents = shown.contents
-    if shown.columns is None:
-        first = canvas.page * canvas.layout
-        contents, canvas = contents[first : first + canvas.layout], canvas.model_copy(update={"page": 0})
-    scale = shown.scale
+    shown, canvas = open_page(shown, canvas)
+    contents, scale = shown.contents, shown.scale
     texts = _Texts(
         names=[content.name for content in contents],
         notes=[content.note for content in contents],

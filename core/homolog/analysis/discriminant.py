@@ -7,6 +7,7 @@ import numpy as np
 from scipy.stats import rankdata
 
 from homolog.analysis.effects import Effect, accuracy_bounds, auc_bounds
+from homolog.analysis.held_out import held_out_by_moments, stratified_folds
 from homolog.analysis.permutation import permutation_p_value
 from homolog.analysis.shape_model import leading_scores, principal_components
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
@@ -168,7 +169,7 @@ def discriminant(
     # Of many subjects the leading modes without one fold hardly leave those of all.
     reduced, _ = leading_scores(rows, len(rows) if len(rows) <= MANY else modes + _FURTHER)
     tick(0.5, "cross-validation of the discriminant")
-    fold_of = np.stack([_stratified(second, folds, generator) for _ in range(repeats)])
+    fold_of = np.stack([stratified_folds(second, folds, generator) for _ in range(repeats)])
     own = second[None], extra[None]
     rounds = np.concatenate([_held_out(reduced, *own, each[None], modes) for each in fold_of])
     accuracy, auc = (float(item) for item in _rates(rounds, np.tile(second, (repeats, 1))).mean(axis=0))
@@ -326,6 +327,8 @@ def _permuted_rates(
 ) -> FloatArray:
     """Return balanced accuracy and area under the curve (1 + B, 2): of labels as they are, then permuted."""
     count = len(second)
+    # Of many subjects it hardly matters; like every part of the statistic, it must not depend on the labels.
+    shrinkage = float(shrunk_covariance(rows - rows.mean(axis=0))[1])
     rates = np.empty((1 + permutations, 2))
     chunk = max(1, _CHUNK_VALUES // (_REPEATS_OF_P * folds * rows.size))
     for start in range(0, len(rates), chunk):
@@ -335,9 +338,14 @@ def _permuted_rates(
         for entry in range(start, stop):
             order = generator.permutation(count) if entry else np.arange(count)
             orders += [order] * _REPEATS_OF_P
-            fold_of += [_stratified(second[order], folds, generator) for _ in range(_REPEATS_OF_P)]
+            fold_of += [stratified_folds(second[order], folds, generator) for _ in range(_REPEATS_OF_P)]
         labels = second[orders]
-        held_out = _held_out(rows, labels, covariates[orders], np.stack(fold_of), modes)
+        given = labels, covariates[orders], np.stack(fold_of)
+        if count > MANY:
+            rounds = zip(*given, strict=True)
+            held_out = np.stack([held_out_by_moments(rows, *each, modes, shrinkage) for each in rounds])
+        else:
+            held_out = _held_out(rows, *given, modes)
         rates[start:stop] = _rates(held_out, labels).reshape(-1, _REPEATS_OF_P, 2).mean(axis=1)
     return rates
 
@@ -388,11 +396,3 @@ def _rates(held_out: FloatArray, second: BoolArray) -> FloatArray:
     count = high.shape[1]
     ranks = rankdata(np.concatenate([high, low], axis=1), axis=1)[:, :count].sum(axis=1)
     return np.column_stack([accuracy, (ranks - count * (count + 1) / 2.0) / (count * low.shape[1])])
-
-
-def _stratified(second: BoolArray, folds: int, generator: np.random.Generator) -> IntArray:
-    """Return a random fold of each subject, the groups spread evenly over the folds."""
-    fold_of = np.empty(len(second), np.int64)
-    for members in (np.flatnonzero(~second), np.flatnonzero(second)):
-        fold_of[generator.permutation(members)] = np.arange(len(members)) % folds
-    return fold_of

@@ -245,7 +245,7 @@ def test_both_particles_of_an_exchange_have_their_colour_and_number_on_every_sha
 def test_of_many_particles_of_a_suspect_only_the_chosen_one_has_its_number(checking):
     from homolog_app.views.check import Marks, checked_scene
 
-    page, shown = page_of(checking), checking.views.stage.scene.shown
+    page, shown = page_of(checking), checking.views.subjects
     inspection, names = page.checked.inspection, [content.name for content in shown]
     many, few = (
         checked_scene(shown, inspection, names, Marks("located", 3, 0, np.arange(count))) for count in (9, 8)

@@ -103,3 +103,12 @@ def test_many_subjects_are_cross_validated_in_their_leading_modes_as_in_all(corr
     np.testing.assert_allclose(reduced.scores, whole.scores, atol=1e-7)
     np.testing.assert_allclose(reduced.held_out, whole.held_out, atol=0.02)
     assert reduced.auc.value == pytest.approx(whole.auc.value, abs=0.01)
+
+
+def test_permutations_of_many_subjects_give_about_the_p_of_fits_to_every_fold(correlated, monkeypatch):
+    shapes, second = _two_groups(correlated, 0.7, subjects=60)
+    whole = discriminant(shapes, second, 3, bootstraps=5, repeats=2, permutations=199)
+    monkeypatch.setattr("homolog.analysis.discriminant.MANY", 10)
+    many = discriminant(shapes, second, 3, bootstraps=5, repeats=2, permutations=199)
+    assert many.auc.p == pytest.approx(whole.auc.p, abs=0.05)
+    assert many.accuracy.p == pytest.approx(whole.accuracy.p, abs=0.06)
