@@ -25,6 +25,7 @@ import numpy as np
 from homolog.beans.files import write_beans
 from homolog.beans.generate import draw_beans
 from homolog.cohort import Cohort, Subject, read_cohort
+from homolog.files.arrays import read_arrays
 from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result, read_surface, surface_file
 from homolog.geometry import inverse_matrices, transform_points
@@ -95,8 +96,7 @@ def make(folder, subjects, particles):
         )
         for origin, name, subject in zip(origins, names, cohort.subjects, strict=True)
     ]
-    smoothed = int(np.count_nonzero(result.smoothing))
-    record = record.model_copy(update={"subjects": chosen, "smoothed_particles": smoothed})
+    record = record.model_copy(update={"subjects": chosen})
     new = replace(
         result,
         names=tuple(names),
@@ -112,6 +112,10 @@ def make(folder, subjects, particles):
     with project.locked():
         project.groomed.mkdir(parents=True)
         write_from_memory(project, loaded, cohort)
+        smoothing = project.model / "smoothing.npz"
+        smoothed = np.count_nonzero(read_arrays(smoothing)["smoothing"]) if smoothing.is_file() else 0
+        written = record.model_copy(update={"smoothed_particles": smoothed})
+        project.write(project.read().model_copy(update={"result": written}))
 
 
 OPENING = """
