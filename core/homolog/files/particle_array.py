@@ -153,20 +153,20 @@ def _mapped(
 
 def _stamps_of_files(project: ProjectFolder) -> _Stamps:
     """Return size [bytes] and time [ns] of the files in both frames, by stem; of those that have both."""
-    found: dict[str, _Stamp] = {}
+    states: dict[str, _Stamp] = {}
     try:
         with os.scandir(project.particles) as entries:
             for entry in entries:
                 state = entry.stat()
-                found[entry.name] = state.st_size, state.st_mtime_ns
+                states[entry.name] = state.st_size, state.st_mtime_ns
     except OSError:
         return {}
     ends = [f"_{frame}.particles" for frame in FRAMES]
-    stems = [name.removesuffix(ends[0]) for name in found if name.endswith(ends[0])]
+    stems = [name.removesuffix(ends[0]) for name in states if name.endswith(ends[0])]
     return {
-        stem: tuple(found[stem + end] for end in ends)
+        stem: tuple(states[stem + end] for end in ends)
         for stem in stems
-        if all(stem + end in found for end in ends)
+        if all(stem + end in states for end in ends)
     }
 
 

@@ -110,5 +110,5 @@ def test_permutations_of_many_subjects_give_about_the_p_of_fits_to_every_fold(co
     whole = discriminant(shapes, second, 3, bootstraps=5, repeats=2, permutations=199)
     monkeypatch.setattr("homolog.analysis.discriminant.MANY", 10)
     many = discriminant(shapes, second, 3, bootstraps=5, repeats=2, permutations=199)
-    assert many.auc.p == pytest.approx(whole.auc.p, abs=0.05)
-    assert many.accuracy.p == pytest.approx(whole.accuracy.p, abs=0.06)
+    assert many.auc.p == pytest.approx(whole.auc.p, abs=0.1)
+    assert many.accuracy.p == pytest.approx(whole.accuracy.p, abs=0.15)
