@@ -114,8 +114,8 @@ class SceneActors:
         self._balls.actor.SetPosition(*way)
 
 
-_ZOOMED, _INSET, _RIM, _SMALLEST = 0.75, 0.36, 1.12, 48
-"""Share of a shape from which a view shows a part; size of the overview, its margin, its least pixels."""
+_CUT_OFF, _INSET, _RIM, _SMALLEST = 0.1, 0.36, 1.12, 48
+"""Share of half a shape from which it counts as cut; size of the overview, its margin, its least pixels."""
 
 
 class Overview:
@@ -169,13 +169,16 @@ class Overview:
         """
         width, height = self._renderer.GetSize()
         camera, side = self._renderer.GetActiveCamera(), round(_INSET * min(width, height))
-        low, high = (
-            (pick(points @ axes.T, axis=0) for pick in (np.min, np.max)) if len(points) else 2 * [axes[0]]
-        )
-        extent, middle = (high - low) / 2.0, (low + high) / 2.0
-        needed = max(extent[1], extent[0] * height / max(width, 1))
-        zoomed = self._renderer.GetDraw() and camera.GetParallelScale() < _ZOOMED * needed
-        self._inset.SetDraw(bool(zoomed and side >= _SMALLEST))
+        if not len(points):
+            self.hide()
+            return
+        low, high = (pick(points @ axes.T, axis=0) for pick in (np.min, np.max))
+        extent, middle = np.maximum((high - low) / 2.0, 1e-6), (low + high) / 2.0
+        centre = axes[:2] @ np.array(camera.GetFocalPoint()) - middle[:2]
+        half = camera.GetParallelScale() * np.array([width / max(height, 1), 1.0])
+        beyond = extent[:2] + np.abs(centre) - half
+        is_cut = bool((beyond > _CUT_OFF * extent[:2]).any())
+        self._inset.SetDraw(is_cut and self._renderer.GetDraw() and side >= _SMALLEST)
         if not self.shown:
             return
         for actor in actors:
@@ -190,8 +193,6 @@ class Overview:
         own.SetViewUp(*axes[1])
         own.SetParallelScale(scale)
         self._inset.ResetCameraClippingRange()
-        centre = axes[:2] @ np.array(camera.GetFocalPoint()) - middle[:2]
-        half = camera.GetParallelScale() * np.array([width / height, 1.0])
         corners = centre + half * [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
         pixels = (np.clip(corners / scale, -1.0, 1.0) + 1.0) / 2.0 * (side - 1)
         rim = [(0, 0), (side - 1, 0), (side - 1, side - 1), (0, side - 1)]
