@@ -381,14 +381,14 @@ def test_a_close_up_has_the_whole_shape_in_a_corner(checking, wait):
         scene.plot.repaint()
         return [cell.overview.shown for cell in cells[: scene.grid.count]]
 
-    assert not any(overviews())
+    wait(lambda: not any(overviews()))
     checking.commands["check.next"].trigger()
     settled(checking, wait)
     for camera in scene.grid.cameras.each:  # seen from an end, the whole shape may fit
         camera.SetParallelScale(0.4 * camera.GetParallelScale())
-    assert all(overviews())
+    wait(lambda: all(overviews()))
     checking.commands["view.reset"].trigger()
-    assert not any(overviews())
+    wait(lambda: not any(overviews()))
 
 
 def test_a_wall_in_front_of_a_close_up_is_cut_away_until_the_whole_shapes_are_shown(checking):
