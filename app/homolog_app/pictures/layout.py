@@ -126,7 +126,8 @@ class _Page:
             width, height = self._size
             self._images = self.axes(0.0, 0.0, width, height)
             self._images.axis("off")
-            self._images.set(xlim=(0.0, width), ylim=(height, 0.0), autoscale_on=False)
+            limits = {"xlim": (0.0, width), "ylim": (height, 0.0), "autoscale_on": False}
+            self._images.set(xticks=(), yticks=(), **limits)  # ticks are slow to make, even invisible ones
         extent = (x, x + w, y + h, y)
         self._images.imshow(pixels, interpolation="none", aspect="auto", extent=extent)
 
