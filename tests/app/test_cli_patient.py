@@ -4,6 +4,7 @@ import csv
 import signal
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -84,8 +85,10 @@ def test_particles_of_a_patient_lie_where_the_run_puts_them(report, reference, f
     assert np.median(np.linalg.norm(here - there, axis=1)) < 0.3 * spacing
 
 
-def test_every_page_says_research_use(report):
+def test_every_page_says_research_use_and_the_report_its_day(report):
     page = (report / "report.html").read_text("utf-8")
+    written = datetime.fromtimestamp((report / "report.html").stat().st_mtime, UTC)
+    assert f"Report of {written.date().isoformat()}" in page
     assert page.count("For research use only") >= 2
     assert "project, 4 controls" in page
     pdf = (report / "report.pdf").read_bytes()

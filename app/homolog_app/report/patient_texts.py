@@ -1,6 +1,7 @@
 """Texts about a reference and a patient: rows and sentences."""
 
 from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
 
 import numpy as np
 
@@ -54,12 +55,12 @@ METHOD = (
 
 
 def who_text(comparison: PatientComparison, reference: Reference) -> str:
-    """Name the reference, and the patient's covariates."""
+    """Name the reference, the patient's covariates, and the day of the report."""
     about = reference.provenance
     given = ", ".join(f"{name} {value}" for name, value in comparison.covariates.items())
     return (
         f"Reference: {about.project}{f', {about.group}' if about.group else ''}, {about.controls} controls"
-        f"{f'. Patient: {given}' if given else ''}."
+        f"{f'. Patient: {given}' if given else ''}. Report of {datetime.now(UTC).date().isoformat()}."
     )
 
 
