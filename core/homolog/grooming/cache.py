@@ -27,7 +27,7 @@ __all__ = [
     "save_groomed",
 ]  # fmt: skip
 
-_VERSION = "9"
+_VERSION = "10"
 """To be raised whenever grooming gives other results: older archives are then made again."""
 _REGISTRATION_VERSION = "2"
 """To be raised whenever `registered` gives other results."""

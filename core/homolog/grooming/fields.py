@@ -14,9 +14,13 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.redistance import redistanced
 from homolog.surfaces.topology import without_cavities
 
-__all__ = ["distance_field", "volume_inside"]
+__all__ = ["ENOUGH", "distance_field", "restored", "volume_inside"]
 
 _FINAL = 0.85  # of the smoothing, after the distances are made
+ENOUGH = 0.95
+"""Of a structure's volume: a surface that encloses less is moved outward."""
+_FARTHEST = 0.4  # voxels: how far it is moved
+_ROUNDS, _EXACT = 4, 0.02  # of the volume: what is too much is taken back
 _OF_PATCHES = -0.3  # nodes: the level of nodes that fill a tunnel
 _KEPT = 0.2  # nodes: how far from zero a node on its own side is kept, if the topology would change
 
@@ -67,6 +71,45 @@ def volume_inside(field: DistanceField) -> float:
     if not (field.values < 0.0).any():
         return 0.0
     return TriangleMesh(*marching_cubes(field.values)).volume * field.spacing**3
+
+
+def restored(field: DistanceField, volume: float, voxel: float) -> DistanceField:
+    """Return a field whose surface is moved outward until it encloses enough of a structure's volume.
+
+    Smoothing shrinks structures of few voxels. The surface is moved by less than half a voxel, and not if
+    that would change its topology.
+
+    Parameters
+    ----------
+    field : DistanceField
+    volume : float
+        Of the structure's voxels [mm³].
+    voxel : float
+        Edge of a voxel [mm].
+
+    Returns
+    -------
+    DistanceField
+        The same if nothing is missing.
+    """
+    moved = 0.0
+    for _ in range(_ROUNDS):
+        surface = TriangleMesh(*marching_cubes(field.values - np.float32(moved)))
+        missing = ENOUGH * volume - surface.volume * field.spacing**3
+        if -_EXACT * volume < missing <= 0.0:
+            break
+        change = missing / (surface.area * field.spacing**2)
+        moved = float(np.clip(moved + change, 0.0, _FARTHEST * voxel))
+    values = field.values - np.float32(moved)
+    if moved == 0.0 or not _alike(values, field.values):
+        return field
+    return DistanceField(values, field.index_to_world)
+
+
+def _alike(values: Array, others: Array) -> bool:
+    """Return whether two level functions have one zero level each, of the same topology."""
+    one = all(_pieces(item) == 1 for item in (values, -values))
+    return one and _euler_number(values) == _euler_number(others)
 
 
 def _smoothed_alike(distances: Float32Array, sigma: float) -> Float32Array:

@@ -9,7 +9,7 @@ from homolog.cohort import Subject
 from homolog.errors import InputError, NumericalError
 from homolog.files.meshes import read_mesh
 from homolog.grooming.clean import cleaned
-from homolog.grooming.fields import distance_field, volume_inside
+from homolog.grooming.fields import ENOUGH, distance_field, restored, volume_inside
 from homolog.grooming.images import Segmentation, read_segmentation
 from homolog.grooming.levels import MANY_CROSSED, USUAL_NODES, edges_crossed, level_of_voxels
 from homolog.grooming.missing_slices import with_missing_slices
@@ -46,6 +46,8 @@ _FULL = 0.75
 _POINTER = b"version https://git-lfs"
 _SHORTEST, _LONGEST = 0.5, 3000.0
 """mm: a shape beyond is probably in another unit."""
+_SHRUNK = 0.9
+"""Of the voxels' volume: a surface that encloses less gets a note."""
 _LEAST_HELD = 0.3
 """Of the voxels' volume: what holds less is refused."""
 
@@ -317,6 +319,8 @@ def _field_of_voxels(
                 thin = f"parts are thin: the grid was made finer than the image, {level.step:.3g} mm"
                 result, held = (finer, (*notes, thin), loose), more
     _refuse_lost(held, settings)
+    if held < ENOUGH:
+        result = restored(result[0], segmentation.volume, float(segmentation.spacing.min())), *result[1:]
     return result
 
 
@@ -330,8 +334,10 @@ def _refuse_lost(held: float, settings: GroomSettings) -> None:
 
 
 def _kept(share: float, dropped: int, loose: int) -> list[str]:
-    """Return a note on the share of a structure's volume that was kept, if pieces were dropped."""
+    """Return a note on how much of a volume was kept, if pieces were dropped or it is little."""
     pieces = [f"the largest of {dropped + 1} separate pieces"] if dropped else []
     pieces += [f"{loose} small piece{'s' if loose > 1 else ''} came loose in smoothing"] if loose else []
     kept = "more than 99.9 %" if share > 0.999 else f"{100.0 * share:.3g} %"
+    if not pieces and share < _SHRUNK:
+        return [f"the surface encloses {kept} of the structure's volume: parts are thin for its voxels"]
     return [f"{kept} of the structure's volume was kept: {', '.join(pieces)}"] if pieces else []

@@ -319,3 +319,34 @@ def test_a_labelled_background_is_refused(save):
         groomed(save(mask, "background.nrrd"))
     mask[:4] = 0
     assert groomed(save(mask, "half.nrrd"), spacing=1.0).report.padded
+
+
+@pytest.fixture
+def write_ball(tmp_path):
+    """Write an ellipsoid of few voxels; returns its file and its volume [mm³]."""
+    import SimpleITK
+
+    def write(radii, spacing):
+        places = np.stack(np.meshgrid(*[np.arange(-9, 10)] * 3, indexing="ij"), axis=-1) * spacing
+        mask = np.square(places / radii).sum(axis=-1) < 1.0
+        image = SimpleITK.GetImageFromArray(mask.astype(np.uint8).T)
+        image.SetSpacing([spacing] * 3)
+        SimpleITK.WriteImage(image, str(tmp_path / "ball.nrrd"))
+        return tmp_path / "ball.nrrd", float(mask.sum() * spacing**3)
+
+    return write
+
+
+@pytest.mark.parametrize("radii", [(12.0, 12.0, 40.0), (11.0, 25.0, 45.0), (20.0, 20.0, 20.0)])
+def test_a_structure_of_few_voxels_keeps_its_volume(write_ball, radii):
+    path, volume = write_ball(radii, 6.0)
+    result = groomed(path)
+    assert result.mesh.volume == pytest.approx(volume, rel=0.07)
+    check_mesh(result.mesh, "ball")
+
+
+def test_a_surface_that_encloses_much_less_than_the_voxels_gets_a_note(write_ball):
+    path, volume = write_ball((30.0, 30.0, 10.0), 6.0)
+    result = groomed(path, smoothing=3.0)
+    assert result.mesh.volume < 0.9 * volume
+    assert "of the structure's volume" in " ".join(result.report.notes)
