@@ -108,8 +108,8 @@ def restored(field: DistanceField, volume: float, voxel: float) -> DistanceField
 
 def _alike(values: Array, others: Array) -> bool:
     """Return whether two level functions have one zero level each, of the same topology."""
-    one = all(_pieces(item) == 1 for item in (values, -values))
-    return one and _euler_number(values) == _euler_number(others)
+    whole = all(_pieces(item) == 1 for item in (values, -values))
+    return whole and _euler_number(values) == _euler_number(others)
 
 
 def _smoothed_alike(distances: Float32Array, sigma: float) -> Float32Array:
