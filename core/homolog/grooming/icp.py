@@ -104,6 +104,8 @@ def registered(moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = Fa
     starts = np.array([np.eye(4), *(look.pose for look in looks[:_TRIALS])])
     given, *trials = _iterated(own, other, starts, _FEW, _TRIAL_ROUNDS)
     best = min(trials, key=lambda fit: fit.distance)
+    if not free and best.distance <= _CLEARLY_BETTER * given.distance:  # which may not have settled yet
+        given = _iterated(own, other, given.pose[None], _FEW, _ROUNDS)[0]
     if best.distance > (1.0 if free else _CLEARLY_BETTER) * given.distance:
         best = given
     return _iterated(own, other, best.pose[None], _MANY, _ROUNDS)[0]

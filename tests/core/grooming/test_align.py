@@ -201,3 +201,21 @@ def test_shapes_whose_files_lie_in_any_orientation_are_matched_by_the_little_tha
     back = Rotation.from_matrix(registration.alignments[:, :3, :3]) * turns
     assert np.degrees((back * back[0].inv()).magnitude()).max() < 25.0
     assert all("orientations" in note for note in registration.notes)
+
+
+@pytest.mark.parametrize("degrees", [60.0, 70.0])
+def test_a_symmetric_shape_is_turned_the_short_way(degrees):
+    """Its given orientation settles slowly; three others fit as well."""
+    axes, rng = np.array([1.0, 0.7, 0.5]), np.random.default_rng(0)
+    turn = Rotation.from_euler("z", degrees, degrees=True)
+    shapes = []
+    for rotation in (turn, Rotation.identity()):
+        sphere = rng.normal(size=(400, 3))
+        sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
+        points = sphere * axes * (1.0 + 0.04 * rng.normal(size=(400, 1)))
+        normals = sphere / axes / np.linalg.norm(sphere / axes, axis=1, keepdims=True)
+        shape = OrientedPoints(rotation.apply(points), rotation.apply(normals), np.zeros(3))
+        shapes.append(shape.scaled(1.0 / shape.size))
+    pose = registered(*shapes).pose[:3, :3]
+    angle = np.degrees(Rotation.from_matrix(pose / np.cbrt(np.linalg.det(pose))).magnitude())
+    assert angle == pytest.approx(degrees, abs=15.0)
