@@ -89,6 +89,7 @@ def keep_groups(
     order["explore.test"].trigger()
     until(lambda: page.answers and not session.job.is_busy)
     page.results.chosen.emit(1, 0)
+    until(lambda: page.answers[0].study is page.all.own[1] and not session.job.is_busy)
     order["view.corner"].trigger()
     keep("groups")
 
