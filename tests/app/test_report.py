@@ -240,7 +240,7 @@ def test_python_answers_describes_and_reports_as_the_commands_do(project, capsys
 def test_places_have_the_names_that_the_authors_give_them(project, capsys):
     question = ["analyze", str(project.folder), *QUICK, "--between", "A", "C", "--size", "with"]
     assert main([*question, "--places", "basal/apical"]) == 2
-    assert "--places" in capsys.readouterr().err
+    assert "--places basal/apical: must be two names for each" in capsys.readouterr().err
     assert main([*question, "--places", "septal/lateral -y/+y basal/apical"]) == 0
     rows = _rows(project.folder / "analysis" / "groups_group_A_C" / "regions.csv")
     top = max(rows, key=lambda row: float(row["peak_z_mm"]))

@@ -1,10 +1,12 @@
 """What only the authors know of a project, kept for its reports: structure, cohort, meaning of the axes."""
 
 import json
+import re
 from enum import StrEnum
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic_core import PydanticCustomError
 
 from homolog.errors import InputError
 from homolog.files.atomic import write_text
@@ -21,6 +23,18 @@ class Axes(StrEnum):
     AUTO = "auto"
     PATIENT = "patient"
     FILE = "file"
+
+
+_PLACES = re.compile(r"([^\s/]+/[^\s/]+ ){2}[^\s/]+/[^\s/]+")
+
+
+def _checked_places(places: str) -> str:
+    if places and not _PLACES.fullmatch(places):
+        raise PydanticCustomError(
+            "places",
+            "must be two names for each axis, such as: septal/lateral anterior/inferior basal/apical",
+        )
+    return places
 
 
 class ReportDetails(BaseModel):
@@ -67,11 +81,11 @@ class ReportDetails(BaseModel):
         str,
         Field(
             max_length=200,
-            pattern=r"^([^\s/]+/[^\s/]+ [^\s/]+/[^\s/]+ [^\s/]+/[^\s/]+)?$",
             description="What the sides of the structure are called, instead of by the axes, such as: "
             "septal/lateral anterior/inferior basal/apical. Two names for each axis, towards smaller and "
             "larger x, y and z.",
         ),
+        AfterValidator(_checked_places),
     ] = ""
 
 
