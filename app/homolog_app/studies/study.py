@@ -204,8 +204,8 @@ class Extension:
 
 def extension_of(study: Study, result: ResultRecord) -> Extension:
     """Return the possible extension of a result by a run of a study."""
-    known = [subject.name for subject in result.subjects]
-    names = [subject.name for subject in study.included]
+    known = dict.fromkeys(subject.name for subject in result.subjects)  # not lists: thousands are looked up
+    names = dict.fromkeys(subject.name for subject in study.included)
     fresh = tuple(name for name in names if name not in known)
     gone = [name for name in known if name not in names]
     more = study.settings.optimize.particles - result.particles
@@ -244,8 +244,8 @@ def extension_of(study: Study, result: ResultRecord) -> Extension:
 
 def outdated_text(study: Study, result: ResultRecord) -> str:
     """Describe changes of cohort and settings since a result was computed; empty without changes."""
-    known = [subject.name for subject in result.subjects]
-    names = [subject.name for subject in study.included]
+    known = dict.fromkeys(subject.name for subject in result.subjects)  # not lists: thousands are looked up
+    names = dict.fromkeys(subject.name for subject in study.included)
     gone, fresh = [name for name in known if name not in names], [name for name in names if name not in known]
     parts = [f"{_listed(gone)} {_are(gone)} excluded in Cohort but still part of it"] if gone else []
     parts += [f"{_listed(fresh)} {_are(fresh)} not part of it"] if fresh else []
