@@ -11,7 +11,7 @@ if __name__ == "__main__":  # make_reference starts processes, which import this
     reference = hl.make_reference(sys.argv[1])  # group="NOR", adjust=["age"] if the table has them
     reference.save("reference.npz")
 
-    patient = hl.compare_patient(hl.Reference.load("reference.npz"), sys.argv[2])
+    patient = hl.compare_patient("reference.npz", sys.argv[2])
     print(f"{patient.name}: largest |z| {patient.local.value:.1f}, limit {reference.limit:.1f}")
     print(f"distance in the modes: percentile {patient.mahalanobis.percent:.0f} of the controls")
     for region in patient.regions:

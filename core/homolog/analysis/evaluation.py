@@ -105,7 +105,9 @@ def specificity(
     nearest = np.empty((len(modes), draws))
     for row, k in enumerate(modes):
         if not 1 <= k <= len(model.explained_variance):
-            raise InputError(f"specificity of {k} modes: the model has {len(model.explained_variance)}")
+            raise InputError(
+                f"specificity of {k} modes: the model has {len(model.explained_variance)}; use fewer"
+            )
         for draw in range(draws):
             tick((row + draw / draws) / len(modes), "specificity")
             apart = particles - model.instance(deviations[draw, :k])

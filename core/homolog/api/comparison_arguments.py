@@ -59,7 +59,7 @@ def pairs_of(
     """Return the first and the second of each pair of subjects."""
     if any(isinstance(pair, tuple | list) for pair in pairs):
         raise InputError(
-            "pairs: names the pair of each subject; which of several groups are compared is said by "
+            "pairs: give the name of each subject's pair; to choose which groups to compare, use "
             f"comparisons={list(pairs)!r}"
         )
     _check_length(pairs, labels)

@@ -100,18 +100,14 @@ def as_mesh(shape: Any) -> TriangleMesh | None:  # noqa: ANN401 - meshes of any 
 
 def _checked(vertices: Any, faces: Any) -> TriangleMesh:  # noqa: ANN401 - whatever numpy takes as arrays
     points, corners = np.asarray(vertices), np.asarray(faces)
-    if points.ndim != 2 or points.shape[1] != 3 or corners.ndim != 2 or corners.shape[1] != 3:
-        raise InputError(
-            f"a mesh needs vertices (V, 3) and faces (F, 3), not {points.shape} and {corners.shape}; "
-            "triangulate it"
-        )
     if corners.dtype.kind not in "iu" or not len(corners):
         raise InputError("faces must be integers, one row for each triangle, at least one")
+    mesh = TriangleMesh(points, corners)
     if corners.min() < 0 or corners.max() >= len(points):
         raise InputError("faces refer to vertices that do not exist; indices start at 0")
     if not np.isfinite(points).all():
         raise InputError("vertices are not finite numbers; export the mesh again")
-    return TriangleMesh(points, corners)
+    return mesh
 
 
 def _source(

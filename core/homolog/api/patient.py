@@ -57,6 +57,10 @@ def make_reference(
     InputError
         If the project has no result, there are fewer than eight controls (or controls with two times), or
         a value is missing.
+
+    References
+    ----------
+    docs/patient.md describes the method and names its sources; docs/examples/one_patient.py is an example.
     """
     return _make(
         ProjectFolder(Path(project)), group=group, adjust=adjust, pairs=pairs, time=time, workers=workers,
@@ -65,7 +69,7 @@ def make_reference(
 
 
 def compare_patient(
-    reference: Reference,
+    reference: Reference | str | PathLike[str],
     shape: object,
     covariates: Mapping[str, object] | None = None,
     *,
@@ -80,7 +84,8 @@ def compare_patient(
 
     Parameters
     ----------
-    reference : Reference
+    reference : Reference or path
+        From `make_reference`, or the file of one.
     shape : path, mesh, image or array
         As the shapes of `correspond`; groomed with the settings of the controls.
     covariates : mapping of str to value, optional
@@ -101,8 +106,15 @@ def compare_patient(
     Raises
     ------
     InputError
-        If the shape is empty, has another unit, side or structure, is cut off, or a covariate is missing.
+        If the shape is empty, has another unit, side or structure, is cut off, or a covariate is missing; if
+        the file of the reference can't be read.
+
+    References
+    ----------
+    docs/patient.md describes the method and names its sources; docs/examples/one_patient.py is an example.
     """
+    if not isinstance(reference, Reference):
+        reference = Reference.load(reference)
     values = {name: str(value) for name, value in (covariates or {}).items()}
     reference.coding.columns(values)  # refuses before anything is computed
     settings, tick = reference.provenance.groom, tick_of(callback)

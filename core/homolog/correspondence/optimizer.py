@@ -85,7 +85,7 @@ def optimize(
     """
     devices = choose_device(device).split(",")
     if len(shapes) < 2:
-        raise InputError("correspondence needs at least two shapes")
+        raise InputError("correspondence needs at least two shapes; give more")
     if initial is not None:
         _check_initial(initial, len(shapes), settings.particles)
     free_shapes: BoolArray | None = None

@@ -268,7 +268,8 @@ def _collected(futures: dict[Future[_Fitted], int], tick: Tick) -> dict[int, _Fi
                     result[futures[future]] = future.result()
                 except BrokenExecutor as error:
                     raise NumericalError(
-                        "a process that fitted controls died, for lack of memory: use fewer workers"
+                        "a process that fitted controls ended unexpectedly, probably for lack of memory; "
+                        "use fewer workers"
                     ) from error
     finally:
         for future in pending:

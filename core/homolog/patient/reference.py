@@ -282,6 +282,15 @@ class Reference:
     def load(cls, path: str | PathLike[str]) -> "Reference":
         """Read a reference that `save` wrote.
 
+        Parameters
+        ----------
+        path : path
+            The file.
+
+        Returns
+        -------
+        Reference
+
         Raises
         ------
         InputError

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from homolog.arrays import FloatArray, IntArray, frozen
+from homolog.errors import InputError
 from homolog.geometry import transform_points
 from homolog.memory import Store
 
@@ -22,6 +23,11 @@ class TriangleMesh:
         Positions [mm], read-only.
     faces : (F, 3) int32 array
         Vertex indices, read-only.
+
+    Raises
+    ------
+    InputError
+        If an array has another shape.
 
     Examples
     --------
@@ -40,6 +46,12 @@ class TriangleMesh:
         """Freeze the arrays."""
         object.__setattr__(self, "vertices", frozen(self.vertices, np.float64))
         object.__setattr__(self, "faces", frozen(self.faces, np.int32))
+        shapes = self.vertices.shape, self.faces.shape
+        if any(len(shape) != 2 or shape[1] != 3 for shape in shapes):
+            raise InputError(
+                f"a mesh needs vertices (V, 3) and faces (F, 3), not {shapes[0]} and {shapes[1]}; "
+                "triangulate it"
+            )
 
     def __repr__(self) -> str:
         """Return a line for people."""

@@ -137,8 +137,6 @@ def _vertex_components(faces: IntArray, n_vertices: int) -> IntArray:
 
 def _array_fault(mesh: TriangleMesh) -> str:
     vertices, faces = mesh.vertices, mesh.faces
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
-        return f"needs arrays of shape (V, 3) and (F, 3), not {vertices.shape} and {faces.shape}"
     if len(faces) == 0:
         return "has no faces; is the segmentation empty?"
     if not np.isfinite(vertices).all():

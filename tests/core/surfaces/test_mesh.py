@@ -3,6 +3,7 @@ import pickle
 import numpy as np
 import pytest
 
+from homolog.errors import InputError
 from homolog.surfaces.mesh import TriangleMesh
 
 
@@ -35,3 +36,9 @@ def test_arrays_are_read_only_and_stay_so_through_pickling(tetrahedron):
         assert mesh.faces.dtype == np.int32
         with pytest.raises(ValueError, match="read-only"):
             mesh.vertices[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(("vertices", "faces"), [((4, 2), (4, 3)), ((4, 3), (4, 4)), ((12,), (4, 3))])
+def test_arrays_of_other_shapes_are_refused(vertices, faces):
+    with pytest.raises(InputError, match=r"\(V, 3\)"):
+        TriangleMesh(np.zeros(vertices), np.zeros(faces, int))

@@ -51,7 +51,6 @@ BOW_TIE = np.where(FACES == 0, 0, FACES + 3)
 
 FAULTS = [
     (VERTICES, FACES[:0], "has no faces"),
-    (VERTICES[:, :2], FACES, "needs arrays of shape"),
     (with_vertex(2, np.nan), FACES, "1 vertices that are not finite"),
     (VERTICES, FACES + 1, "vertices outside 0 … 3"),
     (VERTICES, FACES - 1, "vertices outside 0 … 3"),
