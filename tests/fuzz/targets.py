@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from dicom_files import good_deflated_seg, good_seg, good_series
 from harness import Target
 
 from homolog.cohort import Subject, read_cohort
@@ -243,57 +244,6 @@ def good_3mf(folder: Path) -> None:
             f"<triangles>{faces}</triangles>"
             '</mesh></object></resources><build><item objectid="1"/></build></model>',
         )
-
-
-def good_series(folder: Path) -> None:
-    """A label map of six slices."""
-    import SimpleITK
-
-    (folder / "series").mkdir()
-    writer = SimpleITK.ImageFileWriter()
-    writer.KeepOriginalImageUIDOn()
-    for number in range(6):
-        image = SimpleITK.GetImageFromArray(np.full((1, 8, 9), 3 - number // 2, np.uint8))
-        tags = {
-            "0008|0060": "OT", "0020|000d": "1.2.3", "0020|000e": "1.2.4", "0008|0018": f"1.2.4.{number + 1}",
-            "0020|0032": f"0\\0\\{number}", "0020|0037": "1\\0\\0\\0\\1\\0", "0020|0013": str(number),
-        }  # fmt: skip
-        for key, value in tags.items():
-            image.SetMetaData(key, value)
-        writer.SetFileName(folder / "series" / f"{number}.dcm")
-        writer.Execute(image)
-
-
-def good_seg(folder: Path) -> None:
-    """A segmentation object over that label map."""
-    import highdicom
-    import pydicom
-    from pydicom.sr.codedict import codes
-
-    good_series(folder)
-    sources = [pydicom.dcmread(path) for path in sorted((folder / "series").iterdir())]
-    shutil.rmtree(folder / "series")
-    for source in sources:
-        for name in ("PatientName", "PatientBirthDate", "PatientSex", "StudyDate", "StudyTime", "StudyID"):
-            setattr(source, name, "")
-        source.PatientID = source.AccessionNumber = source.ReferringPhysicianName = ""
-        source.FrameOfReferenceUID, source.SliceThickness, source.PixelSpacing = "1.2.9", 1.0, [1.0, 1.0]
-    organ = highdicom.seg.SegmentDescription(1, "all", codes.SCT.Organ, codes.SCT.Liver, "MANUAL")
-    highdicom.seg.Segmentation(
-        sources, np.ones((6, 8, 9), np.uint8), "BINARY", [organ], "1.2.5", 1, "1.2.5.1", 1, "m", "m", "1", "1"
-    ).save_as(folder / "a.dcm")
-
-
-def good_deflated_seg(folder: Path) -> None:
-    """The same, deflated as a whole."""
-    import pydicom
-    from pydicom.uid import DeflatedExplicitVRLittleEndian
-
-    good_seg(folder)
-    content = pydicom.dcmread(folder / "a.dcm")
-    content.file_meta.TransferSyntaxUID = DeflatedExplicitVRLittleEndian
-    content.save_as(folder / "deflated.dcm", implicit_vr=False, little_endian=True)
-    (folder / "a.dcm").unlink()
 
 
 def good_vtk_particles(folder: Path) -> None:
