@@ -38,7 +38,7 @@ class RegisterPair(Protocol):
 _OTHER_UNIT = 100.0
 _OTHER_SIZE = 5.0  # times the median: a file in cm among files in mm is ten times smaller
 _FEWEST = 3  # subjects that it takes to say which is the odd one
-_ODD, _USUAL = 2.0, 0.06  # of the usual distance, of at least this: from where on a subject is odd
+_ODD, _LEAST_TYPICAL = 2.0, 0.06  # a subject is odd beyond this times the median distance, or this one
 _TURNED = 60.0  # degrees
 _DOUBTFUL = 40.0  # degrees: a turn away from the others that is looked at again
 _NEIGHBOURS = 3
@@ -223,11 +223,11 @@ def _by_neighbours(
 
 
 def _turns(alignments: FloatArray) -> FloatArray:
-    """Return by what angle each similarity (M, 4, 4) turns relative to the most usual one [degrees]."""
+    """Return by what angle each similarity (M, 4, 4) turns relative to the most typical one [degrees]."""
     turns = Rotation.from_matrix(rotation_of(alignments))
-    angles = np.degrees([(turns * turn.inv()).magnitude() for turn in turns])
-    usual: FloatArray = angles[int(np.argmin(np.median(angles, axis=1)))]
-    return usual
+    between = np.degrees([(turns * turn.inv()).magnitude() for turn in turns])
+    angles: FloatArray = between[int(np.argmin(np.median(between, axis=1)))]
+    return angles
 
 
 def _radii(oriented_shapes: Sequence[OrientedPoints]) -> FloatArray:
@@ -242,16 +242,16 @@ def _notes(alignments: FloatArray, distances: FloatArray, sizes: FloatArray) -> 
     if len(distances) < _FEWEST:
         return (None,) * len(distances)
     typical = float(np.median(distances))
-    usual = _turns(alignments)
-    many = 2 * np.count_nonzero(usual > _DOUBTFUL) >= len(usual)
+    angles = _turns(alignments)
+    many = 2 * np.count_nonzero(angles > _DOUBTFUL) >= len(angles)
     notes: list[str | None] = []
     ratios = sizes / np.median(sizes)
-    for distance, angle, ratio in zip(distances.tolist(), usual.tolist(), ratios.tolist(), strict=True):
+    for distance, angle, ratio in zip(distances.tolist(), angles.tolist(), ratios.tolist(), strict=True):
         note = None
         if not 1.0 / _OTHER_SIZE < ratio < _OTHER_SIZE:
             times, word = (ratio, "large") if ratio > 1.0 else (1.0 / ratio, "small")
             note = f"is {times:.0f} times as {word} as most others; check that its unit is mm"
-        elif distance > _ODD * max(typical, _USUAL):
+        elif distance > _ODD * max(typical, _LEAST_TYPICAL):
             note = (
                 f"does not look like the others: {100.0 * distance:.0f} % of its size away from the most "
                 f"typical subject, usually {100.0 * typical:.0f} %; check that it shows the same structure"
@@ -260,7 +260,7 @@ def _notes(alignments: FloatArray, distances: FloatArray, sizes: FloatArray) -> 
             note = (
                 "the files have different orientations; each shape was rotated to match the others: check it"
             )
-        elif np.median(usual) < _TURNED < angle:
+        elif np.median(angles) < _TURNED < angle:
             note = f"was rotated by {angle:.0f}° to match most others; check it and its side"
         notes.append(note)
     return tuple(notes)
