@@ -282,15 +282,6 @@ class Reference:
     def load(cls, path: str | PathLike[str]) -> "Reference":
         """Read a reference that `save` wrote.
 
-        Parameters
-        ----------
-        path : path
-            The file.
-
-        Returns
-        -------
-        Reference
-
         Raises
         ------
         InputError
