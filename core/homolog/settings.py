@@ -229,10 +229,10 @@ class OptimizeSettings(_Settings):
             le=10.0,
             description="Weight of the ensemble entropy H(Z) relative to the sampling entropy.",
         ),
-    ] = 0.02
+    ] = 0.014
     normals_weight: Annotated[
         float, Field(gt=0.0, le=10.0, description="Weight of the entropy of the surface normals, H(V).")
-    ] = 0.15
+    ] = 0.1
     opening_weight: Annotated[
         float,
         Field(
@@ -241,7 +241,7 @@ class OptimizeSettings(_Settings):
             description="Weight of opening angles (edges, tips, hollows) relative to normals in H(V); 0 "
             "gives the paper's H(V).",
         ),
-    ] = 1.5
+    ] = 1.0
     regularization_start: Annotated[
         float,
         Field(
@@ -253,7 +253,7 @@ class OptimizeSettings(_Settings):
     ] = 10.0
     regularization_end: Annotated[
         float, Field(gt=0.0, le=1e6, description="Regularization of the covariances when annealing ends.")
-    ] = 0.0005
+    ] = 0.00025
     split_iterations: Annotated[int, Field(ge=5, le=100000, description="Iterations after each split.")] = 50
     anneal_iterations: Annotated[
         int,

@@ -125,7 +125,7 @@ def test_a_run_ends_with_exchanges_that_lower_its_objective(discs, monkeypatch):
 
     monkeypatch.setattr("homolog.correspondence.loop.exchange", exchange)
     result = optimize(discs, ON.model_copy(update={"settle_iterations": 5}))
-    assert given == [(64, 5e-4, True)]
+    assert given == [(64, ON.regularization_end, True)]
     assert (result.repaired > 0)[exchanged].all()
 
 
