@@ -22,6 +22,9 @@ def test_every_setting_is_an_option_with_its_help_bounds_and_unit(parser):
     for model in (OptimizeSettings, GroomSettings, RunSettings):
         for parameter in parameters(model):
             assert f"--{parameter.name.replace('_', '-')}" in text
+            if parameter.name == "label":  # the option also takes a structure's name
+                assert "--label LABEL" in text
+                continue
             assert " ".join(parameter.help.split()) in text
             assert f"({parameter.bounds}" in text
 

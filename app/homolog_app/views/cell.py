@@ -1,6 +1,6 @@
 """One view of the grid, and the cameras: one for all views, or one each."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -292,7 +292,8 @@ class ViewCell:
         if self.content is not None:
             self.texts.face(self.content.patient_axes, right, up)
         self._numbers.face(right, self.texts.caption)
-        self.overview.face(self.surface_actors, self.points, np.stack([right, up, ahead]))
+        shown = _some_of(self._placed[name] for name in self._shown if name in self._placed)
+        self.overview.face(self.surface_actors, shown, np.stack([right, up, ahead]))
 
     @property
     def axes(self) -> FloatArray:
@@ -306,7 +307,7 @@ class ViewCell:
     @property
     def points(self) -> FloatArray:
         """Some vertices of the surfaces [mm], (n, 3), whether shown or not."""
-        return np.concatenate([np.empty((0, 3)), *(placed[::_SPARSE] for placed in self._placed.values())])
+        return _some_of(self._placed.values())
 
     def fit(self, points: FloatArray, room: ViewMargins) -> None:
         """Zoom so that points (n, 3) fill the present view."""
@@ -346,3 +347,8 @@ class ViewCell:
         """Extent of the surfaces [mm], of the input's only where it is shown; None if there are none."""
         raw = "raw" in self._shown or len(self._boxes) == 1
         return around([box for name, box in self._boxes.items() if raw or name != "raw"])
+
+
+def _some_of(surfaces: Iterable[FloatArray]) -> FloatArray:
+    """Return some vertices of each of the surfaces, (n, 3)."""
+    return np.concatenate([np.empty((0, 3)), *(vertices[::_SPARSE] for vertices in surfaces)])
