@@ -155,7 +155,7 @@ def add_patient_options(parser: argparse.ArgumentParser) -> None:
         "--cut-off",
         action="store_true",
         help="the segmentation itself is cut off at flat ends, as at the border of an image; what is missing "
-        "there is no difference",
+        "there does not count as a difference",
     )
     parser.add_argument(
         "--force", action="store_true", help="compare even what looks like another structure or side"

@@ -181,7 +181,7 @@ def cut_off_text(comparison: PatientComparison) -> str:
     """Explain the grey part of maps; empty if nothing is cut off."""
     if not comparison.missing.any():
         return ""
-    return " Grey: cut off, shown as it is expected; nothing is said of it."
+    return " Grey: cut off; the expected shape is shown there and is not judged."
 
 
 def nearest_controls_text(comparison: PatientComparison, reference: Reference) -> str:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from homolog.analysis.comparison import Comparison, Options, run_comparison
-from homolog.analysis.design import adjusted_design, covariate_columns, numbers
+from homolog.analysis.design import adjusted_design, covariate_columns, indicators, numbers
 from homolog.arrays import FloatArray
 from homolog.progress import Tick, no_tick, part_of
 
@@ -48,11 +48,11 @@ def with_covariate_effects(
     if isinstance(tested, np.ndarray) and tested.dtype.kind == "f":
         main = tested[:, None]
     else:
-        main = _indicators(tested)
+        main = indicators(tested)
     effects = []
     for number, (title, values) in enumerate(table.items()):
         plain = None if title in categories else numbers(values)
-        block = _indicators(values) if plain is None else plain[:, None]
+        block = indicators(values) if plain is None else plain[:, None]
         name = title
         if plain is None and block.shape[1] == 1:
             name = f"{title}: {' - '.join(sorted({str(value).strip() for value in values})[::-1])}"
@@ -74,10 +74,3 @@ def with_covariate_effects(
             )
         )
     return replace(comparison, covariates=tuple(effects))
-
-
-def _indicators(values: Sequence[str | float] | FloatArray) -> FloatArray:
-    """Return who has each value but the first in alphabetical order, one column for each."""
-    texts = np.array([str(value).strip() for value in values])
-    columns: FloatArray = (texts[:, None] == np.unique(texts)[1:]).astype(np.float64)
-    return columns

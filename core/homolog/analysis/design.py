@@ -23,6 +23,7 @@ __all__ = [
     "adjusted_design",
     "covariate_columns",
     "group_design",
+    "indicators",
     "is_missing",
     "lookalikes",
     "numbers",
@@ -75,18 +76,20 @@ def covariate_columns(
                 f"{title!r}: no value for {who}; fill it in, or exclude such subjects (complete cases)"
             )
         numeric = None if title in categories else _numeric(title, values, names)
-        if numeric is None:
-            texts = np.array([str(value).strip() for value in values])
-            levels = np.unique(texts)
-            block = (texts[:, None] == levels[1:]).astype(np.float64)
-        else:
-            block = numeric[:, None]
+        block = indicators(values) if numeric is None else numeric[:, None]
         if block.shape[1] == 0 or np.ptp(block[:, 0]) == 0.0:
             raise InputError(f"covariate {title!r} is the same for all subjects that take part; remove it")
         columns.append(block)
     joined = np.hstack(columns)
     standardised: FloatArray = (joined - joined.mean(axis=0)) / joined.std(axis=0)
     return standardised
+
+
+def indicators(values: Sequence[str | float] | FloatArray) -> FloatArray:
+    """Return who has each value but the first in alphabetical order, one column for each."""
+    texts = np.array([str(value).strip() for value in values])
+    columns: FloatArray = (texts[:, None] == np.unique(texts)[1:]).astype(np.float64)
+    return columns
 
 
 def lookalikes(values: Sequence[str]) -> list[tuple[str, ...]]:
