@@ -77,9 +77,7 @@ def distances_from(
         clusters.shape = wp.zeros(1, dtype=wp.int32)
         clusters.first = wp.zeros(1, dtype=wp.int32)
         clusters.limits = wp.array([limits], dtype=local_solver.DistanceLimits)
-        clusters.fan = fans.start
-        clusters.corners = fans.corners
-        clusters.margin = fans.margin
+        clusters.fans = fans
         tick(0.0, f"geodesic distances of {name}")
         advance(front, clusters, range(1))
     distances: Float32Array = values.copy()

@@ -9,14 +9,15 @@ import numpy as np
 import warp as wp
 
 from homolog.arrays import Array
+from homolog.device import shared
 from homolog.errors import InputError
 from homolog.geodesics.cpu.kernels import patch as patch_kernels
 from homolog.geodesics.cpu.kernels import store as store_kernels
 from homolog.geodesics.cpu.kernels import sweep as sweep_kernels
 from homolog.geodesics.kernels import local_solver
 from homolog.geodesics.kernels.lookup import LANES, MISSING
-from homolog.geodesics.mesh.fans import Clusters, Fans, build_fans, find_clusters
-from homolog.geodesics.mesh.intrinsic import Triangulation, triangulate
+from homolog.geodesics.mesh.fans import Clusters, build_fans, find_clusters, group_members
+from homolog.geodesics.mesh.intrinsic import triangulate
 from homolog.geodesics.plan import TablePlan, Task, block_rows
 from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick
@@ -36,70 +37,39 @@ class PreparedMesh:
     """One mesh ready to be solved."""
 
     task: Task
-    fans: Fans  # vertices renumbered by slot: neighbours on the surface are then neighbours in memory
     clusters: Clusters  # vertices numbered as in the mesh
     mesh_vertex: Any  # (V,) vertex of the mesh for each vertex of the fans
+    fans: Any  # vertices renumbered by slot: neighbours on the surface are then neighbours in memory
     groups: Any
     limits: Any
 
-    @property
-    def n_vertices(self) -> int:
-        """Number of vertices of the mesh."""
-        return len(self.clusters.slot)
 
-
-def _prepare(task: Task, delaunay: Triangulation, clusters: Clusters) -> PreparedMesh:
+def _prepare(task: Task) -> PreparedMesh:
     """Renumber the vertices by slot and compute what the kernels need."""
+    delaunay = triangulate([task.mesh])
+    clusters = find_clusters(delaunay)
     mesh_vertex = np.argsort(clusters.slot).astype(np.int32)
     number = np.empty_like(mesh_vertex)
     number[mesh_vertex] = np.arange(len(mesh_vertex), dtype=np.int32)
     mesh = TriangleMesh(task.mesh.vertices[mesh_vertex], number[task.mesh.faces])
-    fans = build_fans([mesh], replace(delaunay, tail=number[delaunay.tail]), "cpu")
-    is_member = clusters.members >= 0
-    members = np.where(is_member, number[clusters.members], -1)
-    positions = fans.position.numpy()[members]
-    centres = np.sum(positions, axis=1, where=is_member[..., None]) / is_member.sum(axis=1, keepdims=True)
-    distances = np.linalg.norm(positions - centres[:, None], axis=2)
-    groups = patch_kernels.Groups()
-    groups.members = wp.array(members, dtype=wp.int32, device="cpu")
-    groups.centre = wp.array(centres, dtype=wp.vec3, device="cpu")
-    groups.radius = wp.array(
-        np.max(distances, axis=1, where=is_member, initial=0.0), dtype=wp.float32, device="cpu"
-    )
-    mesh_vertex_array = wp.array(mesh_vertex, dtype=wp.int32, device="cpu")
-    return PreparedMesh(task, fans, clusters, mesh_vertex_array, groups, task.kernel_limits())
+    sides = replace(delaunay.sides, tail=number[delaunay.sides.tail])
+    fans = build_fans([mesh], replace(delaunay, sides=sides), "cpu")
+    members = np.where(clusters.members >= 0, number[clusters.members], -1)
+    groups = group_members(members, fans.position.numpy()[members], "cpu")
+    return PreparedMesh(task, clusters, shared(mesh_vertex), fans, groups, task.kernel_limits())
 
 
 def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> GeodesicTable:
-    """Solve the table of one mesh of a plan; the result is bit-identical for any number of threads.
-
-    Parameters
-    ----------
-    plan : TablePlan
-        The plan of all meshes.
-    which : int
-        Index of the mesh.
-    threads : int
-        Number of threads.
-    tick : Tick
-        Progress and cancelling.
-
-    Returns
-    -------
-    GeodesicTable
-    """
+    """Solve the table of one mesh of a plan; the result is bit-identical for any number of threads."""
     task = plan.tasks[which]
 
     def report(done: float) -> None:
         tick(done, f"geodesic distances of {task.name}")
 
     report(0.0)
-    # otherwise each thread would load them
     for module in (local_solver, sweep_kernels, store_kernels):
-        wp.load_module(module, device="cpu")
-    delaunay = triangulate([task.mesh])
-    clusters = find_clusters(delaunay)
-    prepared = _prepare(task, delaunay, clusters)
+        wp.load_module(module, device="cpu")  # otherwise each thread would load them
+    prepared = _prepare(task)
     arrays = _solve_clusters(prepared, threads, report)
     return GeodesicTable(len(task.mesh.vertices), task.d_max, float(prepared.limits.unit), *arrays)
 
@@ -108,7 +78,7 @@ class _Worker:
     """Solves clusters one after another, in scratch memory of its own."""
 
     def __init__(self, prepared: PreparedMesh, slot: Any, row: Any, is_near: Any) -> None:  # noqa: ANN401
-        n, limits = prepared.n_vertices, prepared.limits
+        n, limits = len(prepared.clusters.slot), prepared.limits
         scratch = patch_kernels.Scratch()
         unreached = patch_kernels.Lanes(float(local_solver.UNREACHED))
         scratch.u = wp.full(n, unreached, dtype=patch_kernels.Lanes, device="cpu")
@@ -122,8 +92,7 @@ class _Worker:
         reached = wp.empty(n, dtype=wp.int32, device="cpu")
         block = wp.empty(n, dtype=patch_kernels.LaneCodes, device="cpu")
         n_rows = wp.zeros(1, dtype=wp.int32, device="cpu")
-        fans = prepared.fans
-        mesh = [fans.position, fans.start, fans.corners, fans.margin, limits, prepared.groups]
+        mesh = [prepared.fans, limits, prepared.groups]
         table = [limits, prepared.mesh_vertex, reached, block, slot, row, is_near, n_rows]
         self._launches = [
             wp.launch(kernel, 1, inputs=[scratch, *inputs, 0], device="cpu", record_cmd=True)
@@ -141,7 +110,7 @@ class _Worker:
 
 def _solve_clusters(prepared: PreparedMesh, threads: int, report: Report) -> tuple[Any, ...]:
     """Return the arrays of the table."""
-    n, n_clusters = prepared.n_vertices, len(prepared.clusters.members)
+    n_clusters, n = len(prepared.clusters.members), len(prepared.clusters.slot)
     row = wp.array(np.full((n_clusters, n), MISSING, np.uint16), device="cpu", copy=False)
     is_near = wp.zeros((n_clusters, n_clusters), dtype=wp.uint8, device="cpu")
     slot = wp.array(prepared.clusters.slot, dtype=wp.int32, device="cpu")

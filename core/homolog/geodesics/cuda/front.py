@@ -9,30 +9,7 @@ from homolog.geodesics.cuda.kernels import front as front_kernels
 from homolog.geodesics.kernels.local_solver import UNREACHED
 from homolog.geodesics.kernels.lookup import LANES
 
-__all__ = [
-    "advance",
-    "clear",
-    "largest_batch",
-    "make_front",
-    "start",
-]
-
-_LAST_INT = 2**31 - 1
-"""Kernels index memory with 32-bit integers."""
-
-
-def largest_batch(n: int, scratch: int) -> int:
-    """Return the number of clusters whose state fits into `scratch` bytes; at least one.
-
-    Parameters
-    ----------
-    n : int
-        Number of vertices of the largest mesh.
-    scratch : int
-        Memory [bytes] for the state of a batch.
-    """
-    bytes_per_vertex = 4 * LANES + 8  # u; active, patch
-    return max(1, min(scratch // (bytes_per_vertex * n), _LAST_INT // (LANES * n)))
+__all__ = ["advance", "clear", "make_front", "start"]
 
 
 def make_front(batch: int, n: int, lanes: int = LANES) -> Any:  # noqa: ANN401
@@ -56,17 +33,15 @@ def clear(front: Any) -> None:  # noqa: ANN401
 def start(front: Any, sources: Any, clusters: range) -> None:  # noqa: ANN401
     """Build the patches of some clusters; distances are 0 at their sources and UNREACHED elsewhere."""
     clear(front)
-    block_dim = _block_dim(front)
-    inputs = [front, sources, clusters.start, block_dim]
-    wp.launch(front_kernels.build_patches, (len(clusters), block_dim), inputs=inputs, block_dim=block_dim)
+    _launch(front_kernels.build_patches, front, sources, clusters)
 
 
 def advance(front: Any, sources: Any, clusters: range) -> None:  # noqa: ANN401
     """Advance some clusters to convergence, from the patches and active vertices of the front."""
-    block_dim = _block_dim(front)
+    _launch(front_kernels.advance_front, front, sources, clusters)
+
+
+def _launch(kernel: Any, front: Any, sources: Any, clusters: range) -> None:  # noqa: ANN401
+    block_dim = 1 if front.u.device.is_cpu else block_kernels.BLOCK_DIM
     inputs = [front, sources, clusters.start, block_dim]
-    wp.launch(front_kernels.advance_front, (len(clusters), block_dim), inputs=inputs, block_dim=block_dim)
-
-
-def _block_dim(front: Any) -> int:  # noqa: ANN401
-    return 1 if front.u.device.is_cpu else block_kernels.BLOCK_DIM
+    wp.launch(kernel, (len(clusters), block_dim), inputs=inputs, block_dim=block_dim)

@@ -6,18 +6,14 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from homolog.arrays import IntArray
 from homolog.errors import InputError
-from homolog.geodesics.cuda.front import (
-    advance,
-    largest_batch,
-    make_front,
-    start,
-)
+from homolog.geodesics.cuda.front import advance, make_front, start
 from homolog.geodesics.cuda.kernels import block as block_kernels
 from homolog.geodesics.cuda.kernels import store as store_kernels
 from homolog.geodesics.kernels import local_solver
 from homolog.geodesics.kernels.lookup import LANES, MISSING
-from homolog.geodesics.mesh.fans import Clusters, Fans, build_fans, find_clusters
+from homolog.geodesics.mesh.fans import Clusters, build_fans, find_clusters, group_members
 from homolog.geodesics.mesh.intrinsic import triangulate
 from homolog.geodesics.plan import TablePlan, Task, block_rows
 from homolog.geodesics.table import GeodesicTable
@@ -28,50 +24,33 @@ __all__ = ["solve_on_cuda"]
 _WORK_PER_LAUNCH = 900_000
 """Vertices times clusters per multiprocessor in one launch: about 0.1 s, the interval at which users can
 cancel."""
+_BYTES_PER_VERTEX = 4 * LANES + 8
+"""Of a cluster's front: distances, flag, place in the patch."""
+_LAST_INT = 2**31 - 1
+"""Kernels index memory with 32-bit integers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DeviceCohort:
-    """Meshes, clusters and distance limits on the device."""
+    """Meshes and clusters on the device; the clusters and first vertices of all meshes on the host, too."""
 
-    fans: Fans
-    clusters: Clusters
     sources: Any
+    clusters: Clusters
+    first: IntArray
     limits: list[Any]
-
-    @property
-    def max_vertices(self) -> int:
-        """Vertices of the largest mesh."""
-        return int(np.diff(self.fans.first).max())
 
 
 def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> list[GeodesicTable]:
-    """Solve the tables of a plan on a GPU.
-
-    Parameters
-    ----------
-    plan : TablePlan
-        The plan of all meshes.
-    device : str
-        Warp alias; the tables stay there.
-    scratch : int
-        Memory [bytes] on the device for the distances of one batch of clusters.
-    tick : Tick
-        Progress and cancelling.
-
-    Returns
-    -------
-    list of GeodesicTable
-        One table for each task of the plan.
-    """
+    """Solve the tables of a plan on a GPU, with `scratch` bytes for the distances of a batch of clusters."""
     cohort = _upload(plan, device)
     ends = np.searchsorted(cohort.clusters.shape, np.arange(len(plan.tasks) + 1)).tolist()
     n_clusters = len(cohort.clusters.shape)
-    n = cohort.max_vertices
+    n = int(np.diff(cohort.first).max())
     tables = []
     with wp.ScopedDevice(device):
         n_multiprocessors = max(1, wp.get_device().sm_count)
-        batch = min(largest_batch(n, scratch), max(1, _WORK_PER_LAUNCH * n_multiprocessors // n), n_clusters)
+        fits = min(scratch // (_BYTES_PER_VERTEX * n), _LAST_INT // (LANES * n))
+        batch = min(max(1, fits), max(1, _WORK_PER_LAUNCH * n_multiprocessors // n), n_clusters)
         front = make_front(batch, n)
         stores = [_Store(cohort, task, k, ends[k], ends[k + 1]) for k, task in enumerate(plan.tasks)]
         for begin in range(0, n_clusters, batch):
@@ -98,29 +77,27 @@ def _upload(plan: TablePlan, device: str) -> DeviceCohort:
     delaunay = triangulate(meshes)
     fans, clusters = build_fans(meshes, delaunay, device), find_clusters(delaunay)
     limits = [task.kernel_limits() for task in plan.tasks]
+    first = delaunay.sides.first_vertex
+    members = clusters.members + np.where(clusters.members >= 0, first[clusters.shape][:, None], 0)
     sources = block_kernels.Sources()
-    with wp.ScopedDevice(device):
-        sources.members = wp.array(clusters.members, dtype=wp.int32, ndim=2)
-        sources.shape = wp.array(clusters.shape, dtype=wp.int32)
-        sources.first = wp.array(fans.first.astype(np.int32), dtype=wp.int32)
-        sources.limits = wp.array(limits, dtype=local_solver.DistanceLimits)
-        sources.position = fans.position
-        sources.fan = fans.start
-        sources.corners = fans.corners
-        sources.margin = fans.margin
-    return DeviceCohort(fans, clusters, sources, limits)
+    sources.groups = group_members(clusters.members, fans.position.numpy()[members], device)
+    sources.shape = wp.array(clusters.shape, dtype=wp.int32, device=device)
+    sources.first = wp.array(first, dtype=wp.int32, device=device)
+    sources.limits = wp.array(limits, dtype=local_solver.DistanceLimits, device=device)
+    sources.fans = fans
+    return DeviceCohort(sources, clusters, first, limits)
 
 
 class _Store:
     """Encodes the distances of one mesh, batch by batch, into blocks."""
 
     def __init__(self, cohort: DeviceCohort, task: Task, shape: int, begin: int, end: int) -> None:
-        n = int(np.diff(cohort.fans.first)[shape])
+        first, last = cohort.first[shape : shape + 2]
         self._limits = cohort.limits[shape]
-        self._members = cohort.sources.members[begin:end]
-        slot = cohort.clusters.slot[cohort.fans.first[shape] : cohort.fans.first[shape + 1]] - LANES * begin
+        self._members = cohort.sources.groups.members[begin:end]
+        slot = cohort.clusters.slot[first:last] - LANES * begin
         self._slot = wp.array(slot, dtype=wp.int32)
-        self._row = wp.empty((end - begin, n), dtype=wp.uint16)
+        self._row = wp.empty((end - begin, last - first), dtype=wp.uint16)
         self._start = wp.empty(end - begin, dtype=wp.int32)
         self._name = task.name
         self._blocks = wp.empty((block_rows(task), LANES), dtype=wp.uint16)

@@ -3,11 +3,10 @@
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.kernels.intrinsic import Sides, apex
+from homolog.geodesics.kernels.intrinsic import apex
 from homolog.geodesics.kernels.local_solver import Corner
 from homolog.geodesics.kernels.lookup import LANES
-from homolog.surfaces.kernels.sides import Sides as PairedSides
-from homolog.surfaces.kernels.sides import leaving_end, next_side, sort_by_tail
+from homolog.surfaces.kernels.sides import Sides, leaving_end, next_side, sort_by_tail
 
 wp.set_module_options({"enable_backward": False})
 
@@ -15,38 +14,53 @@ UNVISITED = wp.constant(-1)
 IN_QUEUE = wp.constant(-2)
 
 
+@wp.struct
+class Fans:
+    """The triangles around each vertex of one or more shapes, one shape after another."""
+
+    position: wp.array(dtype=wp.vec3)  # (N,) vertices of the centred shapes
+    start: wp.array(dtype=wp.int32)  # (N + 1,) first corner of each vertex
+    corners: wp.array(dtype=Corner)  # (K,) counterclockwise; vertices are numbered within their shape
+    margin: wp.array(dtype=wp.float32)  # (K,) see `find_margins`
+
+
+@wp.struct
+class Groups:
+    """All clusters of some meshes."""
+
+    members: wp.array2d(dtype=wp.int32)  # (C, LANES) vertices within their shape, -1 in lanes without one
+    centre: wp.array(dtype=wp.vec3)  # (C,)
+    radius: wp.array(dtype=wp.float32)  # (C,) distance of the farthest member from the centre
+
+
 @wp.kernel
 def fill_corners(
-    sides: Sides,
+    tail: wp.array(dtype=wp.int32),
+    length: wp.array(dtype=wp.float64),
+    rank: wp.array(dtype=wp.int32),
     first: wp.array(dtype=wp.int32),
-    start: wp.array(dtype=wp.int32),
-    corners: wp.array(dtype=Corner),
+    fans: Fans,
 ):
     """Write the corners of every vertex contiguously and counterclockwise; thread (side of a triangle)."""
     side = wp.tid()
     base = next_side(side)
     after = next_side(base)
     before = first[side // 3]
-    a = sides.tail[base]
-    b = sides.tail[after]
-    c = apex(sides, base)
-    length = sides.length[base]
+    c = apex(length, base)
     corner = Corner()
-    corner.a = a - before
-    corner.b = b - before
-    corner.length = float(length)
-    corner.half = float(wp.float64(0.5) / length)
+    corner.a = tail[base] - before
+    corner.b = tail[after] - before
+    corner.length = float(length[base])
+    corner.half = float(wp.float64(0.5) / length[base])
     corner.x = float(c[0])
     corner.y = float(c[1])
-    corner.ac = float(sides.length[side])
-    corner.bc = float(sides.length[after])
-    corners[start[sides.tail[side]] + sides.rank[side]] = corner
+    corner.ac = float(length[side])
+    corner.bc = float(length[after])
+    fans.corners[fans.start[tail[side]] + rank[side]] = corner
 
 
 @wp.kernel
-def find_margins(
-    fan: wp.array(dtype=wp.int32), corners: wp.array(dtype=Corner), margin: wp.array(dtype=float)
-):
+def find_margins(fans: Fans):
     """Find how much closer than v each corner's b may be and still depend on v; thread (vertex v).
 
     No straight path through a triangle (v, w, b) to b is shorter than (u(v) + u(w) - |vw|) / 2 + y, where y
@@ -54,12 +68,12 @@ def find_margins(
     on both sides of vb.
     """
     v = wp.tid()
-    begin = fan[v]
-    end = fan[v + 1]
+    begin = fans.start[v]
+    end = fans.start[v + 1]
     for c in range(begin, end):
-        here = corners[c]
-        there = corners[wp.where(c + 1 < end, c + 1, begin)]
-        margin[c] = wp.max(
+        here = fans.corners[c]
+        there = fans.corners[wp.where(c + 1 < end, c + 1, begin)]
+        fans.margin[c] = wp.max(
             here.ac - here.length * here.y / here.ac, there.bc - there.length * there.y / there.bc
         )
 
@@ -76,9 +90,7 @@ class Growth:
 
 
 @wp.func
-def grow_cluster(
-    shape: int, seed: int, search: int, visits: int, sides: PairedSides, growth: Growth
-) -> wp.vec2i:
+def grow_cluster(shape: int, seed: int, search: int, visits: int, sides: Sides, growth: Growth) -> wp.vec2i:
     """Grow a cluster from a seed by breadth-first search: the first LANES unassigned vertices.
 
     Returns the number of its members and of the vertices in the queue.
@@ -109,7 +121,7 @@ def grow_clusters(
     first_shape: int,
     near: int,
     far: int,
-    sides: PairedSides,
+    sides: Sides,
     growth: Growth,
     size: wp.array(dtype=wp.int32),
 ):

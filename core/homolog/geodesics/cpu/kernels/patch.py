@@ -3,6 +3,7 @@
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
+from homolog.geodesics.kernels.fans import Groups
 from homolog.geodesics.kernels.local_solver import UNREACHED
 from homolog.geodesics.kernels.lookup import LANES
 from homolog.geodesics.kernels.memory import load_int
@@ -16,15 +17,6 @@ FLAGS_PER_WORD = 8
 Lanes = wp.types.vector(length=LANES, dtype=wp.float32)
 LaneCodes = wp.types.vector(length=LANES, dtype=wp.uint16)
 LaneCounts = wp.types.vector(length=LANES, dtype=wp.int32)
-
-
-@wp.struct
-class Groups:
-    """All clusters of a mesh."""
-
-    members: wp.array2d(dtype=wp.int32)  # (C, LANES) vertices, -1 in lanes without one
-    centre: wp.array(dtype=wp.vec3)  # (C,)
-    radius: wp.array(dtype=wp.float32)  # (C,) distance of the farthest member from the centre
 
 
 @wp.struct

@@ -8,7 +8,6 @@ import warp as wp
 import homolog.device  # noqa: F401 - starts Warp
 from homolog.geodesics.cpu.kernels.patch import (
     FLAGS_PER_WORD,
-    Groups,
     Lanes,
     Scratch,
     any_flag_in_word,
@@ -21,10 +20,10 @@ from homolog.geodesics.cpu.kernels.patch import (
     set_flag,
     store_lanes,
 )
+from homolog.geodesics.kernels.fans import Fans, Groups
 from homolog.geodesics.kernels.local_solver import (
     DECREASE_TOLERANCE,
     UNREACHED,
-    Corner,
     DistanceLimits,
     corner_b,
     straight_path_squared,
@@ -40,20 +39,15 @@ BAND = wp.constant(128)
 
 
 @wp.func
-def triangle_updates(
-    u: wp.array(dtype=Lanes),
-    v: int,
-    fan: wp.array(dtype=wp.int32),
-    corners: wp.array(dtype=Corner),
-) -> Lanes:
+def triangle_updates(u: wp.array(dtype=Lanes), v: int, fans: Fans) -> Lanes:
     """Return the shortest distances at v through its triangles, in all lanes."""
     best = Lanes(UNREACHED)
     squared = Lanes(UNREACHED * UNREACHED)
-    end = load_int(fan, v + 1)
-    da = load_lanes(u, corner_b(corners, end - 1))
-    k = load_int(fan, v)
+    end = load_int(fans.start, v + 1)
+    da = load_lanes(u, corner_b(fans.corners, end - 1))
+    k = load_int(fans.start, v)
     while k < end:  # a range loop takes three times the instructions
-        corner = corners[k]
+        corner = fans.corners[k]
         k += 1
         db = load_lanes(u, corner.b)
         # This comparison takes one instruction; wp.min takes three.
@@ -70,17 +64,10 @@ def triangle_updates(
 
 
 @wp.func
-def relax_vertex(
-    scratch: Scratch,
-    v: int,
-    fan: wp.array(dtype=wp.int32),
-    corners: wp.array(dtype=Corner),
-    margins: wp.array(dtype=wp.float32),
-    limits: DistanceLimits,
-):
+def relax_vertex(scratch: Scratch, v: int, fans: Fans, limits: DistanceLimits):
     """Update a vertex; if it decreases, activate the neighbours that may follow (see `find_margins`)."""
     old = load_lanes(scratch.u, v)
-    new = triangle_updates(scratch.u, v, fan, corners)
+    new = triangle_updates(scratch.u, v, fans)
     announced = Lanes()
     # Flags are combined by "or": a sum would not be vectorized.
     any_decrease = int(0)
@@ -93,12 +80,12 @@ def relax_vertex(
         announced[lane] = wp.where(is_decrease_in_range, new[lane], UNREACHED)
         new[lane] = wp.where(is_decrease, new[lane], old[lane])
     if any_in_range != 0:
-        k = load_int(fan, v)
-        end = load_int(fan, v + 1)
+        k = load_int(fans.start, v)
+        end = load_int(fans.start, v + 1)
         while k < end:
-            b = corner_b(corners, k)
+            b = corner_b(fans.corners, k)
             there = load_lanes(scratch.u, b)
-            margin = load_float(margins, k)
+            margin = load_float(fans.margin, k)
             k += 1
             may_decrease = int(0)
             for lane in range(LANES):
@@ -109,19 +96,10 @@ def relax_vertex(
 
 
 @wp.kernel
-def sweep_cluster(
-    scratch: Scratch,
-    position: wp.array(dtype=wp.vec3),
-    fan: wp.array(dtype=wp.int32),
-    corners: wp.array(dtype=Corner),
-    margins: wp.array(dtype=wp.float32),
-    limits: DistanceLimits,
-    groups: Groups,
-    cluster: int,
-):
+def sweep_cluster(scratch: Scratch, fans: Fans, limits: DistanceLimits, groups: Groups, cluster: int):
     """Solve the distances from one cluster's sources: sweeps over active vertices, near to far."""
     clear_patch(scratch)
-    build_patch(scratch, position, groups, cluster, limits.propagation_limit)
+    build_patch(scratch, fans.position, groups, cluster, limits.propagation_limit)
     size = scratch.size[0]
     for lane in range(LANES):
         m = groups.members[cluster, lane]
@@ -129,8 +107,8 @@ def sweep_cluster(
             value = scratch.u[m]
             value[lane] = 0.0
             scratch.u[m] = value
-            for k in range(fan[m], fan[m + 1]):
-                set_flag(scratch.active, scratch.patch_index[corners[k].b], 1)
+            for k in range(fans.start[m], fans.start[m + 1]):
+                set_flag(scratch.active, scratch.patch_index[fans.corners[k].b], 1)
 
     # Each band converges before the next one, which would otherwise start from values that still decrease.
     changed = int(1)
@@ -148,4 +126,4 @@ def sweep_cluster(
                             if load_flag(scratch.active, p) != 0:
                                 set_flag(scratch.active, p, 0)
                                 v = load_int(scratch.patch, p)
-                                relax_vertex(scratch, v, fan, corners, margins, limits)
+                                relax_vertex(scratch, v, fans, limits)

@@ -10,7 +10,8 @@ harmless.
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.kernels.local_solver import Corner, DistanceLimits
+from homolog.geodesics.kernels.fans import Fans, Groups
+from homolog.geodesics.kernels.local_solver import DistanceLimits
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 8, "fast_math": True})
 
@@ -38,47 +39,11 @@ class Front:
 class Sources:
     """All clusters of a cohort and their meshes."""
 
-    members: wp.array2d(dtype=wp.int32)
-    shape: wp.array(dtype=wp.int32)
-    first: wp.array(dtype=wp.int32)
-    limits: wp.array(dtype=DistanceLimits)
-    position: wp.array(dtype=wp.vec3)
-    fan: wp.array(dtype=wp.int32)
-    corners: wp.array(dtype=Corner)
-    margin: wp.array(dtype=wp.float32)
-
-
-@wp.struct
-class ThreadContext:
-    """The share of one thread of a block: every `vertex_stride`-th vertex, every `lane_step`-th lane."""
-
-    cluster: int  # in the batch
-    row: int  # of the cluster in arrays by cluster and vertex …
-    origin: int  # … and by cluster, vertex and lane
-    base: int  # first vertex of its shape
-    lanes: int
-    lane: int
-    lane_step: int
-    vertex_slot: int
-    vertex_stride: int
-
-
-@wp.func
-def thread_context(
-    front: Front, sources: Sources, cluster: int, offset: int, thread: int, threads: int
-) -> ThreadContext:
-    """Return a thread's share of its cluster; neighbouring threads take neighbouring lanes of one vertex."""
-    ctx = ThreadContext()
-    ctx.cluster = cluster
-    ctx.base = sources.first[sources.shape[offset + cluster]]
-    ctx.lanes = front.u.shape[2]
-    ctx.row = cluster * front.u.shape[1]
-    ctx.origin = ctx.row * ctx.lanes
-    ctx.lane_step = wp.min(threads, ctx.lanes)
-    ctx.lane = thread % ctx.lane_step
-    ctx.vertex_slot = thread // ctx.lane_step
-    ctx.vertex_stride = threads // ctx.lane_step
-    return ctx
+    groups: Groups
+    shape: wp.array(dtype=wp.int32)  # (C,) of each cluster
+    first: wp.array(dtype=wp.int32)  # (S + 1,) first vertex of each shape
+    limits: wp.array(dtype=DistanceLimits)  # (S,)
+    fans: Fans
 
 
 @wp.func_native("""
