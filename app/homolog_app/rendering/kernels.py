@@ -74,6 +74,80 @@ def seen_from_inside(places: wp.array(dtype=wp.vec3), corners: wp.vec3i) -> bool
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0.0
 
 
+@wp.func
+def draw_face(
+    scene: Triangles,
+    places: wp.array(dtype=wp.vec3),
+    face: int,
+    low: int,
+    ahead: wp.vec3,
+    nearest: wp.array2d(dtype=int),
+    relief: wp.array2d(dtype=wp.vec3),
+):
+    """Try the samples in a triangle's bounding box, in the rows from `low`; keep those that lie nearest."""
+    indices = scene.faces[face]
+    a, b, c = places[indices[0]], places[indices[1]], places[indices[2]]
+    top = wp.max(int(wp.ceil(wp.min(a[1], wp.min(b[1], c[1])) - 0.5)), low)
+    bottom = wp.min(int(wp.floor(wp.max(a[1], wp.max(b[1], c[1])) - 0.5)) + 1, low + nearest.shape[0])
+    if top >= bottom:
+        return
+    grow = edges(a, b, c)
+    left = wp.max(int(wp.ceil(wp.min(a[0], wp.min(b[0], c[0])) - 0.5)), 0)
+    right = wp.min(int(wp.floor(wp.max(a[0], wp.max(b[0], c[0])) - 0.5)) + 1, nearest.shape[1])
+    for row in range(top, bottom):
+        y = float(row) + 0.5
+        entered = bool(False)
+        for column in range(left, right):
+            x = float(column) + 0.5
+            u = grow[0] * (x - c[0]) + grow[1] * (y - c[1])
+            v = grow[2] * (x - c[0]) + grow[3] * (y - c[1])
+            w = 1.0 - u - v
+            if u >= 0.0 and v >= 0.0 and w >= 0.0:
+                entered = True
+                depth = u * a[2] + v * b[2] + w * c[2]
+                if scene.cut != 0:
+                    across = x * scene.step * scene.right - y * scene.step * scene.up
+                    if wp.dot(scene.plane, scene.corner + across + depth * ahead) < scene.offset:
+                        continue
+                if nearest[row - low, column] < 0 or depth < relief[row - low, column][2]:
+                    nearest[row - low, column] = face
+                    relief[row - low, column] = wp.vec3(u, v, depth)
+            elif entered:
+                break
+
+
+@wp.func
+def pixel_of(
+    scene: Triangles,
+    places: wp.array(dtype=wp.vec3),
+    capped: bool,
+    row: int,
+    column: int,
+    nearest: wp.array2d(dtype=int),
+    relief: wp.array2d(dtype=wp.vec3),
+) -> wp.vec4ub:
+    """Return the mean colour of a pixel's samples that show a face, and their share as its opacity."""
+    total, hits = wp.vec3(), float(0.0)
+    for sample in range(SAMPLES * SAMPLES):
+        i, j = row * SAMPLES + sample // SAMPLES, column * SAMPLES + sample % SAMPLES
+        front = nearest[i, j]
+        if front >= 0:
+            hits += 1.0
+            if capped and seen_from_inside(places, scene.faces[front]):
+                total += scene.cap
+            else:
+                total += shade(scene, front, relief[i, j][0], relief[i, j][1])
+    pixel = wp.vec4ub()
+    if hits > 0.0:
+        pixel = wp.vec4ub(
+            wp.uint8(wp.min(total[0] / hits + 0.5, 255.0)),
+            wp.uint8(wp.min(total[1] / hits + 0.5, 255.0)),
+            wp.uint8(wp.min(total[2] / hits + 0.5, 255.0)),
+            wp.uint8(255.0 * hits / float(SAMPLES * SAMPLES) + 0.5),
+        )
+    return pixel
+
+
 @wp.kernel
 def fill(
     scene: Triangles,
@@ -85,67 +159,19 @@ def fill(
 ):
     """Draw the rows of a picture that begin with `first`.
 
-    Every triangle is visited and the samples in its bounding box tried. `places` are columns, rows and
-    depths of the vertices, in samples; `nearest` and `relief` hold each sample's face, place in it, and
-    depth. One thread owns these rows, so that nothing has to be locked.
+    `places` are columns, rows and depths of the vertices, in samples; `nearest` and `relief` hold each
+    sample's face, place in it, and depth. One thread owns these rows, so that nothing has to be locked.
     """
-    low, wide = first * SAMPLES, nearest.shape[1]
-    high = low + nearest.shape[0]
     for row in range(nearest.shape[0]):
-        for column in range(wide):
+        for column in range(nearest.shape[1]):
             nearest[row, column] = -1
     ahead = -wp.cross(scene.right, scene.up)
     for face in range(scene.faces.shape[0]):
-        indices = scene.faces[face]
-        a, b, c = places[indices[0]], places[indices[1]], places[indices[2]]
-        top = wp.max(int(wp.ceil(wp.min(a[1], wp.min(b[1], c[1])) - 0.5)), low)
-        bottom = wp.min(int(wp.floor(wp.max(a[1], wp.max(b[1], c[1])) - 0.5)) + 1, high)
-        if top < bottom:
-            grow = edges(a, b, c)
-            left = wp.max(int(wp.ceil(wp.min(a[0], wp.min(b[0], c[0])) - 0.5)), 0)
-            right = wp.min(int(wp.floor(wp.max(a[0], wp.max(b[0], c[0])) - 0.5)) + 1, wide)
-            for row in range(top, bottom):
-                y = float(row) + 0.5
-                entered = bool(False)
-                for column in range(left, right):
-                    x = float(column) + 0.5
-                    u = grow[0] * (x - c[0]) + grow[1] * (y - c[1])
-                    v = grow[2] * (x - c[0]) + grow[3] * (y - c[1])
-                    w = 1.0 - u - v
-                    if u >= 0.0 and v >= 0.0 and w >= 0.0:
-                        entered = True
-                        depth = u * a[2] + v * b[2] + w * c[2]
-                        if scene.cut != 0:
-                            across = x * scene.step * scene.right - y * scene.step * scene.up
-                            if wp.dot(scene.plane, scene.corner + across + depth * ahead) < scene.offset:
-                                continue
-                        if nearest[row - low, column] < 0 or depth < relief[row - low, column][2]:
-                            nearest[row - low, column] = face
-                            relief[row - low, column] = wp.vec3(u, v, depth)
-                    elif entered:
-                        break
+        draw_face(scene, places, face, first * SAMPLES, ahead, nearest, relief)
     capped = scene.cut != 0 and wp.dot(scene.plane, ahead) > FLAT
     for row in range(nearest.shape[0] // SAMPLES):
-        for column in range(wide // SAMPLES):
-            total, hits = wp.vec3(), float(0.0)
-            for sample in range(SAMPLES * SAMPLES):
-                i, j = row * SAMPLES + sample // SAMPLES, column * SAMPLES + sample % SAMPLES
-                front = nearest[i, j]
-                if front >= 0:
-                    hits += 1.0
-                    if capped and seen_from_inside(places, scene.faces[front]):
-                        total += scene.cap
-                    else:
-                        total += shade(scene, front, relief[i, j][0], relief[i, j][1])
-            pixel = wp.vec4ub()
-            if hits > 0.0:
-                pixel = wp.vec4ub(
-                    wp.uint8(wp.min(total[0] / hits + 0.5, 255.0)),
-                    wp.uint8(wp.min(total[1] / hits + 0.5, 255.0)),
-                    wp.uint8(wp.min(total[2] / hits + 0.5, 255.0)),
-                    wp.uint8(255.0 * hits / float(SAMPLES * SAMPLES) + 0.5),
-                )
-            image[first + row, column] = pixel
+        for column in range(nearest.shape[1] // SAMPLES):
+            image[first + row, column] = pixel_of(scene, places, capped, row, column, nearest, relief)
 
 
 @wp.kernel

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from homolog.files.project import ProjectFolder
 from homolog_app.window.session import Session
 
-__all__ = ["COMMANDS", "LAYOUTS", "MENUS", "REASONS", "Command", "available", "command"]
+__all__ = ["COMMANDS", "LAYOUTS", "MENUS", "REASONS", "Command", "WindowState", "available", "command"]
 
 
 MENUS = ("File", "Edit", "View", "Run", "Explore", "Help")
@@ -302,33 +302,12 @@ REASONS: Mapping[str, str] = {
 """Reasons why a command is disabled, by requirement: the end of the sentence "Not now: …"."""
 
 
-def available(
-    session: Session,
-    project: ProjectFolder,
-    *,
-    busy: bool,
-    running: bool,
-    kept: bool,
-    page: int,
-    pages: int,
-    ready: bool,
-    plays: bool,
-    answered: bool,
-    reference: bool,
-    patient: bool,
-    layouts: Collection[int],
-    model: bool,
-    slices: bool,
-    coloured: bool,
-    preliminary: bool,
-) -> Mapping[str, bool]:
-    """Return whether each requirement of the command table is met.
+@dataclass(frozen=True, slots=True)
+class WindowState:
+    """What decides, besides the session, which commands are possible.
 
-    Parameters
+    Attributes
     ----------
-    session : Session
-    project : ProjectFolder
-        The open project, or the draft.
     busy, running : bool
         Whether the user waits for a job; whether that job is a run.
     kept : bool
@@ -352,49 +331,89 @@ def available(
     preliminary : bool
         Whether there is a model of a run that has not finished.
     """
-    study = session.is_open and ready
-    idle = not busy
-    chosen = bool(session.selection)
-    two = len(session.study.included) >= 2
-    groomed = study and bool(session.groomed or session.result)
-    further = session.extension_of if session.is_result_written else None
+
+    busy: bool
+    running: bool
+    kept: bool
+    page: int
+    pages: int
+    ready: bool
+    plays: bool
+    answered: bool
+    reference: bool
+    patient: bool
+    layouts: Collection[int]
+    model: bool
+    slices: bool
+    coloured: bool
+    preliminary: bool
+
+
+def available(session: Session, project: ProjectFolder, state: WindowState) -> Mapping[str, bool]:
+    """Return whether each requirement of the command table is met, for an open project or a draft."""
+    study = session.is_open and state.ready
     return {
         "always": True,
-        "idle": idle,
+        "idle": not state.busy,
+        "busy": state.busy,
         "study": study,
-        "unsaved": study and idle and (session.folder is None or not session.undo.isClean()),
-        "cohort": study and idle and bool(session.study.included),
-        "undo": idle and session.undo.canUndo(),
-        "redo": idle and session.undo.canRedo(),
-        "selection": study and idle and chosen,
-        "removable": study and idle and chosen,
-        "groomed": groomed,
-        "views": study and not slices,
-        "groomed_selection": study and idle and chosen and session.selection[0] in session.groomed,
-        "two": study and two,
-        "ready": study and idle and two and (session.is_groomed or session.result is not None),
-        "more": study and idle and further is not None and further.particles > 0,
-        "fit": study and idle and further is not None and bool(further.subjects),
-        "answer": study and idle and session.result is not None and answered,
-        "reference": study and idle and session.result is not None and reference,
-        "patient": study and idle and session.result is not None and patient,
-        "busy": busy,
-        "running": running,
-        "resumable": study and idle and two and project.checkpoint.is_file(),
-        "cancelled": study and idle and kept,
-        "result": study and session.result is not None,
-        "particles": study and (running or session.result is not None),
-        "idle_result": study and idle and session.result is not None,
-        "model": study and (session.result is not None or preliminary),
-        "frames": study
-        and (
-            (preliminary and plays)
-            or (idle and session.result is not None and (plays or len(session.result.frames) > 1))
-        ),
-        "previous_page": study and page > 0,
-        "next_page": study and page + 1 < pages,
-        "raw": study and (slices or not model),
-        "picture": study,
-        "coloured": study and coloured and not slices,
-        **{f"grid{count}": study and count in layouts for count in LAYOUTS},
+        "undo": not state.busy and session.undo.canUndo(),
+        "redo": not state.busy and session.undo.canRedo(),
+        **{name: study and met for name, met in _of_views(state).items()},
+        **{name: study and met for name, met in _of_result(session, state).items()},
+        **{
+            name: study and not state.busy and met
+            for name, met in _of_idle_study(session, project, state).items()
+        },
+        "running": state.running,
+    }
+
+
+def _of_views(state: WindowState) -> dict[str, bool]:
+    """Return which requirements the views meet, if a study is open."""
+    return {
+        "picture": True,
+        "views": not state.slices,
+        "raw": state.slices or not state.model,
+        "coloured": state.coloured and not state.slices,
+        "previous_page": state.page > 0,
+        "next_page": state.page + 1 < state.pages,
+        **{f"grid{count}": count in state.layouts for count in LAYOUTS},
+    }
+
+
+def _of_result(session: Session, state: WindowState) -> dict[str, bool]:
+    """Return which requirements shapes and results meet, if a study is open."""
+    result = session.result
+    frames = not state.busy and result is not None and (state.plays or len(result.frames) > 1)
+    return {
+        "groomed": bool(session.groomed or result),
+        "two": len(session.study.included) >= 2,
+        "result": result is not None,
+        "particles": state.running or result is not None,
+        "model": result is not None or state.preliminary,
+        "frames": frames or (state.preliminary and state.plays),
+    }
+
+
+def _of_idle_study(session: Session, project: ProjectFolder, state: WindowState) -> dict[str, bool]:
+    """Return which requirements are met, if a study is open and nothing is being computed."""
+    chosen, result = bool(session.selection), session.result is not None
+    two = len(session.study.included) >= 2
+    further = session.extension_of if session.is_result_written else None
+    return {
+        "unsaved": session.folder is None or not session.undo.isClean(),
+        "cohort": bool(session.study.included),
+        "selection": chosen,
+        "removable": chosen,
+        "groomed_selection": chosen and session.selection[0] in session.groomed,
+        "ready": two and (session.is_groomed or result),
+        "more": further is not None and further.particles > 0,
+        "fit": further is not None and bool(further.subjects),
+        "resumable": two and project.checkpoint.is_file(),
+        "cancelled": state.kept,
+        "idle_result": result,
+        "answer": result and state.answered,
+        "reference": result and state.reference,
+        "patient": result and state.patient,
     }

@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
 
 from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_panel import CohortPanel
-from homolog_app.window.commands import available
+from homolog_app.window.commands import WindowState, available
 from homolog_app.window.dialogs import LogPane
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.explore.panel import ExploreController, ExplorePanel, OverviewPage
@@ -252,24 +252,9 @@ class MainWindow(QMainWindow):
     def refresh(self) -> None:
         """Update enabled states."""
         workspace, views = self.workspace, self.views
-        page, pages = views.pages if views else (0, 1)
         self.commands.enable(
-            available(
-                workspace.session, workspace.project, busy=workspace.session.job.is_busy,
-                running=workspace.session.job.run is not None,
-                kept=workspace.session.job.kept is not None,
-                page=page, pages=pages, ready=views is not None,
-                plays=workspace.session.step == "explore" and self.inspector.explore.page.plays,
-                answered=bool(self.inspector.explore.page_of(GroupsPage).answers),
-                reference=self.inspector.explore.page_of(PatientPage).reference is not None,
-                patient=self.inspector.explore.page_of(PatientPage).comparison is not None,
-                layouts=views.layouts if views else (), model=views is not None and views.shows_model,
-                coloured=views is not None and views.is_coloured,
-                slices=views is not None and views.hides_views,
-                preliminary=self.inspector.explore.fitted.preliminary is not None,
-            ),
-            workspace.session.read_only,
-        )  # fmt: skip
+            available(workspace.session, workspace.project, self._state()), workspace.session.read_only
+        )
         steps = steps_of(workspace.session)
         if (
             not steps[workspace.session.step].enabled
@@ -285,6 +270,28 @@ class MainWindow(QMainWindow):
         self.start_page.show_busy(workspace.session.job.status if workspace.session.job.is_busy else None)
         self.docks.show_for(open_)
         self._name_window()
+
+    def _state(self) -> WindowState:
+        views, job, explore = self.views, self.workspace.session.job, self.inspector.explore
+        page, pages = views.pages if views else (0, 1)
+        patient = explore.page_of(PatientPage)
+        return WindowState(
+            busy=job.is_busy,
+            running=job.run is not None,
+            kept=job.kept is not None,
+            page=page,
+            pages=pages,
+            ready=views is not None,
+            plays=self.workspace.session.step == "explore" and explore.page.plays,
+            answered=bool(explore.page_of(GroupsPage).answers),
+            reference=patient.reference is not None,
+            patient=patient.comparison is not None,
+            layouts=views.layouts if views else (),
+            model=views is not None and views.shows_model,
+            slices=views is not None and views.hides_views,
+            coloured=views is not None and views.is_coloured,
+            preliminary=explore.fitted.preliminary is not None,
+        )
 
     @Slot()
     def _show_progress(self) -> None:
