@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.arrays import Array, BoolArray
+from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.cohort import Subject
 from homolog.errors import InputError
 from homolog.files.atomic import write_text
@@ -114,6 +114,22 @@ def write_follow_up(
     write_sheets(
         folder / "follow_up.pdf", _title(follow_up), _sheets(follow_up, reference, rows_of_panels, scale)
     )
+    _write_tables(folder, follow_up, first.placement)
+    values: dict[str, Array] = {}
+    for number, change in enumerate(follow_up.changes, start=2):
+        values[f"change_mm_{number}"] = change.distance
+        if change.z is not None:
+            values[f"z_{number}"] = change.z
+        if change.expected is not None:
+            values[f"expected_z_{number}"] = change.expected.z
+    if follow_up.error is not None:
+        values["measurement_error_mm"] = follow_up.error
+    write_mesh(folder / "changes.vtp", own, values)
+    return _sentences(follow_up)
+
+
+def _write_tables(folder: Path, follow_up: FollowUp, placement: FloatArray) -> None:
+    """Write the numbers of each time, and the regions in the frame of the first time's file."""
     areas = follow_up.surface.vertex_areas
     columns = [
         "time", "since", "volume_percent", "mean_mm", "rms_mm", "outward_mm", "inward_mm", "beyond_mm2",
@@ -123,14 +139,14 @@ def write_follow_up(
     ]  # fmt: skip
     rows = [
         [
-            change.name, first.name, *_numbers(change, areas),
+            change.name, follow_up.comparisons[0].name, *_numbers(change, areas),
             None if change.z is None else float(np.abs(change.z).max()), follow_up.limit, follow_up.repeats,
             *_expected_numbers(change, follow_up),
         ]
         for change in follow_up.changes
     ]  # fmt: skip
     write_table(folder / "changes.csv", columns, rows)
-    back = inverse_matrices(first.placement)
+    back = inverse_matrices(placement)
     write_table(
         folder / "change_regions.csv",
         ["time", "against", "region", "area_mm2", "mean_mm", "peak_mm", "peak_z", "x_mm", "y_mm", "z_mm"],
@@ -147,17 +163,6 @@ def write_follow_up(
             for number, region in enumerate(beyond, start=1)
         ),
     )  # fmt: skip
-    values: dict[str, Array] = {}
-    for number, change in enumerate(follow_up.changes, start=2):
-        values[f"change_mm_{number}"] = change.distance
-        if change.z is not None:
-            values[f"z_{number}"] = change.z
-        if change.expected is not None:
-            values[f"expected_z_{number}"] = change.expected.z
-    if follow_up.error is not None:
-        values["measurement_error_mm"] = follow_up.error
-    write_mesh(folder / "changes.vtp", own, values)
-    return _sentences(follow_up)
 
 
 def _title(follow_up: FollowUp) -> str:

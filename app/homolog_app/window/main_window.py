@@ -22,7 +22,6 @@ from PySide6.QtWidgets import (
 
 from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_panel import CohortPanel
-from homolog_app.window.commands import WindowState, available
 from homolog_app.window.dialogs import LogPane
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.explore.panel import ExploreController, ExplorePanel, OverviewPage
@@ -31,6 +30,7 @@ from homolog_app.window.export.controller import ExportController
 from homolog_app.window.help import HelpController, Tour
 from homolog_app.window.project_controller import ProjectController
 from homolog_app.window.rail import STEPS, DockSizes, Rail, StatusBar, steps_of
+from homolog_app.window.requirements import WindowState, available
 from homolog_app.window.run_panel import GroomPanel, RunPanel
 from homolog_app.window.run_particles import EnergyCurves
 from homolog_app.window.start_page import StartPage
@@ -276,22 +276,16 @@ class MainWindow(QMainWindow):
         page, pages = views.pages if views else (0, 1)
         patient = explore.page_of(PatientPage)
         return WindowState(
-            busy=job.is_busy,
-            running=job.run is not None,
-            kept=job.kept is not None,
-            page=page,
-            pages=pages,
-            ready=views is not None,
+            busy=job.is_busy, running=job.run is not None, kept=job.kept is not None,
+            page=page, pages=pages, ready=views is not None,
             plays=self.workspace.session.step == "explore" and explore.page.plays,
             answered=bool(explore.page_of(GroupsPage).answers),
-            reference=patient.reference is not None,
-            patient=patient.comparison is not None,
-            layouts=views.layouts if views else (),
-            model=views is not None and views.shows_model,
+            reference=patient.reference is not None, patient=patient.comparison is not None,
+            layouts=views.layouts if views else (), model=views is not None and views.shows_model,
             slices=views is not None and views.hides_views,
             coloured=views is not None and views.is_coloured,
             preliminary=explore.fitted.preliminary is not None,
-        )
+        )  # fmt: skip
 
     @Slot()
     def _show_progress(self) -> None:

@@ -114,7 +114,30 @@ def _checked(
     columns: FloatArray,
     tick: Tick,
 ) -> list[str]:
-    usual, usual_modes = float(reference.gap[-1]), float(reference.mahalanobis[-1])
+    usual = float(reference.gap[-1])
+    _check_structure(name, reference, mesh, fit, measures)
+    if reference.side_limit is None and measures.gap <= usual:
+        return []
+    remarks = _side_remarks(name, reference, mesh, measures, columns, tick)
+    if measures.gap <= usual:
+        return remarks
+    percent = f"{100.0 * measures.gap:.1f} %"
+    if measures.gap > max(_OTHER_SHAPE, _ODD_SHAPE * usual):
+        raise InputError(
+            f"{name}: does not look like the reference: {percent} of its size away after fitting, controls "
+            f"at most {100.0 * usual:.1f} %; check that it shows the same structure (label) as a whole"
+        )
+    return [
+        *remarks,
+        f"fits worse than every control: half of its surface is more than {percent} of its size away, of "
+        f"controls' at most {100.0 * usual:.1f} %; look at its segmentation",
+    ]
+
+
+def _check_structure(
+    name: str, reference: Reference, mesh: TriangleMesh, fit: SurfaceFit, measures: Measures
+) -> None:
+    """Raise InputError if the model covers a part of the surface only, or is far from it in the modes."""
     placed = transform_points(fit.pose, mesh.vertices)
     apart = np.asarray(KDTree(fit.expected[: reference.model.vertices]).query(placed)[0])
     uncovered = float(np.median(apart)) / float(rms_radius(placed))
@@ -124,18 +147,29 @@ def _checked(
             f"{100.0 * uncovered:.0f} % of its size from what controls could look like; check that it "
             "shows the same structure (label) as a whole"
         )
-    if measures.mahalanobis > max(_OTHER_MODES, _ODD_MODES * usual_modes):
+    usual = float(reference.mahalanobis[-1])
+    if measures.mahalanobis > max(_OTHER_MODES, _ODD_MODES * usual):
         raise InputError(
             f"{name}: does not look like the reference: {measures.mahalanobis:.0f} standard deviations "
-            f"from its mean, controls at most {usual_modes:.1f}; check that it shows the same structure "
+            f"from its mean, controls at most {usual:.1f}; check that it shows the same structure "
             "(label) as a whole"
         )
+
+
+def _side_remarks(
+    name: str,
+    reference: Reference,
+    mesh: TriangleMesh,
+    measures: Measures,
+    columns: FloatArray,
+    tick: Tick,
+) -> list[str]:
+    """Raise InputError if the mirror image fits far better; return a remark if it fits about as well."""
     limit, percent = reference.side_limit, f"{100.0 * measures.gap:.1f} %"
-    if limit is None and measures.gap <= usual:
-        return []
     other = gap_of_image(reference.model, mesh, columns, reference.modes, tick)
     is_clear = limit is not None and other < limit * measures.gap
-    if is_clear or (measures.gap > usual and other < _MIRRORED_BETTER * measures.gap):
+    fits_worse = measures.gap > float(reference.gap[-1])
+    if is_clear or (fits_worse and other < _MIRRORED_BETTER * measures.gap):
         side = reference.provenance.side
         remedy = (
             f"it is of the other side; give its side ({other_side(side)}), or correct the file"
@@ -146,21 +180,9 @@ def _checked(
             f"{name}: fits the {side}{' ' * bool(side)}controls better mirrored "
             f"({100.0 * other:.1f} % of its size away, not {percent}): {remedy}"
         )
-    remarks = []
-    if limit is not None and other < measures.gap / limit:
-        remarks.append(
-            f"its side can't be told from its shape: mirrored it fits about as well ({100.0 * other:.1f} % "
-            f"of its size away, {percent} as it is); make sure that its file is not mirrored"
-        )
-    if measures.gap <= usual:
-        return remarks
-    if measures.gap > max(_OTHER_SHAPE, _ODD_SHAPE * usual):
-        raise InputError(
-            f"{name}: does not look like the reference: {percent} of its size away after fitting, controls "
-            f"at most {100.0 * usual:.1f} %; check that it shows the same structure (label) as a whole"
-        )
+    if limit is None or other >= measures.gap / limit:
+        return []
     return [
-        *remarks,
-        f"fits worse than every control: half of its surface is more than {percent} of its size away, of "
-        f"controls' at most {100.0 * usual:.1f} %; look at its segmentation",
+        f"its side can't be told from its shape: mirrored it fits about as well ({100.0 * other:.1f} % "
+        f"of its size away, {percent} as it is); make sure that its file is not mirrored"
     ]

@@ -14,7 +14,7 @@ from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject, groom_subject
 from homolog.patient.checks import check_fit, check_unit
 from homolog.patient.controls import COARSE_VERTICES
-from homolog.patient.cut import check_cut, ends_of, fit_rest, flat_ends, flat_remarks
+from homolog.patient.cut import CutFit, check_cut, ends_of, fit_rest, flat_ends, flat_remarks
 from homolog.patient.distribution import Percentile, percentile
 from homolog.patient.fit import SurfaceFit, fit_surface
 from homolog.patient.left_out import Measures, measures_of
@@ -214,37 +214,22 @@ def compare_groomed(
     check_unit(groomed.name, groomed.mesh, model, columns)
     turn, side_remarks = _turn(reference, side or values.get(SIDE_COLUMN, ""))
     mesh = groomed.mesh.placed(turn)
-    coarse = simplified(mesh, COARSE_VERTICES)
-    fit = fit_surface(model, mesh, coarse, columns, part_of(tick, 0.0, 0.3))
-    ends = ends_of(groomed, mesh, turn)
-    flat = flat_ends(groomed, mesh, fit, model.surface(fit.expected), _regions(reference, fit), ends)
-    if flat and not cut_off:
-        rest = fit_rest(reference, mesh, coarse, columns, flat, fit)
-        remarks += flat_remarks(rest, [_named(turn[:3, :3].T @ end.direction) for end in flat])
-    cut = fit_rest(reference, mesh, coarse, columns, [*ends, *(flat if cut_off else [])], fit)
+    cut, end_remarks = _fit(reference, groomed, mesh, columns, turn, cut_off, part_of(tick, 0.0, 0.3))
     fit = cut.fit
     measures, total = measures_of(model, fit, columns, reference.modes, cut.missing)
+    checked = part_of(tick, 0.3, 0.4)
     remarks += [
+        *end_remarks,
         *_version_remarks(reference),
         *side_remarks,
-        *check_fit(
-            groomed.name, reference, mesh, fit, measures, columns, part_of(tick, 0.3, 0.4), force=force
-        ),
+        *check_fit(groomed.name, reference, mesh, fit, measures, columns, checked, force=force),
+        *check_cut(groomed.name, cut, measures.gap, reference, at_border=groomed.report.padded, force=force),
     ]
     z = _z(reference, fit)
     z[cut.missing] = 0.0
-    surface = model.surface(fit.expected)
-    remarks += check_cut(
-        groomed.name, cut, measures.gap, reference, at_border=groomed.report.padded, force=force
-    )
-    if cut_off and not flat:
-        remarks.append("has no flat end where the reference expects more of it; it was compared as a whole")
+    surface, placement = model.surface(fit.expected), fit.pose @ turn
+    on_patient = surface.placed(inverse_matrices(placement))
     particles, unplaced = _particles(reference, groomed, fit, turn, part_of(tick, 0.4, 1.0))
-    remarks += unplaced
-    largest, placement = float(np.abs(z).max()), fit.pose @ turn
-    own = own_surface(
-        groomed.mesh, surface.placed(inverse_matrices(placement)), fit.residual, fit.met, cut.missing
-    )
     return PatientComparison(
         name=groomed.name,
         mesh=groomed.mesh,
@@ -257,16 +242,39 @@ def compare_groomed(
         mahalanobis=percentile(measures.mahalanobis, reference.mahalanobis),
         outside=percentile(measures.outside, reference.outside),
         size=percentile(measures.size, reference.size, both_sides=True),
-        local=percentile(largest, reference.maxima),
+        local=percentile(float(np.abs(z).max()), reference.maxima),
         z=z,
         missing=cut.missing,
         total=total,
         total_z=reference.total.standardised(total),
         regions=_regions(reference, fit, z),
-        remarks=(*groomed.report.notes, *remarks),
+        remarks=(*groomed.report.notes, *remarks, *unplaced),
         particles=particles,
-        own=own,
+        own=own_surface(groomed.mesh, on_patient, fit.residual, fit.met, cut.missing),
     )
+
+
+def _fit(
+    reference: Reference,
+    groomed: GroomedSubject,
+    mesh: TriangleMesh,
+    columns: FloatArray,
+    turn: FloatArray,
+    cut_off: bool,
+    tick: Tick,
+) -> tuple[CutFit, list[str]]:
+    """Fit the reference to a turned patient without its cut ends; return remarks on flat ends, too."""
+    coarse, remarks = simplified(mesh, COARSE_VERTICES), list[str]()
+    fit = fit_surface(reference.model, mesh, coarse, columns, tick)
+    ends = ends_of(groomed, mesh, turn)
+    expected = reference.model.surface(fit.expected)
+    flat = flat_ends(groomed, mesh, fit, expected, _regions(reference, fit), ends)
+    if flat and not cut_off:
+        rest = fit_rest(reference, mesh, coarse, columns, flat, fit)
+        remarks = flat_remarks(rest, [_named(turn[:3, :3].T @ end.direction) for end in flat])
+    if cut_off and not flat:
+        remarks = ["has no flat end where the reference expects more of it; it was compared as a whole"]
+    return fit_rest(reference, mesh, coarse, columns, [*ends, *(flat if cut_off else [])], fit), remarks
 
 
 def _z(reference: Reference, fit: SurfaceFit) -> FloatArray:
