@@ -1,6 +1,6 @@
 """Type I error rate and power of every reported test, by simulation, also where assumptions fail.
 
-    python tests/benchmarks/statistics_validity.py FILE [--repeats 1000] [--processes 16] [--only WORD]
+    python tests/benchmarks/statistics_validity.py FILE [--repeats 1000] [--workers 16] [--only WORD ...]
     python tests/benchmarks/statistics_validity.py FILE --summary
 
 Shapes are particles on a sphere of 30 mm with noise that is correlated over the surface (correlation length
@@ -12,7 +12,7 @@ differ in dispersion, that sizes are skewed, that subjects lie far from the rest
 
 FILE gets a line of JSON for each block of repeats; the same command goes on where an earlier one ended, also
 with more repeats. A repeat has its own seed, so that blocks are the same in any order and on any number of
-processes. The summary is the tables of docs/benchmarks.md and docs/notes/statistics.md in Markdown, and tests
+workers. The summary is the tables of docs/benchmarks.md and docs/notes/statistics.md in Markdown, and tests
 outside 4 to 6 %, with their rate in the studies that raise no caution. A repeat of all 24 studies, power
 included, takes 3 processor seconds, most of them for the five of small groups: 1000 repeats 50 minutes on one
 core, four on sixteen. Needs numpy, scipy and threadpoolctl.
@@ -268,7 +268,9 @@ def stored(file: Path) -> dict[tuple, dict]:
     return {key_of(item): item for item in blocks}
 
 
-def compute(file: Path, repeats: int, processes: int, only: str, seed: int, parts: Sequence[str]) -> None:
+def compute(
+    file: Path, repeats: int, workers: int, only: Sequence[str], seed: int, parts: Sequence[str]
+) -> None:
     """Compute the blocks that the file does not have yet, some repeats of all studies before further ones."""
     done = stored(file)
     wanted = [
@@ -277,11 +279,11 @@ def compute(file: Path, repeats: int, processes: int, only: str, seed: int, part
         for effect, count in ((0.0, repeats), (EFFECT, max(repeats // 4, BLOCK)))
         for first in range(0, count, BLOCK)
         for study in STUDIES
-        if only in study and (part == "tests" or two_groups(study))
+        if any(word in study for word in only) and (part == "tests" or two_groups(study))
     ]
     missing = [key for key in wanted if key not in done]
     with (
-        ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool,
+        ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool,
         file.open("a", encoding="utf-8") as lines,
     ):
         tasks = [pool.submit(block, *key) for key in missing]
@@ -393,15 +395,17 @@ def main() -> None:
     )
     parser.add_argument("file", type=Path, help="of results, one line of JSON a block")
     parser.add_argument("--repeats", type=int, default=1000, help=f"a multiple of {BLOCK}")
-    parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--only", default="", help="studies with this word in their name")
+    parser.add_argument("--workers", type=int, default=1, help="processes")
+    parser.add_argument(
+        "--only", nargs="+", default=[""], help="studies with one of these words in their name"
+    )
     parser.add_argument("--part", choices=PARTS, help="only these; all by default")
     parser.add_argument("--seed", type=int, default=1, help="of shapes and permutations")
     parser.add_argument("--summary", action="store_true", help="print the tables of the file")
     options = parser.parse_args()
     if not options.summary:
         parts = [options.part] if options.part else PARTS
-        compute(options.file, options.repeats, options.processes, options.only, options.seed, parts)
+        compute(options.file, options.repeats, options.workers, options.only, options.seed, parts)
     summary(options.file)
 
 

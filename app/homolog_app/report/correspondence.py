@@ -1,8 +1,9 @@
-"""The section of a report on the correspondence: how even particles are, and how near to the surfaces."""
+"""The quality of a correspondence: how even particles are, how near to the surfaces and to landmarks."""
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +19,10 @@ from homolog.surfaces.nearest import areas_of_particles, nearest_particles
 from homolog_app.report.page import Page
 from homolog_app.report.surface_maps import SurfaceCarrier
 
-__all__ = ["CorrespondenceRow", "add_correspondence", "correspondence_rows"]
+if TYPE_CHECKING:
+    from homolog.exchange import LandmarkErrors
+
+__all__ = ["CorrespondenceRow", "add_correspondence", "correspondence_rows", "landmark_text"]
 
 _FILE = "correspondence.csv"
 
@@ -113,4 +117,14 @@ def add_correspondence(page: Page, folder: Path, rows: Sequence[CorrespondenceRo
         "the spline that all maps use; its distance from the subject's own surface, in both directions, is "
         "what particles and spline do not represent. Values of each subject are in correspondence.csv. These "
         "numbers do not show whether particles are at anatomically corresponding places: see homolog check."
+    )
+
+
+def landmark_text(errors: "LandmarkErrors") -> str:
+    """Return a sentence about all landmarks."""
+    worst = int(errors.by_landmark.argmax())
+    return (
+        f"{len(errors.names)} landmarks of {len(errors.subjects)} subjects, carried to each other: mean "
+        f"error {errors.mean:.2f} mm, median {errors.median:.2f} mm; worst {errors.names[worst]}, mean "
+        f"{errors.by_landmark[worst]:.2f} mm"
     )

@@ -3,11 +3,10 @@
 from collections import Counter
 from dataclasses import dataclass
 from math import factorial, prod
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from homolog.analysis.assumptions import shape_outliers
+from homolog.analysis.assumptions import Dispersion, shape_outliers
 from homolog.analysis.cautions import LEVEL, cautions_of, dispersion_caution, p_text
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.effects import Effect, SizeVariance
@@ -16,9 +15,6 @@ from homolog.files.results import Result
 from homolog_app.report.covariates import covariate_sentences
 from homolog_app.report.study import Study
 
-if TYPE_CHECKING:
-    from homolog.exchange import LandmarkErrors
-
 __all__ = [
     "LEVEL",
     "Finding",
@@ -26,9 +22,10 @@ __all__ = [
     "classified_text",
     "correction_text",
     "corrections_text",
+    "dispersion_text",
     "findings",
+    "group_dispersions",
     "interval_text",
-    "landmark_text",
     "outlier_text",
     "p_text",
     "percent_text",
@@ -61,12 +58,34 @@ def _statistics_text(comparison: Comparison, *, corrected: bool) -> str:
         name = f"Hotelling's T² = {test.t_squared:.1f}"
     how = f"all {test.permutations + 1}" if test.exact else f"{test.permutations}"
     before = " before correction" if corrected else ""
+    share = f", ω² = {interval_text(comparison.explained)}" if comparison.explained is not None else ""
     return (
         f"Permutation test of the whole shape in {test.modes} {noun} with {shown_variance(comparison):.0f} % "
         f"of the variance ({how} permutations): studentized statistic {test.studentized:.2f}, "
         f"{p_text(test.p_permutation, test.permutations)}{before}. {name}, F({test.dof[0]:g}, "
-        f"{test.dof[1]:.4g}) = {test.f:.2f}, {p_text(test.p)}."
+        f"{test.dof[1]:.4g}) = {test.f:.2f}, {p_text(test.p)}{share}."
     )
+
+
+def group_dispersions(dispersion: Dispersion, unit: str = "") -> str:
+    """Return the dispersion of each group with its interval, such as ``"NOR 3.11 (2.20 to 4.38), …"``."""
+    cells = {name: f"{value:.2f}{unit}" for name, value in dispersion.by_group.items()}
+    for name, own in dispersion.intervals.items():
+        cells[name] += f" ({own.low:.2f} to {own.high:.2f})"
+    return ", ".join(f"{name} {cell}" for name, cell in cells.items())
+
+
+def dispersion_text(dispersion: Dispersion) -> str:
+    """Return the dispersion of groups, or its change along a variable, with interval and p."""
+    p = p_text(dispersion.p, dispersion.permutations)
+    groups, effect = group_dispersions(dispersion, " mm"), dispersion.effect
+    if effect is None:
+        return f"{groups}, {p}"
+    if groups:
+        second, first = list(dispersion.by_group)[::-1]
+        return f"{groups}; {second} / {first} = {interval_text(effect)}, {p}"
+    value, low, high = (f"{item:+.3g}" for item in (effect.value, effect.low, effect.high))
+    return f"{value} mm per unit (95 % CI {low} to {high}), {p}"
 
 
 def correction_text(study: Study, *, size: bool = False, overall: bool = False) -> str:
@@ -220,16 +239,6 @@ def outlier_text(result: Result) -> list[str]:
     ]
 
 
-def landmark_text(errors: "LandmarkErrors") -> str:
-    """Return a sentence about all landmarks."""
-    worst = int(errors.by_landmark.argmax())
-    return (
-        f"{len(errors.names)} landmarks of {len(errors.subjects)} subjects, carried to each other: mean "
-        f"error {errors.mean:.2f} mm, median {errors.median:.2f} mm; worst {errors.names[worst]}, mean "
-        f"{errors.by_landmark[worst]:.2f} mm"
-    )
-
-
 def cautions(study: Study) -> list[str]:
     """Return the cautions of a study."""
     raised = [caution for comparison in study.comparisons for caution in cautions_of(comparison, study.names)]
@@ -330,7 +339,11 @@ def _local_correction(study: Study, comparison: Comparison) -> str:
 def _details(study: Study, comparison: Comparison) -> tuple[str, ...]:
     overall = comparison is study.overall
     correction = correction_text(study, overall=overall)
-    statistics = (_statistics_text(comparison, corrected=bool(correction)),) if comparison.test.modes else ()
+    statistics: tuple[str, ...] = ()
+    if comparison.test.modes:
+        statistics = (_statistics_text(comparison, corrected=bool(correction)),)
+    if comparison.dispersion is not None:
+        statistics += (f"Dispersion: {dispersion_text(comparison.dispersion)}.",)
     if not correction:
         return statistics
     tested = "whole shape and of particles"

@@ -291,15 +291,19 @@ def _further_measures(study: Study) -> Iterator[str]:
         yield (
             f"Equality of dispersion was tested by the distances of subjects to {_centre(study)} in the "
             "tested modes: residuals were permuted, and distances computed to the centroids of the permuted "
-            f"residuals ({study.overall.dispersion.permutations} permutations, p not corrected)."
+            f"residuals ({study.overall.dispersion.permutations} permutations, p not corrected). Intervals "
+            f"of dispersions {_JACKKNIFE[request.kind]} come from the jackknife."
         )
     if any(comparison.distance is not None for comparison in study.comparisons):
         several = _OF_SEVERAL * bool(study.pairwise)
         yield (
-            f"{_DISTANCES[request.kind]}{several} were corrected for bias; their intervals come from the "
-            "noncentral F "
-            "distribution, assume equal covariances and are not corrected for pairs."
+            f"{_DISTANCES[request.kind]}{several} and the explained share of the generalised variance (ω², "
+            "from Wilks' lambda) were corrected for bias; their intervals come from the noncentral F "
+            "distribution (Reiser, Steiger), assume equal covariances and are not corrected for pairs."
         )
+
+
+_JACKKNIFE = {"groups": "and of their ratios", "regression": "along the variable", "pairs": ""}
 
 
 def _centre(study: Study) -> str:

@@ -46,6 +46,10 @@ _REFERENCES = {
         "Reiser B. Confidence intervals for the Mahalanobis distance. Commun Stat Simul Comput "
         "2001; 30: 37-45."
     ),
+    "explained": (
+        "Steiger JH. Beyond the F test: effect size confidence intervals and tests of close fit in the "
+        "analysis of variance and contrast analysis. Psychol Methods 2004; 9: 164-182."
+    ),
     "mckeon": (
         "McKeon JJ. F approximations to the distribution of Hotelling's T0². Biometrika 1974; 61: 381-383."
     ),
@@ -80,7 +84,7 @@ def references(record: ResultRecord, studies: list[Study]) -> list[str]:
     if any(study.pairwise for study in studies):
         named += ["holm", "mckeon"]
     if any(comparison.distance is not None for comparison in comparisons):
-        named.append("distance")
+        named += ["distance", "explained"]
     if any(comparison.discriminant is not None for comparison in comparisons):
         named.append("discriminant")
     return [_REFERENCES[item].format(record.versions.get("homolog", "")) for item in named]

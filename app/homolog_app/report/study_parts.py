@@ -11,7 +11,7 @@ from homolog.analysis.effects import Effect
 from homolog.analysis.null_simulation import WHOLE_SHAPE_F
 from homolog.analysis.procrustes import Alignment
 from homolog.files.records import ResultRecord
-from homolog_app.report.findings import LEVEL, p_text
+from homolog_app.report.findings import LEVEL, group_dispersions, p_text
 from homolog_app.report.page import Page
 from homolog_app.report.study import Study
 from homolog_app.report.surface_maps import EDGE, INNER, OUTER, Region, SurfaceCarrier, significant_regions
@@ -197,10 +197,15 @@ _DISPERSION = {
     "groups": "Dispersion is the mean distance of subjects from the centroid of their group, root mean "
     "square over the particles, in the modes of the comparison. These modes and the alignment are the "
     "comparison's own, so that a group's value differs between comparisons. Dispersions are compared by "
-    "permutation (PERMDISP).",
+    "permutation (PERMDISP); intervals come from the jackknife of their logarithms.",
     "regression": "Whether dispersion changes with the variable is tested by permutation of the distances "
-    "from the fitted shapes (PERMDISP).",
+    "from the fitted shapes (PERMDISP); the interval comes from the jackknife.",
     "pairs": "",
+}
+_DISPERSION_EFFECT = {
+    "groups": "second / first (95 % CI)",
+    "regression": "change per unit (mm, 95 % CI)",
+    "pairs": "ratio",
 }
 _FAR = {
     "groups": "the subject's distance from {mean}, divided by the group's median distance",
@@ -239,8 +244,8 @@ def add_assumptions(page: Page, study: Study) -> None:
     page.paragraph(" ".join(filter(None, sentences)))
     page.table(
         [
-            "comparison", "modes", "dispersion (mm)", "F of dispersion", "p of dispersion",
-            "skewness of size", "p of skewness of shapes", "outliers",
+            "comparison", "modes", "dispersion (mm, 95 % CI)", _DISPERSION_EFFECT[kind], "F of dispersion",
+            "p of dispersion", "skewness of size", "p of skewness of shapes", "outliers",
         ],
         [_row(study, comparison) for comparison in study.comparisons],
         as_text=True,
@@ -251,10 +256,14 @@ def add_assumptions(page: Page, study: Study) -> None:
 
 def _row(study: Study, comparison: Comparison) -> tuple[str, ...]:
     dispersion, skewness = comparison.dispersion, comparison.size_skewness
-    tested = ("–", "–", "–")
+    tested = ("–", "–", "–", "–")
     if dispersion is not None:
-        means = ", ".join(f"{name} {value:.2f}" for name, value in dispersion.by_group.items()) or "–"
-        tested = (means, f"{dispersion.f:.2f}", p_number(dispersion.p, dispersion.permutations))
+        tested = (
+            group_dispersions(dispersion) or "–",
+            "–" if dispersion.effect is None else effect_cell(study, dispersion.effect),
+            f"{dispersion.f:.2f}",
+            p_number(dispersion.p, dispersion.permutations),
+        )
     return (
         comparison.title,
         str(comparison.test.modes),

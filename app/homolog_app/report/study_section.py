@@ -102,24 +102,33 @@ def _results(page: Page, study: Study) -> None:
             "Where subjects lie far from the rest, whole shape, particles, size and classification are given "
             "without them, too."
         )
-    first, last = page.following("Table"), page.following("Table", 2)
-    sentences.append(f"{first} has the tests of the whole shape, {last} those of particles.")
     page.paragraph(" ".join(sentences))
     page.table(
         [
-            "comparison", "modes (variance)", f"D (SD{_per(study)}, 95 % CI)", "p", "p, not corrected",
-            "studentized statistic", "T² or Λ", "F (df)", "p (F)",
+            "comparison", "modes (variance)", f"D (SD{_per(study)}, 95 % CI)", "ω² (95 % CI)", "p",
+            "p, not corrected",
         ],
         (_whole_shape_row(study, *item) for item in tested),
-        caption="Tests of the whole shape",
+        caption="Effects on the whole shape",
     )  # fmt: skip
     several = _OF_SEVERAL * bool(study.pairwise)
     page.paragraph(
-        f"{_DISTANCE[study.request.kind]}{several} The studentized statistic, by which p was found, is "
+        f"{_DISTANCE[study.request.kind]}{several} ω² is the share of the generalised variance in these "
+        f"modes that {_EXPLAINS[study.request.kind]}, estimated from Wilks' lambda and corrected for bias. "
+        "Intervals of D and ω² come from the noncentral F distribution and assume equal covariances. Modes "
+        "are those that the comparison was tested in, with their share of the variance of its subjects."
+    )
+    page.table(
+        ["comparison", "studentized statistic", "T² or Λ", "F (df)", "p (F)"],
+        (_statistics_row(*item) for item in tested if item[1].test.modes),
+        caption="Test statistics of the whole shape",
+    )
+    page.paragraph(
+        "The permutation p comes from the studentized statistic: "
         f"{_STATISTIC[study.request.kind == 'groups' and not study.request.covariates]}. T² is Hotelling's, "
-        "Λ is Wilks' lambda. df: degrees of freedom. p (F) assumes normal data and equal covariances and is "
-        "not corrected. Modes are those that the comparison was tested in, with their share of the variance "
-        "of its subjects. Statistics of different numbers of modes can't be compared."
+        "Λ is Wilks' lambda, df are degrees of freedom. p (F) assumes normal data and equal covariances and "
+        "is not corrected. The effects that belong to these statistics are D and ω²; statistics of different "
+        "numbers of modes can't be compared."
     )
     page.table(
         [
@@ -208,6 +217,11 @@ _DISTANCE = {
     "pairs": "D is the length of the mean difference of the pairs in the retained modes, in standard "
     "deviations of the differences, corrected for bias.",
 }
+_EXPLAINS = {
+    "groups": "lies between the groups",
+    "regression": "the variable explains",
+    "pairs": "the mean difference explains",
+}
 _OF_SEVERAL = (
     " Of all groups together it is the root mean square distance of their means from the common mean, each "
     "weighted by its number of subjects."
@@ -246,13 +260,21 @@ def _per(study: Study) -> str:
 def _whole_shape_row(study: Study, title: str, comparison: Comparison) -> tuple[str, ...]:
     test = comparison.test
     if not test.modes:
-        return (title, "0", *["–"] * 7)
+        return (title, "0", *["–"] * 4)
     return (
         title,
         f"{test.modes} ({shown_variance(comparison):.0f} %)",
         effect_cell(study, comparison.distance) if comparison.distance is not None else "–",
+        interval_cell(comparison.explained) if comparison.explained is not None else "–",
         p_number(comparison.p_adjusted, test.permutations),
         p_number(test.p_permutation, test.permutations),
+    )
+
+
+def _statistics_row(title: str, comparison: Comparison) -> tuple[str, ...]:
+    test = comparison.test
+    return (
+        title,
         f"{test.studentized:.2f}",
         f"T² {test.t_squared:.1f}" if test.t_squared is not None else f"Λ {test.wilks:.3f}",
         f"{test.f:.2f} ({test.dof[0]:g}, {test.dof[1]:.4g})",

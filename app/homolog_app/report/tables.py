@@ -121,14 +121,20 @@ def _tables(study: Study, result: Result, carrier: SurfaceCarrier, answered: Ans
     )
     yield (
         "dispersion.csv",
-        ["comparison", "group", "n", "mean_distance_mm"],
+        [
+            "comparison", "group", "n", "mean_distance_mm", "mean_distance_low_95_mm",
+            "mean_distance_high_95_mm",
+        ],
         (
-            [comparison.title, group, comparison.counts[group], distance]
+            [
+                comparison.title, group, comparison.counts[group], distance,
+                *_bounds(comparison.dispersion.intervals.get(group)),
+            ]
             for comparison in study.comparisons
             if comparison.dispersion is not None
             for group, distance in comparison.dispersion.by_group.items()
         ),
-    )
+    )  # fmt: skip
     yield (
         "sample.csv",
         ["group", "variable", "category", "n", "mean", "standard_deviation", "minimum", "maximum"],
@@ -188,6 +194,7 @@ def _test_row(study: Study, comparison: Comparison) -> dict[str, _Cell]:
         "modes": test.modes,
         "modes_chosen_by": "option" if study.request.modes is not None else "parallel analysis",
         **_effect("mahalanobis_d_corrected", comparison.distance),
+        **_effect("omega_squared", comparison.explained),
         "mahalanobis_d_plain": test.mahalanobis,
         "studentized_statistic": test.studentized,
         "p_permutation": test.p_permutation,
@@ -203,6 +210,7 @@ def _test_row(study: Study, comparison: Comparison) -> dict[str, _Cell]:
         "f_dof_denominator": test.dof[1],
         "p_f": test.p,
         "dispersion_ratio": None if spread is None else spread.ratio,
+        **_effect("dispersion_effect", None if spread is None else spread.effect),
         "dispersion_f": None if spread is None else spread.f,
         "dispersion_p": None if spread is None else spread.p,
         "particles": len(comparison.p_fwe),
@@ -233,6 +241,10 @@ def _effect(name: str, effect: Effect | None) -> dict[str, _Cell]:
         f"{name}_low_95": effect.low if effect is not None and there else None,
         f"{name}_high_95": effect.high if effect is not None and there else None,
     }
+
+
+def _bounds(effect: Effect | None) -> tuple[float | None, float | None]:
+    return (None, None) if effect is None else (effect.low, effect.high)
 
 
 def _particles(

@@ -20,7 +20,7 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog_app.pictures import write_picture
 from homolog_app.rendering.camera import Clip
 from homolog_app.report import NOTICE
-from homolog_app.report.correspondence import add_correspondence, correspondence_rows
+from homolog_app.report.correspondence import add_correspondence, correspondence_rows, landmark_text
 from homolog_app.report.figures import ReportFigure, model_figures, quality_rows, study_figures
 from homolog_app.report.findings import (
     LEVEL,
@@ -28,7 +28,6 @@ from homolog_app.report.findings import (
     cautions,
     corrections_text,
     findings,
-    landmark_text,
     outlier_text,
 )
 from homolog_app.report.methods import methods, pose_text

@@ -14,6 +14,7 @@ from homolog_app.report.findings import (
     LEVEL,
     classified_text,
     correction_text,
+    dispersion_text,
     interval_text,
     p_text,
     percent_text,
@@ -207,6 +208,8 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     if pair.distance is not None and test.modes:
         text = interval_text(pair.distance, _decimals(answer))
         rows.append(("Change per unit" if slope else "Mahalanobis D", f"{text} SD"))
+    if pair.explained is not None:
+        rows.append(("Explained variance ω²", interval_text(pair.explained)))
     if test.modes:
         how = (
             f"All {test.permutations + 1} permutations" if test.exact else f"{test.permutations} permutations"
@@ -220,9 +223,7 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
             (f"F({test.dof[0]:g}, {test.dof[1]:.4g})", f"{test.f:.2f}, {p_text(test.p)}"),
         ]
     if pair.dispersion is not None:
-        mean = ", ".join(f"{name} {value:.2f} mm" for name, value in pair.dispersion.by_group.items())
-        p = p_text(pair.dispersion.p, pair.dispersion.permutations)
-        rows.append(("Dispersion", f"{mean}, {p}" if mean else p))
+        rows.append(("Dispersion", dispersion_text(pair.dispersion)))
     rows.append((f"Significant area (FWE-corrected p ≤ {LEVEL:g})", region_text(study, pair)))
     if slope:
         most = float(np.linalg.norm(answer.difference.ways, axis=1).max())

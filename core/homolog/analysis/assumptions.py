@@ -7,13 +7,14 @@ unequal groups do not bear skewed data. Subjects whose shape is far from all oth
 segmentation or correspondence.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
 
 from homolog.analysis.design import Design, Exchange
+from homolog.analysis.effects import CONFIDENCE, Effect
 from homolog.analysis.permutation import PermutedDesigns, null_distribution, permutation_p_value
 from homolog.analysis.shape_model import leading_scores
 from homolog.analysis.statistics import design_columns, observed_design
@@ -35,6 +36,8 @@ _CHUNK = 500
 _CHUNK_VALUES = 2_000_000
 _LEAST_LEFT = 1e-6
 """Lower bound of 1 - leverage, where it divides."""
+_FEWEST_OF_GROUP = 3
+"""Subjects of a group below which its dispersion gets no interval."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +58,12 @@ class Dispersion:
         what is fitted to them again.
     permutations : int
         Number of permutations.
+    intervals : dict
+        Mean distance in each group with its 95 % interval [mm]; empty without groups, or if one of them has
+        fewer than three subjects.
+    effect : Effect or None
+        Of two groups the ratio of the second's mean distance to the first's, of a variable the change of the
+        distance per unit [mm]; with 95 % interval. None for more groups, which have `intervals`.
     """
 
     distances: FloatArray
@@ -62,6 +71,8 @@ class Dispersion:
     f: float
     p: float
     permutations: int
+    intervals: dict[str, Effect]
+    effect: Effect | None
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -130,7 +141,76 @@ def dispersion_test(
     distances = np.sqrt(np.square(standardized).sum(axis=1) / particles.shape[1])
     by_group = {name: float(distances[own].mean()) for name, own in members.items()}
     p = float(permutation_p_value(observed, null_statistics)[0])
-    return Dispersion(distances, by_group, float(observed[0]), p, len(null_statistics))
+    held_out = _HeldOut(scores / np.sqrt(particles.shape[1]), columns[0])
+    if members:
+        intervals, effect = _of_groups(held_out, by_group, members)
+    else:
+        intervals, effect = {}, _along(held_out, distances, float(np.linalg.norm(design.columns[:, 0])))
+    return Dispersion(distances, by_group, float(observed[0]), p, len(null_statistics), intervals, effect)
+
+
+class _HeldOut:
+    """Distances when one subject after the other is held out, and what is fitted is fitted again."""
+
+    def __init__(self, rows: FloatArray, columns: FloatArray) -> None:
+        (self.rest,), (self.left,) = _rest(rows, columns[None])
+        self.columns = columns
+
+    def blocks(self, own: IntArray) -> Iterator[tuple[IntArray, FloatArray]]:
+        """Yield held-out subjects, and for each the distances of its group; its own is zero."""
+        for held in np.array_split(own, max(1, len(own) ** 2 // _CHUNK_VALUES)):
+            shared = self.columns[held] @ self.columns[own].T
+            shift = shared / self.left[held, None]
+            products = self.rest[held] @ self.rest[own].T
+            lengths = np.square(self.rest).sum(axis=1)
+            squares = lengths[own] + 2.0 * shift * products + np.square(shift) * lengths[held, None]
+            left = np.maximum(self.left[own] - shared * shift, _LEAST_LEFT)
+            yield held, np.sqrt(np.maximum(squares, 0.0) / left) * (held[:, None] != own)
+
+
+def _of_groups(
+    held_out: _HeldOut, by_group: dict[str, float], members: Mapping[str, BoolArray]
+) -> tuple[dict[str, Effect], Effect | None]:
+    """Return mean distances of groups, and the ratio of two, with intervals by a jackknife of logarithms."""
+    fewest = min(np.count_nonzero(own) for own in members.values())
+    if fewest < _FEWEST_OF_GROUP or not all(by_group.values()):
+        return {}, None
+    variances, free = [], []
+    for own in map(np.flatnonzero, members.values()):
+        sums = np.concatenate([distances.sum(axis=1) for _, distances in held_out.blocks(own)])
+        variances.append((len(own) - 1.0) ** 2 / len(own) * float(np.log(sums).var(ddof=1)))
+        free.append(len(own) - 1.0)
+    intervals = {
+        name: _of_logarithm(mean, variance, dof)
+        for (name, mean), variance, dof in zip(by_group.items(), variances, free, strict=True)
+    }
+    if len(by_group) > 2:
+        return intervals, None
+    first, second = by_group.values()
+    both = sum(variances)
+    dof = both**2 / sum(item**2 / own for item, own in zip(variances, free, strict=True))
+    return intervals, _of_logarithm(second / first, both, dof)
+
+
+def _of_logarithm(value: float, variance: float, dof: float) -> Effect:
+    """Return a positive value with the interval that the variance of its logarithm gives."""
+    reach = float(np.exp(stats.t.ppf((1.0 + CONFIDENCE) / 2.0, dof) * np.sqrt(variance)))
+    return Effect(value, value / reach, value * reach)
+
+
+def _along(held_out: _HeldOut, distances: FloatArray, unit: float) -> Effect:
+    """Return the change of the distances along a variable, with its interval by the jackknife."""
+    columns, count = held_out.columns, len(distances)
+    slopes = []
+    for held, values in held_out.blocks(np.arange(count)):
+        fitted = values @ columns
+        missed = (columns[held] * fitted).sum(axis=1) / held_out.left[held]
+        slopes.append(fitted[:, -1] + missed * columns[held, -1])
+    variance = (count - 1.0) ** 2 / count * float(np.concatenate(slopes).var(ddof=1))
+    dof = count - columns.shape[1]
+    reach = float(stats.t.ppf((1.0 + CONFIDENCE) / 2.0, dof) * np.sqrt(variance)) / unit
+    value = float(columns[:, -1] @ distances) / unit
+    return Effect(value, value - reach, value + reach)
 
 
 def _rest(rows: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -67,10 +67,10 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
         )
     mean = ", ".join(f"{name} {value:.2f} mm" for name, value in dispersion.by_group.items())
     what = (
-        "Hotelling's T², F, the interval of D and the p-values of accuracy and AUC of this comparison assume "
+        "Hotelling's T², F, the intervals of D and ω² and the p-values of accuracy and AUC of this comparison assume "
         "equal dispersion: do not rely on them."
         if len(numbers) == 2
-        else "Wilks' lambda, F and the interval of D of all groups together assume equal dispersion: do not "
+        else "Wilks' lambda, F and the intervals of D and ω² of all groups together assume equal dispersion: do not "
         "rely on them. Each pair of groups has a test of dispersion of its own; where a pair gets no "
         "caution, its D, accuracy and AUC may be used."
     )

@@ -22,6 +22,7 @@ from homolog.analysis.effects import (
     SizeVariance,
     corrected_distance,
     distance_of_several,
+    explained_variance,
     size_effect,
     size_variance,
     standardized_size,
@@ -105,6 +106,9 @@ class Comparison:
     distance : Effect or None
         Mahalanobis distance of the means (or length of the change per unit) in the retained modes, corrected
         for its bias. Of three or more groups the root mean square distance from their common mean.
+    explained : Effect or None
+        Share of the generalised variance in the retained modes that the tested effect explains (omega squared
+        of Wilks' lambda).
     dispersion : Dispersion or None
         Whether groups scatter alike; None for pairs.
     discriminant : Discriminant or None
@@ -155,6 +159,7 @@ class Comparison:
     pointwise: PointwiseTest
     size: Effect | None
     distance: Effect | None
+    explained: Effect | None
     dispersion: Dispersion | None
     discriminant: Discriminant | None
     p_adjusted: float
@@ -314,6 +319,9 @@ def _compared(sample: _Sample, options: Options, tick: Tick) -> Comparison:
         pointwise=pointwise,
         size=effect,
         distance=_distance(test, design),
+        explained=explained_variance(
+            test.wilks, test.modes, design.tested.shape[1], design.error_dof, len(design.tested)
+        ),
         dispersion=dispersion_test(data, design, test.modes, sample.members, **drawn),
         discriminant=None,
         p_adjusted=min(options.answers * test.p_permutation, 1.0),

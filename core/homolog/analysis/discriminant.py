@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import rankdata
 
-from homolog.analysis.effects import Effect, accuracy_bounds, auc_bounds
-from homolog.analysis.held_out import held_out_by_moments, stratified_folds
+from homolog.analysis.effects import Effect
+from homolog.analysis.held_out import accuracy_bounds, auc_bounds, held_out_by_moments, stratified_folds
 from homolog.analysis.permutation import permutation_p_value
 from homolog.analysis.shape_model import leading_scores, principal_components
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen

@@ -19,6 +19,7 @@ from homolog.analysis.statistics import (
     equalize_subjects,
     null_weights,
     observed_design,
+    rao_f,
     restores_mean,
     studentized_ratio,
 )
@@ -29,18 +30,17 @@ __all__ = [
     "CONFIDENCE",
     "Effect",
     "SizeVariance",
-    "accuracy_bounds",
-    "auc_bounds",
     "corrected_distance",
     "distance_of_several",
     "effect_bounds",
-    "shares_below",
+    "explained_variance",
     "size_effect",
     "size_variance",
     "standardized_size",
 ]
 
 CONFIDENCE = 0.95
+_TAILS = (1.0 + CONFIDENCE) / 2.0, (1.0 - CONFIDENCE) / 2.0
 _CHUNK = 500
 _NEGLIGIBLE = 1e-9
 """Fraction of the variation of size below which nothing is left to be tested: size is adjusted for."""
@@ -95,10 +95,7 @@ def corrected_distance(t_squared: float, modes: int, error_dof: int, scale: floa
         return None
     square = (error_dof - modes - 1) / error_dof * t_squared / scale - modes / scale
     f = t_squared * within / (modes * error_dof)
-    low, high = (
-        _noncentrality(f, modes, within, tail) / scale
-        for tail in ((1.0 + CONFIDENCE) / 2.0, (1.0 - CONFIDENCE) / 2.0)
-    )
+    low, high = (_noncentrality(f, modes, within, tail) / scale for tail in _TAILS)
     return Effect(float(np.sqrt(max(square, 0.0))), float(np.sqrt(low)), float(np.sqrt(high)))
 
 
@@ -136,12 +133,46 @@ def distance_of_several(
     within = 4.0 + (product + 2.0) / (ratio - 1.0)
     f = lawley * (left - 1) / product * within / (within - 2.0)
     square = ((left - 1) * lawley - product) / subjects
-    tails = (1.0 + CONFIDENCE) / 2.0, (1.0 - CONFIDENCE) / 2.0
-    low, high = (_noncentrality(f, product, within, tail) / subjects for tail in tails)
+    low, high = (_noncentrality(f, product, within, tail) / subjects for tail in _TAILS)
     return Effect(float(np.sqrt(max(square, 0.0))), float(np.sqrt(low)), float(np.sqrt(high)))
 
 
-def _noncentrality(f: float, between: int, within: float, probability: float) -> float:
+def explained_variance(
+    wilks: float, modes: int, columns: int, error_dof: int, subjects: int
+) -> Effect | None:
+    """Return the share of the generalised variance that the tested effect explains, with its interval.
+
+    That is ``1 - lambda ** (1 / s)`` of Wilks' lambda, with s as in Rao's F, made nearly unbiased (omega
+    squared). Bounds come from the noncentral F distribution (Steiger 2004). They hold for normal data with
+    equal covariances; those of more than two modes and columns are approximate (O'Brien and Shieh 1992).
+
+    Parameters
+    ----------
+    wilks : float
+        Wilks' lambda.
+    modes, columns : int
+        Number of modes, and of tested columns.
+    error_dof : int
+        Degrees of freedom of the error.
+    subjects : int
+        Number of subjects.
+
+    Returns
+    -------
+    Effect or None
+        None with fewer than two degrees of freedom more than modes.
+    """
+    if modes < 1 or error_dof - modes < 2:
+        return None
+    f, between, within = (float(item) for item in rao_f(np.array(wilks), modes, columns, error_dof))
+    root = (within + between / 2.0 - 1.0) / (error_dof - (modes - columns + 1.0) / 2.0)
+    unbiased = max(between * (f * (within - 2.0) / within - 1.0), 0.0)
+    low, high = (_noncentrality(f, between, within, tail) for tail in _TAILS)
+    value, low, high = (item / (item + root * subjects) for item in (unbiased, low, high))
+    return Effect(value, low, high)
+
+
+def _noncentrality(f: float, between: float, within: float, probability: float) -> float:
     """Return the noncentrality at which F is below f with this probability; 0 if it never is."""
     if stats.f.cdf(f, between, within) <= probability:
         return 0.0
@@ -292,8 +323,7 @@ def size_variance(size: FloatArray, design: Design, members: Sequence[BoolArray]
         within = float(design.error_dof)
         f = explained / between / ((float(np.square(residuals).sum()) - explained) / within)
     share = between * (f - 1.0)
-    tails = (1.0 + CONFIDENCE) / 2.0, (1.0 - CONFIDENCE) / 2.0
-    low, high = (_noncentrality(f, between, within, tail) for tail in tails)
+    low, high = (_noncentrality(f, between, within, tail) for tail in _TAILS)
     omega = Effect(max(share, 0.0) / (max(share, 0.0) + count), low / (low + count), high / (high + count))
     return SizeVariance(f, (float(between), within), omega)
 
@@ -314,7 +344,7 @@ def standardized_size(size: FloatArray, design: Design) -> Effect | None:
     t = float(along[0]) / np.sqrt(left / dof)
     unit = float(np.linalg.norm(design.columns[:, 0]))
     unbiased = np.exp(special.gammaln(dof / 2) - special.gammaln((dof - 1) / 2)) * np.sqrt(2 / dof)
-    low, high = (_noncentral_t(t, dof, tail) for tail in ((1.0 + CONFIDENCE) / 2.0, (1.0 - CONFIDENCE) / 2.0))
+    low, high = (_noncentral_t(t, dof, tail) for tail in _TAILS)
     return Effect(float(unbiased * t / unit), low / unit, high / unit)
 
 
@@ -343,41 +373,3 @@ def _welch_f(parts: Sequence[FloatArray]) -> tuple[float, float]:
     ratio = float(weights @ np.square(means - grand)) / (groups - 1.0)
     f = ratio / (1.0 + 2.0 * (groups - 2.0) / (groups**2 - 1.0) * spread)
     return f, (groups**2 - 1.0) / (3.0 * spread)
-
-
-def shares_below(values: FloatArray, others: FloatArray) -> FloatArray:
-    """Return the share of the others below each value, equal ones counted half."""
-    ordered = np.sort(others)
-    below = np.searchsorted(ordered, values, "left") + np.searchsorted(ordered, values, "right")
-    shares: FloatArray = below / (2.0 * len(ordered))
-    return shares
-
-
-def accuracy_bounds(correct: FloatArray, second: BoolArray, accuracy: float) -> tuple[float, float]:
-    """Join the Wilson intervals of both groups' shares, as Newcombe (1998) joins them for a difference."""
-    z = float(stats.norm.ppf((1.0 + CONFIDENCE) / 2.0))
-    below = above = 0.0
-    for own in (correct[second], correct[~second]):
-        share, count = float(own.mean()), len(own)
-        centre = (share + z**2 / (2 * count)) / (1 + z**2 / count)
-        reach = z * np.sqrt(share * (1 - share) / count + z**2 / (4 * count**2)) / (1 + z**2 / count)
-        below += (share - (centre - reach)) ** 2
-        above += (centre + reach - share) ** 2
-    return float(max(accuracy - np.sqrt(below) / 2.0, 0.0)), float(min(accuracy + np.sqrt(above) / 2.0, 1.0))
-
-
-def auc_bounds(held_out: FloatArray, second: BoolArray, auc: float) -> tuple[float, float]:
-    """Return the interval of DeLong on the logit scale; without errors that of one half of an error."""
-    of_high, of_low = held_out[second], held_out[~second]
-    high, low = len(of_high), len(of_low)
-    variance = shares_below(of_high, of_low).var(ddof=1) / high
-    variance += shares_below(of_low, of_high).var(ddof=1) / low
-    tail = (1.0 - CONFIDENCE) / 2.0
-    if variance == 0.0 or not 0.0 < auc < 1.0:
-        # All pairs stand alike, and DeLong's variance is zero: the exact binomial bound of the smaller group.
-        bound = tail ** (1.0 / min(high, low))
-        return (bound, 1.0) if auc >= 0.5 else (0.0, 1.0 - bound)
-    centre = np.log(auc / (1.0 - auc))
-    reach = stats.norm.isf(tail) * np.sqrt(variance) / (auc * (1.0 - auc))
-    bounds = 1.0 / (1.0 + np.exp(-(centre + np.array([-reach, reach]))))
-    return float(bounds[0]), float(bounds[1])

@@ -1,12 +1,14 @@
-"""Cross-validation of a linear discriminant from moments, for permutations of many subjects."""
+"""Cross-validation of a linear discriminant: from moments, for permutations of many subjects; intervals."""
 
 from itertools import pairwise
 
 import numpy as np
+from scipy import stats
 
+from homolog.analysis.effects import CONFIDENCE
 from homolog.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["held_out_by_moments", "stratified_folds"]
+__all__ = ["accuracy_bounds", "auc_bounds", "held_out_by_moments", "stratified_folds"]
 
 _FLAT = 1e-9
 """Modes with less than this part of the first one's variance hold no variation."""
@@ -101,3 +103,41 @@ def _direction(
     length = np.linalg.norm(direction, axis=1, keepdims=True)
     direction = direction / np.maximum(length, np.finfo(float).tiny)
     return direction, (difference * direction).sum(axis=1)
+
+
+def _shares_below(values: FloatArray, others: FloatArray) -> FloatArray:
+    """Return the share of the others below each value, equal ones counted half."""
+    ordered = np.sort(others)
+    below = np.searchsorted(ordered, values, "left") + np.searchsorted(ordered, values, "right")
+    shares: FloatArray = below / (2.0 * len(ordered))
+    return shares
+
+
+def accuracy_bounds(correct: FloatArray, second: BoolArray, accuracy: float) -> tuple[float, float]:
+    """Join the Wilson intervals of both groups' shares, as Newcombe (1998) joins them for a difference."""
+    z = float(stats.norm.ppf((1.0 + CONFIDENCE) / 2.0))
+    below = above = 0.0
+    for own in (correct[second], correct[~second]):
+        share, count = float(own.mean()), len(own)
+        centre = (share + z**2 / (2 * count)) / (1 + z**2 / count)
+        reach = z * np.sqrt(share * (1 - share) / count + z**2 / (4 * count**2)) / (1 + z**2 / count)
+        below += (share - (centre - reach)) ** 2
+        above += (centre + reach - share) ** 2
+    return float(max(accuracy - np.sqrt(below) / 2.0, 0.0)), float(min(accuracy + np.sqrt(above) / 2.0, 1.0))
+
+
+def auc_bounds(held_out: FloatArray, second: BoolArray, auc: float) -> tuple[float, float]:
+    """Return the interval of DeLong on the logit scale; without errors that of one half of an error."""
+    of_high, of_low = held_out[second], held_out[~second]
+    high, low = len(of_high), len(of_low)
+    variance = _shares_below(of_high, of_low).var(ddof=1) / high
+    variance += _shares_below(of_low, of_high).var(ddof=1) / low
+    tail = (1.0 - CONFIDENCE) / 2.0
+    if variance == 0.0 or not 0.0 < auc < 1.0:
+        # All pairs stand alike, and DeLong's variance is zero: the exact binomial bound of the smaller group.
+        bound = tail ** (1.0 / min(high, low))
+        return (bound, 1.0) if auc >= 0.5 else (0.0, 1.0 - bound)
+    centre = np.log(auc / (1.0 - auc))
+    reach = stats.norm.isf(tail) * np.sqrt(variance) / (auc * (1.0 - auc))
+    bounds = 1.0 / (1.0 + np.exp(-(centre + np.array([-reach, reach]))))
+    return float(bounds[0]), float(bounds[1])

@@ -36,6 +36,58 @@ def test_a_group_that_scatters_twice_as_much_is_noticed_and_equal_ones_are_not(c
     assert result.ratio == result.by_group["a"] / result.by_group["b"]
 
 
+def _without(index, shapes, design):
+    """Distances of the others when a subject is held out, and the design of the others."""
+    kept = np.arange(len(shapes)) != index
+    return dispersion_test(shapes[kept], design.of(kept), 6, {}, permutations=1).distances, design.of(kept)
+
+
+def test_intervals_of_dispersion_are_those_of_a_jackknife_that_fits_the_centroids_again():
+    shapes = np.random.default_rng(5).normal(size=(20, 2, 3))
+    design, members = _groups((8, 12))
+    result = dispersion_test(shapes, design, 6, members, permutations=9)
+    variances = []
+    for own in (members["a"], members["b"]):
+        logs = [
+            np.log(_without(index, shapes, design)[0][np.delete(own, index)].mean())
+            for index in np.flatnonzero(own)
+        ]
+        variances.append((len(logs) - 1) / len(logs) * np.square(logs - np.mean(logs)).sum())
+    for name, variance in zip("ab", variances, strict=True):
+        own = result.intervals[name]
+        assert own.value == result.by_group[name]
+        spread = stats.t.ppf(0.975, np.count_nonzero(members[name]) - 1) * np.sqrt(variance)
+        assert np.log([own.value / own.low, own.high / own.value]) == pytest.approx(spread)
+    assert result.effect.value == result.by_group["b"] / result.by_group["a"]
+    dof = sum(variances) ** 2 / (variances[0] ** 2 / 7 + variances[1] ** 2 / 11)
+    spread = stats.t.ppf(0.975, dof) * np.sqrt(sum(variances))
+    assert np.log(result.effect.high / result.effect.value) == pytest.approx(spread)
+
+
+def test_the_change_of_dispersion_along_a_variable_has_the_interval_of_its_jackknife():
+    generator = np.random.default_rng(6)
+    values = generator.normal(size=15)
+    shapes, design = generator.normal(size=(15, 2, 3)), regression_design(values)
+    result = dispersion_test(shapes, design, 6, {}, permutations=9).effect
+    slopes = []
+    for index in range(15):
+        distances, others = _without(index, shapes, design)
+        slopes.append(others.coefficients(distances[:, None])[0, 0])
+    spread = stats.t.ppf(0.975, 13) * np.sqrt(14 / 15 * np.square(slopes - np.mean(slopes)).sum())
+    assert [result.value - result.low, result.high - result.value] == pytest.approx([spread, spread])
+
+
+def test_the_interval_of_the_ratio_of_dispersions_covers_the_truth():
+    generator = np.random.default_rng(7)
+    design, members = _groups((8, 14))
+    inside = []
+    for _ in range(300):
+        shapes = generator.normal(size=(22, 1, 3)) * np.where(members["b"], 2.0, 1.0)[:, None, None]
+        effect = dispersion_test(shapes, design, 3, members, permutations=1).effect
+        inside.append(effect.low <= 2.0 <= effect.high)
+    assert 0.92 < np.mean(inside) < 0.99
+
+
 def test_outliers_in_groups_of_equal_dispersion_seldom_make_a_difference():
     """One subject in twenty has four times the deviation; 8 of 42 are in one group."""
     generator = np.random.default_rng(2)

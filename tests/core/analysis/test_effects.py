@@ -7,6 +7,7 @@ from homolog.analysis.effects import (
     corrected_distance,
     distance_of_several,
     effect_bounds,
+    explained_variance,
     size_effect,
     size_variance,
     standardized_size,
@@ -32,13 +33,14 @@ def test_the_distance_is_unbiased_where_the_plain_one_is_too_large():
     assert 0.92 < inside / 400 < 0.98
 
 
-def test_the_distance_of_several_groups_is_unbiased_and_its_interval_covers_the_truth():
+def test_effects_of_several_groups_are_unbiased_and_their_intervals_cover_the_truth():
     generator = np.random.default_rng(4)
     counts, means = np.array([8, 12, 16]), np.array([0.0, 0.8, 1.4])
     labels = np.repeat(["a", "b", "c"], counts)
     members = (labels[:, None] == ["a", "b", "c"]).astype(float)
     truth = np.sqrt(counts @ np.square(means - counts @ means / 36) / 36)
-    squares, inside = [], 0
+    share = 1.0 - (1.0 + truth**2) ** -0.5
+    squares, shares, inside = [], [], np.zeros(2)
     for _ in range(400):
         scores = generator.normal(size=(36, 3))
         scores[:, 1] += members @ means
@@ -49,14 +51,29 @@ def test_the_distance_of_several_groups_is_unbiased_and_its_interval_covers_the_
         result = distance_of_several(trace, 3, 2, 33, 36)
         squares.append((29 * trace - 6) / 36)
         assert result.value == pytest.approx(np.sqrt(max(squares[-1], 0.0)))
-        inside += result.low <= truth <= result.high
+        explained = explained_variance(
+            np.linalg.det(rest.T @ rest) / np.linalg.det(rest.T @ rest + between), 3, 2, 33, 36
+        )
+        shares.append(explained.value)
+        inside += result.low <= truth <= result.high, explained.low <= share <= explained.high
     assert np.mean(squares) == pytest.approx(truth**2, abs=0.03)
-    assert 0.92 < inside / 400 < 0.98
+    assert np.mean(shares) == pytest.approx(share, abs=0.02)
+    assert (abs(inside / 400 - 0.95) < 0.03).all()
     two = corrected_distance(9.0, 3, 26, 7.0)
     both = distance_of_several(9.0 / 26, 3, 1, 26, 28)
     np.testing.assert_allclose(
         [both.value, both.low, both.high], np.array([two.value, two.low, two.high]) / 2
     )
+
+
+def test_the_explained_variance_of_two_groups_says_the_same_as_their_distance():
+    """Of 14 and 14 subjects in 3 modes, T² 9: it is a function of the distance alone."""
+    two = corrected_distance(9.0, 3, 26, 7.0)
+    share = explained_variance(26 / (26 + 9.0), 3, 1, 26, 28)
+    noncentrality = 7.0 * np.square([two.value, two.low, two.high])
+    expected = noncentrality / (noncentrality + 28)
+    np.testing.assert_allclose([share.value, share.low, share.high], expected, atol=1e-6)
+    assert explained_variance(0.5, 0, 1, 26, 28) is None
 
 
 def test_bounds_of_one_number_are_welchs_and_hold_for_a_variable_too():
