@@ -67,11 +67,11 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
         )
     mean = ", ".join(f"{name} {value:.2f} mm" for name, value in dispersion.by_group.items())
     what = (
-        "Hotelling's T², F, the intervals of D and ω² and the p-values of accuracy and AUC of this comparison assume "
-        "equal dispersion: do not rely on them."
+        "Hotelling's T², F, the intervals of D and ω² and the p-values of accuracy and AUC of this "
+        "comparison assume equal dispersion: do not rely on them."
         if len(numbers) == 2
-        else "Wilks' lambda, F and the intervals of D and ω² of all groups together assume equal dispersion: do not "
-        "rely on them. Each pair of groups has a test of dispersion of its own; where a pair gets no "
+        else "Wilks' lambda, F and the intervals of D and ω² of all groups together assume equal dispersion: "
+        "do not rely on them. Each pair of groups has a test of dispersion of its own; where a pair gets no "
         "caution, its D, accuracy and AUC may be used."
     )
     return (
@@ -141,7 +141,7 @@ def outlier_caution(
     )
 
 
-_FAR_FROM_GROUP = "far from the mean of the group, adjusted for any covariates"
+_FAR_FROM_GROUP = "far from the rest of the group"
 _FAR = {
     "all": "far from the shape that is fitted to the value of the variable",
     "pairs": "whose difference within the pair is far from the mean difference",
