@@ -21,12 +21,13 @@ _PIECES_PER_CORE = 4
 
 
 def _start_warp() -> None:
-    """Initialize Warp without its message on a missing CUDA driver.
+    """Initialize Warp without its message on a missing CUDA driver or hidden GPUs.
 
     Such a machine is a normal one here, and the device in use is named by `describe_device`.
     """
     wp.config.log_level = wp.LOG_WARNING
-    if ctypes.util.find_library("cuda") or ctypes.util.find_library("nvcuda"):
+    hidden = os.environ.get("CUDA_VISIBLE_DEVICES") in ("", "-1")
+    if not hidden and (ctypes.util.find_library("cuda") or ctypes.util.find_library("nvcuda")):
         wp.init()
         return
     sys.stderr.flush()

@@ -57,9 +57,9 @@ def on_one_thread(function: Callable[_Arguments, _Result]) -> Callable[_Argument
     return limited
 
 
-def blas_threads(rows: int) -> AbstractContextManager[object]:
-    """Return a context in which BLAS uses one thread, unless the matrices have many rows."""
-    return nullcontext() if rows >= _LARGE else _one_thread()
+def blas_threads(rows: int, least: int = _LARGE) -> AbstractContextManager[object]:
+    """Return a context in which BLAS uses one thread, unless the matrices have at least so many rows."""
+    return nullcontext() if rows >= least else _one_thread()
 
 
 _local = threading.local()

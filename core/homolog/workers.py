@@ -64,7 +64,11 @@ def _server() -> BaseContext | None:
 
     context = get_context("forkserver")
     context.set_forkserver_preload(_PRELOADED)
-    own = {_THREADS: os.environ.get(_THREADS, "1"), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    own = {
+        _THREADS: os.environ.get(_THREADS, "1"),
+        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+        "CUDA_VISIBLE_DEVICES": "",  # a context of the GPU would not survive the fork
+    }
     before = {name: os.environ.get(name) for name in own}
     os.environ.update(own)  # the server takes what holds when it starts
     try:

@@ -34,6 +34,8 @@ def test_workers_are_forked_with_what_grooms_loaded_and_nothing_of_this_process_
     with worker_processes(1) as executor:
         loaded = executor.submit(eval, "set(__import__('sys').modules)").result(60)
         threads = executor.submit(os.getenv, "OPENBLAS_NUM_THREADS").result(60)
+        gpus = executor.submit(os.getenv, "CUDA_VISIBLE_DEVICES").result(60)
+    assert gpus == ""  # no context of CUDA is forked
     assert "homolog.grooming.cohort" in loaded
     assert not {"matplotlib", "PySide6", "vtkmodules"} & loaded
     assert threads == before.get("OPENBLAS_NUM_THREADS", "1")

@@ -162,9 +162,10 @@ class _Entropy:
 
     def survey(self, weight: float) -> Survey:
         """Return what the changes by all pairs of all shapes have in common."""
-        rows = np.ascontiguousarray(self._rows.swapaxes(0, 1))
+        pulled = (self._inverse @ self._rows.reshape(len(self._rows), -1)).reshape(self._rows.shape)
         own = self._inverse.diagonal() - self._common
-        return Survey(own, rows, np.matmul(self._inverse, rows), weight * self._factor)
+        rows, pulled = (np.ascontiguousarray(array.swapaxes(0, 1)) for array in (self._rows, pulled))
+        return Survey(own, rows, pulled, weight * self._factor)
 
     def change(self, shape: int, pairs: IntArray, steps: FloatArray) -> FloatArray:
         """Return by how much the entropy changes, summed up over all particles."""

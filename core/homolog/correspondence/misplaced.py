@@ -17,7 +17,7 @@ from homolog.correspondence.near_pairs import N_NEIGHBOURS, expected_positions
 from homolog.correspondence.schedule import Weights
 from homolog.errors import InputError
 from homolog.geometry import farthest_point_sampling, inverse_matrices, rotation_of, transform_points
-from homolog.threads import on_one_thread
+from homolog.threads import blas_threads
 
 __all__ = [
     "MAX_MISPLACED_FRACTION",
@@ -34,6 +34,7 @@ __all__ = [
 MIN_ANGLE = np.radians(45.0)  # between a misplaced particle's normal and the mean normal
 MIN_MEDIAN_RATIO = 3.0  # of that angle to its median over the shapes
 MIN_SHAPES = 3  # with fewer, none of them is the exception
+MANY_SHAPES = 2000  # whose matrices are inverted sooner on several threads
 MAX_MISPLACED_FRACTION = 0.1  # of a shape's particles; beyond it the whole shape is matched differently
 # Two particles are swapped if an exchange reduces the sum of their errors, and each error, to these ratios.
 MAX_PAIR_ERROR_RATIO, MAX_ERROR_RATIO = 0.5, 0.8
@@ -88,7 +89,6 @@ def relocate_misplaced(engine: Engine, allowed: BoolArray) -> BoolArray:
     return moved
 
 
-@on_one_thread
 def exchange(engine: Engine, weights: Weights, allowed: BoolArray) -> BoolArray:
     """Exchange particles of a shape where that lowers the objective; return which, (M, N).
 
@@ -108,10 +108,11 @@ def exchange(engine: Engine, weights: Weights, allowed: BoolArray) -> BoolArray:
         (weights.ensemble, weights.normals),
         (weights.regularization, weights.normals_regularization),
     )
-    exchanges = Exchanges(rows)
-    if len(allowed) >= MIN_SHAPES:
-        movable = np.broadcast_to(allowed, exchanges.order.shape)
-        exchanges.make_all(movable, engine.launch.poll_cancel, engine.launch.device)
+    with blas_threads(len(allowed), MANY_SHAPES):
+        exchanges = Exchanges(rows)
+        if len(allowed) >= MIN_SHAPES:
+            movable = np.broadcast_to(allowed, exchanges.order.shape)
+            exchanges.make_all(movable, engine.launch.poll_cancel, engine.launch.device)
     moved: BoolArray = exchanges.order != np.arange(exchanges.order.shape[1])
     if moved.any():
         positions = engine.host_positions().astype(np.float64)

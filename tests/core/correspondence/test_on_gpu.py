@@ -33,4 +33,8 @@ def test_a_resumed_optimization_goes_on_where_it_stopped(ellipsoid_shapes, gpu):
 def test_a_gpu_that_stands_for_two_places_particles_as_one_does(ellipsoid_shapes, gpu):
     first, two = (optimize(ellipsoid_shapes, QUICK, device=name) for name in (gpu, f"{gpu},{gpu}"))
     assert np.abs(two.world - first.world).max() < 0.5
-    np.testing.assert_allclose(two.energies[:, 1:].sum(axis=1), first.energies[:, 1:].sum(axis=1), atol=2e-3)
+    objectives = [result.energies[:, 1:].sum(axis=1) for result in (first, two)]
+    common = min(map(len, objectives))  # rounding may decide when the objective has settled
+    assert common >= 6
+    np.testing.assert_allclose(objectives[1][:common], objectives[0][:common], atol=2e-3)
+    assert abs(objectives[1][-1] - objectives[0][-1]) < 2e-3
