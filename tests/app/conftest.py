@@ -38,6 +38,7 @@ def ball():
 
 @pytest.fixture
 def without_figures(monkeypatch):
-    """Let reports have no figures: drawing them takes most of the time."""
+    """Let reports have no figures and no PDF: drawing them takes most of the time."""
     for figures in ("model_figures", "study_figures"):
         monkeypatch.setattr(f"homolog_app.report.write.{figures}", lambda *_: [])
+    monkeypatch.setattr("homolog_app.report.write.write_page", lambda *_: None)

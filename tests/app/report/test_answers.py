@@ -1,0 +1,252 @@
+"""Answers to questions about groups: what is printed, and the tables."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from homolog.files.particles import read_particles, write_particles
+from homolog.files.records import ProjectRecord
+from homolog.files.report_details import Axes, ReportDetails
+from homolog.files.results import particle_file, read_result
+from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.report.findings import corrections_text, p_text
+from homolog_app.report.request import (
+    StudyRequest,
+    column_of,
+)
+from homolog_app.report.sample import sample_rows
+from homolog_app.report.study import run_study
+from homolog_app.report.surface_maps import EDGE, INNER, OUTER, SurfaceCarrier, directions_of
+
+HOSTILE = "<script>alert('x')</script> & co"
+
+
+def test_three_groups_are_analyzed_with_and_without_size_and_written_as_tables(
+    project, capsys, analyze, rows_of
+):
+    assert analyze(project) == 0
+    said = capsys.readouterr().out
+    assert "6 A, 6 B, 6 C: the groups differ in shape" in said
+    assert "C - A (6 A, 6 C): they differ in form" in said
+    assert "B - A (6 A, 6 B): no difference in shape can be shown" in said
+    assert "none of 60 particles" in said
+    folder = project.folder / "analysis" / "groups_group_A_B_C"
+    tests = rows_of(folder / "tests.csv")
+    assert [row["comparison"] for row in tests] == ["A, B, C", "B - A", "C - A", "C - B"]
+    low, far, high = (float(tests[0][f"mahalanobis_d_corrected{end}"]) for end in ("_low_95", "", "_high_95"))
+    assert 0.0 < low < far < high
+    assert "common mean D = " in said
+    particles = rows_of(folder / "particles_C_-_A.csv")
+    top = max(particles, key=lambda row: float(row["mean_z_mm"]))
+    assert float(top["outward_mm"]) == pytest.approx(4.0, abs=1.5)
+    assert float(top["p_fwe"]) <= 0.05
+    assert float(top["outward_p_fwe"]) <= 0.05
+    assert float(top["outward_t_welch"]) > 3.0
+    assert [row["name"] for row in rows_of(folder / "subjects.csv")][4] == HOSTILE
+    assert (project.folder / "analysis" / "groups_group_A_B_C_without_size" / "tests.csv").is_file()
+
+
+def test_regions_say_where_the_difference_is_how_large_and_which_way(project, analyze, rows_of):
+    assert analyze(project, "--between", "A", "C", "--alignment", "as-it-lies") == 0
+    (row,) = rows_of(project.folder / "analysis" / "groups_group_A_C_as_it_lies" / "regions.csv")
+    assert row["peak_place"] == row["peak_displacement_towards"] == "+z"
+    assert float(row["peak_z_mm"]) > 15.0
+    low, value, high = (float(row[f"peak_outward{end}_mm"]) for end in ("_low_95", "", "_high_95"))
+    assert 0.0 < low < value < high
+    assert value == pytest.approx(4.0, abs=1.5)
+    least, mean, largest = (float(row[f"{of}_outward_mm"]) for of in ("least", "mean", "largest"))
+    assert least <= mean <= largest
+    assert least <= value <= largest
+    assert float(row["peak_p_fwe_corrected"]) <= 0.05
+    (tests,) = rows_of(project.folder / "analysis" / "groups_group_A_C_as_it_lies" / "tests.csv")
+    assert row["particles"] == tests["particles_p_fwe_corrected_05"]
+
+
+def test_the_inner_surface_of_a_hollow_shape_is_told_from_the_outer_one(unit_sphere):
+    points, faces = unit_sphere(300)
+    wall = TriangleMesh(
+        np.concatenate([20.0 * points, 14.0 * points]), np.concatenate([faces, faces[:, ::-1] + len(points)])
+    )
+    solid = TriangleMesh(20.0 * points, faces)
+    for mesh, walls in ((wall, [OUTER, INNER]), (solid, ["", ""])):
+        nearest = np.arange(len(mesh.vertices)) // len(points)
+        carrier = SurfaceCarrier(mesh, np.zeros((len(nearest), 2)), np.arange(2), nearest)
+        assert carrier.walls_at_particles(2) == walls
+
+
+def test_the_edge_of_an_opening_is_told_from_both_walls():
+    """A tube that is closed at one end; its inner wall sees much of the outside near the opening."""
+    heights, turns = np.linspace(0.0, 30.0, 16), np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+    outline = [*((10.0, z) for z in heights), (8.0, 30.0), *((6.0, z) for z in heights[:0:-1]), (0.0, 3.0)]
+    outline = [(0.0, 0.0), *outline]
+    points = np.array([[r * np.cos(t), r * np.sin(t), z] for r, z in outline for t in turns])
+    ring = np.arange(32)
+    faces = np.array(
+        [
+            face
+            for row in range(len(outline) - 1)
+            for i, k in zip(32 * row + ring, 32 * row + (ring + 1) % 32, strict=True)
+            for face in ((i, k, k + 32), (i, k + 32, i + 32))
+        ]
+    )
+    mesh = TriangleMesh(points, faces)
+    at = np.repeat(np.arange(len(outline)), 32)
+    walls = SurfaceCarrier(mesh, np.zeros((len(at), 2)), np.arange(2), at).walls_at_particles(len(outline))
+    assert walls[17] == EDGE
+    assert set(walls[2:16]) == {OUTER}  # sharp corners may be either
+    assert set(walls[19:]) == {INNER}
+
+
+def test_places_have_the_names_that_the_authors_give_them(project, capsys, analyze, rows_of):
+    question = ["--between", "A", "C", "--size", "with"]
+    assert analyze(project, *question, "--places", "basal/apical") == 2
+    assert "--places basal/apical: must be two names for each" in capsys.readouterr().err
+    assert analyze(project, *question, "--places", "septal/lateral -y/+y basal/apical") == 0
+    rows = rows_of(project.folder / "analysis" / "groups_group_A_C" / "regions.csv")
+    top = max(rows, key=lambda row: float(row["peak_z_mm"]))
+    assert "apical" in top["peak_place"]
+    words = {word for row in rows for word in row["peak_place"].split()}
+    assert words <= {"septal", "lateral", "-y", "+y", "basal", "apical", "middle"}
+
+
+def test_axes_are_those_of_the_patient_only_if_all_files_say_so(project):
+    record = project.read().result
+    image = {"voxel": [1.0, 1.0, 1.0]}
+    note = {"notes": ["its header gives no patient orientation (no qform or sform); RAS axes were assumed"]}
+    for last, stated in ((image, True), (image | note, False), ({}, False)):
+        rows = [item.model_copy(update=image) for item in record.subjects[:-1]]
+        rows.append(record.subjects[-1].model_copy(update=last))
+        directions = directions_of(ReportDetails(), record.model_copy(update={"subjects": rows}))
+        assert directions.are_the_patients == stated
+    assert not directions_of(ReportDetails(axes=Axes.FILE), None).are_the_patients
+
+
+def test_each_p_is_printed_with_no_more_digits_than_it_has():
+    assert [p_text(p) for p in (0.0, 0.00099, 0.0123, 0.21, 1.0)] == [
+        "p < 0.001", "p < 0.001", "p = 0.012", "p = 0.21", "p > 0.99",
+    ]  # fmt: skip
+    assert p_text(1 / 200, 199) == "p = 0.005"
+    assert p_text(1 / 100, 99) == "p = 0.01"
+    assert p_text(1 / 20, 19) == "p = 0.05"
+
+
+def test_a_group_that_scatters_more_raises_a_caution_where_answers_are_read(
+    project, capsys, analyze, rows_of
+):
+    record = project.read().result
+    for index, subject in enumerate(record.subjects):
+        if subject.group == "A":
+            place = particle_file(project, subject.file, "world")
+            shape = read_particles(place)
+            generator = np.random.default_rng(index)
+            push = 3.0 * np.tanh(np.linalg.norm(shape, axis=1, keepdims=True)) * generator.normal(size=(1, 3))
+            write_particles(place, shape * (1.0 + push / 20.0))
+    assert analyze(project, "--between", "A", "B", "--alignment", "as-it-lies") == 0
+    said = capsys.readouterr().out
+    assert "differ in dispersion" in said
+    assert "assume equal dispersion" in said
+    (row,) = rows_of(project.folder / "analysis" / "groups_group_A_B_as_it_lies" / "tests.csv")
+    assert float(row["dispersion_p"]) <= 0.05
+    assert float(row["dispersion_ratio"]) > 1.5
+
+
+def test_a_subject_that_lies_far_from_all_others_is_named(project, capsys, analyze):
+    broken = 60.0 * np.random.default_rng(3).normal(size=(60, 3))
+    write_particles(particle_file(project, "s3", "world"), broken)
+    assert analyze(project, "--size", "with") == 0
+    assert "Caution: A, B, C: subject 3" in capsys.readouterr().out
+
+
+def test_form_and_shape_count_as_two_answers_and_pairs_are_corrected(project, analyze, rows_of):
+    assert analyze(project) == 0
+    rows = rows_of(project.folder / "analysis" / "groups_group_A_B_C" / "tests.csv")
+    assert [row["answers"] for row in rows] == ["2"] * 4
+    assert [row["pairs_corrected_for"] for row in rows] == ["1", "3", "3", "3"]
+    least = min(rows[1:], key=lambda row: float(row["p_permutation"]))
+    assert float(least["p_permutation_corrected"]) == pytest.approx(min(6 * float(least["p_permutation"]), 1))
+    raw = sorted(float(row["size_p_permutation"]) for row in rows[1:])
+    corrected = sorted(float(row["size_p_permutation_corrected"]) for row in rows[1:])
+    assert corrected[0] == pytest.approx(min(3 * raw[0], 1.0))
+    raw = sorted(float(row["auc_p_permutation"]) for row in rows[1:])
+    corrected = sorted(float(row["auc_p_permutation_corrected"]) for row in rows[1:])
+    assert corrected[0] == pytest.approx(min(6 * raw[0], 1.0))
+
+
+def test_tables_say_what_they_are_of_and_what_each_column_holds(project, analyze, rows_of):
+    assert analyze(project, "--between", "A", "C", "--covariates", "age", "--alignment", "rigid") == 0
+    folder = project.folder / "analysis" / "groups_group_A_C_for_age"
+    (test,) = rows_of(folder / "tests.csv")
+    assert (test["result_fingerprint"], test["alignment"], test["covariates"]) == ("abc", "rigid", "age")
+    assert test["date"]
+    assert test["homolog_version"]
+    assert float(test["mahalanobis_d_corrected"]) < float(test["mahalanobis_d_plain"])
+    assert float(test["auc_low_95"]) <= float(test["auc"]) <= float(test["auc_high_95"])
+    kept = json.loads((folder / "study.json").read_text())
+    assert kept["answered"]["fingerprint"] == "abc"
+    meanings = rows_of(folder / "columns.csv")
+    assert {row["file"] for row in meanings} == {path.name for path in folder.glob("*.csv")} - {"columns.csv"}
+    assert all(row["meaning"] for row in meanings)
+    assert not [row for row in meanings if row["meaning"] == "the column of the question"][1:]
+    particle = rows_of(folder / "particles_C_-_A.csv")[0]
+    assert float(particle["outward_low_95_mm"]) < float(particle["outward_mm"])
+    sample = rows_of(folder / "sample.csv")
+    ages = [row for row in sample if row["variable"] == "age"]
+    assert [(row["minimum"], row["maximum"]) for row in ages] == [("40.0", "70.0"), ("44.0", "74.0")]
+    assert [row["n"] for row in sample if row["variable"] == "subjects"] == ["6", "6"]
+    assert [row for row in sample if row["variable"] == "voxel"] == []
+    left_out = [row["left_out_because"] for row in rows_of(folder / "subjects.csv")]
+    assert left_out.count("group is 'B'") == 6
+
+
+def test_the_least_p_of_all_signs_is_that_of_the_observed_ones_and_their_opposites(project):
+    result = read_result(project)
+    signs = StudyRequest(kind="pairs", between=("A", "B"), pairs="couple", null_repeats=0, answers=2)
+    study = run_study(result, signs)
+    assert study.overall.test.exact
+    assert "With all 64 permutations the least possible p" in corrections_text(study)
+    assert "is 0.031, 0.062 after correction" in corrections_text(study)
+    assert "discriminant" not in corrections_text(study)
+
+
+def test_tables_are_marked_as_soon_as_particles_are_placed_anew(project, analyze):
+    assert analyze(project, "--between", "A", "C", "--size", "with") == 0
+    folder = project.folder / "analysis" / "groups_group_A_C"
+    with project.locked(), project.replacing_result() as following:
+        following.write(project.read())
+    assert "earlier result" in (folder / "OUT_OF_DATE.txt").read_text()
+
+
+def test_the_size_of_shapes_that_the_run_brought_to_one_is_still_compared(project):
+    record = project.read().result
+    before = column_of(read_result(project), "shape-size")
+    subjects = []
+    for index, subject in enumerate(record.subjects):
+        scale = 1.0 + 0.1 * (index % 4)
+        place = particle_file(project, subject.file, "world")
+        write_particles(place, read_particles(place) * scale)
+        subjects.append(
+            subject.model_copy(update={"alignment": np.diag([scale, scale, scale, 1.0]).tolist()})
+        )
+    project.write(ProjectRecord(result=record.model_copy(update={"subjects": subjects})))
+    after = column_of(read_result(project), "shape-size")
+    np.testing.assert_allclose(np.array(after, float), np.array(before, float), rtol=1e-6)
+
+
+def test_voxels_of_the_files_are_told_by_group_and_ranges_where_there_are_many_sizes(project):
+    result = read_result(project)
+    study = SimpleNamespace(request=StudyRequest(between=("A", "B")), left_out={}, labels=result.groups)
+    edges = [(0.5, 0.5, 2.0 if group == "A" else 3.0) for group in result.groups]
+    rows = sample_rows(study, replace(result, voxels=tuple(edges)))
+    voxels = [(row.group, row.category, row.count) for row in rows if row.variable == "voxel"]
+    assert voxels == [
+        ("A", "0.5 x 0.5 x 2", 6), ("A", "0.5 x 0.5 x 3", 0),
+        ("B", "0.5 x 0.5 x 2", 0), ("B", "0.5 x 0.5 x 3", 6),
+    ]  # fmt: skip
+    many = tuple((0.5, 0.5, 1.0 + 0.1 * index) for index in range(len(edges)))
+    rows = sample_rows(study, replace(result, voxels=many))
+    texts = {row.category for row in rows if row.variable == "voxel"}
+    assert len(texts) == 1
+    assert texts.pop().startswith("0.5 x 0.5 x 1 to ")

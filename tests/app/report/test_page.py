@@ -1,0 +1,182 @@
+"""The page of a report, and what Python says of it."""
+
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from html.parser import HTMLParser
+
+import pytest
+
+import homolog as hl
+from homolog.errors import InputError
+from homolog.files.project import ProjectFolder
+from homolog.files.records import ProjectRecord
+from homolog.files.report_details import Axes, ReportDetails, read_details
+from homolog_app import api
+from homolog_app.cli import main
+from homolog_app.report.request import (
+    read_requests,
+    study_folder,
+)
+
+HOSTILE = "<script>alert('x')</script> & co"
+
+
+def test_structure_cohort_and_axes_are_kept_and_used(project, without_figures, analyze, rows_of):
+    assert analyze(project, "--between", "A", "C", "--size", "with", "--axes", "patient") == 0
+    rows = rows_of(project.folder / "analysis" / "groups_group_A_C" / "regions.csv")
+    assert "superior" in {row["peak_place"] for row in rows}
+    remarks = "--structure", "left <ventricle>", "--cohort", "Twins"
+    assert main(["report", str(project.folder), *remarks, "--progress", "none"]) == 0
+    details = read_details(project)
+    assert (details.structure, details.cohort, details.axes) == ("left <ventricle>", "Twins", Axes.PATIENT)
+    page = (project.folder / "report" / "report.html").read_text(encoding="utf-8")
+    assert "left &lt;ventricle&gt;" in page
+    assert "Cohort: Twins." in page
+    assert main(["report", str(project.folder), "--cohort", "", "--progress", "none"]) == 0
+    assert read_details(project).cohort == ""
+    (project.folder / "report.json").write_text("[", encoding="utf-8")
+    with pytest.raises(InputError, match="is damaged"):
+        read_details(project)
+
+
+def test_python_answers_describes_and_reports_as_the_commands_do(project, capsys, without_figures, analyze):
+    assert analyze(project, "--between", "A", "B", "--covariates", "age", "--pairs", "twin") == 2
+    refused = capsys.readouterr().err
+    with pytest.raises(InputError) as error:
+        api.analyze(project.folder, between=["A", "B"], covariates=["age"], pairs="twin")
+    assert str(error.value) in refused
+    options = ["--between", "A", "B", "--covariates", "age", "grade", "--complete-cases", "--axes", "patient"]
+    assert analyze(project, *options) == 0
+    printed = capsys.readouterr().out
+    form, shape = api.analyze(
+        project.folder, between=["A", "B"], covariates=["age", "grade"], complete_cases=True, axes="patient",
+        permutations=199, null_repeats=0,
+    )  # fmt: skip
+    assert f"{form.text}\n{shape.text}\n" == printed
+    assert any("excluded for missing values" in caution for caution in form.cautions)
+    assert (form.comparison.title, form.pairwise, form.seeds) == ("B - A", (), ())
+    opened = hl.Project(project.folder)
+    opened.describe(structure="sphere")
+    page = api.report(project.folder, cohort="Twins").read_text(encoding="utf-8")
+    assert "Structure: sphere. " in page
+    assert "Cohort: Twins." in page
+    assert opened.details == ReportDetails(structure="sphere", cohort="Twins", axes=Axes.PATIENT)
+    with pytest.raises(InputError, match="axes='scanner': choose one of auto, patient, file"):
+        opened.describe(axes="scanner")
+    with pytest.raises(InputError, match="structure: "):
+        opened.describe(structure="long" * 100)
+
+
+def test_tables_and_figures_are_numbered_and_referred_to(report):
+    page = report.read_text(encoding="utf-8")
+    for kind in ("Table", "Figure"):
+        numbers = [int(number) for number in re.findall(rf"caption>{kind} (\d+)\. ", page)]
+        assert numbers == list(range(1, len(numbers) + 1))
+    assert "those of the table" not in page
+    assert page.count("Size alone") <= 3
+
+
+class _Page(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.tags, self.links, self.sources, self.texts = [], [], [], []
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        self.links += [value for name, value in attributes if name == "href"]
+        self.sources += [value for name, value in attributes if name == "src"]
+
+    def handle_data(self, data):
+        self.texts.append(data)
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory, make_project, analyze):
+    """The report's path, after a study of two groups."""
+    project = make_project(tmp_path_factory.mktemp("report") / "study")
+    assert analyze(project, "--between", "A", "C", "--null-repeats", "50") == 0
+    assert main(["report", str(project.folder), "--progress", "none"]) == 0
+    return project.folder / "report" / "report.html"
+
+
+def test_the_report_needs_no_network_and_shows_names_as_they_are(report):
+    text = report.read_text(encoding="utf-8")
+    page = _Page()
+    page.feed(text)
+    assert "script" not in page.tags
+    assert HOSTILE in "".join(page.texts)
+    assert all(source.startswith("data:image/png;base64,") for source in page.sources)
+    assert not re.search(r"https?://", text)
+    for link in page.links:
+        assert (report.parent / link).is_file(), link
+
+
+def test_the_report_says_what_was_found_how_and_that_it_is_for_research(report):
+    text = re.sub(r"<[^>]+>", " ", report.read_text(encoding="utf-8"))
+    for part in (
+        "For research use",
+        "C − A (6 A, 6 C): they differ in form",
+        "Hotelling",
+        "Type I error rates on this cohort",
+        "Homolog 9.9",
+        "parallel analysis",
+        "permutations",
+        "fingerprint",
+        "Where",
+        "smoothing 1.0 voxels",
+        "one-sided",
+        "Excluded before the run: 1. scan.nrrd: is empty",
+        "sex: f",
+    ):
+        assert part in text, part
+    assert "questions were asked" not in text  # form and shape are answers to one
+    assert text.count("Equality of dispersion was tested") == 1  # what studies share is told once
+    assert text.count("Shapes were aligned by generalized Procrustes") == 2  # they differ in that
+    assert "nan" not in text.lower().split()
+
+
+def test_every_figure_lies_beside_the_report_as_vector_graphics(report):
+    drawn = sorted(path.stem for path in (report.parent / "figures").glob("*.svg"))
+    assert {"scree", "scores", "modes", "quality", "energies"} < set(drawn)
+    assert drawn == sorted(path.stem for path in (report.parent / "figures").glob("*.pdf"))
+    for path in (report.parent / "figures").glob("*.svg"):
+        assert ElementTree.parse(path).getroot().tag.endswith("svg")
+
+
+def test_the_page_lies_beside_as_pdf_with_its_figures_and_tables(report):
+    content = report.with_suffix(".pdf").read_bytes()
+    assert content.startswith(b"%PDF")
+    assert content.rstrip().endswith(b"%%EOF")
+    assert content.count(b"/Type /Page ") >= 4
+    assert content.count(b"/Subtype /Image") >= len(list((report.parent / "figures").glob("*.svg")))
+
+
+def test_methods_of_a_study_like_an_earlier_one_tell_the_difference(project, without_figures, analyze):
+    for options in ([], ["--covariates", "age"]):
+        assert analyze(project, "--between", "A", "C", *options) == 0
+    page = api.report(project.folder).read_text(encoding="utf-8")
+    like = r"\. Its methods were those of the study “([^”]*)”, except: Shapes were aligned by generalized"
+    assert [result.partition("; ")[2] for result in re.findall(like, page)] == 2 * ["form (size and shape)"]
+    assert page.count("residuals were permuted (Freedman and Lane).") == 1
+
+
+def test_a_project_without_a_result_has_no_report(tmp_path, capsys):
+    project = ProjectFolder(tmp_path / "empty")
+    project.write(ProjectRecord())
+    assert main(["report", str(project.folder), "--progress", "none"]) == 2
+    assert "has no result yet" in capsys.readouterr().err
+
+
+def test_a_question_of_an_earlier_version_is_answered_and_the_change_is_told(project, without_figures):
+    folder = project.folder / "analysis" / "groups_group_A_C"
+    folder.mkdir(parents=True)
+    question = {"kind": "groups", "column": "group", "between": ["A", "C"], "pairs": None, "covariates": []}
+    question |= {"scaling": False, "modes": None, "permutations": 199, "null_repeats": 0, "seed": 0}
+    (folder / "study.json").write_text(json.dumps(question))
+    (request,) = read_requests(project)
+    assert (request.alignment, request.earlier) == ("rigid", True)
+    assert study_folder(project, request) == folder
+    assert main(["report", str(project.folder), "--progress", "none"]) == 0
+    text = (project.folder / "report" / "report.html").read_text(encoding="utf-8")
+    assert "shapes as they lie" in text
