@@ -50,6 +50,8 @@ class Parameter:
         One or two sentences.
     title : str
         Display name if it differs from the field's name.
+    example : str
+        Of a text.
     """
 
     name: str
@@ -62,6 +64,7 @@ class Parameter:
     unit: str
     help: str
     title: str = ""
+    example: str = ""
 
     @property
     def label(self) -> str:
@@ -116,6 +119,7 @@ def _parameter(name: str, field: FieldInfo) -> Parameter:
         unit=str(extra.get("unit", "")),
         help=field.description or "",
         title=field.title or "",
+        example=str((field.examples or [""])[0]),
     )
 
 

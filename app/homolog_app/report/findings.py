@@ -364,7 +364,7 @@ def _tested(p: float | None, effect: Effect) -> str:
 def size_variance_text(between: SizeVariance) -> str:
     """Return F and the share of the variance of size that lies between groups."""
     return (
-        f"F = {between.f:.2f} ({between.dof[0]:g}, {between.dof[1]:.1f}), "
+        f"F({between.dof[0]:g}, {between.dof[1]:.3g}) = {between.f:.2f}, "
         f"ω² = {interval_text(between.omega_squared)}"
     )
 

@@ -33,21 +33,20 @@ def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
 def _own_sentences(sentences: list[list[str]], studies: list[Study]) -> list[str]:
     """Return a paragraph for each study; one like an earlier study says only what differs from that."""
     paragraphs = []
-    for number, own in enumerate(sentences):
-        paragraph = " ".join(own)
-        for earlier, study in zip(sentences[:number], studies[:number], strict=True):
-            instead = [text for text in own[1:] if text not in earlier]
-            left = [text for text in earlier[1:] if text not in own]
-            if len(instead) == len(left) < len(own) - 1 and len(instead) <= _MOST_DIFFERENT:
-                like = f"Its methods were those of the study \u201c{study.request.title}\u201d"
+    for number, (own, study) in enumerate(zip(sentences, studies, strict=True), start=1):
+        text = " ".join(own)
+        for before, earlier in enumerate(sentences[: number - 1], start=1):
+            instead = [sentence for sentence in own if sentence not in earlier]
+            left = [sentence for sentence in earlier if sentence not in own]
+            if len(instead) == len(left) <= _MOST_DIFFERENT:
                 except_for = f", except: {' '.join(instead)}" if instead else "."
-                paragraph = f"{own[0]} {like}{except_for}"
+                text = f"Its methods were those of Study {before}{except_for}"
                 break
-        paragraphs.append(paragraph)
+        paragraphs.append(f"Study {number} ({study.request.title}). {text}")
     return paragraphs
 
 
-_MOST_DIFFERENT = 2
+_MOST_DIFFERENT = 3
 """Sentences in which a study may differ from an earlier one for its methods to be told by these."""
 
 
@@ -93,8 +92,8 @@ def _size_of_groups(study: Study) -> list[str]:
         return []
     f = "the F of the analysis of covariance" if study.request.covariates else "Welch's F"
     return [
-        f"Of all groups together, size has {f} and ω², the share of its variance that lies between the "
-        "groups, estimated from that F, with bounds from the noncentral F distribution."
+        f"Size of all groups together has {f}; ω² is the share of its variance that lies between the groups, "
+        "estimated from that F, with bounds from the noncentral F distribution."
     ]
 
 
@@ -240,7 +239,7 @@ def _test_of_the_shape(study: Study) -> Iterator[str]:
         "pairs": f"{names} were compared in pairs by {request.pairs}, with random "
         "signs of the differences under the null",
     }[request.kind]
-    yield f"Study {request.title!r}: {tested}."
+    yield f"{tested[0].upper()}{tested[1:]}."
     yield (
         f"The whole shape was tested in {modes}, by permutation of a studentized statistic: "
         f"{_statistic(study)}."
@@ -349,8 +348,8 @@ def _discriminants(study: Study) -> Iterator[str]:
 _SCALED = (
     "Before subjects were exchanged, each was divided by the dispersion of its group, and afterwards "
     "multiplied by that of the group it came to, so that permuted groups have the dispersions of the real "
-    "ones; the mean that centring had taken was put back, at random or, where all permutations were taken, "
-    "as that of each subject in turn"
+    "ones. In place of the mean, which centring removes, one was drawn at random; where all permutations "
+    "were taken, that of each subject was used in turn"
 )
 
 

@@ -65,7 +65,7 @@ class Page:
     def _numbered(self, kind: str, caption: str) -> str:
         number = self.following(kind)
         self._numbers[kind] += 1
-        study = f" Study: {self.study}." if self.study else ""
+        study = f" {self.study}." if self.study else ""
         return f"{number}. {caption.rstrip('.')}.{study}" if study else f"{number}. {caption}"
 
     def heading(self, text: str, level: int = 2) -> None:
@@ -80,9 +80,10 @@ class Page:
         """Add a highlighted paragraph."""
         self._add("caution", text=text)
 
-    def points(self, points: Iterable[tuple[str, str]]) -> None:
-        """Add a list of points: a highlighted beginning, and the rest."""
-        self._add("points", points=list(points))
+    def points(self, points: Iterable[tuple[str, str | Sequence[str]]]) -> None:
+        """Add a list of points: a highlighted beginning, and the rest, which may have several lines."""
+        lines = [(first, [rest] if isinstance(rest, str) else list(rest)) for first, rest in points]
+        self._add("points", points=lines)
 
     def table(
         self,

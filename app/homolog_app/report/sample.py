@@ -138,5 +138,5 @@ def add_missing(page: Page, record: ResultRecord, details: ReportDetails, one_se
             "for studies of one seed, how answers vary with the seed of the correspondence "
             "(homolog analyze --seeds 5)"
         )
-    given = "" if not details.cohort else ", where the description of the cohort does not say it"
-    page.paragraph(f"For the authors to add{given}: {'; '.join(points)}.")
+    given = "" if not details.cohort else " where the description of the cohort does not say it"
+    page.paragraph(f"The program does not know, and a paper needs{given}: {'; '.join(points)}.")

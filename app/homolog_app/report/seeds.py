@@ -5,9 +5,11 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from homolog.analysis.cautions import p_number
 from homolog.cohort import Cohort
 from homolog.errors import Cancelled, InputError
 from homolog.files.project import ProjectFolder
@@ -21,9 +23,12 @@ from homolog_app.report.findings import LEVEL, p_text
 from homolog_app.report.request import StudyRequest
 from homolog_app.report.study import Study, run_study
 
+if TYPE_CHECKING:
+    from homolog_app.report.page import Page
+
 __all__ = [
-    "FILE", "SeedAnswer", "answer_by_seed", "read_spread", "seed_numbers", "spread_by_comparison",
-    "spread_text", "stored_seeds", "write_spread",
+    "FILE", "SeedAnswer", "add_seeds", "answer_by_seed", "read_spread", "seed_numbers",
+    "spread_by_comparison", "spread_text", "stored_seeds", "write_spread",
 ]  # fmt: skip
 
 FILE = "seeds.csv"
@@ -172,7 +177,7 @@ def spread_by_comparison(answers: Sequence[SeedAnswer]) -> dict[str, str]:
         lowest, highest = (p_text(limit, own[0].permutations) for limit in (low, high))
         text = (
             f"Over {len(own)} seeds of the correspondence "
-            f"{_range(lowest, highest).replace(' to p = ', ' to ')} "
+            f"{_range_of_p(lowest, highest)} "
             f"({significant} of {len(own)} significant)"
         )
         distances = [item.distance for item in own if item.distance is not None]
@@ -186,6 +191,13 @@ def spread_by_comparison(answers: Sequence[SeedAnswer]) -> dict[str, str]:
             text += f", balanced accuracy {_range(*percents_right)} %"
         sentences[title] = f"{text}."
     return sentences
+
+
+def _range_of_p(low: str, high: str) -> str:
+    """Return such as "p = 0.002 to 0.004", "p < 0.001" or "p ≤ 0.004"."""
+    if low != high and low.startswith("p <"):
+        return high.replace("=", "≤")
+    return _range(low, high).replace(" to p = ", " to ")
 
 
 def _range(low: str, high: str) -> str:
@@ -286,3 +298,37 @@ def _answers(study: Study, seed: int, fingerprint: str) -> list[SeedAnswer]:
 
 def _number(cell: str) -> float | None:
     return float(cell) if cell else None
+
+
+def add_seeds(page: "Page", answers: Sequence[SeedAnswer]) -> None:
+    """Add the answers of each seed of the correspondence."""
+    page.heading("Seeds of the correspondence", 3)
+    seeds = ", ".join(map(str, seed_numbers(answers)))
+    page.paragraph(
+        "Where particles lie depends on the seed of the optimization, which is part of the uncertainty. "
+        + (
+            f"The particles were placed with the seeds {seeds}, and the tests repeated for each. All other "
+            "results are those of the first seed."
+            if answers
+            else "One seed was used, so that its share is not known."
+        )
+    )
+    if answers:
+        page.table(
+            ["comparison", "seed", "p, corrected", "D (SD)", "significant area (%)", "balanced accuracy (%)"],
+            (
+                (
+                    answer.comparison,
+                    str(answer.seed),
+                    p_number(answer.p, answer.permutations),
+                    "–" if answer.distance is None else f"{answer.distance:.2f}",
+                    f"{answer.percent:.1f}",
+                    "–" if answer.accuracy is None else f"{100.0 * answer.accuracy:.0f}",
+                )
+                for title in dict.fromkeys(answer.comparison for answer in answers)
+                for answer in answers
+                if answer.comparison == title
+            ),
+            omit="–",
+            caption="Answers of each seed",
+        )

@@ -16,7 +16,7 @@ from homolog.arrays import Array
 from homolog.files.atomic import atomic_write
 from homolog_app.pictures.layout import Panel, draw_displacement_bar
 from homolog_app.rendering.colours import LIGHT
-from homolog_app.rendering.text import complete_texts, typeset
+from homolog_app.rendering.text import complete_texts, shortened, typeset
 from homolog_app.report import NOTICE
 from homolog_app.report.page import Link, Page
 from homolog_app.report.pdf import Bookmark, EmbeddedFigure, pdf_of
@@ -34,7 +34,7 @@ _ROW_GAP = 0.04
 _ACROSS = 15.0  # characters of a table's cell in an inch
 BOTTOM = HIGH - 0.65
 """Where a page is full [inches]."""
-_ORANGE = "#a03c00"
+_ORANGE, _GREY = "#a03c00", "#5a5a62"
 _SMALLEST = 0.75
 """Smallest scale of a figure to fit next to another."""
 _BOLD = 1.12
@@ -55,10 +55,15 @@ _NUMBER = re.compile(r"Table \d+")
 class Sheet:
     """An A4 page that is filled from top to bottom; lengths in inches."""
 
-    def __init__(self, title: str) -> None:
+    def __init__(self, title: str, *, running: bool = False) -> None:
+        """Begin a sheet with its title and the notice; with a running title in a small line instead."""
         self.figure = Figure(figsize=(WIDE, HIGH), facecolor="white")
         FigureCanvasAgg(self.figure)
         self.y = EDGE
+        if running:
+            self.line(shortened(typeset(title), _WRAP), 7.5, colour=_GREY)
+            self.y += 0.08
+            return
         self.text(title, 13.0, bold=True)
         self.text(NOTICE, 8.5, colour=_ORANGE, bold=True)
         self.y += 0.08
@@ -252,7 +257,9 @@ class _Flow:
             case {"kind": "points", "points": list(points)}:
                 for first, rest in points:
                     self.paragraph(f"• {first}", bold=True, gap=0.0)
-                    self.paragraph(rest)
+                    for line in rest:
+                        self.paragraph(line, gap=0.0)
+                    self.sheet.y += 0.05
             case {
                 "kind": "table",
                 "columns": columns,
@@ -276,7 +283,7 @@ class _Flow:
     def room(self, height: float) -> None:
         """Start a sheet if this one has less room [inches], and write the pending headings."""
         if self.sheet.y + height + 0.35 * len(self._headings) > BOTTOM:
-            self.sheets.append(Sheet(self._title))
+            self.sheets.append(Sheet(self._title, running=True))
         headings, self._headings = self._headings, []
         for text, level in headings:
             self.sheet.heading(text) if level == 1 else self.sheet.text(text, 9.0, bold=True)

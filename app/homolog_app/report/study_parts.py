@@ -5,6 +5,7 @@ from math import floor, log10
 
 from pydantic import BaseModel
 
+from homolog.analysis.assumptions import Dispersion
 from homolog.analysis.cautions import p_number
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.effects import Effect
@@ -50,8 +51,8 @@ def add_regions(
         "analyses; figures show them by the numbers of the tables. " + _axes_text(carrier)
         + (
             " The shape is hollow. Its inner surface mostly sees itself or faces itself across the cavity; "
-            "the edge of the opening lies between the inner and the outer surface. A region is on one of "
-            "them."
+            "the edge of the opening lies between the inner and the outer surface. Each region lies on one "
+            "of these three."
             if hollow
             else ""
         )
@@ -62,15 +63,21 @@ def add_regions(
         tables[comparison.title] = page.following("Table")
         _add_table(page, study, comparison, regions, pictured.get(comparison.title, ""))
     page.paragraph(
-        "The peak is the particle with the largest studentized statistic. Outward is along the normal of the "
-        "mean surface, positive out of the tissue; its mean over a region's area is given with the least and "
-        "the largest of its particles, as parts of a region may move in opposite directions. The position "
-        "was tested in all directions: the interval of its outward part alone may contain zero. Where the "
-        "displacement is much longer than its outward part, particles move along the surface, towards the "
-        "side named: along a smooth surface this may be a different distribution of corresponding points "
-        "rather than of tissue, and should be claimed only near edges and landmarks. Intervals are of the "
-        "peak by itself, not corrected over the surface; since the peak was chosen by its statistic, its "
-        "effect is overestimated." + (" Thickness of the wall is not tested here." if hollow else "")
+        "Outward is along the normal of the mean surface, positive out of the tissue. Its mean is that over "
+        "the region's area, and the interval of the mean is the mean of the particles' intervals, which is "
+        "at least as wide. The peak is the particle with the largest studentized statistic. Intervals are "
+        "not corrected over the surface; as regions and peaks were chosen by their statistics, their effects "
+        "are overestimated. The position was tested in all directions, so that the interval of its outward "
+        "part alone may contain zero. Where the displacement at the peak is much longer than its outward "
+        "part, particles move along the surface, towards the side named. On a smooth surface this may be a "
+        "different distribution of corresponding points rather than of tissue; claim it only near edges and "
+        "landmarks."
+        + (
+            " The thickness of the wall was not tested; where both surfaces move out of the tissue, the wall "
+            "is thicker."
+            if hollow
+            else ""
+        )
     )
     if hollow:
         _add_walls(page, study, carrier)
@@ -105,21 +112,19 @@ def _add_table(
     rows = [
         (
             f"{number}",
-            f"{len(region.particles)}",
-            f"{region.area:.0f}",
+            f"{region.area:.0f} ({len(region.particles)})",
             region.where,
+            effect_cell(study, region.mean_outward),
             effect_cell(study, region.outward),
             f"{region.length:.{digits_of(study, region.outward.high - region.outward.low)}f}, {region.way}",
-            _outward(study, region),
             p_number(region.p, comparison.pointwise.permutations),
         )
         for number, region in enumerate(regions, start=1)
     ]
     page.table(
         [
-            "region", "particles", "area (mm²)", "place of the peak",
-            f"outward at the peak (mm{per}, 95 % CI)",
-            f"moves at the peak (mm{per}), towards", f"outward: mean (least to largest) (mm{per})",
+            "region", "area (mm²; particles)", "place of the peak", f"outward, mean (mm{per}, 95 % CI)",
+            f"outward at the peak (mm{per}, 95 % CI)", f"moves at the peak (mm{per}), towards",
             "p at the peak",
         ],
         rows,
@@ -161,13 +166,6 @@ def _add_walls(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
     )  # fmt: skip
 
 
-def _outward(study: Study, region: Region) -> str:
-    digits = digits_of(study, region.outward.high - region.outward.low)
-    low, high = (f"{value:.{digits}f}" for value in region.outward_range)
-    mean = f"{region.mean_outward:.{digits}f}"
-    return mean if len(region.particles) == 1 else f"{mean} ({low} to {high})"
-
-
 def interval_cell(effect: Effect, digits: int = 2, scale: float = 1.0) -> str:
     """Return an estimate with its interval as tables have it, such as ``"1.27 (0.41 to 2.02)"``."""
     value, low, high = (f"{scale * item:.{digits}f}" for item in (effect.value, effect.low, effect.high))
@@ -203,7 +201,7 @@ _DISPERSION = {
     "pairs": "",
 }
 _DISPERSION_EFFECT = {
-    "groups": "second / first (95 % CI)",
+    "groups": "ratio of dispersions (95 % CI)",
     "regression": "change per unit (mm, 95 % CI)",
     "pairs": "ratio",
 }
@@ -244,7 +242,7 @@ def add_assumptions(page: Page, study: Study) -> None:
     page.paragraph(" ".join(filter(None, sentences)))
     page.table(
         [
-            "comparison", "modes", "dispersion (mm, 95 % CI)", _DISPERSION_EFFECT[kind], "F of dispersion",
+            "comparison", "dispersion (mm, 95 % CI)", _DISPERSION_EFFECT[kind], "F of dispersion",
             "p of dispersion", "skewness of size", "p of skewness of shapes", "outliers",
         ],
         [_row(study, comparison) for comparison in study.comparisons],
@@ -260,13 +258,12 @@ def _row(study: Study, comparison: Comparison) -> tuple[str, ...]:
     if dispersion is not None:
         tested = (
             group_dispersions(dispersion) or "–",
-            "–" if dispersion.effect is None else effect_cell(study, dispersion.effect),
+            _ratio_cell(study, dispersion),
             f"{dispersion.f:.2f}",
             p_number(dispersion.p, dispersion.permutations),
         )
     return (
         comparison.title,
-        str(comparison.test.modes),
         *tested,
         "–" if skewness is None else f"{skewness.value:.2f} ({p_text(skewness.p)})",
         "–" if skewness is None else p_number(skewness.shape_p),
@@ -276,6 +273,13 @@ def _row(study: Study, comparison: Comparison) -> tuple[str, ...]:
         )
         or "none",
     )
+
+
+def _ratio_cell(study: Study, dispersion: Dispersion) -> str:
+    if dispersion.effect is None:
+        return "–"
+    cell = effect_cell(study, dispersion.effect)
+    return f"{' / '.join(list(dispersion.by_group)[::-1])} {cell}".strip()
 
 
 def add_false_positives(page: Page, study: Study) -> None:
@@ -353,9 +357,9 @@ def settings_rows(record: ResultRecord, studies: Sequence[Study]) -> list[tuple[
     ]
     rows += [("run", "alignment by particles", record.settings.placing.procrustes.value)]
     rows += [("run", "device", record.device), ("run", "fingerprint", record.fingerprint)]
-    for study in studies:
+    for number, study in enumerate(studies, start=1):
         rows += [
-            (study.request.name, name, value)
+            (f"Study {number}", name, value)
             for name, value in values_of(study.request)
             if name != "earlier" and not (name in ("pairs", "covariates", "between") and value == "none")
         ]

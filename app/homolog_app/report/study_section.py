@@ -24,7 +24,7 @@ from homolog_app.report.findings import (
 from homolog_app.report.page import Page
 from homolog_app.report.request import SHAPE_SIZE
 from homolog_app.report.sample import VOXEL, SampleRow, sample_rows
-from homolog_app.report.seeds import SeedAnswer, seed_numbers, spread_text
+from homolog_app.report.seeds import SeedAnswer, add_seeds
 from homolog_app.report.study import Study
 from homolog_app.report.study_parts import (
     add_assumptions,
@@ -42,42 +42,35 @@ __all__ = ["add_study"]
 def add_study(
     page: Page,
     study: Study,
+    number: int,
     result: Result,
     carrier: SurfaceCarrier,
     figures: Sequence[ReportFigure],
     answers: Sequence[SeedAnswer],
     before: Sequence[Study] = (),
 ) -> None:
-    """Add a study, with its answers of other seeds, if there are any.
+    """Add a study by its number, with its answers of other seeds, if there are any.
 
     The sample is not described again if one of the studies `before` has the same.
     """
-    page.heading(f"Study: {study.request.title}")
-    page.study = study.request.title
-    same = [item.request.title for item in before if _sample_of(item, result) == _sample_of(study, result)]
+    page.heading(f"Study {number}. {study.request.title}")
+    page.study = f"Study\u00a0{number}"
+    own = _sample_of(study, result)
+    same = [index for index, item in enumerate(before, start=1) if _sample_of(item, result) == own]
     if same:
-        page.paragraph(f"The sample is that of the study \u201c{same[0]}\u201d.")
+        page.paragraph(f"The sample is that of Study {same[0]}.")
     else:
         _sample(page, study, result)
     page.heading("Results", 3)
     _results(page, study)
     pictured = {
-        figure.heading: page.following("Figure", number)
-        for number, figure in enumerate(figures, start=1)
+        figure.heading: page.following("Figure", after)
+        for after, figure in enumerate(figures, start=1)
         if figure.shows_regions
     }
     _covariates(page, study)
     tables = add_regions(page, study, carrier, pictured)
-    seeds = map(str, seed_numbers(answers))
-    repeated = (
-        f"The particles were placed with the seeds {', '.join(seeds)}; the first is that of all other "
-        "results. For the others the optimization and the study were repeated with the same settings. "
-    )
-    page.paragraph(
-        "The seed of the correspondence is part of the uncertainty. "
-        + (repeated if answers else "One seed was used, so that its share is not known.")
-        + " ".join(spread_text(answers))
-    )
+    add_seeds(page, answers)
     add_assumptions(page, study)
     heading = ""
     for figure in figures:
@@ -105,7 +98,7 @@ def _results(page: Page, study: Study) -> None:
     page.paragraph(" ".join(sentences))
     page.table(
         [
-            "comparison", "modes (variance)", f"D (SD{_per(study)}, 95 % CI)", "ω² (95 % CI)", "p",
+            "comparison", "modes (variance)", f"D (SD{_per(study)}, 95 % CI)", "ω² (95 % CI)", "p, corrected",
             "p, not corrected",
         ],
         (_whole_shape_row(study, *item) for item in tested),
@@ -132,8 +125,8 @@ def _results(page: Page, study: Study) -> None:
     )
     page.table(
         [
-            "comparison", f"significant particles (p ≤ {LEVEL:g})", "area (mm²)", "area (%)", "smallest p",
-            f"q ≤ {LEVEL:g}", "smallest q",
+            "comparison", f"significant particles (p ≤ {LEVEL:g})", "area (mm²)", "area (%)",
+            "smallest p, corrected", f"q ≤ {LEVEL:g}", "smallest q",
         ],
         (_particles_row(study, *item) for item in tested),
         caption="Tests of particles",
@@ -142,11 +135,10 @@ def _results(page: Page, study: Study) -> None:
         "Areas are of the whole surface, of hollow shapes its inner and outer side together. p of particles "
         "is corrected over the surface (family-wise error), pairs and analyses; it is the one to report, and "
         "maps and regions use it. q is the false discovery rate over the surface (Benjamini and Hochberg), "
-        "not corrected for pairs or analyses, and only describes how widespread an effect is: of the "
-        "particles with q ≤ 0.05 one in twenty is expected to be false. q cannot be smaller than the number "
-        "of particles divided by that of the permutations and of the particles that reach the least p, and "
-        "so may be larger "
-        "than p." + scale_text(study)
+        "not corrected for pairs or analyses. It only describes how widespread an effect is: of the "
+        "particles with q ≤ 0.05 one in twenty is expected to be false. Since q is computed from the "
+        "permutation p of single particles, few permutations can make it larger than the corrected p."
+        + scale_text(study)
     )
     _size_and_separation(page, study, tested)
 
@@ -182,7 +174,12 @@ def _size_and_separation(page: Page, study: Study, tested: Sequence[tuple[str, C
         page.paragraph("Size by itself is the same as in the study of form, and is given there.")
     elif rows := [row for item in tested if (row := _size_row(study, *item))]:
         page.table(
-            ["comparison", f"size (mm{_per(study)}, 95 % CI)", "standardized size (95 % CI)", "p"],
+            [
+                "comparison",
+                f"size (mm{_per(study)}, 95 % CI)",
+                "standardized size (95 % CI)",
+                _SIZE_P[bool(study.pairwise)],
+            ],
             rows,
             omit="–",
             caption="Tests of size",
@@ -226,6 +223,7 @@ _OF_SEVERAL = (
     " Of all groups together it is the root mean square distance of their means from the common mean, each "
     "weighted by its number of subjects."
 )
+_SIZE_P = {True: "p (of pairs corrected)", False: "p"}
 _STANDARDIZED = {
     "groups": "Standardized size is Hedges' g: the difference in standard deviations within groups (pooled), "
     "corrected for bias; its interval comes from the noncentral t distribution and assumes equal variances.",
@@ -377,4 +375,6 @@ def _sample(page: Page, study: Study, result: Result) -> None:
     gone = [f"{name} ({why})" for name, why in study.left_out.items()]
     excluded = f"Not compared: {len(gone)} of {len(result.names)} subjects. {', '.join(gone)}"
     page.paragraph(excluded if gone else "All subjects were compared.")
-    page.paragraph("Columns of the table are described, and differences of groups in them not tested.")
+    columns = [variable for variable in categories if variable not in ("subjects", SHAPE_SIZE, VOXEL)]
+    if columns and study.request.kind == "groups":
+        page.paragraph(f"Whether groups differ in {', '.join(columns)} was not tested.")

@@ -252,8 +252,9 @@ class Region:
         Of the whole displacement at the peak [mm].
     way : str
         Which way that points.
-    mean_outward : float
-        Outward displacement, mean over the region's area [mm].
+    mean_outward : Effect
+        Outward displacement, mean over the region's area [mm]. The interval is the mean of the particles'
+        intervals, which is at least as wide as that of their mean.
     outward_range : (float, float)
         Least and largest outward displacement of the region's particles [mm].
     p, q : float
@@ -269,7 +270,7 @@ class Region:
     outward: Effect
     length: float
     way: str
-    mean_outward: float
+    mean_outward: Effect
     outward_range: tuple[float, float]
     p: float
     q: float
@@ -310,6 +311,7 @@ def significant_regions(study: Study, comparison: Comparison, carrier: SurfaceCa
     for label in np.unique(labels[inside]):
         own = np.flatnonzero(inside & (labels == label))
         areas = study.areas[own]
+        mean = np.array([outward, low, high])[:, own] @ areas / max(float(areas.sum()), 1e-300)
         peak = int(own[comparison.pointwise.studentized[own].argmax()])
         regions.append(
             Region(
@@ -322,7 +324,7 @@ def significant_regions(study: Study, comparison: Comparison, carrier: SurfaceCa
                 outward=Effect(float(outward[peak]), float(low[peak]), float(high[peak])),
                 length=float(np.linalg.norm(effect[peak])),
                 way=carrier.directions.way(effect[peak]),
-                mean_outward=float(outward[own] @ areas / max(float(areas.sum()), 1e-300)),
+                mean_outward=Effect(float(mean[0]), float(mean[1]), float(mean[2])),
                 outward_range=(float(outward[own].min()), float(outward[own].max())),
                 p=float(comparison.p_fwe[peak]),
                 q=float(comparison.pointwise.q[peak]),

@@ -288,7 +288,8 @@ def _particles(
 
 
 _REGION_COLUMNS = (
-    "comparison", "region", "particles", "area_mm2", "mean_outward_mm", "least_outward_mm",
+    "comparison", "region", "particles", "area_mm2", "mean_outward_mm", "mean_outward_low_95_mm",
+    "mean_outward_high_95_mm", "least_outward_mm",
     "largest_outward_mm", "peak_particle",
     "peak_x_mm", "peak_y_mm", "peak_z_mm", "peak_wall", "peak_place", "peak_outward_mm",
     "peak_outward_low_95_mm", "peak_outward_high_95_mm", "peak_displacement_mm", "peak_p_fwe_corrected",
@@ -300,7 +301,8 @@ def _regions(study: Study, carrier: SurfaceCarrier) -> Iterator[list[_Cell]]:
     for comparison in study.comparisons:
         for number, region in enumerate(significant_regions(study, comparison, carrier), start=1):
             yield [
-                comparison.title, number, len(region.particles), region.area, region.mean_outward,
+                comparison.title, number, len(region.particles), region.area, region.mean_outward.value,
+                region.mean_outward.low, region.mean_outward.high,
                 *region.outward_range, region.peak, *region.position.tolist(), region.wall, region.place,
                 region.outward.value, region.outward.low, region.outward.high, region.length, region.p,
                 region.q, region.way,

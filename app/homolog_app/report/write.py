@@ -5,7 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from homolog.analysis.cautions import p_number
 from homolog.analysis.comparison import Comparison
+from homolog.analysis.effects import Effect
 from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import FloatArray
 from homolog.errors import InputError, NumericalError
@@ -26,7 +28,6 @@ from homolog_app.report.findings import (
     LEVEL,
     Finding,
     cautions,
-    corrections_text,
     findings,
     outlier_text,
 )
@@ -38,9 +39,9 @@ from homolog_app.report.sample import add_missing
 from homolog_app.report.seeds import SeedAnswer, read_spread, seed_numbers, spread_by_comparison
 from homolog_app.report.sheets import write_page
 from homolog_app.report.study import Study, run_study
-from homolog_app.report.study_parts import digits_of, settings_rows
+from homolog_app.report.study_parts import digits_of, effect_cell, interval_cell, settings_rows
 from homolog_app.report.study_section import add_study
-from homolog_app.report.surface_maps import SurfaceCarrier, directions_of, significant_regions
+from homolog_app.report.surface_maps import Region, SurfaceCarrier, directions_of, significant_regions
 from homolog_app.report.tables import save_study
 
 __all__ = ["write_report"]
@@ -93,11 +94,12 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
         part = part_of(tick, 0.6 + 0.3 * index / len(studies), 0.6 + 0.3 * (index + 1) / len(studies))
         save_study(project, study, result, carrier)
         own = list(study_figures(study, carrier, part, clip))
-        add_study(page, study, result, carrier, own, seeds[index], studies[:index])
+        add_study(page, study, index + 1, result, carrier, own, seeds[index], studies[:index])
         figures += own
     tick(0.9, "writing the report")
     _add_landmarks(page, project)
-    _closing(page, project, record, studies, figures)
+    one_seed = any(len(seed_numbers(answers)) < 2 for answers in seeds)
+    _closing(page, project, record, studies, figures, details, one_seed)
     for figure in figures:
         for suffix in ("svg", "pdf"):
             with atomic_write(folder / "figures" / f"{figure.name}.{suffix}") as part_file:
@@ -125,7 +127,6 @@ def _summary(
     )
     if details.cohort:
         page.paragraph(f"Cohort: {details.cohort.rstrip('.')}.")
-    add_missing(page, record, details, any(len(seed_numbers(answers)) < 2 for answers in seeds))
     if record.excluded:
         page.paragraph(f"Excluded before the run: {len(record.excluded)}. {' '.join(record.excluded)}")
     if record.mirrored_text:
@@ -138,20 +139,59 @@ def _summary(
         for text in outlier_text(result):
             page.caution(text)
         page.paragraph("No group comparison yet: run homolog analyze PROJECT --group COLUMN.")
-    for study, answers in zip(studies, seeds, strict=True):
-        page.heading(study.request.title, 3)
+    if studies:
+        page.paragraph(
+            "p values are corrected as the results of each study say; 95 % intervals (CI) are not corrected. "
+            "A difference A - B is the mean of A minus that of B. Significant means p ≤ "
+            f"{LEVEL:g} after correction."
+        )
+        _overview(page, studies)
+    for number, (study, answers) in enumerate(zip(studies, seeds, strict=True), start=1):
+        page.heading(f"Study {number}. {study.request.title}", 3)
         ranges = spread_by_comparison(answers)
         page.points(
             (
                 finding.verdict,
-                f"{_effects(study, comparison, finding, carrier)} "
-                + ranges.get(comparison.title, "One seed of the correspondence."),
+                [
+                    *_effects(study, comparison, finding, carrier),
+                    ranges.get(comparison.title, "One seed of the correspondence."),
+                ],
             )
             for finding, comparison in zip(findings(study), study.comparisons, strict=True)
         )
-        page.paragraph(corrections_text(study))
         for text in cautions(study):
             page.caution(text)
+
+
+def _overview(page: Page, studies: Sequence[Study]) -> None:
+    """Add a table of the main results of all studies."""
+    rows = []
+    for number, study in enumerate(studies, start=1):
+        for comparison in study.comparisons:
+            test, line = comparison.test, comparison.discriminant
+            significant = comparison.p_fwe <= LEVEL
+            area = 100.0 * study.areas[significant].sum() / max(study.areas.sum(), 1e-300)
+            rows.append(
+                (
+                    str(number),
+                    comparison.title,
+                    "–" if comparison.distance is None else effect_cell(study, comparison.distance),
+                    p_number(comparison.p_adjusted, test.permutations) if test.modes else "–",
+                    f"{area:.1f}",
+                    "–" if line is None else interval_cell(line.accuracy, 0, 100.0),
+                )
+            )
+    page.table(
+        ["study", "comparison", "D (SD, 95 % CI)", "p of the whole shape", "significant area (%)",
+         "balanced accuracy (%, 95 % CI)"],
+        rows,
+        omit="–",
+        caption="Main results (all p corrected)",
+    )  # fmt: skip
+    page.paragraph(
+        "D is the Mahalanobis distance of the group means, of three and more groups their root mean square "
+        "distance from the common mean, of a regression the change per unit."
+    )
 
 
 def _in_order(groups: Sequence[str | None], studies: Sequence[Study]) -> list[str | None]:
@@ -161,33 +201,39 @@ def _in_order(groups: Sequence[str | None], studies: Sequence[Study]) -> list[st
     return [group for group in there if group in groups]
 
 
-def _effects(study: Study, comparison: Comparison, finding: Finding, carrier: SurfaceCarrier) -> str:
-    """Return the sentences of a finding, with one on the largest region after that on particles."""
+def _effects(
+    study: Study, comparison: Comparison, finding: Finding, carrier: SurfaceCarrier
+) -> tuple[str, ...]:
+    """Return the sentences of a finding, with some on the largest region after that on particles."""
     regions = significant_regions(study, comparison, carrier)
     if not regions:
-        return " ".join(finding.effects)
+        return finding.effects
     region = regions[0]
     count = "One region" if len(regions) == 1 else f"{len(regions)} regions, the largest"
     per = f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
-    low, high = region.outward_range
     on_wall = f" of the {region.wall}" if region.wall else ""
     digits = digits_of(study, region.outward.high - region.outward.low) - (0 if per else 1)
     if len(region.particles) == 1:
         largest = f"{count}: {region.area:.0f} mm²{on_wall}, {region.place}"
     else:
+        moves = _moves(region, region.mean_outward, digits, per)
+        towards = "" if carrier.directions.are_named else "towards "
         largest = (
-            f"{count}: {region.area:.0f} mm²{on_wall}, on average {abs(region.mean_outward):.{digits}f} "
-            f"mm{per} {region.direction(region.mean_outward)}; outward {low:+.{digits}f} to "
-            f"{high:+.{digits}f} mm{per}. The largest statistic is "
-            f"{'' if carrier.directions.are_named else 'towards '}{region.place}"
+            f"{count}: {region.area:.0f} mm²{on_wall}, which moves outward by {moves}. Its peak is "
+            f"{towards}{region.place}"
         )
-    peak = region.outward.value
-    largest += f", where the surface moves {abs(peak):.{digits}f} mm{per} {region.direction(peak)}."
+    largest += f", where the surface moves outward by {_moves(region, region.outward, digits, per)}."
     inside = comparison.p_fwe <= LEVEL
     outward = carrier.outward_at_particles(comparison, comparison.pointwise.effect[0])
     out, into = (float(study.areas[inside & (sign * outward > 0.0)].sum()) for sign in (1.0, -1.0))
     largest += f" Of the significant area {out:.0f} mm² move out of the tissue, {into:.0f} mm² into it."
-    return " ".join([*finding.effects[:2], largest, *finding.effects[2:]])
+    return (*finding.effects[:2], largest, *finding.effects[2:])
+
+
+def _moves(region: Region, outward: Effect, digits: int, per: str) -> str:
+    """Return how far and which way a surface moves: "+1.2 mm (95 % CI +0.3 to +2.1), out of the tissue"."""
+    value, low, high = (f"{item:+.{digits}f}" for item in (outward.value, outward.low, outward.high))
+    return f"{value} mm{per} (95 % CI {low} to {high}), {region.direction(outward.value)}"
 
 
 def _mm(value: float | None) -> str:
@@ -241,7 +287,7 @@ def _model_section(
         strict=True,
     )
     page.table(
-        ["mode", "standard deviation (mm rms)", "share (%)", "cumulated (%)"],
+        ["mode", "standard deviation (mm rms)", "share (%)", "cumulative (%)"],
         (
             (str(mode), f"{deviation:.2f}", f"{100 * share:.1f}", f"{100 * total:.1f}")
             for mode, (deviation, share, total) in enumerate(shares, start=1)
@@ -257,10 +303,14 @@ def _closing(
     record: ResultRecord,
     studies: list[Study],
     figures: Sequence[ReportFigure],
+    details: ReportDetails,
+    one_seed: bool,
 ) -> None:
     page.heading("Methods")
     for paragraph in methods(record, studies):
         page.paragraph(paragraph)
+    page.heading("For the authors to add", 3)
+    add_missing(page, record, details, one_seed)
     page.heading("References", 3)
     for paragraph in references(record, studies):
         page.paragraph(paragraph)

@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from homolog.parameters import Parameter, parameters
+from homolog.parameters import Parameter, fault_text, parameters
 from homolog_app.rendering.text import parse_number
 from homolog_app.window.widgets import GRID, NumberBox, button, label
 
@@ -72,6 +72,8 @@ class SettingsForm(QWidget):
     """
 
     edited = Signal(str, object)
+    marked = Signal()
+    """A value became invalid or valid: see `problem`."""
 
     def __init__(
         self,
@@ -96,8 +98,14 @@ class SettingsForm(QWidget):
             row = _Row(parameter, self.name_px)
             row.entered.connect(self._enter)
             row.helped.connect(self.help.setText)
+            row.marked.connect(self.marked)
             self._rows[parameter.name] = row
             layout.addWidget(row)
+
+    @property
+    def problem(self) -> str:
+        """The first invalid value, in words; empty if all are valid."""
+        return next((row.problem for row in self._rows.values() if row.problem), "")
 
     def show_values(self, model: BaseModel) -> None:
         """Show the settings; nothing is reported."""
@@ -108,8 +116,8 @@ class SettingsForm(QWidget):
     def _enter(self, name: str, value: object) -> None:
         try:
             changed = type(self._model).model_validate(self._model.model_dump() | {name: value})
-        except ValidationError:
-            self._rows[name].refuse()
+        except ValidationError as error:
+            self._rows[name].refuse(fault_text(error.errors()[0]))
             return
         self._rows[name].accept()
         if changed != self._model:
@@ -121,6 +129,7 @@ class SettingsPair(QWidget):
     """The main settings, and the others folded below them."""
 
     edited = Signal(str, object)
+    marked = Signal()
 
     def __init__(self, model: type[BaseModel], main: tuple[str, ...], least_px: int = 0) -> None:
         super().__init__()
@@ -140,6 +149,12 @@ class SettingsPair(QWidget):
         layout.addWidget(self.more)
         for form in (self.main, self.more):
             form.edited.connect(self._receive)
+            form.marked.connect(self.marked)
+
+    @property
+    def problem(self) -> str:
+        """The first invalid value, in words; empty if all are valid."""
+        return self.main.problem or self.more.problem
 
     def show_values(self, values: BaseModel) -> None:
         """Show the settings in both parts."""
@@ -160,6 +175,7 @@ class _Row(QWidget):
 
     entered = Signal(str, object)
     helped = Signal(str)
+    marked = Signal()
 
     def __init__(self, parameter: Parameter, name_px: int) -> None:
         super().__init__()
@@ -182,7 +198,7 @@ class _Row(QWidget):
         grid.addWidget(label(parameter.unit, "Unit"), 0, 2)
         grid.addWidget(self._problem, 1, 0, 1, 4)
         grid.setColumnMinimumWidth(0, name_px)  # editors stand below each other
-        grid.setColumnStretch(3, 1)
+        grid.setColumnStretch(1 if parameter.kind is str else 3, 1)  # texts take all the room
 
     def enterEvent(self, event: QEnterEvent) -> None:
         """Show the help of the setting under the pointer."""
@@ -211,10 +227,17 @@ class _Row(QWidget):
         editor.blockSignals(False)
         self.accept()
 
-    def refuse(self) -> None:
-        """Mark the text as invalid, and show the bounds."""
+    @property
+    def problem(self) -> str:
+        """Setting and fault, in words; empty if the value is valid."""
+        fault = self._problem.text()
+        return f"{self._parameter.label.capitalize()}: {fault[0].lower()}{fault[1:]}" if fault else ""
+
+    def refuse(self, fault: str = "must be a number") -> None:
+        """Mark the text as invalid, and show the bounds, or the fault."""
         bounds = self._parameter.bounds
-        self._mark(f"Must be {bounds} {self._parameter.unit}".strip() if bounds else "Invalid value")
+        text = f"must be {bounds} {self._parameter.unit}".strip() if bounds else fault
+        self._mark(f"{text[0].upper()}{text[1:]}")
 
     def accept(self) -> None:
         """Clear the error message."""
@@ -227,6 +250,7 @@ class _Row(QWidget):
             self._editor.setProperty("invalid", bool(problem))
             self._editor.style().unpolish(self._editor)
             self._editor.style().polish(self._editor)
+            self.marked.emit()
 
     def _make_editor(self) -> QWidget:
         parameter = self._parameter
@@ -254,7 +278,7 @@ class _Row(QWidget):
             number.setAlignment(Qt.AlignmentFlag.AlignRight)
             number.valueChanged.connect(self._report)
             return number
-        text = QLineEdit(placeholderText="automatic" if parameter.automatic else "")
+        text = QLineEdit(placeholderText="automatic" if parameter.automatic else parameter.example)
         if parameter.kind is str:
             text.setMinimumWidth(_TEXT_EDITOR)
         else:

@@ -58,7 +58,9 @@ class ReportDetails(BaseModel):
     structure: Annotated[
         str,
         Field(
-            max_length=200, description="What the shapes are, such as: left ventricle. Used in the report."
+            max_length=200,
+            description="What the shapes are, such as: left ventricle. Used in the report.",
+            examples=["left ventricle"],
         ),
     ] = ""
     cohort: Annotated[
@@ -67,6 +69,7 @@ class ReportDetails(BaseModel):
             max_length=2000,
             description="Who the subjects are: recruitment, criteria, what the groups mean, scanner. Used in "
             "the report.",
+            examples=["who was recruited, criteria, groups, scanner"],
         ),
     ] = ""
     axes: Annotated[
@@ -84,6 +87,7 @@ class ReportDetails(BaseModel):
             description="What the sides of the structure are called, instead of by the axes, such as: "
             "septal/lateral anterior/inferior basal/apical. Two names for each axis, towards smaller and "
             "larger x, y and z.",
+            examples=["septal/lateral anterior/inferior basal/apical"],
         ),
         AfterValidator(_checked_places),
     ] = ""

@@ -52,6 +52,8 @@ def test_three_groups_are_analyzed_with_and_without_size_and_written_as_tables(
 def test_regions_say_where_the_difference_is_how_large_and_which_way(project, analyze, rows_of):
     assert analyze(project, "--between", "A", "C", "--alignment", "as-it-lies") == 0
     (row,) = rows_of(project.folder / "analysis" / "groups_group_A_C_as_it_lies" / "regions.csv")
+    low, mean, high = (float(row[f"mean_outward_{end}mm"]) for end in ("low_95_", "", "high_95_"))
+    assert low < mean < high
     assert row["peak_place"] == row["peak_displacement_towards"] == "+z"
     assert float(row["peak_z_mm"]) > 15.0
     low, value, high = (float(row[f"peak_outward{end}_mm"]) for end in ("_low_95", "", "_high_95"))
@@ -151,6 +153,10 @@ def test_a_group_that_scatters_more_raises_a_caution_where_answers_are_read(
     (row,) = rows_of(project.folder / "analysis" / "groups_group_A_B_as_it_lies" / "tests.csv")
     assert float(row["dispersion_p"]) <= 0.05
     assert float(row["dispersion_ratio"]) > 1.5
+    low, high = (float(row[f"dispersion_effect_{end}_95"]) for end in ("low", "high"))
+    assert low < float(row["dispersion_effect"]) < high
+    assert not low < 1.0 < high
+    assert 0.0 <= float(row["omega_squared_low_95"]) <= float(row["omega_squared"]) <= 1.0
 
 
 def test_a_subject_that_lies_far_from_all_others_is_named(project, capsys, analyze):

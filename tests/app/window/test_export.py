@@ -242,6 +242,18 @@ def test_what_is_wrong_is_said_and_nothing_can_be_started(dialog, tmp_path):
     assert film.go.isEnabled()
 
 
+def test_no_report_is_written_with_names_of_places_that_are_refused(dialog):
+    from PySide6.QtWidgets import QLineEdit
+
+    report = dialog("report")
+    (places,) = [line for line in report.findChildren(QLineEdit) if line.accessibleName() == "places"]
+    for text, allowed in (("left/right", False), ("left/right front/back top/bottom", True), ("", True)):
+        places.setText(text)
+        places.textEdited.emit(text)
+        assert report.go.isEnabled() is allowed
+        assert ("Places" in report.note.text()) is not allowed
+
+
 def test_a_fault_is_told_in_the_dialog(dialog, wait, tmp_path):
     film = dialog("film")
     (tmp_path / "file").write_text("")

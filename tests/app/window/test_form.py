@@ -4,6 +4,7 @@ import pytest
 
 from homolog.parameters import parameters
 from homolog.settings import Alignment, GroomSettings, OptimizeSettings
+from homolog_app.exports.settings import ReportSettings
 from homolog_app.rendering.text import duration, parse_number
 
 pytestmark = pytest.mark.window
@@ -46,6 +47,19 @@ def test_what_is_out_of_bounds_or_no_number_changes_nothing_and_says_so(form, te
     type_into(form, "smoothing", text)
     assert not form.edits
     assert any("0.0 to 5.0" in label.text() for label in form.findChildren(QLabel, "Problem"))
+
+
+def test_what_is_wrong_with_a_text_is_said_until_it_is_mended(qapp):
+    from homolog_app.window.form import SettingsForm
+
+    made = SettingsForm(ReportSettings)
+    marks = []
+    made.marked.connect(lambda: marks.append(made.problem))
+    type_into(made, "places", "septal/lateral basal")
+    assert made.problem.startswith("Places: must be two names for each axis")
+    type_into(made, "places", "")
+    assert [bool(mark) for mark in marks] == [True, False]
+    made.deleteLater()
 
 
 def test_the_setting_that_has_the_focus_shows_its_help_and_bounds(qapp):

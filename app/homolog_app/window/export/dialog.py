@@ -98,6 +98,7 @@ class ExportDialog(QDialog):
         self.chooser: MotionChooser | GroupChooser | None = None
         self.preview: Preview | None = None
         self.help: QLabel | None = None
+        self.rows: SettingsPair | SettingsForm | None = None
         self.place, self.line = QLineEdit(), QLineEdit(readOnly=True)
         self.note = label("", "Hint", wrap=True)
         self.bar = ProgressBar()
@@ -177,7 +178,7 @@ class ExportDialog(QDialog):
         self.bar.setAccessibleName("Progress of the export")
         self.show_.hide()
         self.go.setDefault(True)
-        height = 300 if self.settings is None else 560
+        height = 300 if self.settings is None else 600
         room = self.screen().availableGeometry()
         wide, high = (1168, 840) if self.preview else (640, 640)
         high = min(high, room.height() - _FRAME) if self.chooser else height
@@ -201,6 +202,8 @@ class ExportDialog(QDialog):
             rows = SettingsPair(model, main, names) if main else SettingsForm(model, least_px=names)
             rows.show_values(self.settings)
             rows.edited.connect(self.edit)
+            rows.marked.connect(self._update)
+            self.rows = rows
             form.addWidget(rows)
             self.help = rows.help
         form.addStretch()
@@ -256,7 +259,8 @@ class ExportDialog(QDialog):
 
     def _problem(self) -> str:
         content = content_problem(self.chooser, self.settings) if self.chooser else ""
-        return content or (place_problem(self.out, self.kind.suffixes) if self.kind.place else "")
+        typed = self.rows.problem if self.rows is not None else ""
+        return content or typed or (place_problem(self.out, self.kind.suffixes) if self.kind.place else "")
 
     def _warning(self) -> str:
         return "Replaces the existing file." if self.out is not None and self.out.is_file() else ""
