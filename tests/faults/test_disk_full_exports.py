@@ -52,7 +52,10 @@ def test_an_export_that_cannot_grow_is_named_and_leaves_nothing(
     assert contents(project.folder) == before
 
 
-def test_a_report_that_cannot_grow_is_named_and_the_one_before_stays(project, contents, files_up_to, capsys):
+def test_a_report_that_cannot_grow_is_named_and_the_one_before_stays(
+    project, contents, files_up_to, capsys, monkeypatch
+):
+    monkeypatch.setattr("homolog_app.report.write.model_figures", lambda *_: [])  # the slowest part
     assert main(["report", str(project.folder)]) == 0
     before = contents(project.folder / "report")
     with files_up_to(600):

@@ -5,6 +5,7 @@ import os
 import shutil
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -270,6 +271,21 @@ def _plots_as_needed(request, monkeypatch):
         from homolog_app.window.explore.plot_canvas import PlotCanvas
 
         monkeypatch.setattr(PlotCanvas, "draw", lambda canvas: None)
+
+
+@pytest.fixture
+def own_permutations():
+    """Let questions of the window have the program's own numbers of permutations and repeats."""
+
+
+@pytest.fixture(autouse=True)
+def _few_permutations(request, monkeypatch):
+    """Ask questions with few permutations, but in tests that use `own_permutations`: they take seconds."""
+    if "own_permutations" not in request.fixturenames:
+        from homolog_app.report.request import StudyRequest
+
+        quick = partial(StudyRequest, permutations=499, null_repeats=20)
+        monkeypatch.setattr("homolog_app.window.explore.group_form.StudyRequest", quick)
 
 
 @pytest.fixture

@@ -86,12 +86,15 @@ def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait)
     from homolog_app.studies.study import with_present_table
 
     result = with_present_table(answer.shape.result, window.workspace.session.study)
-    same = run_study(result, StudyRequest(between=("slim", "wide"), covariates=("slot",), null_repeats=0))
+    question = StudyRequest(between=("slim", "wide"), covariates=("slot",), permutations=499, null_repeats=0)
+    same = run_study(result, question)
     assert same.overall.test.p_permutation == answer.pair.test.p_permutation
     np.testing.assert_array_equal(same.overall.pointwise.effect, answer.pair.pointwise.effect)
 
 
-def test_an_answer_is_kept_as_the_command_line_keeps_it(page, window, wait, tmp_path, capsys):
+def test_an_answer_is_kept_as_the_command_line_keeps_it(
+    page, window, wait, tmp_path, capsys, own_permutations
+):
     from homolog_app.cli import main
 
     window.projects.save()

@@ -114,13 +114,13 @@ def test_the_permutation_tests_hold_their_level_where_t_squared_does_not():
     pattern = generator.normal(size=(5, 12, 3))
     design, _ = _groups((8, 34))
     counts = np.zeros(3, int)
-    for repeat in range(150):
+    for repeat in range(80):
         scores = generator.normal(size=(42, 5)) * np.where(np.arange(42) < 8, 2.0, 1.0)[:, None]
         shapes = np.tensordot(scores, pattern, axes=1)
-        whole = mode_test(shapes, design, modes=5, permutations=199, seed=repeat)
-        local = pointwise_test(shapes, design, permutations=199, seed=repeat)
+        whole = mode_test(shapes, design, modes=5, permutations=99, seed=repeat)
+        local = pointwise_test(shapes, design, permutations=99, seed=repeat)
         counts += [whole.p <= 0.05, whole.p_permutation <= 0.05, local.p_fwe.min() <= 0.05]
-    parametric, permuted, family_wise = counts / 150
+    parametric, permuted, family_wise = counts / 80
     assert parametric > 0.25
     assert permuted < 0.1
     assert family_wise < 0.1

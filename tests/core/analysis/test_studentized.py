@@ -115,7 +115,7 @@ def test_a_dispersion_that_grows_along_the_variable_leaves_the_level_as_it_is():
     """The statistic of permuted values alone finds an effect in none of these."""
     generator = np.random.default_rng(6)
     noticed = 0
-    for repeat in range(300):
+    for repeat in range(120):
         values = generator.normal(size=42)
         rows = generator.normal(size=(42, 30)) * np.exp(0.4 * values)[:, None]
         design = regression_design(values)
@@ -123,7 +123,7 @@ def test_a_dispersion_that_grows_along_the_variable_leaves_the_level_as_it_is():
         (some,) = draw_permutations(design, 99, chunk=99, seed=repeat)
         observed = statistic.studentized(observed_design(design))
         noticed += permutation_p_value(observed, statistic.studentized(some))[0] <= 0.05
-    assert 0.025 <= noticed / 300 <= 0.08
+    assert 1 <= noticed <= 12  # of 120: the statistic finds 6 on average
 
 
 def test_small_groups_of_unequal_dispersion_are_scaled_though_all_permutations_are_taken():
