@@ -12,6 +12,9 @@ from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort
 
 __all__ = ["FitEngine"]
 
+_ISOLATED = 2.0
+"""How far below their median log densities count in the objective."""
+
 
 class EnsembleCoupling(HostCoupling):
     """H(Z) and H(V) of one shape, all others fixed.
@@ -104,6 +107,15 @@ class FitEngine(Engine):
             self._ensemble, is_in_it=self._is_in_it
         )
         self.coupling, self.stiffness = self._own_coupling, self._own_coupling.stiffness
+
+    def energy(self) -> FloatArray:
+        """Return H(P), H(Z) and H(V), (3,).
+
+        The density at a single isolated particle may be so low that it outweighs a wrong pose: it is bounded.
+        """
+        densities = self.sampling.energies.numpy().astype(np.float64)
+        sampling = float(np.maximum(densities, np.median(densities) - _ISOLATED).mean())
+        return np.array([sampling, *self.coupling.entropies()])
 
     def compare(self) -> None:
         """Centre positions and normals on the ensemble's means."""

@@ -21,7 +21,7 @@ from homolog.correspondence.kernels.functions import stencil_cache
 from homolog.geometry import inverse_matrices, rotation_of, transform_points
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["SurfacePoints", "Term", "search_poses"]
+__all__ = ["SurfacePoints", "Term", "follow_pose", "search_poses"]
 
 _TURNS = np.radians(np.arange(-24.0, 25.0, 4.0))
 """About the axis of least resistance."""
@@ -145,6 +145,40 @@ def search_poses(
     return kept
 
 
+def follow_pose(
+    ensemble: Ensemble,
+    terms: tuple[Term, Term],
+    surface: SurfacePoints,
+    pose: FloatArray,
+    points: FloatArray,
+    *,
+    scaling: bool,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the pose that the search reaches from placed particles, and where it puts them.
+
+    Particles creep along a surface, since they hold each other, and the pose creeps with them. Here they are
+    moved at once to the surface points nearest to their projection onto the modes.
+
+    Parameters
+    ----------
+    ensemble, terms, surface, scaling
+        As in `search_poses`.
+    pose : (4, 4) array
+        Where the search begins.
+    points : (n, 3) array
+        Particles as posed.
+
+    Returns
+    -------
+    pose : (4, 4) array
+    points : (n, 3) array
+        As posed.
+    """
+    search = _Search(ensemble, terms, surface, scaling)
+    _, pose, targets = search.descend(pose, search.projected(points))
+    return pose, surface.nearest(pose, targets, ensemble.normals)[0]
+
+
 _Candidate = tuple[float, FloatArray, FloatArray]
 
 
@@ -159,7 +193,7 @@ class _Search:
         """Return objective, pose and targets of minima about a pose."""
         targets = self._expected(pose, self.ensemble.mean)
         centre = targets.mean(axis=0)
-        value, pose, targets = self._descend(pose, targets)
+        value, pose, targets = self.descend(pose, targets)
         axis = self._softest(pose, targets)
         turned = [_moved(pose, axis * angle, centre) for angle in _TURNS]
         # With the first pose's targets and with their own: either may hold a turned pose back.
@@ -169,7 +203,7 @@ class _Search:
             for goals in ([targets] * len(turned), own)
             for k in self._lowest_minima(turned, goals)
         ]
-        return [(value, pose, targets), *(self._descend(*item) for item in begun)]
+        return [(value, pose, targets), *(self.descend(*item) for item in begun)]
 
     def _lowest_minima(self, turned: Sequence[FloatArray], goals: Sequence[FloatArray]) -> list[int]:
         """Return the numbers of the lowest minima along turned poses, each with its targets."""
@@ -180,7 +214,11 @@ class _Search:
 
     def _expected(self, pose: FloatArray, targets: FloatArray) -> FloatArray:
         """Return the projection onto the modes of the points nearest to the targets."""
-        row = self._deviation(pose, targets)[0]
+        return self.projected(self.surface.nearest(pose, targets, self.ensemble.normals)[0])
+
+    def projected(self, points: FloatArray) -> FloatArray:
+        """Return the projection of points onto the modes."""
+        row = self.ensemble.deviation(points)
         rest = self.ensemble.rest_of_positions(row, self.terms[0].regularization)
         return self.ensemble.mean + (row - rest).reshape(-1, 3)
 
@@ -195,7 +233,7 @@ class _Search:
         values = zip(self.terms, rows, self._rests(rows), strict=True)
         return float(sum(t.weight * np.log1p(row @ rest / self.ensemble.scale) for t, row, rest in values))
 
-    def _descend(self, pose: FloatArray, targets: FloatArray) -> _Candidate:
+    def descend(self, pose: FloatArray, targets: FloatArray) -> _Candidate:
         """Return the minimum that Gauss-Newton steps reach from a pose."""
         value = self._value(pose, targets)
         for _ in range(_STEPS):

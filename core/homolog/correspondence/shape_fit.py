@@ -22,12 +22,11 @@ from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.loop import MAX_POSE_REGULARIZATION, RECORD_INTERVAL, OptimizationLoop
 from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.misplaced import MAX_MISPLACED_FRACTION, is_misplaced, predict_positions
-from homolog.correspondence.pose_search import SurfacePoints, Term, search_poses
+from homolog.correspondence.pose_search import SurfacePoints, Term, follow_pose, search_poses
 from homolog.correspondence.poses import robust_step
 from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort, prepare_cohort
 from homolog.correspondence.refit import carry_particles
 from homolog.correspondence.schedule import NORMALS_ANNEALING, StagePlan, plan_stages
-from homolog.correspondence.surface_sets import Similarity
 from homolog.correspondence.types import InitialParticles, Shape
 from homolog.geometry import fit_similarity, inverse_matrices, rotation_of, transform_points
 from homolog.progress import Tick, no_tick
@@ -45,10 +44,14 @@ objective of one shape fluctuates too much as a criterion."""
 _MOST_POSES, _PLACED_ANNEAL, _RELOCATED_AFTER = 4, 60, 40
 """Of a fit whose pose is searched for: poses that are tried, iterations of each, and those after which its
 misplaced particles are relocated."""
-_PLACED_WEIGHTS, _WEIGHTS_A_SUBJECT = 0.3, 0.03
-"""Of such a fit: weights of the last stage over the run's, at most and for each subject. By then the
-particles are near their final positions, and lower weights spread them more evenly; a few subjects predict
-little of another one."""
+_MOST_ROUNDS, _GAINED = 4, 0.002
+"""How often the best pose is searched for again from the placed particles, at most; decrease of the objective
+below which there is no further round."""
+_ROUND_BEGINS = 40.0, 3.0
+"""Regularization of H(Z) and H(V) with which a round begins, over the last ones."""
+_WEIGHTS_A_SUBJECT = 0.03
+"""Of such a fit: weights of the last stage over the run's for each subject, up to the run's own. Lower ones
+spread the particles more evenly, and a few subjects predict little of another one."""
 _TEMPLATE_POINTS = 256
 
 
@@ -181,13 +184,14 @@ def fit_shape_from(
         If a particle is lost.
     """
     anneal, settle = _stages(settings, len(starts[0]), _PLACED_ANNEAL)
-    share = min(_PLACED_WEIGHTS, _WEIGHTS_A_SUBJECT * float(ensemble.subjects[0]))
-    settle = replace(
-        settle,
-        ensemble_weight=share * settle.ensemble_weight,
-        normals_weight=share * settle.normals_weight,
-    )
-    stages, searches = [anneal, settle], settings.procrustes not in (Procrustes.OFF, Procrustes.AUTO)
+    share = min(1.0, _WEIGHTS_A_SUBJECT * float(ensemble.subjects[0]))
+    weights = share * settle.ensemble_weight, share * settle.normals_weight
+    settle = replace(settle, ensemble_weight=weights[0], normals_weight=weights[1])
+    ends = anneal.ensemble[1], anneal.normals[1]
+    begins = [ratio * end for ratio, end in zip(_ROUND_BEGINS, ends, strict=True)]
+    again = replace(anneal, ensemble=(begins[0], ends[0]), normals=(begins[1], ends[1]))
+    searches = settings.procrustes not in (Procrustes.OFF, Procrustes.AUTO)
+    stages = [anneal, again, settle] if searches else [anneal, settle]
     return _fitted(shape, settings, ensemble, starts, stages, settled=False, searches=searches, tick=tick)
 
 
@@ -241,15 +245,9 @@ def _prepared(
     world[:3] *= unit
     images = with_mirror_images([replace(shape, alignment=world)])
     cohort = prepare_cohort(
-        images.shapes,
-        settings,
-        device="cpu",
-        counts=[count],
-        free_shapes=np.array([free]),
-        unit=unit,
-        opening_scale=opening_scale,
-        tick=tick,
-    )
+        images.shapes, settings, device="cpu", counts=[count], free_shapes=np.array([free]),
+        unit=unit, opening_scale=opening_scale, tick=tick,
+    )  # fmt: skip
     return cohort, MIRROR if mirrors(world) else np.eye(4)
 
 
@@ -278,10 +276,10 @@ class _FitLoop(OptimizationLoop):
         tick: Tick,
     ) -> None:
         self._ensemble, self._settled, self._searches, self._starts = ensemble, settled, searches, starts
-        self._trial = stages[0]
-        stages = stages[1:] if searches else stages
-        world = _matrix(cohort.to_optimizer[0])
-        world[:3] *= cohort.unit
+        if searches:
+            self._trial, self._round, *stages = stages
+        world, similarity = np.eye(4), cohort.to_optimizer[0]
+        world[:3] = cohort.unit * np.column_stack([similarity.linear, similarity.origin])
         super().__init__(
             [], world[None], cohort, settings, stages, starts[0], tick, observe=None, on_checkpoint=None
         )
@@ -310,32 +308,40 @@ class _FitLoop(OptimizationLoop):
             Term(settings.ensemble_weight, settings.regularization_end),
             Term(settings.normals_weight, NORMALS_ANNEALING[1]),
         )
-        mesh = self.engine.surface_set.meshes[0]
-        surface = SurfacePoints(self.cohort.fields, self.cohort.opening_fields, mesh)
-        tries = search_poses(self._ensemble, terms, surface, list(poses), scaling=self.scaling)
+        fields, meshes = (self.cohort.fields, self.cohort.opening_fields), self.engine.surface_set.meshes
+        given = self._ensemble, terms, SurfacePoints(*fields, meshes[0])
+        tries = search_poses(*given, list(poses), scaling=self.scaling)
         lowest, best = np.inf, (self.engine, self.poses)
         for pose, points in tries[:_MOST_POSES]:
-            self.poses = pose[None]
-            self._set_particles(len(points), transform_points(inverse_matrices(pose), points)[None])
-            objective = self._tried()
+            objective = self._tried(self._trial, pose, points)
             if objective < lowest:
                 lowest, best = objective, (self.engine, self.poses)
+        for _ in range(_MOST_ROUNDS):
+            self.engine, self.poses = best
+            placed = self.poses[0], self.engine.aligned_positions()[0]
+            objective = self._tried(self._round, *follow_pose(*given, *placed, scaling=self.scaling))
+            gained = lowest - objective
+            if gained > 0.0:
+                lowest, best = objective, (self.engine, self.poses)
+            if gained < _GAINED:
+                break
         self.engine, self.poses = best
 
-    def _tried(self) -> float:
-        """Move the particles through the first stage, and return the objective where they end.
+    def _tried(self, plan: StagePlan, pose: FloatArray, points: FloatArray) -> float:
+        """Move particles (n, 3), as posed, through a stage, and return the objective where they end.
 
         A misplaced particle adds as much to it as a wrong pose does: they are relocated before the end.
         """
-        plan = self._trial
-        self.engine.start_stage([plan.weights(iteration) for iteration in range(plan.iterations)])
+        self.poses = pose[None]
+        self._set_particles(len(points), transform_points(inverse_matrices(pose), points)[None])
+        weights = [plan.weights(iteration + 1) for iteration in range(plan.iterations)]
+        self.engine.start_stage(weights)
         for done in range(0, plan.iterations, LIST_ITERATIONS):
             if done == _RELOCATED_AFTER:
                 self._relocate_misplaced(0, 0)
             self.engine.iterate(min(LIST_ITERATIONS, plan.iterations - done))
-            if (done + LIST_ITERATIONS) % RECORD_INTERVAL == 0:
-                regularization = plan.weights(min(done + LIST_ITERATIONS, plan.iterations - 1)).regularization
-                self._align(regularization=min(regularization, MAX_POSE_REGULARIZATION))
+            regularization = plan.weights(min(done + LIST_ITERATIONS, plan.iterations)).regularization
+            self._align(regularization=min(regularization, MAX_POSE_REGULARIZATION))
         parts = self.engine.energy() * [1.0, plan.ensemble_weight, plan.normals_weight]
         return float(parts.sum()) if np.isfinite(parts).all() else np.inf
 
@@ -392,9 +398,3 @@ class _FitLoop(OptimizationLoop):
         moved, mesh = misplaced[0], self.engine.surface_set.meshes[0]
         positions[0, moved] = snap_to_mesh(targets[moved], normals[moved], mesh)
         self.engine.set_positions(positions)
-
-
-def _matrix(similarity: Similarity) -> FloatArray:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = similarity.linear, similarity.origin
-    return matrix

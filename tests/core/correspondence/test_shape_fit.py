@@ -8,8 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from homolog.correspondence import optimize, shape_fit
 from homolog.correspondence.ensemble import generalization_error, make_ensemble
+from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
+from homolog.correspondence.fit_engine import FitEngine
+from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.pose_search import search_poses
 from homolog.correspondence.poses import entropy_step
+from homolog.correspondence.prepared_cohort import prepare_cohort
+from homolog.correspondence.schedule import plan_stages
 from homolog.correspondence.shape_fit import (
     first_particles,
     fit_shape,
@@ -105,6 +110,46 @@ def test_of_several_poses_the_one_whose_particles_end_lowest_is_kept(placed, mon
     fitted = fit_shape_from(shapes[2], SETTINGS, ensemble, [states[2].local])
     spacing = np.sqrt(shapes[2].mesh.area / 64)
     assert np.linalg.norm(fitted.local - states[2].local, axis=1).mean() < 0.15 * spacing
+
+
+def test_a_pose_that_the_search_misses_is_followed_from_the_placed_particles(placed, monkeypatch):
+    shapes, states, unit = placed
+    ensemble = ensemble_of([states[index] for index in (0, 1, 3, 4)], unit)
+
+    def turned(ensemble, terms, surface, poses, *, scaling):
+        turn = np.eye(4)
+        turn[:3, :3] = Rotation.from_euler("z", 25.0, degrees=True).as_matrix()
+        pose = turn @ search_poses(ensemble, terms, surface, poses, scaling=scaling)[0][0]
+        return [(pose, surface.nearest(pose, ensemble.mean, ensemble.normals)[0])]
+
+    monkeypatch.setattr(shape_fit, "search_poses", turned)
+
+    def error():
+        fitted = fit_shape_from(shapes[2], SETTINGS, ensemble, [states[2].local])
+        spacing = np.sqrt(shapes[2].mesh.area / 64)
+        return np.linalg.norm(fitted.local - states[2].local, axis=1).mean() / spacing
+
+    assert error() < 0.15
+    monkeypatch.setattr(shape_fit, "_MOST_ROUNDS", 0)
+    assert error() > 0.3
+
+
+def test_an_isolated_particle_does_not_outweigh_the_objective(placed):
+    shapes, states, unit = placed
+    ensemble = ensemble_of([states[index] for index in (0, 1, 3, 4)], unit)
+    world = np.diag([unit, unit, unit, 1.0]) @ shapes[2].alignment
+    cohort = prepare_cohort(
+        [replace(shapes[2], alignment=world)], SETTINGS, device="cpu", counts=[64],
+        free_shapes=np.array([True]), unit=unit, opening_scale=0.0,
+    )  # fmt: skip
+    points = cohort.to_optimizer[0].apply(states[2].local)[None]
+    engine = FitEngine(ensemble, cohort, points, Launcher("cpu", 1), np.eye(4)[None], is_in_it=False)
+    engine.start_stage([plan_stages(SETTINGS, 64)[-1].weights(0)] * LIST_ITERATIONS)
+    engine.iterate()
+    even = engine.energy()[0]
+    densities = engine.sampling.energies.numpy()
+    densities[0] = -1000.0
+    assert abs(engine.energy()[0] - even) < 0.1
 
 
 def test_the_generalization_error_is_what_other_subjects_do_not_explain():
