@@ -17,6 +17,7 @@ from homolog_app.report.study import Study
 
 __all__ = [
     "LEVEL",
+    "NOUNS",
     "Finding",
     "cautions",
     "classified_text",
@@ -254,11 +255,12 @@ _NOTHING = {
 """Texts without an effect on the whole shape: without and with significant particles."""
 
 
-_NOUNS = {Alignment.AS_IT_LIES: "form or pose", Alignment.RIGID: "form", Alignment.SIMILARITY: "shape"}
+NOUNS = {Alignment.AS_IT_LIES: "form or pose", Alignment.RIGID: "form", Alignment.SIMILARITY: "shape"}
+"""What is compared, by the alignment."""
 
 
 def _verdict(study: Study, comparison: Comparison) -> str:
-    noun = _NOUNS[study.request.alignment]
+    noun = NOUNS[study.request.alignment]
     significant = comparison.p_adjusted <= LEVEL
     inside = int(np.count_nonzero(comparison.p_fwe <= LEVEL))
     local, counted = inside > 0, (inside, len(comparison.p_fwe))

@@ -26,6 +26,7 @@ from homolog_app.report.correspondence import add_correspondence, correspondence
 from homolog_app.report.figures import ReportFigure, model_figures, quality_rows, study_figures
 from homolog_app.report.findings import (
     LEVEL,
+    NOUNS,
     Finding,
     cautions,
     findings,
@@ -163,6 +164,12 @@ def _summary(
             page.caution(text)
 
 
+def _answer(study: Study) -> str:
+    """Return what a study compares, in a word or two."""
+    adjusted = ", adjusted" if study.request.covariates else ""
+    return f"{NOUNS[study.request.alignment]}{adjusted}"
+
+
 def _overview(page: Page, studies: Sequence[Study]) -> None:
     """Add a table of the main results of all studies."""
     rows = []
@@ -173,7 +180,7 @@ def _overview(page: Page, studies: Sequence[Study]) -> None:
             area = 100.0 * study.areas[significant].sum() / max(study.areas.sum(), 1e-300)
             rows.append(
                 (
-                    str(number),
+                    f"{number} ({_answer(study)})",
                     comparison.title,
                     "–" if comparison.distance is None else effect_cell(study, comparison.distance),
                     p_number(comparison.p_adjusted, test.permutations) if test.modes else "–",

@@ -92,7 +92,7 @@ COMMANDS = (
             "File/Export", "", "files", "result"),
     Command("export.markups", "Slicer markups…", "A point list for each subject, for 3D Slicer.",
             "File/Export", "", "locate", "result"),
-    Command("export.report", "Report…", "One page about the model and its studies.",
+    Command("export.report", "Report…", "The model and its studies, as HTML and PDF.",
             "File/Export", "", "explore", "result", writes=True),
     Command("file.close", "Close project", "Go back to the start page.", "File", "Ctrl+W", "", "study"),
     Command("file.quit", "Quit", "Close the window.", "File", "Ctrl+Q"),

@@ -81,7 +81,7 @@ def test_the_interval_of_the_ratio_of_dispersions_covers_the_truth():
     generator = np.random.default_rng(7)
     design, members = _groups((8, 14))
     inside = []
-    for _ in range(300):
+    for _ in range(200):
         shapes = generator.normal(size=(22, 1, 3)) * np.where(members["b"], 2.0, 1.0)[:, None, None]
         effect = dispersion_test(shapes, design, 3, members, permutations=1).effect
         inside.append(effect.low <= 2.0 <= effect.high)

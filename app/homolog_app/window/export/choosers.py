@@ -148,7 +148,7 @@ KINDS = {
         ExportKind(
             "report",
             "Report",
-            "One page about the model and its studies, in the project's folder.",
+            "The model and its studies on a page of HTML and as PDF, in the project's folder.",
             ReportSettings,
             place=False,
         ),
