@@ -14,6 +14,7 @@ from homolog.files.results import Result, read_surface
 from homolog.files.tables import write_table
 from homolog.inspection.located_particles import closest_points_on
 from homolog.progress import Tick, no_tick
+from homolog.surfaces.comparison import distances_both_ways
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import areas_of_particles, nearest_particles
 from homolog_app.report.page import Page
@@ -43,7 +44,7 @@ class CorrespondenceRow:
         Largest distance of a vertex of the surface from its nearest particle on the same side of a wall.
     surface_mean_mm, surface_p95_mm : float
         Mean and 95th percentile of the distances between its surface and the mean surface carried to its
-        particles, in both directions.
+        particles, over the area of both.
     """
 
     name: str
@@ -70,17 +71,15 @@ def correspondence_rows(
         nearest = nearest_particles(mesh, particles)
         areas = areas_of_particles(mesh, nearest, len(particles))
         carried = TriangleMesh(carrier.moved(particles), carrier.mesh.faces)
-        apart = np.concatenate(
-            [closest_points_on(mesh, carried.vertices)[2], closest_points_on(carried, mesh.vertices)[2]]
-        )
+        apart = distances_both_ways(mesh, carried)
         rows.append(
             CorrespondenceRow(
                 name=subject.name,
                 off_surface_mm=float(closest_points_on(mesh, particles)[2].mean()),
                 unevenness_percent=100.0 * float(areas.std() / areas.mean()),
                 farthest_mm=float(np.linalg.norm(mesh.vertices - particles[nearest], axis=1).max()),
-                surface_mean_mm=float(apart.mean()),
-                surface_p95_mm=float(np.quantile(apart, 0.95)),
+                surface_mean_mm=apart.mean,
+                surface_p95_mm=apart.percentile(95.0),
             )
         )
     return rows
@@ -96,8 +95,8 @@ def add_correspondence(page: Page, folder: Path, rows: Sequence[CorrespondenceRo
         ("particles from their own surface, mean (mm)", ".3f"),
         ("evenness: SD of the areas of particles, of their mean (%)", ".1f"),
         ("surface from its nearest particle, largest (mm)", ".2f"),
-        ("surface from carried mean surface, mean (mm)", ".3f"),
-        ("surface from carried mean surface, 95th percentile (mm)", ".3f"),
+        ("surface from carried mean surface, mean over the area (mm)", ".3f"),
+        ("surface from carried mean surface, 95th percentile of the area (mm)", ".3f"),
     )
     table = []
     for number, (title, form) in enumerate(titles, start=1):
@@ -115,8 +114,9 @@ def add_correspondence(page: Page, folder: Path, rows: Sequence[CorrespondenceRo
         "The area of a particle is the part of its subject's surface that is nearest to it, on the same side "
         "of a wall: 0 % would be equal areas. The mean surface was carried to each subject's particles by "
         "the spline that all maps use; its distance from the subject's own surface, in both directions, is "
-        "what particles and spline do not represent. Values of each subject are in correspondence.csv. These "
-        "numbers do not show whether particles are at anatomically corresponding places: see homolog check."
+        "what particles and spline do not represent. Its mean and percentile are weighted by area. Values of "
+        "each subject are in correspondence.csv. These numbers do not show whether particles are at "
+        "anatomically corresponding places: see homolog check."
     )
 
 

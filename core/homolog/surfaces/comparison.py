@@ -8,7 +8,7 @@ from homolog.arrays import FloatArray, frozen
 from homolog.surfaces.closest import signed_distances_to
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["SurfaceDistances", "surface_distances"]
+__all__ = ["SurfaceDistances", "distances_both_ways", "surface_distances"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,3 +74,9 @@ def surface_distances(surface: TriangleMesh, other: TriangleMesh) -> SurfaceDist
     SurfaceDistances
     """
     return SurfaceDistances(signed_distances_to(other, surface.vertices), surface.vertex_areas)
+
+
+def distances_both_ways(first: TriangleMesh, second: TriangleMesh) -> SurfaceDistances:
+    """Return how far two surfaces are from each other: the first one's vertices, then the other's."""
+    there, back = surface_distances(first, second), surface_distances(second, first)
+    return SurfaceDistances(*map(np.concatenate, ((there.signed, back.signed), (there.areas, back.areas))))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from homolog.surfaces.comparison import SurfaceDistances, surface_distances
+from homolog.surfaces.comparison import SurfaceDistances, distances_both_ways, surface_distances
 from homolog.surfaces.mesh import TriangleMesh
 
 
@@ -26,6 +26,8 @@ def test_concentric_balls_are_everywhere_as_far_apart_as_their_radii(balls):
         assert item.percentile(95.0) == pytest.approx(2.0, abs=0.03)
         assert item.maximum == pytest.approx(2.0, abs=0.03)
     assert (there.bias, back.bias) == pytest.approx((there.mean, -back.mean))
+    both = distances_both_ways(outer, inner)  # the larger surface counts more
+    assert both.bias == pytest.approx(both.mean * (1.44 - 1.0) / (1.44 + 1.0), abs=0.03)
 
 
 def test_a_surface_is_at_no_distance_from_itself(balls):
