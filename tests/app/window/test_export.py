@@ -279,7 +279,8 @@ def test_groups_are_offered_where_there_are_any(qapp):
     from homolog_app.window.export.choosers import GroupChooser, group_columns
 
     columns = {"group": list("AABBCC"), "age": list("123456"), "site": ["x"] * 6, "sex": ["m", "f", ""] * 2}
-    assert group_columns(columns) == {"group": ["A", "B", "C"], "sex": ["m", "f"]}
+    assert group_columns(columns) == {"group": ["A", "B", "C"], "sex": ["f", "m"]}
+    assert group_columns({"group": list("AAA") + 3 * ["control"]}) == {"group": ["control", "A"]}
     chooser = GroupChooser(columns, optional=True)
     assert chooser.arguments() == []
     chooser.column.setCurrentIndex(1)

@@ -389,7 +389,7 @@ class GroupsPage(ExplorePage):
         self.results.show_answers(self.all, self._mapped)
         self.others.setText(correction_sentence(self.all, len(self._questions - self.all.question.titles)))
         self.others.setVisible(bool(self.others.text()))
-        self.summary.setText(typeset(" ".join(first.sentences)))
+        self.summary.setText(typeset("\n".join(first.sentences)))
         self.cautions.setText(typeset("\n".join(cautions(study))))
         self.cautions.setVisible(bool(self.cautions.text()))
         shapes = [answer.shape for answer in answers]

@@ -24,6 +24,7 @@ from homolog_app.exports.settings import (
     TableSettings,
 )
 from homolog_app.rendering.camera import Clip
+from homolog_app.report.request import reference_first
 from homolog_app.window.theme import scaled
 from homolog_app.window.widgets import GRID, choice, label
 
@@ -162,10 +163,13 @@ NAMES_PX = 112
 
 
 def group_columns(columns: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
-    """Return the columns that hold groups, with their values: two to half as many as there are subjects."""
+    """Return the columns that hold groups, with their values, controls first.
+
+    These are two to half as many as there are subjects.
+    """
     groups_of = {}
     for name, values in columns.items():
-        groups = list(dict.fromkeys(value for value in values if value))
+        groups = reference_first(values)
         if 2 <= len(groups) <= max(2, len(values) // 2):
             groups_of[name] = groups
     return groups_of

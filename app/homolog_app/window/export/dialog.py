@@ -298,7 +298,7 @@ class ExportDialog(QDialog):
     def _end(self, how: str, said: str) -> None:
         self._switch(running=False)
         self.show_.setVisible(how == "done")
-        text = {"done": f"Done. {said}", "cancelled": "Cancelled; nothing was written."}
+        text = {"done": f"Done. {said or self._result}", "cancelled": "Cancelled; nothing was written."}
         self.note.setText(text.get(how, f"Not exported. {said}"))
         self._mark(how == "failed")
         self.finished_export.emit(how)
@@ -315,10 +315,14 @@ class ExportDialog(QDialog):
         self.go.setEnabled(not running)
         self.close_.setText("Cancel" if running else "Close")
 
+    @property
+    def _result(self) -> Path:
+        """The file or folder that is written."""
+        return self.out or self.exported.project / "report"
+
     @Slot()
     def _show_result(self) -> None:
-        target = self.out or self.exported.project / "report"
-        folder = target if target.is_dir() else target.parent
+        folder = self._result if self._result.is_dir() else self._result.parent
         QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
 
 
