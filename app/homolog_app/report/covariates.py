@@ -27,8 +27,16 @@ def covariate_sentences(study: Study) -> Iterator[str]:
         inside = int(np.count_nonzero(effect.p_fwe <= LEVEL))
         yield (
             f"Covariate {effect.title}: {whole}; {inside} of {len(effect.p_fwe)} particles, "
-            f"{_percent(study, effect):.1f} % of the surface, are significant."
+            f"{_percent(study, effect):.1f} % of the surface, are significant{_size_text(effect)}."
         )
+
+
+def _size_text(effect: Comparison) -> str:
+    """Return the effect on size with its p, or nothing where size is not reported."""
+    size = effect.size if effect.reports_size else None
+    if size is None or size.p is None or not np.isfinite(size.value):
+        return ""
+    return f"; size alone {_interval(size, f' mm{_unit(effect)}')}, {p_text(size.p, size.permutations)}"
 
 
 def covariate_rows(study: Study) -> list[tuple[str, ...]]:

@@ -46,6 +46,7 @@ __all__ = [
 _SPECIFICITY_AT = (1, 2, 3, 5, 8, 13, 21)
 _DRAWS = 200
 _VIEWS = ("anterior", "posterior", "superior", "inferior")
+_INSIDE_VIEWS = ("anterior", "posterior", "left", "right")
 _MOST_REGIONS = 9
 _REGION_WIDTH = 420
 _MARKED = (0.84, 0.37, 0.0)
@@ -122,6 +123,14 @@ def study_figures(
             continue
         caption = _map_caption(study, item) + _cut_text(clip)
         yield ReportFigure(f"{stem}_map", map_figure(item, carrier, clip=clip), caption, item.title)
+        if clip is None and carrier.is_hollow:
+            yield ReportFigure(
+                f"{stem}_inside",
+                map_figure(item, carrier, clip=Clip(plane=ClipPlane.VIEW), inside=True),
+                f"The effect of {item.title} on the inner surface: as above, with the half that faces the "
+                "viewer removed.",
+                item.title,
+            )
         if regions := significant_regions(study, item, carrier):
             shown = regions[:_MOST_REGIONS]
             yield ReportFigure(
@@ -207,20 +216,28 @@ def discriminant_figure(study: Study, comparison: Comparison, theme: Theme = LIG
 
 
 def map_figure(
-    comparison: Comparison, carrier: SurfaceCarrier, theme: Theme = LIGHT, clip: Clip | None = None
+    comparison: Comparison,
+    carrier: SurfaceCarrier,
+    theme: Theme = LIGHT,
+    clip: Clip | None = None,
+    *,
+    inside: bool = False,
 ) -> Figure:
-    """Draw the effect of a comparison of two, where it is significant, and its discriminant."""
+    """Draw the effect of a comparison of two, where it is significant, and its discriminant.
+
+    The discriminant is left out of a figure of the `inside`.
+    """
     mesh, effect = carrier.mean_of(comparison), carrier.moved(comparison.pointwise.effect[0])
     significant = carrier.significant(comparison, LEVEL)
     rows = {
         "effect": (mesh, effect),
         f"where p ≤ {LEVEL:g}, corrected": (mesh, effect * significant[:, None]),
     }
-    if comparison.discriminant is not None:
+    if comparison.discriminant is not None and not inside:
         way = carrier.moved(comparison.discriminant.displacement)
         firm = carrier.discriminant_is_firm(comparison)
         rows["discriminant, 95 % bounds"] = (mesh, way * firm[:, None])
-    views = [carrier.directions.view(name) for name in _VIEWS]
+    views = [carrier.directions.view(name) for name in (_INSIDE_VIEWS if inside else _VIEWS)]
     return draw_differences(rows, views=views, clip=clip, theme=theme, width=300)
 
 

@@ -6,10 +6,9 @@ from math import floor, log10
 from pydantic import BaseModel
 
 from homolog.analysis.assumptions import Dispersion
-from homolog.analysis.cautions import p_number
+from homolog.analysis.cautions import LOOSE, f_excess, p_number
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.effects import Effect
-from homolog.analysis.null_simulation import WHOLE_SHAPE_F
 from homolog.analysis.procrustes import Alignment
 from homolog.files.records import ResultRecord
 from homolog_app.report.findings import LEVEL, group_dispersions, p_text
@@ -140,30 +139,34 @@ def _add_walls(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
     for comparison in study.comparisons:
         if len(comparison.pointwise.effect) > 1:
             continue
-        outward = carrier.outward_at_particles(comparison, comparison.pointwise.effect[0])
+        ways = carrier.ways_at_particles(comparison)
         for wall in (INNER, OUTER, EDGE):
             own = [index for index, name in enumerate(walls) if name == wall]
             if not own:
                 continue
             areas, inside = study.areas[own], comparison.p_fwe[own] <= LEVEL
-            out = inside & (outward[own] > 0.0)
             whole = float(areas.sum())
             rows.append(
                 (
                     comparison.title, wall, f"{whole:.0f}",
                     *(
                         f"{areas[some].sum():.0f} ({100.0 * areas[some].sum() / whole:.1f} %)"
-                        for some in (inside, out, inside & ~out)
+                        for some in (inside, *(inside & (ways[own] == way) for way in (1, -1, 0)))
                     ),
                 )
             )  # fmt: skip
     page.table(
         ["comparison", "wall", "area (mm²)", "significant (mm²)", "out of the tissue (mm²)",
-         "into the tissue (mm²)"],
+         "into the tissue (mm²)", "neither clearly (mm²)"],
         rows,
         as_text=True,
         caption="Significant area of each wall, and which way it moves",
     )  # fmt: skip
+    page.paragraph(
+        "Area counts as moving out of the tissue or into it where the 95 % interval of the outward "
+        "displacement excludes zero, and otherwise under *neither clearly*: particles move along the surface "
+        "there."
+    )
 
 
 def interval_cell(effect: Effect, digits: int = 2, scale: float = 1.0) -> str:
@@ -300,10 +303,10 @@ def add_false_positives(page: Page, study: Study) -> None:
     page.paragraph(
         f"{_EXCHANGED[study.request.kind]} {study.request.null_repeats} times, so that there is nothing to "
         "find, and tested without scaling of dispersions. Permutation tests then have a type I error rate of "
-        "5 % by construction: their rows check the software and do not validate the comparison. The bounds "
-        "of about one row in twenty miss its true rate by chance. The rows of F show whether normal "
-        f"distributions may be assumed: {_f_verdict(study)} The table can't show what differences in "
-        "dispersion do; see Assumptions."
+        "5 % by construction, but for chance in the draws: their rows check the software and do not validate "
+        "the comparison. F is computed from the same draws, so that its rate is compared with that of the "
+        f"permutation test: {_f_verdict(study)} The table shows neither whether groups are normally "
+        "distributed nor what differences in dispersion do; see Assumptions."
     )
     page.table(
         ["comparison", "test", "type I error (%)", "95 % bounds"],
@@ -314,19 +317,12 @@ def add_false_positives(page: Page, study: Study) -> None:
 
 
 def _f_verdict(study: Study) -> str:
-    """Return in which comparisons the rate of F of the whole shape is not 5 %."""
-    off = [
-        comparison.title
-        for comparison in study.comparisons
-        for test in comparison.false_positives
-        if test.test == WHOLE_SHAPE_F and not test.low <= LEVEL <= test.high
-    ]
+    """Return in which comparisons F of the whole shape has more false positives than permutations."""
+    off = [comparison.title for comparison in study.comparisons if f_excess(comparison) > LOOSE]
+    most = f"more than {100.0 * LOOSE:g} percentage points above it"
     if not off:
-        return "here all bounds of the F of whole shapes include 5 %."
-    return (
-        f"here the bounds of the F of whole shapes exclude 5 % in {'; '.join(off)}, so that p (F) is not to "
-        "be used there."
-    )
+        return f"it is nowhere {most}."
+    return f"it is {most} in {'; '.join(off)}, so that p (F) is not to be used there."
 
 
 _NOT_GIVEN = {"core_set": "none", "segment": "none", "pairs": "none", "label": "all above 0"}

@@ -189,6 +189,11 @@ class SurfaceCarrier:
         )
         return [(INNER, OUTER, EDGE)[part] for part in parts.argmax(axis=0).tolist()]
 
+    @property
+    def is_hollow(self) -> bool:
+        """Whether the mean shape has an inner surface."""
+        return bool(self._walls[0].any())
+
     @cached_property
     def _walls(self) -> tuple[BoolArray, BoolArray, FloatArray]:
         """Which vertices are on an inner surface and on the edge of its opening, and the area around each."""
@@ -210,6 +215,14 @@ class SurfaceCarrier:
         """Return the outward part of displacements of the particles (..., N, 3) [mm], shape (..., N)."""
         outward: FloatArray = (displacement * self.normals_at_particles(comparison)).sum(axis=-1)
         return outward
+
+    def ways_at_particles(self, comparison: Comparison) -> IntArray:
+        """Return whether each particle moves outward (1) or inward (-1), or neither clearly (0), (N,).
+
+        Clear is an outward part whose interval excludes zero.
+        """
+        low, high = comparison.pointwise.bounds(self.normals_at_particles(comparison))
+        return np.where(low > 0.0, 1, 0) - np.where(high < 0.0, 1, 0)
 
     def normals_at_particles(self, comparison: Comparison) -> FloatArray:
         """Return the outward unit normals of the comparison's mean surface at the particles, (N, 3)."""
@@ -280,12 +293,14 @@ class Region:
         """Wall and place, in words."""
         return f"{self.wall}, {self.place}" if self.wall else self.place
 
-    def direction(self, outward: float) -> str:
-        """Describe the direction of an outward displacement."""
-        way = "out of the tissue" if outward > 0.0 else "into the tissue"
+    def direction(self, outward: Effect) -> str:
+        """Describe the direction of an outward displacement, if its interval tells it."""
+        if outward.low <= 0.0 <= outward.high:
+            return "neither clearly out of the tissue nor into it"
+        way = "out of the tissue" if outward.value > 0.0 else "into the tissue"
         if self.wall != INNER:
             return way
-        return f"{way} (cavity {'narrower' if outward > 0.0 else 'wider'})"
+        return f"{way} (cavity {'narrower' if outward.value > 0.0 else 'wider'})"
 
 
 def significant_regions(study: Study, comparison: Comparison, carrier: SurfaceCarrier) -> list[Region]:

@@ -230,17 +230,21 @@ def _effects(
             f"{towards}{region.place}"
         )
     largest += f", where the surface moves outward by {_moves(region, region.outward, digits, per)}."
-    inside = comparison.p_fwe <= LEVEL
-    outward = carrier.outward_at_particles(comparison, comparison.pointwise.effect[0])
-    out, into = (float(study.areas[inside & (sign * outward > 0.0)].sum()) for sign in (1.0, -1.0))
-    largest += f" Of the significant area {out:.0f} mm² move out of the tissue, {into:.0f} mm² into it."
+    inside, ways = comparison.p_fwe <= LEVEL, carrier.ways_at_particles(comparison)
+    out, into, rest = (float(study.areas[inside & (ways == way)].sum()) for way in (1, -1, 0))
+    largest += (
+        f" Of the significant area {out:.0f} mm² clearly move out of the tissue, {into:.0f} mm² into it, and "
+        f"{rest:.0f} mm² neither."
+    )
+    if region.outward.low <= 0.0 <= region.outward.high:
+        largest += f" The peak moves by {region.length:.{digits}f} mm{per}, mainly along the surface."
     return (*finding.effects[:2], largest, *finding.effects[2:])
 
 
 def _moves(region: Region, outward: Effect, digits: int, per: str) -> str:
     """Return how far and which way a surface moves: "+1.2 mm (95 % CI +0.3 to +2.1), out of the tissue"."""
     value, low, high = (f"{item:+.{digits}f}" for item in (outward.value, outward.low, outward.high))
-    return f"{value} mm{per} (95 % CI {low} to {high}), {region.direction(outward.value)}"
+    return f"{value} mm{per} (95 % CI {low} to {high}), {region.direction(outward)}"
 
 
 def _mm(value: float | None) -> str:

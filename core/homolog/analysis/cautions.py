@@ -13,8 +13,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "LEVEL",
+    "LOOSE",
     "cautions_of",
     "dispersion_caution",
+    "f_excess",
     "outlier_caution",
     "p_number",
     "p_text",
@@ -23,7 +25,7 @@ __all__ = [
 
 LEVEL = 0.05
 """Significance level of corrected p-values."""
-_LOOSE = 0.02
+LOOSE = 0.02
 """Excess of false positives of F that raises a caution."""
 _UNLIKE = 1.5
 """Ratio of two groups' dispersions, or numbers of subjects, that raises a caution."""
@@ -181,11 +183,18 @@ def _unlike(values: Sequence[float]) -> bool:
     return bool(values) and max(values) >= _UNLIKE * min(values)
 
 
-def _f_caution(comparison: "Comparison") -> str:
-    """Return a caution if F has more false positives than the permutation test, on the same permutations."""
+def f_excess(comparison: "Comparison") -> float:
+    """Return by how much the type I error rate of F exceeds that of permutations of the same null data.
+
+    Excesses up to `LOOSE` are tolerated.
+    """
     rates = {test.test: test.rate for test in comparison.false_positives}
-    excess = rates.get(WHOLE_SHAPE_F, 0.0) - rates.get(WHOLE_SHAPE_PERMUTATION, 0.0)
-    if excess <= _LOOSE:
+    return rates.get(WHOLE_SHAPE_F, 0.0) - rates.get(WHOLE_SHAPE_PERMUTATION, 0.0)
+
+
+def _f_caution(comparison: "Comparison") -> str:
+    excess = f_excess(comparison)
+    if excess <= LOOSE:
         return ""
     return (
         f"the type I error rate of the F test is {100 * excess:.1f} percentage points higher than that of "
