@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from homolog.analysis.effects import Effect
 from homolog.files.particles import read_particles, write_particles
 from homolog.files.records import ProjectRecord
 from homolog.files.report_details import Axes, ReportDetails
@@ -19,7 +20,7 @@ from homolog_app.report.request import (
 )
 from homolog_app.report.sample import sample_rows
 from homolog_app.report.study import run_study
-from homolog_app.report.surface_maps import EDGE, INNER, OUTER, SurfaceCarrier, directions_of
+from homolog_app.report.surface_maps import EDGE, INNER, OUTER, Region, SurfaceCarrier, directions_of
 
 HOSTILE = "<script>alert('x')</script> & co"
 
@@ -256,3 +257,14 @@ def test_voxels_of_the_files_are_told_by_group_and_ranges_where_there_are_many_s
     texts = {row.category for row in rows if row.variable == "voxel"}
     assert len(texts) == 1
     assert texts.pop().startswith("0.5 x 0.5 x 1 to ")
+
+
+def test_a_region_moves_out_or_in_only_where_the_interval_tells_it():
+    effect = Effect(1.0, 0.5, 1.5)
+    particles, position = np.arange(2), np.zeros(3)
+    region = Region(
+        particles, 2.0, 0, position, "left", INNER, effect, 1.0, "left", effect, (0.5, 1.5), 0.01, 0.01
+    )
+    assert region.direction(effect) == "out of the tissue (cavity narrower)"
+    assert region.direction(Effect(-1.0, -1.5, -0.5)) == "into the tissue (cavity wider)"
+    assert "neither" in region.direction(Effect(0.4, -0.5, 1.3))
