@@ -195,7 +195,7 @@ _EXCHANGE = {
     "zero, so that their signs are exchangeable, and that pairs are independent of each other.",
 }
 _DISPERSION = {
-    "groups": "Dispersion is the mean distance of subjects from the centroid of their group, root mean "
+    "groups": "Dispersion is the mean distance of subjects from {centre}, root mean "
     "square over the particles, in the modes of the comparison. These modes and the alignment are the "
     "comparison's own, so that a group's value differs between comparisons. Dispersions are compared by "
     "permutation (PERMDISP); intervals come from the jackknife of their logarithms.",
@@ -226,7 +226,8 @@ def add_assumptions(page: Page, study: Study) -> None:
     page.heading("Assumptions", 3)
     adjusted = bool(study.request.covariates)
     who = "residuals (what covariates leave of subjects)" if adjusted else "subjects"
-    sentences = [_EXCHANGE[kind].format(who=who), _DISPERSION[kind]]
+    centre = "the shape fitted to them" if adjusted else "the centroid of their group"
+    sentences = [_EXCHANGE[kind].format(who=who), _DISPERSION[kind].format(centre=centre)]
     if any(comparison.size_skewness is not None for comparison in study.comparisons):
         sentences.append(
             "Skewness of size is tested by D'Agostino's test, that of shapes by the same test of the five "
