@@ -29,7 +29,7 @@ __all__ = [
     "ComparedPatient",
     "PatientDisplay",
     "Z",
-    "about_text",
+    "about_texts",
     "compared",
     "nearest_text",
     "on_own_surface",
@@ -59,15 +59,15 @@ def nearest_text(comparison: "PatientComparison | None", reference: "Reference |
     return nearest_controls_text(comparison, reference)
 
 
-def about_text(reference: "Reference | None") -> str:
-    """Describe the reference, or how to get one."""
+def about_texts(reference: "Reference | None") -> tuple[str, str]:
+    """Describe the reference, or how to get one; and return the cautions about it."""
     if reference is None:
-        return "No reference yet. Make one from this result or open a file."
+        return "No reference yet. Make one from this result or open a file.", ""
     from homolog_app.report.patient_texts import reference_text
 
-    return "\n".join(
-        reference_text(reference.anonymous())
-    )  # the box above lists the other files that are saved
+    lines = [f"{line[:1].upper()}{line[1:]}." for line in reference_text(reference.anonymous())]
+    cautions = [line for line in lines if line.startswith("Caution")]
+    return "\n".join(line for line in lines if line not in cautions), "\n".join(cautions)
 
 
 EXPECTED, MEAN, Z = "expected", "mean", "z"

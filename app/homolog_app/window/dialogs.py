@@ -31,7 +31,7 @@ import homolog
 import homolog_app
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme, pixmap
-from homolog_app.window.widgets import GRID, button, label
+from homolog_app.window.widgets import GRID, button, label, set_primary
 
 __all__ = ["ErrorDialog", "LogMemory", "LogPane", "ask", "problem_report", "waited"]
 
@@ -77,6 +77,7 @@ def ask(
         box.addButton(text, role.RejectRole if text == answers[-1] else role.AcceptRole) for text in answers
     ]
     box.setDefaultButton(buttons[default])
+    set_primary(buttons[default], True)
     box.setEscapeButton(buttons[-1])
     timer = QTimer(box, interval=_LOOK_MS)
     if settled is not None:

@@ -254,7 +254,7 @@ class ProjectController(Controller):
             text = f"{len(lost.record.study.subjects)} subjects, {what}"
             answer = ask(
                 self._window, f"Recover {name}?", f"The program ended without closing it: {text}.",
-                ("Recover", "Later", "Discard"),
+                ("Recover", "Discard", "Later"),
             )  # fmt: skip
             if answer == "Discard":
                 lost.discard()

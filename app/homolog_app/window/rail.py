@@ -1,5 +1,6 @@
 """The four steps of a study, the rail that leads to them, and the status bar."""
 
+import logging
 from dataclasses import dataclass
 
 import psutil
@@ -24,6 +25,7 @@ from homolog_app.window.widgets import GRID, ActionButton, ProgressBar, label
 
 __all__ = ["STEPS", "DockSizes", "Rail", "StatusBar", "Step", "steps_of"]
 
+_log = logging.getLogger(__name__)
 
 STEPS = ("cohort", "groom", "correspond", "explore")
 _WIDTH, _HEIGHT = 96, 104
@@ -202,7 +204,8 @@ class StatusBar(QObject):
         self._show_memory()
 
     def say(self, text: str) -> None:
-        """Show a message for some seconds."""
+        """Show a message for some seconds; the log keeps it."""
+        _log.info("%s", text)
         self._bar.showMessage(text, 6000)
 
     @Slot()

@@ -1,10 +1,21 @@
 """The pages *Groom* and *Correspond*."""
 
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from collections.abc import Mapping, Sequence
+
+from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
+from PySide6.QtWidgets import (
+    QComboBox,
+    QHBoxLayout,
+    QHeaderView,
+    QLabel,
+    QTableWidget,
+    QTableWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
 
 from homolog.files.project import ProjectFolder
-from homolog.files.records import note_lines
+from homolog.files.records import note_kinds
 from homolog.settings import GroomSettings, OptimizeSettings
 from homolog.surfaces.mirroring import mirrors
 from homolog_app.rendering.text import millilitres, signed
@@ -14,11 +25,23 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.form import SettingsPair
 from homolog_app.window.runner import Status
 from homolog_app.window.session import Session
-from homolog_app.window.widgets import GRID, ActionButton, Panel, Progress, label, rule, set_primary
+from homolog_app.window.theme import scaled
+from homolog_app.window.widgets import (
+    GRID,
+    ActionButton,
+    Panel,
+    Progress,
+    choice,
+    dress_table,
+    label,
+    rule,
+    set_primary,
+)
 
-__all__ = ["GroomPanel", "RunPanel"]
+__all__ = ["GroomNotes", "GroomPanel", "RunPanel"]
 
 
+_NOTES_PX, _ROW_PX, _NAME_PX = 168, 28, 160
 _GROOM_MAIN = ("label", "smoothing", "alignment", "pieces")
 
 
@@ -37,19 +60,15 @@ class GroomPanel(Panel):
         self.report = label("", "Hint", wrap=True)
         self.report.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.subject = label("", "SectionTitle", wrap=True)
-        self.notes_title = label("Notes on all subjects", "SectionTitle")
-        self.notes = label("", "Hint", wrap=True)
-        self.notes.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.notes = GroomNotes()
+        self.notes.chosen.connect(self._go_to)
         self.mirrored = label("", "Hint", wrap=True)
         self.again = ActionButton("Groom this subject again", actions["run.regroom"])
         self.body.addWidget(self.form)
         self.body.addWidget(self.mirrored)
         self.body.addWidget(rule())
-        for widget in (self.subject, self.report, self.again):
+        for widget in (self.notes, self.subject, self.report, self.again):
             self.body.addWidget(widget)
-        self.body.addSpacing(GRID)
-        self.body.addWidget(self.notes_title)
-        self.body.addWidget(self.notes)
         self.body.addStretch()
         self.progress = Progress(actions["run.cancel"])
         self.go = ActionButton("Groom", actions["run.groom"], "primary")
@@ -59,6 +78,11 @@ class GroomPanel(Panel):
         for signal in (session.study_changed, session.groomed_changed, session.selection_changed):
             signal.connect(self._show)
         self._show()
+
+    def _go_to(self, name: str) -> None:
+        """Select a subject and scroll to what was changed on it."""
+        self._session.select([name])
+        QTimer.singleShot(0, self, lambda: self.reveal(self.report))
 
     def show_busy(self, status: Status | None) -> None:
         """Show the progress of grooming, or hide it."""
@@ -79,11 +103,10 @@ class GroomPanel(Panel):
         turned = [name for name, groomed in session.groomed.items() if mirrors(groomed.alignment)]
         self.mirrored.setText(f"Mirrored to the other side: {', '.join(turned)}")
         self.mirrored.setVisible(bool(turned))
-        notes = {name: groomed.subject.report.notes for name, groomed in session.groomed.items()}
-        self.notes.setText("\n".join(note_lines(notes)))
-        self.notes_title.setVisible(bool(self.notes.text()))
-        self.notes.setVisible(bool(self.notes.text()))
         name = session.selection[0] if session.selection else ""
+        self.notes.show_notes(
+            {name: groomed.subject.report.notes for name, groomed in session.groomed.items()}, name
+        )
         groomed = session.groomed.get(name)
         for widget in (self.subject, self.report, self.again):
             widget.setVisible(groomed is not None)
@@ -99,9 +122,99 @@ def _sentences(groomed: Groomed) -> str:
         f"Volume {millilitres(report.volume_before)} in the file, "
         f"{millilitres(report.volume_after)} groomed ({signed(change, 1)} %)",
         f"{len(groomed.subject.mesh.vertices)} vertices, {report.genus} handle{'s' * (report.genus != 1)}",
-        *report.notes,
+        *(f"• {note[:1].upper()}{note[1:]}" for note in report.notes),
     ]
     return "\n".join(lines)
+
+
+class GroomNotes(QWidget):
+    """Subjects with notes of grooming as a table, all or those with one kind of note.
+
+    Attributes
+    ----------
+    kinds : QComboBox
+        Which kind of note; the first entry means all.
+    table : QTableWidget
+        Name and notes of each subject.
+    """
+
+    chosen = Signal(str)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._notes: Mapping[str, Sequence[str]] = {}
+        self.title = label("", "SectionTitle")
+        self.kinds = choice("Kind of note")
+        self.table = QTableWidget(0, 2)
+        self.table.setHorizontalHeaderLabels(["Subject", "Note"])
+        dress_table(self.table, "Notes", scaled(_NOTES_PX))
+        self.table.setMaximumHeight(scaled(_NOTES_PX))
+        self.table.setSelectionMode(QTableWidget.SelectionMode.SingleSelection)
+        self.table.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
+        self.table.verticalHeader().setDefaultSectionSize(scaled(_ROW_PX))
+        head = self.table.horizontalHeader()
+        head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+        head.setSectionResizeMode(0, QHeaderView.ResizeMode.ResizeToContents)
+        head.setMaximumSectionSize(scaled(_NAME_PX))
+        head.setStretchLastSection(True)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(GRID)
+        for widget in (self.title, self.kinds, self.table):
+            column.addWidget(widget)
+        self.kinds.activated.connect(self._show_rows)
+        self.table.currentCellChanged.connect(self._choose)
+
+    def show_notes(self, notes: Mapping[str, Sequence[str]], selected: str) -> None:
+        """Show the notes of all groomed subjects, and mark the selected subject's row."""
+        noted = {name: own for name, own in notes.items() if own}
+        self.setVisible(bool(noted))
+        self.title.setText(f"Notes on {len(noted)} of {len(notes)} subjects")
+        if noted != self._notes:
+            self._notes = noted
+            self._show_kinds()
+            self._show_rows()
+        self._mark(selected)
+
+    def _show_kinds(self) -> None:
+        """List the kinds of notes, and the notes of each subject, the rarest first."""
+        kinds = sorted(note_kinds(self._notes), key=lambda kind: len(kind.names))
+        every: dict[str, list[str]] = {name: [] for name in self._notes}
+        self.kinds.clear()
+        self.kinds.addItem("All notes", every)
+        for kind in kinds:
+            own: dict[str, list[str]] = {}
+            for name, note in kind.notes:
+                own.setdefault(name, []).append(note)
+                every[name].append(note)
+            who = kind.names[0] if len(own) == 1 else f"{len(own)} subjects"
+            self.kinds.addItem(f"{who}: {kind.text}", own)
+            self.kinds.setItemData(self.kinds.count() - 1, kind.text, Qt.ItemDataRole.ToolTipRole)
+        self.kinds.setItemData(0, every)
+
+    def _show_rows(self) -> None:
+        shown = self.kinds.currentData()
+        with QSignalBlocker(self.table):
+            self.table.setRowCount(len(shown))
+            for row, (name, own) in enumerate(shown.items()):
+                for column, text in enumerate((name, "; ".join(own))):
+                    item = QTableWidgetItem(text)
+                    item.setToolTip("\n".join([name, *own]))
+                    self.table.setItem(row, column, item)
+            self.table.setCurrentCell(-1, -1)
+
+    def _mark(self, name: str) -> None:
+        """Select the row of a subject, or none."""
+        names = list(self.kinds.currentData() or ())
+        with QSignalBlocker(self.table):
+            self.table.clearSelection()
+            if name in names:
+                self.table.selectRow(names.index(name))
+
+    def _choose(self, row: int) -> None:
+        item = self.table.item(row, 0)
+        if item is not None:
+            self.chosen.emit(item.text())
 
 
 _RUN_MAIN = ("method", "particles", "seed")

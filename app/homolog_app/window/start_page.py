@@ -339,7 +339,7 @@ class StartPage(QFrame):
         grid = QGridLayout()
         grid.setSpacing(2 * GRID)
         texts = {
-            "file.new": "Segmentations (NRRD, NIfTI, MetaImage) or closed surfaces (VTP, PLY, STL, GIFTI).",
+            "file.new": "Segmentations (NRRD, NIfTI, MetaImage) or surfaces (VTP, PLY, STL, GIFTI).",
             "file.open": "Open a saved study.",
             "file.sample_hearts": "Twenty generated left ventricles, healthy or after infarct; a short tour.",
         }

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 
-from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal, Slot
+from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, Signal, Slot
 from PySide6.QtGui import QAction, QKeyEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractSpinBox,
@@ -134,7 +134,7 @@ def choice(name: str, entries: Mapping[str, object] | None = None) -> QComboBox:
     Parameters
     ----------
     name : str
-    words : mapping of str to object, optional
+    entries : mapping of str to object, optional
         The items, and their data.
     """
     box = QComboBox()
@@ -224,8 +224,7 @@ class Panel(QWidget):
         head.addWidget(label(title, "PanelTitle"))
         head.addWidget(label(hint, "Hint", wrap=True))
         inner = _Body(self.body)
-        scroll = self._scroll = QScrollArea()
-        scroll.setWidgetResizable(True)
+        scroll = self._scroll = QScrollArea(widgetResizable=True)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setWidget(inner)
         scroll.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
@@ -241,16 +240,20 @@ class Panel(QWidget):
             widget.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         outer.addWidget(self.base)
 
-    def reveal(self, widget: QWidget) -> None:
-        """Scroll the body to a widget in it."""
+    def reveal(self, widget: QWidget, *, at_top: bool = False) -> None:
+        """Scroll the body until a widget in it is visible, or at the top."""
         self._scroll.ensureWidgetVisible(widget, 0, GRID)
+        if at_top:
+            bar = self._scroll.verticalScrollBar()
+            bar.setValue(bar.value() + widget.mapTo(self._scroll, QPoint()).y() - GRID)
 
     def showEvent(self, event: QShowEvent) -> None:
         """Watch the wheel over combo boxes and sliders."""
         super().showEvent(event)
-        for kind in (QComboBox, QAbstractSpinBox, QSlider):
-            for widget in self.findChildren(kind):
-                widget.installEventFilter(self)
+        kinds = (QComboBox, QAbstractSpinBox, QSlider)
+        for widget in (child for kind in kinds for child in self.findChildren(kind)):
+            widget.installEventFilter(self)
+            widget.setFocusPolicy(widget.focusPolicy() & Qt.FocusPolicy.StrongFocus)  # not by the wheel
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Let the wheel scroll the panel instead of changing the value under the pointer."""
@@ -261,11 +264,7 @@ class Panel(QWidget):
 
 
 class NumberBox(QSpinBox):
-    """A whole number; its buttons are hidden by the style sheet.
-
-    Without buttons (`NoButtons`) Qt 6.11.3 and 6.12.0 leave a styled box's number no room. Its margins are
-    set here, since versions differ in whether they add the style sheet's.
-    """
+    """A whole number; its buttons are hidden by the style sheet: without them Qt 6.12 leaves it no room."""
 
     def __init__(self, low: int = 0, high: int = 99) -> None:
         super().__init__(minimum=low, maximum=high)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from PySide6.QtCore import QObject, Slot
 
-from homolog.cohort import Cohort
+from homolog.cohort import Cohort, Subject
 from homolog.files.project import ProjectFolder
 from homolog.progress import Tick
 from homolog.settings import GroomSettings
@@ -83,17 +83,12 @@ class Work(QObject):
 
     @Slot()
     def go_on(self) -> None:
-        """Start waiting background jobs if no other job is running."""
+        """Start waiting background jobs if no other job is running; reading goes before compiling."""
+        groom, unread = self.session.study.settings.groom, self._unread()
         if self.runner.job is not None or self._next is not None:
+            if unread and self._kind == "prepare":
+                self.runner.cancel()
             return
-        groom = self.session.study.settings.groom
-        unread = [
-            member.subject
-            for member in self.session.study.members
-            if (seen := self.session.surveys.get(member.name)) is None
-            or seen.subject.path != member.subject.path
-            or (seen.label, seen.segment) != (groom.label, groom.segment)
-        ]
         if unread:
             self.compute(
                 "read",
@@ -105,6 +100,17 @@ class Work(QObject):
             self._restore(self.to_restore)
         elif not self._prepared:
             self.compute("prepare", prepare, "preparing compute kernels", self._prepare_ended)
+
+    def _unread(self) -> list[Subject]:
+        """Return the subjects without a preview of their file and structure."""
+        groom = self.session.study.settings.groom
+        return [
+            member.subject
+            for member in self.session.study.members
+            if (seen := self.session.surveys.get(member.name)) is None
+            or seen.subject.path != member.subject.path
+            or (seen.label, seen.segment) != (groom.label, groom.segment)
+        ]
 
     def restore_groomed(self, project: ProjectFolder) -> None:
         """Restore a project's cached groomed shapes once its files are read, if they are up to date."""

@@ -235,7 +235,7 @@ class Workspace(QObject):
     @Slot()
     def write_journal(self) -> None:
         """Record the open study, so that it can be recovered after a crash."""
-        running = self.session.job.run is not None
+        running = "run" in (self.session.job.kind, self.session.job.following)
         if not self.is_changed and not running:
             self.journal.clear_record()
             return

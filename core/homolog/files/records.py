@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
@@ -13,8 +14,8 @@ from homolog.settings import RunSettings
 from homolog.surfaces.mirroring import mirrors
 
 __all__ = [
-    "FORMAT_VERSION", "IMPORTED", "ProjectRecord", "ResultRecord", "ResultSubject", "SubjectRecord",
-    "note_lines",
+    "FORMAT_VERSION", "IMPORTED", "NoteKind", "ProjectRecord", "ResultRecord", "ResultSubject",
+    "SubjectRecord", "note_kinds", "note_lines",
 ]  # fmt: skip
 
 FORMAT_VERSION = 1
@@ -153,26 +154,54 @@ def _kind_of(note: str) -> str:
     return _PLURAL.sub("", _NUMBER.sub("#", note))
 
 
-def note_lines(notes: Mapping[str, Sequence[str]], most_names: int = 2) -> list[str]:
-    """Return the notes about subjects, by name: one line per kind, with ranges of their numbers."""
+@dataclass(frozen=True, slots=True)
+class NoteKind:
+    """Notes of one kind on several subjects.
+
+    Attributes
+    ----------
+    text : str
+        The note, with the ranges of its numbers: ``2 to 5 pieces …``.
+    notes : tuple of (str, str)
+        Name of the subject and its own note, in the order of the subjects.
+    """
+
+    text: str
+    notes: tuple[tuple[str, str], ...]
+
+    @property
+    def names(self) -> list[str]:
+        """The subjects, each once."""
+        return list(dict.fromkeys(name for name, _ in self.notes))
+
+
+def note_kinds(notes: Mapping[str, Sequence[str]]) -> list[NoteKind]:
+    """Return the notes about subjects by kind; notes that differ only in their numbers are of one kind."""
     kinds: dict[str, list[tuple[str, str]]] = {}
     for name, own in notes.items():
         for note in own:
             kinds.setdefault(_kind_of(note), []).append((name, note))
-    return [_summary(noted, most_names) for noted in kinds.values()]
+    return [NoteKind(_spanned([note for _, note in noted]), tuple(noted)) for noted in kinds.values()]
 
 
-def _summary(noted: Sequence[tuple[str, str]], most_names: int) -> str:
-    """Return one line for subjects with notes of one kind: 14 subjects (s013, s016, …): 2 to 5 pieces …."""
-    names = list(dict.fromkeys(name for name, _ in noted))
-    who = ", ".join(names[:most_names])
-    if len(names) > most_names:
-        who = f"{len(names)} subjects ({who}, …)"
-    columns = zip(*(_NUMBER.findall(note) for _, note in noted), strict=True)
+def note_lines(notes: Mapping[str, Sequence[str]], most_names: int = 2) -> list[str]:
+    """Return one line per kind of notes: 14 subjects (s013, s016, …): 2 to 5 pieces …."""
+    lines = []
+    for kind in note_kinds(notes):
+        who = ", ".join(kind.names[:most_names])
+        if len(kind.names) > most_names:
+            who = f"{len(kind.names)} subjects ({who}, …)"
+        lines.append(f"{who}: {kind.text}")
+    return lines
+
+
+def _spanned(notes: Sequence[str]) -> str:
+    """Return the longest of notes of one kind with the ranges of all their numbers."""
+    columns = zip(*(_NUMBER.findall(note) for note in notes), strict=True)
     ranges = iter([sorted(set(column), key=float) for column in columns])
 
     def spanned(_: re.Match[str]) -> str:
         values = next(ranges)
         return values[0] if len(values) == 1 else f"{values[0]} to {values[-1]}"
 
-    return f"{who}: {_NUMBER.sub(spanned, max((note for _, note in noted), key=len))}"
+    return _NUMBER.sub(spanned, max(notes, key=len))

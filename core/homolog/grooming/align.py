@@ -37,6 +37,7 @@ class RegisterPair(Protocol):
 
 _OTHER_UNIT = 100.0
 _OTHER_SIZE = 5.0  # times the median: a file in cm among files in mm is ten times smaller
+_RARE_SIZE = 2.2  # times the median: rare in one structure, of children and adults too
 _FEWEST = 3  # subjects that it takes to say which is the odd one
 _ODD, _LEAST_TYPICAL = 2.0, 0.06  # a subject is odd beyond this times the median distance, or this one
 _TURNED = 60.0  # degrees
@@ -262,6 +263,9 @@ def _notes(alignments: FloatArray, distances: FloatArray, sizes: FloatArray) -> 
             )
         elif np.median(angles) < _TURNED < angle:
             note = f"was rotated by {angle:.0f}° to match most others; check it and its side"
+        elif not 1.0 / _RARE_SIZE < ratio < _RARE_SIZE:
+            times, word = (ratio, "large") if ratio > 1.0 else (1.0 / ratio, "small")
+            note = f"is {times:.1f} times as {word} as most others; check that it shows the same structure"
         notes.append(note)
     return tuple(notes)
 

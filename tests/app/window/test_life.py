@@ -186,6 +186,21 @@ if __name__ == "__main__":
 """
 
 
+def test_files_are_read_at_once_while_kernels_are_being_compiled(make_window, ellipsoids, wait, monkeypatch):
+    def compiling(tick):
+        while True:
+            tick(0.0, "compiling")
+            time.sleep(0.01)
+
+    monkeypatch.setattr("homolog_app.window.work.prepare", compiling)
+    window = make_window()
+    work = window.workspace.work
+    work.go_on()
+    wait(lambda: work.session.job.kind == "prepare")
+    window.projects.open_paths([ellipsoids])
+    wait(lambda: len(work.session.surveys) == 4)
+
+
 def test_after_a_kill_in_mid_run_the_next_start_offers_what_was_lost(
     make_window, ellipsoids, groomed_cache, tmp_path, monkeypatch, errors, wait
 ):
@@ -202,10 +217,13 @@ def test_after_a_kill_in_mid_run_the_next_start_offers_what_was_lost(
     child.stdout.close()
 
     questions = []
-    monkeypatch.setattr(
-        "homolog_app.window.project_controller.ask",
-        lambda parent, title, message, answers: questions.append(f"{title} {message}") or answers[0],
-    )
+
+    def ask(_parent, title, message, answers):
+        questions.append(f"{title} {message}")
+        assert answers[-1] == "Later"  # closing the question discards nothing
+        return answers[0]
+
+    monkeypatch.setattr("homolog_app.window.project_controller.ask", ask)
     window = make_window(home)
     window.projects.offer_recovery()
     assert questions == [

@@ -413,15 +413,27 @@ def test_one_subject_is_too_few_and_the_cohort_page_says_so(window, ellipsoids):
 
 
 @pytest.mark.window
-def test_notes_on_all_subjects_can_be_read_in_groom_one_line_for_each_kind(groomed):
+def test_subjects_with_notes_are_listed_in_groom_all_or_those_with_one_kind_of_note(groomed):
     panel, session = groomed.inspector.groom, groomed.workspace.session
-    assert panel.notes.isHidden()
-    for number, name in enumerate("ab", 1):
+    notes, table = panel.notes, panel.notes.table
+    assert notes.isHidden()
+    for name, own in (("a", ("1 piece came loose",)), ("b", ("2 pieces came loose", "was rotated by 90°"))):
         item = session.groomed[name]
-        report = replace(item.subject.report, notes=(f"{number} pieces came loose",))
+        report = replace(item.subject.report, notes=own)
         session.add_groomed({name: replace(item, subject=replace(item.subject, report=report))})
-    assert panel.notes.text() == "a, b: 1 to 2 pieces came loose"
-    assert panel.notes.isVisibleTo(panel)
+    assert notes.isVisibleTo(panel)
+    assert notes.title.text() == "Notes on 2 of 4 subjects"
+
+    def rows():
+        return [[table.item(row, column).text() for column in (0, 1)] for row in range(table.rowCount())]
+
+    assert rows() == [["a", "1 piece came loose"], ["b", "was rotated by 90°; 2 pieces came loose"]]
+    notes.kinds.setCurrentIndex(1)
+    notes.kinds.activated.emit(1)
+    assert rows() == [["b", "was rotated by 90°"]]
+    table.setCurrentCell(0, 0)
+    assert session.selection == ("b",)
+    assert "Was rotated by 90°" in panel.report.text()
 
 
 @pytest.mark.window

@@ -138,6 +138,7 @@ class CheckPage(ExplorePage):
         self.progress = Progress(actions["run.cancel"])
         self.look = CheckDisplay(workspace)
         self.plots = self.sphere = NormalSphere(workspace.theme)
+        self._below = (self.progress, self.unsaved, self.keep, self.mend_all_button, self.repair)
         self._lay_out()
         self._connect()
         self._show_inspection()
@@ -175,7 +176,7 @@ class CheckPage(ExplorePage):
         if suspect is not None:
             self.checked.repair([suspect])
         else:
-            self.message.setText("Choose a suspect in the list first.")
+            self._say("Choose a suspect in the list first.")
 
     def repair_all(self) -> None:
         """Optimize the particles around all suspects again, one after the other."""
@@ -203,7 +204,7 @@ class CheckPage(ExplorePage):
         self.body.addSpacing(GRID)
         self.body.addWidget(self.look)
         self.body.addStretch()  # where there is no table
-        for below in (self.progress, self.unsaved, self.keep, self.mend_all_button, self.repair):
+        for below in self._below:
             self.footer.addWidget(below)
 
     def _connect(self) -> None:
@@ -226,7 +227,7 @@ class CheckPage(ExplorePage):
     def _show_inspection(self) -> None:
         inspection = self.checked.inspection
         self.rows.show_suspects(inspection.suspects if inspection else (), self._names)
-        self.message.setText("")
+        self._say("")
         self.look.show_inspection(inspection, self._names)
         self.show_state()
 
@@ -244,8 +245,10 @@ class CheckPage(ExplorePage):
         for widget in (self.keep, self.unsaved):
             widget.setVisible(not self.checked.is_written)
         self.keep.setEnabled(not job.is_busy)
+        self.base.setHidden(all(widget.isHidden() for widget in self._below))
         if job.kind in _WORK and job.status is not None:
-            self.state.setText(f"{job.status.message}: {100 * job.status.fraction:.0f} %")
+            doing = f"{job.status.message[:1].upper()}{job.status.message[1:]}"
+            self.state.setText(f"{doing}: {100 * job.status.fraction:.0f} %")
         elif not self.checked.is_possible:
             self.state.setText("Suspects are found by comparing three or more subjects.")
         elif inspection is None:
@@ -259,6 +262,10 @@ class CheckPage(ExplorePage):
                 f"{count} {verb} on {on} of {len(self._names)} subjects, the most severe first."
             )
 
+    def _say(self, text: str) -> None:
+        self.message.setText(text)
+        self.message.setVisible(bool(text))
+
     def _show_marks(self) -> None:
         inspection, particle = self.checked.inspection, self.look.chosen
         if inspection is not None and particle is not None:
@@ -271,7 +278,7 @@ class CheckPage(ExplorePage):
     def _choose(self, row: int) -> None:
         if 0 <= row < len(self.rows.suspects):
             suspect = self.rows.suspects[row]
-            self.message.setText(f"{self._names[suspect.subject]}: {suspect.description}.")
+            self._say(f"{self._names[suspect.subject]}: {suspect.description}.")
             self.look.mark(int(suspect.particles[0]), suspect.subject, suspect.particles)
             self.show_state()
             self._go(suspect.subject, suspect.place)
@@ -295,7 +302,7 @@ class CheckPage(ExplorePage):
         if inspection is None:
             return
         if len(suspects) > 1:
-            self.message.setText(
+            self._say(
                 f"Optimized again at {len(suspects)} suspects; {len(inspection.suspects)} are left. "
                 "Undo reverts it; saving keeps it."
             )
@@ -308,5 +315,5 @@ class CheckPage(ExplorePage):
             if candidate.subject == suspect.subject and np.isin(candidate.particles, suspect.particles).any()
         ]
         outcome = "No longer suspect." if not near else f"Still suspect: {near[0].description}."
-        self.message.setText(f"Optimized again. {outcome} Undo reverts it; saving keeps it.")
+        self._say(f"Optimized again. {outcome} Undo reverts it; saving keeps it.")
         self._go(suspect.subject, suspect.place)

@@ -119,7 +119,7 @@ class MeasurePlot(Plot):
     chosen = Signal(float)
 
     def __init__(self, theme: Theme, name: str, unit: str) -> None:
-        super().__init__(theme, name, "")
+        super().__init__(theme, name, f"{name} along the mode appears here.")
         self.setMinimumWidth(_WIDTH)
         self._unit, self._label = unit, ""
         self.positions: FloatArray = np.empty(0)

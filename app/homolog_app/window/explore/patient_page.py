@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QModelIndex, Qt
+from PySide6.QtCore import QModelIndex, Qt, QTimer
 from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import (
     QCheckBox,
@@ -33,7 +33,7 @@ from homolog_app.views.patient import (
     ComparedPatient,
     PatientDisplay,
     Z,
-    about_text,
+    about_texts,
     compared,
     nearest_text,
     patient_scene,
@@ -102,7 +102,7 @@ class PatientPage(ExplorePage):
         self.make = ActionButton("Make reference", actions["patient.reference"], "primary")
         self.open = ActionButton("Open…", actions["patient.open_reference"])
         self.keep = ActionButton("Save…", actions["patient.keep_reference"])
-        self.about = label("", "FieldHelp", wrap=True)
+        self.about, self.cautions = label("", "FieldHelp", wrap=True), label("", wrap=True)
         self.form = PatientForm()
         self.file = ActionButton("Choose a patient's file…", actions["patient.open"], "primary")
         self.verdict = label("", wrap=True)
@@ -134,7 +134,7 @@ class PatientPage(ExplorePage):
         for widget in (self.make, self.open, self.keep):
             row.addWidget(widget, 2 if widget is self.make else 1)
         self.body.addLayout(row)
-        for below in (self.single, self.about, label("Patient", "SectionTitle")):
+        for below in (self.single, self.about, self.cautions, label("Patient", "SectionTitle")):
             self.body.addWidget(below)
         self.body.addLayout(self.form)
         hint = label("Or drop a segmentation or a surface here.", "FieldHelp", wrap=True)
@@ -331,6 +331,8 @@ class PatientPage(ExplorePage):
         for widget in (self.answer, self.base):
             widget.setVisible(there)
         self._show_map()
+        if there:
+            QTimer.singleShot(0, self, lambda: self.reveal(self.verdict, at_top=True))
 
     def _offer_change(self) -> None:
         """Enable the map of change once there is a later time."""
@@ -380,7 +382,10 @@ class PatientPage(ExplorePage):
 
     def _show_reference(self) -> None:
         """Describe the reference, with a field for each covariate."""
-        self.about.setText(about_text(self.reference))
+        text, cautions = about_texts(self.reference)
+        self.about.setText(text)
+        self.cautions.setText(cautions)
+        self.cautions.setVisible(bool(cautions))
         set_primary(self.make, self.reference is None)
         self.form.show_reference(self.reference)
         self._receive(None)
