@@ -35,6 +35,7 @@ __all__ = [
     "save_project",
     "save_view",
     "study_of",
+    "suggested_folder",
 ]
 
 
@@ -319,3 +320,12 @@ def copy_project(old: Path, new: Path) -> None:
         shutil.copytree(old, part, dirs_exist_ok=True, ignore=ignored, copy_function=copy)
         if failed:
             raise failed[0]
+
+
+def suggested_folder(study: Study, folder: Path | None, home: Path) -> Path:
+    """Return a new folder for a project: next to the open one, or to the folder of the subjects' files.
+
+    Sample studies, whose files are in `home`, are suggested by name only.
+    """
+    beside = folder or next((member.subject.path.parent for member in study.members), home)
+    return Path("Study") if beside.is_relative_to(home) else beside.with_name(f"{beside.name}-study")

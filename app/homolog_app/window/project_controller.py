@@ -19,6 +19,7 @@ from homolog_app.studies.files import (
     open_project,
     save_project,
     study_of,
+    suggested_folder,
 )
 from homolog_app.studies.loaded_result import write_from_memory
 from homolog_app.studies.study import FILES, Study, is_there, read_subjects, with_table
@@ -119,9 +120,7 @@ class ProjectController(Controller):
         self._workspace.session.open(study, folder, read_only)
         if elsewhere is not None:
             self._workspace.session.undo.resetClean()
-        self._workspace.session.select(
-            opened.view.selection or [member.name for member in opened.study.members[:1]]
-        )
+        self._workspace.session.select(opened.view.selection or [each.name for each in study.members[:1]])
         self._workspace.preferences.remember(folder)
         self.show_recent()
         self._commands[f"view.grid{opened.view.layout}"].trigger()
@@ -144,7 +143,9 @@ class ProjectController(Controller):
 
     def save_as(self) -> None:
         """Ask for a folder and save there."""
-        path, _ = QFileDialog.getSaveFileName(self._window, "Save project as (creates a folder)", "Study")
+        session = self._workspace.session
+        near = suggested_folder(session.study, session.folder, self._workspace.home)
+        path, _ = QFileDialog.getSaveFileName(self._window, "Save project as (creates a folder)", str(near))
         if path:
             self.save_to(Path(path))
 
@@ -384,9 +385,8 @@ class ProjectController(Controller):
         """Restore the view state of the saved project."""
         explore, views = self._explore, self.views
         self._workspace.session.show_step(view.step or "explore")
-        for page in explore.pages:
-            if page.title == view.page:
-                explore.open_page(page)
+        for page in (page for page in explore.pages if page.title == view.page):
+            explore.open_page(page)
         if views is not None:
             views.restore_view(view)
 

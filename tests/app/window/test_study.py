@@ -4,6 +4,7 @@ import pytest
 
 from homolog.cohort import Subject
 from homolog.errors import InputError
+from homolog_app.studies.files import suggested_folder
 from homolog_app.studies.study import Study, read_subjects, with_table
 
 
@@ -64,3 +65,10 @@ def test_scans_that_are_gone_are_looked_for_beside_the_files_that_are(tmp_path):
     (member,) = study.relocated(tmp_path).members
     assert member.subject.path == tmp_path / "a.nrrd"
     assert member.subject.image == tmp_path / "a_image.nrrd"
+
+
+def test_a_project_is_saved_next_to_its_files_unless_they_are_a_sample(study, tmp_path):
+    home = tmp_path / "home"
+    assert suggested_folder(study, None, home) == tmp_path.with_name(f"{tmp_path.name}-study")
+    assert suggested_folder(study, tmp_path / "first", home) == tmp_path / "first-study"
+    assert suggested_folder(study, None, tmp_path).parts == ("Study",)
