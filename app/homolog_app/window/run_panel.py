@@ -147,8 +147,7 @@ class GroomNotes(QWidget):
         self.kinds = choice("Kind of note")
         self.table = QTableWidget(0, 2)
         self.table.setHorizontalHeaderLabels(["Subject", "Note"])
-        dress_table(self.table, "Notes", scaled(_NOTES_PX))
-        self.table.setMaximumHeight(scaled(_NOTES_PX))
+        dress_table(self.table, "Notes", 0)
         self.table.setSelectionMode(QTableWidget.SelectionMode.SingleSelection)
         self.table.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
         self.table.verticalHeader().setDefaultSectionSize(scaled(_ROW_PX))
@@ -202,6 +201,8 @@ class GroomNotes(QWidget):
                     item.setToolTip("\n".join([name, *own]))
                     self.table.setItem(row, column, item)
             self.table.setCurrentCell(-1, -1)
+        rows = self.table.horizontalHeader().sizeHint().height() + len(shown) * scaled(_ROW_PX) + GRID // 2
+        self.table.setFixedHeight(min(rows, scaled(_NOTES_PX)))
 
     def _mark(self, name: str) -> None:
         """Select the row of a subject, or none."""

@@ -43,10 +43,9 @@ from homolog_app.views.patient import (
 )
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.controls import SubjectTable
-from homolog_app.window.explore.follow_up_part import FollowUpPart
 from homolog_app.window.explore.measure_parts import PercentileBars
 from homolog_app.window.explore.page import ExplorePage, ModelCache
-from homolog_app.window.explore.patient_form import PatientForm
+from homolog_app.window.explore.patient_parts import FollowUpPart, PatientForm
 from homolog_app.window.widgets import (
     GRID,
     ActionButton,

@@ -1,4 +1,4 @@
-"""The part of the page *Patient* for further times and groups."""
+"""Parts of the page *Patient*: what it asks of a patient, and further times and groups."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -6,13 +6,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QFormLayout,
+    QHBoxLayout,
+    QLineEdit,
+    QVBoxLayout,
+    QWidget,
+)
 
+from homolog.cohort import LEFT, RIGHT, SIDE_COLUMN
 from homolog.errors import InputError
 from homolog.progress import Tick
 from homolog_app.views.follow_up import PatientTimes, change_text, with_file
 from homolog_app.window.actions import Actions
-from homolog_app.window.widgets import ActionButton, label
+from homolog_app.window.widgets import ActionButton, choice, label
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -20,7 +29,50 @@ if TYPE_CHECKING:
     from homolog_app.report.patient_texts import GroupRow
     from homolog_app.views.patient import ComparedPatient
 
-__all__ = ["FollowUpPart"]
+__all__ = ["FollowUpPart", "PatientForm"]
+
+_SIDES = {"not given": "", LEFT: LEFT, RIGHT: RIGHT}
+
+
+class PatientForm(QFormLayout):
+    """Fields of a patient, as a reference needs them.
+
+    Attributes
+    ----------
+    fields : dict of str to QLineEdit
+        Of the covariates.
+    side : QComboBox or None
+        None if the controls' sides are not known.
+    cut_off : QCheckBox
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.fields: dict[str, QLineEdit] = {}
+        self.side: QComboBox | None = None
+        self.cut_off = QCheckBox("Cut off at a flat end")
+        self.cut_off.setToolTip("The segmentation ends at a plane: what is missing there is no difference")
+
+    @property
+    def values(self) -> dict[str, str]:
+        """Covariates and side as entered."""
+        side = {} if self.side is None else {SIDE_COLUMN: self.side.currentData()}
+        return {**side, **{name: field.text() for name, field in self.fields.items()}}
+
+    def show_reference(self, reference: "Reference | None") -> None:
+        """Offer a field for each covariate of a reference, and its side."""
+        while self.rowCount():
+            self.removeRow(0)
+        self.fields, self.side = {}, None
+        if reference is None:
+            return
+        for name in reference.coding.names:
+            self.fields[name] = QLineEdit()
+            self.fields[name].setAccessibleName(name)
+            self.addRow(name.capitalize(), self.fields[name])
+        if reference.provenance.side:
+            self.side = choice("Side", _SIDES)
+            self.addRow("Side", self.side)
 
 
 class FollowUpPart(QWidget):
