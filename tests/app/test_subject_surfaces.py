@@ -6,7 +6,7 @@ import pytest
 
 from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result
-from homolog_app.studies import subject_surfaces
+from homolog_app.studies import loaded_result
 from homolog_app.studies.loaded_result import load_result
 from homolog_app.views.contents import subject_contents
 
@@ -14,11 +14,11 @@ from homolog_app.views.contents import subject_contents
 @pytest.fixture
 def reads(monkeypatch):
     """Return the names of the subjects whose surfaces were read; two are kept at most."""
-    names, usual = [], subject_surfaces.read_surface
+    names, usual = [], loaded_result.read_surface
     monkeypatch.setattr(
-        subject_surfaces, "read_surface", lambda *given: names.append(given[1].name) or usual(*given)
+        loaded_result, "read_surface", lambda *given: names.append(given[1].name) or usual(*given)
     )
-    monkeypatch.setattr(subject_surfaces, "_MOST_KEPT", 2)
+    monkeypatch.setattr(loaded_result, "_MOST_KEPT", 2)
     return names
 
 
@@ -30,7 +30,7 @@ def test_a_large_study_is_opened_without_its_surfaces(finished_run, reads):
 
 
 def test_a_study_that_fits_is_read_as_a_whole(finished_run, reads, monkeypatch):
-    monkeypatch.setattr(subject_surfaces, "_MOST_KEPT", 4)
+    monkeypatch.setattr(loaded_result, "_MOST_KEPT", 4)
     loaded = load_result(finished_run)
     fine, coarse = loaded.surfaces["c"]
     assert len(coarse.vertices) <= len(fine.vertices)

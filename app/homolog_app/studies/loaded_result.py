@@ -1,6 +1,8 @@
-"""A project's result as the window shows it, and the recorded frames of its run."""
+"""A project's result as the window shows it: surfaces of its subjects, recorded frames of its run."""
 
-from collections.abc import Mapping
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,14 +13,13 @@ from homolog.cohort import Cohort
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.project import ProjectFolder
-from homolog.files.records import ProjectRecord, ResultRecord
-from homolog.files.results import Result, read_result
+from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
+from homolog.files.results import Result, read_result, read_surface
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import Method
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.studies.subject_surfaces import SubjectSurfaces
 
-__all__ = ["LoadedResult", "RecordedFrame", "Recorder", "load_result", "write_from_memory"]
+__all__ = ["LoadedResult", "RecordedFrame", "Recorder", "SubjectSurfaces", "load_result", "write_from_memory"]
 
 
 _FRAMES = "frames.npz"
@@ -31,6 +32,69 @@ class RecordedFrame:
 
     iteration: int
     particles: FloatArray
+
+
+_Surfaces = tuple[TriangleMesh, TriangleMesh]
+_MOST_KEPT = 200
+"""Subjects whose surfaces are kept in memory."""
+
+
+class SubjectSurfaces(Mapping[str, _Surfaces]):
+    """Groomed surfaces by subject, each with a light one of the same shape, in local coordinates.
+
+    One that is not in memory is read from the project: InputError is raised if it is missing or damaged.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+    subjects : sequence of ResultSubject
+        Of its result.
+    """
+
+    def __init__(self, project: ProjectFolder, subjects: Sequence[ResultSubject]) -> None:
+        self._project = project
+        self._subjects = {subject.name: subject for subject in subjects}
+        self._kept: OrderedDict[str, _Surfaces] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def read_first(self, tick: Tick = no_tick) -> None:
+        """Read all surfaces, if they are kept; they remain available then if the folder is lost."""
+        if len(self) <= _MOST_KEPT:
+            for number, name in enumerate(self):
+                tick(number / len(self), f"surface of {name}")
+                self[name]
+
+    def __getitem__(self, name: str) -> _Surfaces:
+        """Return the surface of a subject and a light one."""
+        with self._lock:
+            if name in self._kept:
+                self._kept.move_to_end(name)
+                return self._kept[name]
+        surfaces = self._read(name)
+        with self._lock:
+            self._kept[name] = surfaces
+            if len(self._kept) > _MOST_KEPT:
+                self._kept.popitem(last=False)
+        return surfaces
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the subjects' names."""
+        return iter(self._subjects)
+
+    def __len__(self) -> int:
+        """Return the number of subjects."""
+        return len(self._subjects)
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether there is such a subject; reads nothing."""
+        return name in self._subjects
+
+    def _read(self, name: str) -> _Surfaces:
+        from homolog.grooming.subject import COARSE_VERTICES
+        from homolog.surfaces.simplify import simplified
+
+        mesh = read_surface(self._project, self._subjects[name])
+        return mesh, simplified(mesh, COARSE_VERTICES)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
