@@ -278,7 +278,7 @@ def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_
     titles = [row[0].partition(";")[0] for row in page.results.texts]
     pairs = ["b − a", "c − a", "c − b"]
     assert titles == ["Form (size and shape)", *pairs, "Shape (size removed)", *pairs]
-    assert dict(page.numbers.texts)["Size of all groups"].startswith("F = ")
+    assert dict(page.numbers.texts)["Size of all groups"].startswith("F(2, ")
     assert (
         page.others.text()
         == "p is corrected for 3 pairs of groups (Holm) and 2 analyses (form and shape; Bonferroni)."
