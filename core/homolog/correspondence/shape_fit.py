@@ -49,9 +49,9 @@ _MOST_ROUNDS, _GAINED = 4, 0.002
 below which there is no further round."""
 _ROUND_BEGINS = 40.0, 3.0
 """Regularization of H(Z) and H(V) with which a round begins, over the last ones."""
-_WEIGHTS_A_SUBJECT = 0.03
-"""Of such a fit: weights of the last stage over the run's for each subject, up to the run's own. Lower ones
-spread the particles more evenly, and a few subjects predict little of another one."""
+_ENOUGH_SUBJECTS = 10.0
+"""From which the last stage of such a fit has the run's weights; below, they are reduced by the square, which
+spreads the particles more evenly, as a few subjects predict little of another one."""
 _TEMPLATE_POINTS = 256
 
 
@@ -184,7 +184,7 @@ def fit_shape_from(
         If a particle is lost.
     """
     anneal, settle = _stages(settings, len(starts[0]), _PLACED_ANNEAL)
-    share = min(1.0, _WEIGHTS_A_SUBJECT * float(ensemble.subjects[0]))
+    share = min(1.0, float(ensemble.subjects[0]) / _ENOUGH_SUBJECTS) ** 2
     weights = share * settle.ensemble_weight, share * settle.normals_weight
     settle = replace(settle, ensemble_weight=weights[0], normals_weight=weights[1])
     ends = anneal.ensemble[1], anneal.normals[1]

@@ -118,7 +118,7 @@ def test_a_pose_that_the_search_misses_is_followed_from_the_placed_particles(pla
 
     def turned(ensemble, terms, surface, poses, *, scaling):
         turn = np.eye(4)
-        turn[:3, :3] = Rotation.from_euler("z", 25.0, degrees=True).as_matrix()
+        turn[:3, :3] = Rotation.from_euler("z", 40.0, degrees=True).as_matrix()
         pose = turn @ search_poses(ensemble, terms, surface, poses, scaling=scaling)[0][0]
         return [(pose, surface.nearest(pose, ensemble.mean, ensemble.normals)[0])]
 
