@@ -339,21 +339,6 @@ def test_the_window_and_the_command_line_write_the_same_list(checking, swapped, 
     assert json.loads(own.read_text())[0]["kind"] == "exchanged particles"
 
 
-def test_every_control_can_be_reached_by_key_and_has_a_name(checking):
-    from PySide6.QtCore import Qt
-    from PySide6.QtWidgets import QAbstractButton, QAbstractItemView, QComboBox, QSpinBox
-
-    page = page_of(checking)
-    kinds = (QAbstractButton, QAbstractItemView, QComboBox, QSpinBox)
-    controls = [widget for kind in kinds for widget in page.findChildren(kind) if widget.isVisible()]
-    assert len(controls) >= 5
-    for widget in controls:
-        if widget.focusPolicy() == Qt.FocusPolicy.NoFocus:
-            continue
-        assert widget.accessibleName() or getattr(widget, "text", lambda: "")(), widget
-    assert page.table.focusPolicy() & Qt.FocusPolicy.TabFocus
-
-
 def test_two_subjects_are_told_to_be_too_few(explored, errors, wait):
     from dataclasses import replace
 
