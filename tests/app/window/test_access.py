@@ -38,7 +38,11 @@ def picture_of(root):
 
     image = QImage(root.size() * ENLARGED, QImage.Format.Format_RGB32)
     image.setDevicePixelRatio(ENLARGED)
+    window = root.window()
+    updates = window.updatesEnabled()
+    window.setUpdatesEnabled(True)
     root.render(image)
+    window.setUpdatesEnabled(updates)
     return image, np.frombuffer(image.constBits(), np.uint32).reshape(image.height(), image.width())
 
 
@@ -222,6 +226,7 @@ def walk(window, monkeypatch):
     from homolog_app.window.export.process import Preview
 
     walk = Walk(window)
+    window.setUpdatesEnabled(False)  # places are rendered when they are looked at, and not before
     monkeypatch.setattr(Preview, "want", lambda *_: None)  # a process draws it for seconds
 
     def answer(dialog):
