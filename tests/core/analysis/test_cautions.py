@@ -84,7 +84,7 @@ def test_an_outlier_is_found_in_its_group_whatever_the_groups_differ_by():
 @pytest.mark.parametrize(
     ("counts", "far_from"),
     [
-        ({"a": 4, "b": 5}, "from the mean of the group"),
+        ({"a": 4, "b": 5}, "from the rest of the group"),
         ({"all": 9}, "from the shape that is fitted to the value"),
         ({"pairs": 9}, "difference within the pair"),
     ],
