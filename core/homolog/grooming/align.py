@@ -17,9 +17,11 @@ from homolog.grooming.icp import (
     OrientedPoints,
     axes_rotation,
     fit_at,
+    held,
     oriented_points,
     registered,
 )
+from homolog.grooming.orientation import agree, are_soft
 from homolog.grooming.subject import GroomedSubject
 from homolog.progress import Tick, no_tick, run_in_threads
 from homolog.settings import Alignment, GroomSettings
@@ -43,6 +45,8 @@ _ODD, _LEAST_TYPICAL = 2.0, 0.06  # a subject is odd beyond this times the media
 _TURNED = 60.0  # degrees
 _DOUBTFUL = 40.0  # degrees: a turn away from the others that is looked at again
 _NEIGHBOURS = 3
+_CLEARLY_BETTER, _UNLIKE = 0.6, 1.5
+"""When a held shape is turned far: of its distance; and times the usual distance, which its own exceeds."""
 _QUANTILES = np.linspace(0.02, 0.98, 25)
 
 
@@ -93,7 +97,8 @@ def register(
     """Align a cohort.
 
     With *center* each surface's centre becomes the origin. *Axes* also turns the principal axes onto
-    those of a reference subject, and *ICP* registers the surface to the reference (`registered`); the world
+    those of a reference subject, and *ICP* registers the surface to the reference (`registered`, or `held` if
+    shapes hardly determine their orientations, and those of the files agree); the world
     then has the reference's directions. Surfaces are compared at one size. The reference is the medoid of the
     distributions of distances from the centre, which do not depend on pose.
 
@@ -160,10 +165,31 @@ def _fits(
     fits = run_in_threads([partial(fit, unit) for unit in units], tick, "aligning", cores())
     if len(units) < _FEWEST:
         return fits
+    holds = are_soft(units, reference, fits) and agree(units)
+    if holds:
+        fits = _held(units, middle, fits, tick)
     doubtful = _turns(np.array([fit.pose for fit in fits])) > _DOUBTFUL
-    if 2 * np.count_nonzero(doubtful) < len(units):
+    if holds or 2 * np.count_nonzero(doubtful) < len(units):
         return _reconsidered(units, reference, fits, doubtful, register_pair, tick)
     return _by_neighbours(units, middle, register_pair, tick)
+
+
+def _held(units: Sequence[OrientedPoints], middle: int, fits: Sequence[Fit], tick: Tick) -> list[Fit]:
+    """Register shapes that hardly determine how they lie, and whose files lie alike.
+
+    A shape is turned far only if it fits less well than others do as its file lies, and clearly better so.
+    """
+    result = []
+    for unit in units:
+        tick(1.0, "aligning")
+        result.append(Fit(np.eye(4), 0.0) if unit is units[middle] else held(unit, units[middle]))
+    usual = float(np.median([fit.distance for fit in result]))
+    return [
+        other
+        if kept.distance > _UNLIKE * usual and other.distance < _CLEARLY_BETTER * kept.distance
+        else kept
+        for kept, other in zip(result, fits, strict=True)
+    ]
 
 
 def _reconsidered(

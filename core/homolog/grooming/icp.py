@@ -10,8 +10,12 @@ from scipy.spatial.transform import Rotation
 from homolog.arrays import FloatArray, IntArray
 from homolog.geometry import fit_rotation, scale_of
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.orientation import prior_weights, softness
 
-__all__ = ["Fit", "OrientedPoints", "axes_rotation", "fit_at", "oriented_points", "refined", "registered"]
+__all__ = [
+    "Fit", "OrientedPoints", "axes_rotation", "fit_at", "held", "oriented_points", "refined", "registered",
+    "softness_of_fit",
+]  # fmt: skip
 
 _GLANCE, _FEW, _MANY = 100, 300, 1000  # points of each surface that a look, a trial and the fit use
 _GLANCE_ROUNDS, _TRIAL_ROUNDS, _ROUNDS = 3, 10, 40
@@ -116,6 +120,26 @@ def refined(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
     return _iterated(_Half(moving), _Half(fixed), np.eye(4)[None], _FEW, _TRIAL_ROUNDS)[0]
 
 
+def held(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
+    """Return the similarity to a point set whose file lies like the moving one's: the most probable.
+
+    It starts from where they lie, and is turned as far as the surfaces tell (`prior_weights`).
+    """
+    return _iterated(_Half(moving), _Half(fixed), np.eye(4)[None], _MANY, _ROUNDS, holds=True)[0]
+
+
+def softness_of_fit(moving: OrientedPoints, fixed: OrientedPoints, pose: FloatArray) -> float:
+    """Return how little a surface tells of its orientation (`softness`), once registered by a pose (4, 4)."""
+    other, linear = _Half(fixed), pose[:3, :3] / scale_of(pose)
+    some = slice(None, None, max(1, len(moving.points) // _MANY))
+    points, normals = moving.points[some] @ pose[:3, :3].T + pose[:3, 3], moving.normals[some] @ linear.T
+    nearest = other.nearest(points, normals)[1]
+    planes, offsets = other.normals[nearest], other.points[nearest] - points
+    weights = _weights(np.linalg.norm(offsets, axis=1)[None])
+    along = np.einsum("ni,ni->n", offsets, planes)
+    return float(softness(points[None], planes[None], along[None], weights)[0])
+
+
 def fit_at(moving: OrientedPoints, fixed: OrientedPoints, pose: FloatArray) -> Fit:
     """Return a similarity (4, 4) of one cloud onto another as it is, with the distance of the matches."""
     return Fit(pose, _iterated(_Half(moving), _Half(fixed), pose[None], _MANY, 1)[0].distance)
@@ -159,7 +183,9 @@ def _starts(moving: OrientedPoints, fixed: OrientedPoints) -> list[FloatArray]:
     return starts
 
 
-def _iterated(own: _Half, other: _Half, poses: FloatArray, count: int, rounds: int) -> list[Fit]:
+def _iterated(
+    own: _Half, other: _Half, poses: FloatArray, count: int, rounds: int, *, holds: bool = False
+) -> list[Fit]:
     """Alternate matching, in both directions, and moving, from each of several poses (S, 4, 4) at once."""
     mine, theirs = own.some(count), other.some(count)
     a, na, b, nb = own.points[mine], own.normals[mine], other.points[theirs], other.normals[theirs]
@@ -175,24 +201,41 @@ def _iterated(own: _Half, other: _Half, poses: FloatArray, count: int, rounds: i
         back, from_ = own.nearest((b - shift) @ turn / scale, nb @ turn)
         gaps = np.concatenate([there, back * scale[..., 0]], axis=1)
         before, distances[moving] = distances[moving], gaps.mean(axis=1)
-        usual = _TOLERANT * np.maximum(np.median(gaps, axis=1), 1e-9)[:, None]
-        weights = 1.0 / np.square(1.0 + np.square(gaps / usual))
+        weights = _weights(gaps)
         pairs = np.empty((2, len(moving), len(a) + len(b), 3))
         pairs[0, :, : len(a)], pairs[0, :, len(a) :] = a, own.points[from_]
         pairs[1, :, : len(a)], pairs[1, :, len(a) :] = other.points[onto], b
-        poses[moving] = _best_fits(pairs[0], pairs[1], weights)
+        poses[moving] = _best_fits(pairs[0], pairs[1], weights, pose if holds else None)
         moving = moving[~(np.abs(before - distances[moving]) < _SETTLED)]
         if not len(moving):
             break
     return [Fit(pose, float(distance)) for pose, distance in zip(poses, distances, strict=True)]
 
 
-def _best_fits(points: FloatArray, targets: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return the similarities (S, 4, 4) of points to targets (S, N, 3), least squares (Umeyama 1991)."""
+def _weights(gaps: FloatArray) -> FloatArray:
+    """Return robust weights of matches (S, N) from their distances."""
+    usual = _TOLERANT * np.maximum(np.median(gaps, axis=1), 1e-9)[:, None]
+    weights: FloatArray = 1.0 / np.square(1.0 + np.square(gaps / usual))
+    return weights
+
+
+def _best_fits(
+    points: FloatArray, targets: FloatArray, weights: FloatArray, held_poses: FloatArray | None = None
+) -> FloatArray:
+    """Return the similarities (S, 4, 4) of points to targets (S, N, 3), least squares (Umeyama 1991).
+
+    With present poses, the given orientation is prior knowledge that counts by the distances that remain.
+    """
     share = (weights / weights.sum(axis=1, keepdims=True))[:, None]
     middle, goal = share @ points, share @ targets
     own, other = points - middle, targets - goal
-    left, right, _ = fit_rotation((other * share.transpose(0, 2, 1)).transpose(0, 2, 1) @ own)
+    covariance = (other * share.transpose(0, 2, 1)).transpose(0, 2, 1) @ own
+    if held_poses is not None:
+        placed = points @ held_poses[:, :3, :3].transpose(0, 2, 1) + held_poses[:, None, :3, 3]
+        # Half of a match's squared distance is along the normal, and a turn by t costs t^2 / 2 of the trace.
+        squares = 0.5 * (share @ np.square(targets - placed)).sum(axis=(1, 2))
+        covariance = covariance + 0.5 * prior_weights(squares)[:, None, None] * np.eye(3)
+    left, right, _ = fit_rotation(covariance)
     spread = [(share @ np.square(item)).sum(axis=(1, 2)) for item in (other, own)]
     scale = np.clip(np.sqrt(spread[0] / spread[1]), 1.0 / _LIMIT, _LIMIT)
     poses = np.tile(np.eye(4), (len(points), 1, 1))

@@ -8,7 +8,8 @@ from homolog.cohort import Subject
 from homolog.errors import Cancelled, InputError
 from homolog.grooming import align, groom_subject
 from homolog.grooming.align import register
-from homolog.grooming.icp import OrientedPoints, registered
+from homolog.grooming.icp import OrientedPoints, oriented_points, registered
+from homolog.grooming.orientation import agree
 from homolog.settings import Alignment, GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -205,6 +206,29 @@ def test_shapes_whose_files_lie_in_any_orientation_are_matched_by_the_little_tha
     back = Rotation.from_matrix(registration.alignments[:, :3, :3]) * turns
     assert np.degrees((back * back[0].inv()).magnitude()).max() < 25.0
     assert all("orientations" in note for note in registration.notes)
+
+
+def _round_organs(paw, egg, turns):
+    """Return uneven balls with one blunt side, whose files lie as they are turned."""
+    random, cohort = np.random.default_rng(2), []
+    ball = egg.vertices / [20.0, 14.0, 10.0]
+    for turn in turns:
+        waves = np.sin(2.5 * ball @ random.normal(size=(3, 6)) + random.uniform(0.0, 6.3, 6))
+        own = 10.0 * ball * [1.0, 0.9, 0.8] * (1.0 + 0.03 * waves.sum(axis=1, keepdims=True))
+        cohort.append(replace(paw, coarse_mesh=TriangleMesh(turn.apply(own), egg.faces)))
+    return cohort
+
+
+def test_round_shapes_keep_the_orientation_of_files_that_lie_alike(paw, egg):
+    turns = Rotation.from_rotvec(np.random.default_rng(1).normal(scale=np.radians(4.0), size=(8, 3)))
+    linear = register(_round_organs(paw, egg, turns), GroomSettings()).alignments[:, :3, :3]
+    assert np.degrees(Rotation.from_matrix(linear).magnitude()).max() < 25.0
+
+
+def test_files_agree_only_if_shapes_are_more_alike_in_them_than_turned_at_random(paw, egg):
+    for turns, expected in ((Rotation.identity(8), True), (Rotation.random(8, random_state=3), False)):
+        shapes = [oriented_points(item.coarse_mesh) for item in _round_organs(paw, egg, turns)]
+        assert agree([shape.scaled(1.0 / shape.size) for shape in shapes]) == expected
 
 
 @pytest.mark.parametrize("degrees", [60.0, 70.0])

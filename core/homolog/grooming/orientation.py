@@ -1,0 +1,63 @@
+"""Whether the orientations of a cohort's files are alike, and whether shapes determine how they lie.
+
+Closest points turn a shape that is nearly round to any of many minima, none of which is meaningful. Where the
+files agree, as medical images in patient coordinates do, their common orientation is better than those.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from homolog.grooming.icp import Fit, OrientedPoints, softness_of_fit
+
+__all__ = ["agree", "are_soft"]
+
+_MOST_COMPARED = 40
+"""Shapes whose orientations are compared."""
+_DIRECTIONS, _TURNS = 150, 60
+"""In which shapes are compared; by which they are turned to see what chance would give."""
+_CHANCE, _LARGEST_SHARE, _DEVIATIONS = 0.5, 0.4, 1.8
+"""Share of random turns that fit better than the files' orientations: by chance; the largest one of a cohort
+whose files agree; and how many standard deviations it must be smaller than chance."""
+_SOFT = 0.5
+"""`softness_of_fit` from which the orientation of a typical shape is hardly determined."""
+
+
+def agree(shapes: Sequence[OrientedPoints]) -> bool:
+    """Return whether shapes (sizes about 1) are more alike as they lie in their files than turned at random.
+
+    Compared are support functions: how far shapes extend in each direction. Were orientations meaningless,
+    half of all random turns of one shape would bring it nearer to another.
+    """
+    step = -(-len(shapes) // _MOST_COMPARED)
+    some, rng = shapes[::step], np.random.default_rng(0)
+    directions = rng.normal(size=(_DIRECTIONS, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    turned = np.concatenate(
+        [directions @ turn for turn in Rotation.random(_TURNS, random_state=0).as_matrix()]
+    )
+    extents = np.array([(directions @ shape.points.T).max(axis=1) for shape in some])
+    others = np.array([(turned @ shape.points.T).max(axis=1) for shape in some]).reshape(
+        len(some), _TURNS, -1
+    )
+    shares = []
+    for index, own in enumerate(extents):
+        given = np.delete(np.square(extents - own).mean(axis=1), index)
+        at_random = np.delete(np.square(others - own).mean(axis=2), index, axis=0)
+        shares.append(float(np.mean(at_random < given[:, None])))
+    pairs = len(some) * (len(some) - 1) / 2
+    return bool(
+        np.mean(shares) < min(_LARGEST_SHARE, _CHANCE - _DEVIATIONS * np.sqrt(1.0 / 12.0 / max(pairs, 1)))
+    )
+
+
+def are_soft(shapes: Sequence[OrientedPoints], reference: OrientedPoints, fits: Sequence[Fit]) -> bool:
+    """Return whether the typical shape, registered to the reference, hardly determines how it lies."""
+    step = -(-len(shapes) // _MOST_COMPARED)
+    values = [
+        softness_of_fit(shape, reference, fit.pose)
+        for shape, fit in zip(shapes[::step], fits[::step], strict=True)
+        if shape is not reference
+    ]
+    return bool(np.median(values) > _SOFT)
