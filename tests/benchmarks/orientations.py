@@ -230,7 +230,7 @@ def turned(
 ) -> tuple[RandomCohort, list[LabelMap]]:
     """Return a cohort whose files lie otherwise, each about the origin."""
     meshes = [
-        TriangleMesh(turn.apply(mesh.vertices), mesh.faces)
+        TriangleMesh(mesh.vertices @ turn.as_matrix().T, mesh.faces)
         for mesh, turn in zip(cohort.meshes, turns, strict=True)
     ]
     moved = [
