@@ -1,5 +1,6 @@
 """Launch kernels on every core of the CPU or on one CUDA device."""
 
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -19,6 +20,7 @@ MIN_PIECE_THREADS = 512  # below it another core does not pay
 MAX_PIECE_THREADS = 32768  # some 0.1 s, so that the run can be cancelled
 PIECES_PER_CORE = 4  # of a sequence of kernels, so that cores which are done early take from the others
 MAX_RECORDED = 32
+SWITCH_INTERVAL = 0.0002  # s; with Python's 5 ms, many threads wait for the interpreter lock between kernels
 CPU_KERNELS = ("functions", "particles", "sampling", "step")  # the others are of CUDA devices only
 
 _Launch = tuple[Any, int, Sequence[Any]]  # kernel, number of threads, inputs after the index of the first
@@ -66,6 +68,8 @@ class Launcher:
             threading.Thread(target=self._work, name=f"kernels-{number}", daemon=True)
             for number in range(1, self.cores)
         ]
+        if self.cores > 2:
+            sys.setswitchinterval(min(sys.getswitchinterval(), SWITCH_INTERVAL))
         for thread in self._threads:
             thread.start()
 
