@@ -31,9 +31,14 @@ def covariate_sentences(study: Study) -> Iterator[str]:
         )
 
 
+def _size_of(effect: Comparison) -> Effect | None:
+    """Return the effect on size, if it is reported."""
+    return effect.size if effect.reports_size else None
+
+
 def _size_text(effect: Comparison) -> str:
     """Return the effect on size with its p, or nothing where size is not reported."""
-    size = effect.size if effect.reports_size else None
+    size = _size_of(effect)
     if size is None or size.p is None or not np.isfinite(size.value):
         return ""
     return f"; size alone {_interval(size, f' mm{_unit(effect)}')}, {p_text(size.p, size.permutations)}"
@@ -45,7 +50,7 @@ def covariate_rows(study: Study) -> list[tuple[str, ...]]:
 
 
 def _row(study: Study, effect: Comparison) -> tuple[str, ...]:
-    test, size = effect.test, effect.size if effect.reports_size else None
+    test, size = effect.test, _size_of(effect)
     unit = _unit(effect)
     measured = size is not None and np.isfinite(size.value)
     return (

@@ -164,8 +164,8 @@ def _add_walls(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
     )  # fmt: skip
     page.paragraph(
         "Area counts as moving out of the tissue or into it where the 95 % interval of the outward "
-        "displacement excludes zero, and otherwise under *neither clearly*: particles move along the surface "
-        "there."
+        "displacement excludes zero, and otherwise as neither: there the displacement is significant as a "
+        "whole, but not its outward part."
     )
 
 

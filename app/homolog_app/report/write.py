@@ -236,9 +236,13 @@ def _effects(
         f" Of the significant area {out:.0f} mm² clearly move out of the tissue, {into:.0f} mm² into it, and "
         f"{rest:.0f} mm² neither."
     )
-    if region.outward.low <= 0.0 <= region.outward.high:
+    if abs(region.outward.value) < _MAINLY_ALONG * region.length:
         largest += f" The peak moves by {region.length:.{digits}f} mm{per}, mainly along the surface."
     return (*finding.effects[:2], largest, *finding.effects[2:])
+
+
+_MAINLY_ALONG = 0.5
+"""Share of a displacement below which its outward part counts as the smaller one."""
 
 
 def _moves(region: Region, outward: Effect, digits: int, per: str) -> str:

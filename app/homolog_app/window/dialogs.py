@@ -33,10 +33,13 @@ from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme, pixmap
 from homolog_app.window.widgets import GRID, button, label, set_primary
 
-__all__ = ["ErrorDialog", "LogMemory", "LogPane", "ask", "problem_report", "waited"]
+__all__ = ["STATUS", "ErrorDialog", "LogMemory", "LogPane", "ask", "problem_report", "waited"]
 
 
 _log = logging.getLogger(__name__)
+STATUS = logging.INFO + 1
+"""Level of status messages in the log. They may name any file, and stay out of problem reports."""
+logging.addLevelName(STATUS, "STATUS")
 _LOOK_MS = 100
 _SETTLED = 1000
 _Result = TypeVar("_Result")
@@ -220,7 +223,7 @@ def problem_report(session: Session, memory: LogMemory, details: str = "") -> st
         f"{len(session.groomed)} groomed, result: {'yes' if session.result else 'no'}",
         session.study.settings.model_dump_json(),
         details,
-        *[line for _, line in list(memory.lines)[-_LINES:]],
+        *[line for level, line in memory.lines if level != STATUS][-_LINES:],
     ]
     return _without_names("\n".join(parts), session)
 

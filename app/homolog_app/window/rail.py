@@ -19,6 +19,7 @@ from PySide6.QtWidgets import (
 
 from homolog_app.studies.study import outdated_text
 from homolog_app.window.actions import Actions
+from homolog_app.window.dialogs import STATUS
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme, pixmap, scaled
 from homolog_app.window.widgets import GRID, ActionButton, ProgressBar, label
@@ -205,7 +206,7 @@ class StatusBar(QObject):
 
     def say(self, text: str) -> None:
         """Show a message for some seconds; the log keeps it."""
-        _log.info("%s", text)
+        _log.log(STATUS, "%s", text)
         self._bar.showMessage(text, 6000)
 
     @Slot()

@@ -187,10 +187,23 @@ def test_the_problem_report_names_nobody_who_was_ever_in_the_session(window, ell
     lines.append(f"WARNING {tmp_path}/Otto Normal/table.csv: lacks the column name")
     lines.append(f'  File "{Path(problem_report.__code__.co_filename)}", line 3')
     memory.lines.extend((20, line) for line in lines)
+    session.noticed.emit("Imported from Klara Beispielhaft.zip")
+    assert any("Klara" in line for _, line in memory.lines)
     session.edit("Remove subjects", session.study.without(["Erika Muster"]))
     window.projects.begin()
     text = problem_report(session, memory, f"InputError: {folder / 'Muster Erika.nrrd'}: cut short")
-    for secret in ("Erika", "Muster", "Max", "Beispiel", "Klinik", "Borderline", "Gesund", "4711007", "Otto"):
+    for secret in (
+        "Erika",
+        "Muster",
+        "Max",
+        "Beispiel",
+        "Klinik",
+        "Borderline",
+        "Gesund",
+        "4711007",
+        "Otto",
+        "Klara",
+    ):
         assert secret not in text, text
     assert "PATH: lacks the column" in text
     assert 'File "homolog_app/window/dialogs.py", line 3' in text
