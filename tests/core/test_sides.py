@@ -50,6 +50,12 @@ def test_a_column_about_something_else_says_no_side():
         ("leftFemur.stl", "rightFemur.stl"),
         ("12L.vtk", "12R.vtk"),
         ("hippocampus_lh.nrrd", "hippocampus_rh.nrrd"),
+        ("femur_01_li.nii.gz", "femur_01_re.nii.gz"),
+        ("Li_Femur.stl", "Re_Femur.stl"),
+        ("sin_01.stl", "dex_01.stl"),
+        ("a_sx.stl", "a_dx.stl"),
+        ("re01_L.stl", "re01_R.stl"),
+        ("sin_L.stl", "dx_R.stl"),
     ],
 )
 def test_names_of_files_say_the_sides(names):
@@ -63,6 +69,8 @@ def test_names_of_files_say_the_sides(names):
         ("a_L.ply", "b_L.ply"),
         ("left_right.ply", "a_L.ply", "b_R.ply"),
         ("lara.ply", "rolf.ply"),
+        ("li_1.ply", "li_2.ply"),
+        ("re_a.ply", "dx_b.ply"),
     ],
 )
 def test_names_count_only_where_every_one_gives_one_side_and_both_occur(names):

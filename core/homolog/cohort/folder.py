@@ -52,6 +52,12 @@ _IMAGE_FOLDER = re.compile(
 )
 _MESH_FOLDER = re.compile(r"(mesh|meshe|surface|model)s?", re.IGNORECASE)
 """Names of folders that are not subjects."""
+_PREDICTION_FOLDER = re.compile(
+    r"(auto(matic)?|(nnu-?net[-_ .]?)?(pred|predict|prediction|infer|inference|output|result)s?"
+    r"|post[-_ ]?process(ed|ing)?|nnunet(v2)?|fold[-_ ]?\d)([-_. ].*|tr|ts|va)?",
+    re.IGNORECASE,
+)
+"""Names of folders of what a network made, left out where label maps are there."""
 _DERIVATIVES = "derivatives"
 """Where BIDS data sets keep what was computed from the scans."""
 _TEMPLATE = re.compile(r"fsaverage.*|[lr]h\.EC_average|cvs_avg.*", re.IGNORECASE)
@@ -237,11 +243,11 @@ def _subject(name: str, file: Path) -> Subject:
 
 
 def _label_folders(by_folder: Mapping[Path, _Files]) -> list[Path]:
-    """Return the folders of label maps where all others hold meshes of the same names."""
+    """Return the folders of label maps where all others hold files of the same names, or predictions."""
     labels = [item for item in by_folder if _LABEL_FOLDER.fullmatch(item.name)]
     names = {name for item in labels for name in by_folder[item]}
     known = [
-        _MESH_FOLDER.fullmatch(item.name) and files.keys() <= names
+        files.keys() <= names or _PREDICTION_FOLDER.fullmatch(item.name)
         for item, files in by_folder.items()
         if item not in labels
     ]
@@ -259,8 +265,14 @@ def _of_label_folders(folder: Path, labels: Sequence[Path], others: Sequence[Pat
     notes = [note for cohort in cohorts for note in cohort.notes]
     if len(labels) > 1:
         notes.append(f"the folders {_listed([item.name for item in labels])} were taken together")
-    if meshes := [item.name for item in others if _MESH_FOLDER.fullmatch(item.name)]:
+    meshes = [item.name for item in others if _MESH_FOLDER.fullmatch(item.name)]
+    if meshes:
         notes.append(f"skipped, {_SAME_NAMES}: {_listed(meshes)}")
+    if unused := [item.name for item in others if item.name not in meshes]:
+        notes.append(
+            f"used: {_listed([item.name for item in labels])}; not used: {_listed(unused)}; to use "
+            "them, give that folder alone"
+        )
     subjects = tuple(subject for cohort in cohorts for subject in cohort.subjects)
     return Cohort(subjects, cohorts[0].folder if len(cohorts) == 1 else folder, tuple(notes))
 

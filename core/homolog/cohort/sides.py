@@ -1,7 +1,7 @@
 """Sides of the body, from a table or the file names."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from homolog.cohort.subject import Cohort, Subject, suffix_of
@@ -27,10 +27,19 @@ SIDE_COLUMN = "side"
 
 FROM_COLUMN, FROM_NAMES = f"the column {SIDE_COLUMN}", "the file names"
 
-_CODES = {
+_Codes = Mapping[str, str]
+_CODES: _Codes = {
     **dict.fromkeys(("l", "left", "lt", "lh", "links", "gauche", "izquierda", "sinistra"), LEFT),
     **dict.fromkeys(("r", "right", "rt", "rh", "rechts", "droite", "derecha", "destra"), RIGHT),
 }
+_PAIRS: tuple[_Codes, ...] = (
+    {"li": LEFT, "re": RIGHT},
+    {"sin": LEFT, "dex": RIGHT},
+    {"sin": LEFT, "dx": RIGHT},
+    {"sx": LEFT, "dx": RIGHT},
+)
+"""Abbreviations that mean other things, too: in names they count only where both of a pair occur."""
+_ANY: _Codes = {code: side for pair in (*_PAIRS, _CODES) for code, side in pair.items()}
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 """Runs of letters, apart where small letters are followed by a capital: ``leftFemur``, ``m03_L``, ``12R``."""
 
@@ -52,22 +61,30 @@ class Sides:
 
 
 def is_side(word: str) -> bool:
-    """Return whether a word means left or right."""
-    return word.casefold() in _CODES
+    """Return whether a word means left or right, or may do so."""
+    return word.casefold() in _ANY
 
 
 def side_of_word(word: str) -> str:
     """Return left or right, whichever a word means; empty if it means neither."""
-    return _CODES.get(word.strip().casefold(), "")
+    return _ANY.get(word.strip().casefold(), "")
 
 
 def sides_among(names: Sequence[str]) -> dict[str, str]:
     """Return the side in each name, if nothing else differs: ``femur_L`` and ``femur_R``."""
+    return next((said for codes in (_CODES, *_PAIRS) if (said := _among(names, codes))), {})
+
+
+def _among(names: Sequence[str], codes: _Codes) -> dict[str, str]:
     word_lists = {name: re.findall(r"[^\W_]+", name) for name in names}
-    sides = {name: [word for word in parts if is_side(word)] for name, parts in word_lists.items()}
-    others = {tuple(word.casefold() for word in parts if not is_side(word)) for parts in word_lists.values()}
-    alike = len(others) == 1 and all(len(item) == 1 for item in sides.values())
-    return {name: item[0] for name, item in sides.items()} if alike else {}
+    said = {name: [word for word in parts if word.casefold() in codes] for name, parts in word_lists.items()}
+    others = {
+        tuple(word.casefold() for word in parts if word.casefold() not in codes)
+        for parts in word_lists.values()
+    }
+    alike = len(others) == 1 and all(len(item) == 1 for item in said.values())
+    both = codes is _CODES or len({codes[item[0].casefold()] for item in said.values() if item}) == 2
+    return {name: item[0] for name, item in said.items()} if alike and both else {}
 
 
 def other_side(side: str) -> str:
@@ -87,7 +104,7 @@ def sides_of(cohort: Cohort) -> Sides:
         If the column says left or right of some subjects, and something else of another.
     """
     values = {subject.name: _column(subject) for subject in cohort.subjects}
-    said = {name: side for name, value in values.items() if (side := _CODES.get(value.casefold()))}
+    said = {name: side for name, value in values.items() if (side := _ANY.get(value.casefold()))}
     if said:
         odd = [name for name, value in values.items() if value and name not in said]
         if odd:
@@ -95,9 +112,10 @@ def sides_of(cohort: Cohort) -> Sides:
                 f"{odd[0]}: its side is {values[odd[0]]!r}; write left or right, or leave it empty"
             )
         return Sides(said, FROM_COLUMN)
-    named = {subject.name: side for subject in cohort.subjects if (side := _of_name(subject))}
-    if len(named) == len(cohort.subjects) and len(set(named.values())) == 2:
-        return Sides(named, FROM_NAMES)
+    for codes in (_CODES, *_PAIRS):
+        named = {subject.name: side for subject in cohort.subjects if (side := _of_name(subject, codes))}
+        if len(named) == len(cohort.subjects) and len(set(named.values())) == 2:
+            return Sides(named, FROM_NAMES)
     return Sides({})
 
 
@@ -106,11 +124,11 @@ def _column(subject: Subject) -> str:
     return values[0].strip() if values else ""
 
 
-def _of_name(subject: Subject) -> str | None:
+def _of_name(subject: Subject, codes: _Codes) -> str | None:
     """Return the side that the file's name gives, else the subject's name; None if neither gives just one."""
     file = subject.path.name
     for text in (file[: len(file) - len(suffix_of(subject.path))], subject.name):
-        sides = {side for word in _WORDS.findall(text) if (side := _CODES.get(word.casefold()))}
+        sides = {side for word in _WORDS.findall(text) if (side := codes.get(word.casefold()))}
         if len(sides) == 1:
             return sides.pop()
     return None

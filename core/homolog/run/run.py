@@ -2,7 +2,7 @@
 
 import logging
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -41,6 +41,8 @@ _MOST_DEATHS = 3
 """Largest number of deaths of grooming workers; finished subjects are not groomed again."""
 _FEWEST = 8
 """Smallest number of particles of a surface."""
+_MANY_ALIKE = 4
+"""From as many on, subjects refused for one reason share a line."""
 
 
 class Run:
@@ -240,7 +242,7 @@ class Run:
         problems = check_cohort(self._cohort, self._settings.groom, self._control.tick)
         self._excluded = {problem.subject: problem.message for problem in problems}
         if problems and not self._skip_bad:
-            raise InputError("\n".join(self.notes))
+            raise InputError("\n".join(_refusals(self._excluded)))
         cohort = self._cohort.without({problem.subject for problem in problems})
         self._check_number(cohort)
         check_sides(cohort, self._settings.groom)  # refuses sides that are none before any work
@@ -362,3 +364,18 @@ class Run:
             solve=TableCache(self.project.geodesics, self._store).solve,
             store=self._store,
         )
+
+
+def _refusals(messages: Mapping[str, str]) -> list[str]:
+    """Return a line for each subject that is refused; one for several where only the file's name differs."""
+    kinds: dict[str, list[str]] = {}
+    for name, message in messages.items():
+        kinds.setdefault(message.partition(": ")[2] or message, []).append(name)
+    lines = []
+    for names in kinds.values():
+        if len(names) < _MANY_ALIKE:
+            lines += [messages[name] for name in names]
+        else:
+            more = f"{len(names) - 1} more subjects ({names[1]}, {names[2]}, …)"
+            lines.append(f"{messages[names[0]]}; the same holds for {more}")
+    return lines

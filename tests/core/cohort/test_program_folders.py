@@ -88,6 +88,28 @@ def test_parts_of_a_data_set_are_taken_together(tmp_path, cohort_of, files_of):
     }
 
 
+@pytest.mark.parametrize(
+    ("other", "files"),
+    [("predictions", "b"), ("inferTs", "b"), ("nnUNetTrainer__fold_0/validation", "a"), ("old", "a")],
+)
+def test_predictions_beside_label_maps_are_left_out_with_a_note(tmp_path, other, files, cohort_of):
+    names = [f"labelsTr/a_{i}.nii.gz" for i in (1, 2, 3)] + [f"imagesTr/a_{i}_0000.nii.gz" for i in (1, 2, 3)]
+    cohort = cohort_of(tmp_path, *names, *(f"{other}/{files}_{i}.nii.gz" for i in (1, 2, 3)))
+    assert [subject.path.parent.name for subject in cohort.subjects] == ["labelsTr"] * 3
+    assert other.partition("/")[0] in " ".join(cohort.notes)
+
+
+@pytest.mark.parametrize("words", [("li", "re"), ("sin", "dex")])
+def test_folders_of_abbreviated_sides_are_sides(tmp_path, words, cohort_of):
+    cohort = cohort_of(tmp_path / "above", *(f"{word}/P{i}.stl" for word in words for i in (1, 2)))
+    inside = cohort_of(tmp_path / "inside", *(f"P{i}/{word}/femur.stl" for word in words for i in (1, 2)))
+    assert (
+        sorted(sides_of(cohort).of.values())
+        == sorted(sides_of(inside).of.values())
+        == ["left", "left", "right", "right"]
+    )
+
+
 def test_parts_of_a_data_set_without_label_maps_are_left_out(tmp_path, cohort_of):
     names = ["train/img/img1.nii.gz", "train/label/label1.nii.gz", "train/label/label2.nii.gz"]
     cohort = cohort_of(tmp_path, *names, "test/img/img3.nii.gz", "test/img/img4.nii.gz")

@@ -206,6 +206,19 @@ def test_every_bad_file_is_named_before_anything_is_written(start, project):
     assert not project.folder.exists()
 
 
+def test_subjects_refused_for_one_reason_share_a_line(start, project):
+    scans = project.folder.parent / "scans"
+    empty = b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 8 8 8\nencoding: raw\n\n" + bytes(512)
+    for file in [*scans.glob("*.nrrd")]:
+        file.write_bytes(empty)
+    with pytest.raises(InputError) as caught:
+        start().execute()
+    message = str(caught.value)
+    assert message.count("\n") == 0
+    assert "a.nrrd" in message
+    assert "3 more" in message
+
+
 def test_bad_files_can_be_left_out(start, groomed):
     (groomed.folder.parent / "scans" / "e.nrrd").write_text("no image")
     run = start(skip_bad=True)
