@@ -228,11 +228,7 @@ def _repair(
         part = part_of(tick, 0.9 * number / len(chosen), 0.9 * (number + 1) / len(chosen))
         after = repaired(project, inspection, suspect, part)
         name = result.names[suspect.subject]
-        before, now = (
-            sum(s.severity for s in item.suspects if s.subject == suspect.subject)
-            for item in (inspection, after)
-        )
-        better = now < before
+        better = after is not inspection
         lines.append(f"{'repaired' if better else 'unchanged'}: {name}: {suspect.description}")
         if better:
             inspection = after

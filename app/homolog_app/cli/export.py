@@ -91,7 +91,7 @@ def add_measures(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
         "distances, volume, surface area and wall thickness of each subject as CSV",
         "Write the Euclidean distance between two particles; volume, surface area and mean wall thickness "
         "of each subject's groomed surface at its original size; also the mean distance of the aligned "
-        "surface from the mean surface. Print mean, standard deviation and Welch's test by group.",
+        "particles from the mean surface. Print mean, standard deviation and Welch's test by group.",
         "FILE.csv",
     )
     parser.add_argument(
@@ -107,14 +107,15 @@ def add_measures(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
 def run_measures(arguments: argparse.Namespace) -> int:
     """Write the table; return the exit code."""
     from homolog.files.results import read_result, read_surface
-    from homolog_app.exports.tables import group_lines, measure_meshes, write_measures
+    from homolog_app.exports.tables import distances_from_mean, group_lines, measure_meshes, write_measures
 
     project = ProjectFolder(arguments.project)
     with exporting(arguments) as tick:
         result, record = read_result(project), project.read().result
         assert record is not None, "a result that was read has a record"
         meshes = [read_surface(project, subject) for subject in record.subjects]
-        measures = measure_meshes(meshes, result.mean_surface, result.alignments, tick)
+        apart = distances_from_mean(result.world, result.world.mean(axis=0), result.mean_surface)
+        measures = measure_meshes(meshes, apart, tick)
         write_measures(arguments.out, result, measures, *arguments.particles)
         lines = group_lines(result, measures, *arguments.particles)
     sys.stdout.writelines(f"{line}\n" for line in lines)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from homolog.analysis.assumptions import shape_outliers
 from homolog.analysis.cautions import p_text
@@ -200,7 +201,7 @@ _MM3_IN_ML, _MM2_IN_CM2 = 1000.0, 100.0
 class Measures:
     """Volume, area, mean wall thickness and mean distance from the mean surface, shape (n,) each.
 
-    In ml, cm² and mm. The distance is averaged over a surface's area, without sign.
+    In ml, cm² and mm. The distance is that of `distances_from_mean`.
     """
 
     volumes: FloatArray
@@ -209,34 +210,48 @@ class Measures:
     from_mean: FloatArray
 
 
-def measure_meshes(
-    meshes: Sequence[TriangleMesh],
-    mean: TriangleMesh,
-    alignments: FloatArray | None = None,
-    tick: Tick = no_tick,
-) -> Measures:
+def measure_meshes(meshes: Sequence[TriangleMesh], from_mean: FloatArray, tick: Tick = no_tick) -> Measures:
     """Measure closed surfaces.
 
     Parameters
     ----------
     meshes : sequence of TriangleMesh
-    mean : TriangleMesh
-        The mean surface.
-    alignments : (n, 4, 4) array, optional
-        Lead to the frame of the mean surface; the identity if not given.
+    from_mean : (n,) array
+        Their distances from the mean surface [mm].
     tick : Tick
     """
-    from homolog.surfaces.closest import distances_to  # loads Warp
     from homolog.surfaces.walls import mean_over_area, wall_thickness
 
-    volumes, areas, walls, from_mean = (np.empty(len(meshes)) for _ in range(4))
+    volumes, areas, walls = (np.empty(len(meshes)) for _ in range(3))
     for index, mesh in enumerate(meshes):
         tick(index / len(meshes), "measuring")
         volumes[index], areas[index] = mesh.volume / _MM3_IN_ML, mesh.area / _MM2_IN_CM2
         walls[index] = mean_over_area(mesh, wall_thickness(mesh))
-        aligned = mesh if alignments is None else mesh.placed(alignments[index])
-        from_mean[index] = mean_over_area(aligned, distances_to(mean, aligned.vertices))
     return Measures(volumes, areas, walls, from_mean)
+
+
+def distances_from_mean(world: FloatArray, centre: FloatArray, mean: TriangleMesh) -> FloatArray:
+    """Return how far shapes are from the mean surface: the mean over the particles, without sign.
+
+    Of a particle, the part of its difference from its mean place along the normal of the mean surface. The
+    distance to the nearest place would not exceed the thickness of a wall, however far the wall has moved.
+
+    Parameters
+    ----------
+    world : (M, N, 3) array
+        Aligned particles [mm].
+    centre : (N, 3) array
+        Their mean places [mm].
+    mean : TriangleMesh
+        The mean surface.
+
+    Returns
+    -------
+    (M,) array
+        Distances [mm].
+    """
+    normals = mean.vertex_normals[cKDTree(mean.vertices).query(centre)[1]]
+    return np.asarray(np.abs(np.einsum("mni,ni->mn", world - centre, normals)).mean(axis=1))
 
 
 def group_lines(result: Result, measures: Measures, first: int, second: int) -> list[str]:

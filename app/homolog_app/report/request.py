@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from homolog.analysis.design import is_missing
+from homolog.analysis.effects import Effect
 from homolog.analysis.procrustes import Alignment, rms_radii
 from homolog.arrays import FloatArray
 from homolog.cohort.column_types import CATEGORY, plain_name
@@ -27,6 +28,7 @@ __all__ = [
     "SIZE",
     "Answered",
     "KeptStudy",
+    "StoredTest",
     "StudyRequest",
     "category_of",
     "column_of",
@@ -97,6 +99,7 @@ def columns_of(result: Result) -> set[str]:
 
 
 _RECORD, _TESTS = "study.json", "tests.csv"
+_DISTANCE = "mahalanobis_d_corrected"
 _LONGEST = 90
 SIZE_TEXTS = {
     Alignment.AS_IT_LIES: "as the shapes lie",
@@ -301,6 +304,14 @@ def read_requests(project: ProjectFolder) -> list[StudyRequest]:
     return [study.request for study in kept_studies(project)]
 
 
+class StoredTest(NamedTuple):
+    """The test of one comparison: corrected p, its permutations, and the effect in SD, if it has one."""
+
+    p: float
+    permutations: int
+    distance: Effect | None
+
+
 class KeptStudy(NamedTuple):
     """A question that is stored in a project.
 
@@ -309,13 +320,13 @@ class KeptStudy(NamedTuple):
     request : StudyRequest
     is_outdated : bool
         Whether its tables belong to earlier particles.
-    p : dict of str to float
-        The corrected p-value of each comparison; empty if its table can't be read.
+    tests : dict of str to StoredTest
+        The test of each comparison; empty if the table can't be read.
     """
 
     request: StudyRequest
     is_outdated: bool
-    p: Mapping[str, float]
+    tests: Mapping[str, StoredTest]
 
 
 def kept_studies(project: ProjectFolder) -> list[KeptStudy]:
@@ -327,17 +338,25 @@ def kept_studies(project: ProjectFolder) -> list[KeptStudy]:
         If one of them is damaged.
     """
     kept = [
-        KeptStudy(_read(path)[0], (path.parent / OUT_OF_DATE).is_file(), _stored_p(path.parent / _TESTS))
+        KeptStudy(_read(path)[0], (path.parent / OUT_OF_DATE).is_file(), _stored_tests(path.parent / _TESTS))
         for path in sorted((project.folder / "analysis").glob(f"*/{_RECORD}"))
     ]
     return sorted(kept, key=lambda study: _place(study.request))
 
 
-def _stored_p(path: Path) -> dict[str, float]:
+def _stored_tests(path: Path) -> dict[str, StoredTest]:
+    low, high = f"{_DISTANCE}_low_95", f"{_DISTANCE}_high_95"
     try:
         with path.open(encoding="utf-8", newline="") as stream:
             rows = list(csv.DictReader(stream))
-        return {row["comparison"]: float(row["p_permutation_corrected"]) for row in rows}
+        return {
+            row["comparison"]: StoredTest(
+                float(row["p_permutation_corrected"]),
+                int(row["permutations"]),
+                Effect(float(row[_DISTANCE]), float(row[low]), float(row[high])) if row[_DISTANCE] else None,
+            )
+            for row in rows
+        }
     except (OSError, ValueError, KeyError, TypeError):
         return {}
 

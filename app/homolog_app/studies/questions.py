@@ -197,31 +197,9 @@ def number_rows(answers: "list[GroupAnswer]") -> list[tuple[str, ...]]:
 def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     from homolog.analysis.null_simulation import WHOLE_SHAPE_F
 
-    pair, test, study = answer.pair, answer.pair.test, answer.study
-    slope, kind = answer.values is not None, answer.study.request.kind
-    counts = ", ".join(f"{count}{'' if slope else f' {name}'}" for name, count in pair.counts.items())
-    rows = [("Subjects", counts)]
-    if study.left_out and study.request.complete_cases:
-        gone = sum(why.startswith("no value") for why in study.left_out.values())
-        rows.append(("Left out", f"{gone} with missing values"))
-    rows.append(("Modes retained (parallel analysis)", str(test.modes)))
-    if pair.distance is not None and test.modes:
-        text = interval_text(pair.distance, _decimals(answer))
-        rows.append(("Change per unit" if slope else "Mahalanobis D", f"{text} SD"))
-    if pair.explained is not None:
-        rows.append(("Explained variance ω²", interval_text(pair.explained)))
-    if test.modes:
-        how = (
-            f"All {test.permutations + 1} permutations" if test.exact else f"{test.permutations} permutations"
-        )
-        rows.append((how, p_text(test.p_permutation, test.permutations)))
-        if correction := correction_text(study):
-            rows.append(("Corrected", f"{p_text(pair.p_adjusted, test.permutations)}, {correction}"))
-    if test.t_squared is not None and test.modes:
-        rows += [
-            ("Hotelling's T²", f"{test.t_squared:.1f}"),
-            (f"F({test.dof[0]:g}, {test.dof[1]:.4g})", f"{test.f:.2f}, {p_text(test.p)}"),
-        ]
+    pair, study = answer.pair, answer.study
+    slope = answer.values is not None
+    rows = [*_subject_rows(answer), *_test_rows(answer)]
     if pair.dispersion is not None:
         rows.append(("Dispersion", dispersion_text(pair.dispersion)))
     rows.append((f"Significant area (FWE-corrected p ≤ {LEVEL:g})", region_text(study, pair)))
@@ -230,25 +208,70 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
         rows.append(("Change", f"up to {short(most)} mm from {answer.first} to {answer.second}"))
     if study.request.covariates:
         rows.append(("Adjusted for", ", ".join(study.request.covariates)))
-    if pair.discriminant is not None:
-        discriminant = pair.discriminant
-        known = ((p, discriminant.auc.permutations) for p in (pair.accuracy_p_adjusted, pair.auc_p_adjusted))
-        accuracy, auc = ("" if p is None else f", {p_text(p, count)}" for p, count in known)
-        rows.append(("Balanced accuracy", f"{percent_text(discriminant.accuracy)}{accuracy}"))
-        rows.append(("Classified correctly", classified_text(pair)))
-        rows.append(("AUC", f"{interval_text(discriminant.auc)}{auc}"))
-    overall, between = study.overall.size, study.overall.size_variance
-    if overall is not None and overall.p is not None and between is not None:
-        p = p_text(overall.p, overall.permutations)
-        rows.append(("Size of all groups", f"{size_variance_text(between)}, {p}"))
-    if pair.size is not None and pair.size_p_adjusted is not None:
-        unit = f"mm per unit of {study.request.column}" if kind == "regression" else "mm"
-        form = "+.3g" if slope else "+.2f"
-        size, low, high = (format(item, form) for item in (pair.size.value, pair.size.low, pair.size.high))
-        p = p_text(pair.size_p_adjusted, pair.size.permutations)
-        rows.append(("Size", f"{size} {unit} (95 % CI {low} to {high}), {p}"))
+    rows += [*_classification_rows(answer), *_size_rows(answer)]
     for simulated in pair.false_positives[:1]:
         assert simulated.test == WHOLE_SHAPE_F
         low, high = (f"{100 * bound:.1f}" for bound in (simulated.low, simulated.high))
         rows.append(("Type I error (F test)", f"{100 * simulated.rate:.1f} % (95 % CI {low} to {high})"))
+    return rows
+
+
+def _subject_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
+    study, slope = answer.study, answer.values is not None
+    counts = answer.pair.counts.items()
+    rows = [("Subjects", ", ".join(f"{count}{'' if slope else f' {name}'}" for name, count in counts))]
+    if study.left_out and study.request.complete_cases:
+        gone = sum(why.startswith("no value") for why in study.left_out.values())
+        rows.append(("Left out", f"{gone} with missing values"))
+    return rows
+
+
+def _test_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
+    """Return the rows on the test of the whole shape."""
+    pair, test = answer.pair, answer.pair.test
+    rows = [("Modes retained (parallel analysis)", str(test.modes))]
+    if pair.distance is not None and test.modes:
+        name = "Mahalanobis D" if answer.values is None else "Change per unit"
+        rows.append((name, f"{interval_text(pair.distance, _decimals(answer))} SD"))
+    if pair.explained is not None:
+        rows.append(("Explained variance ω²", interval_text(pair.explained)))
+    if not test.modes:
+        return rows
+    how = f"All {test.permutations + 1} permutations" if test.exact else f"{test.permutations} permutations"
+    rows.append((how, p_text(test.p_permutation, test.permutations)))
+    if correction := correction_text(answer.study):
+        rows.append(("Corrected", f"{p_text(pair.p_adjusted, test.permutations)}, {correction}"))
+    if test.t_squared is not None:
+        rows += [
+            ("Hotelling's T²", f"{test.t_squared:.1f}"),
+            (f"F({test.dof[0]:g}, {test.dof[1]:.4g})", f"{test.f:.2f}, {p_text(test.p)}"),
+        ]
+    return rows
+
+
+def _classification_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
+    pair, discriminant = answer.pair, answer.pair.discriminant
+    if discriminant is None:
+        return []
+    known = ((p, discriminant.auc.permutations) for p in (pair.accuracy_p_adjusted, pair.auc_p_adjusted))
+    accuracy, auc = ("" if p is None else f", {p_text(p, count)}" for p, count in known)
+    return [
+        ("Balanced accuracy", f"{percent_text(discriminant.accuracy)}{accuracy}"),
+        ("Classified correctly", classified_text(pair)),
+        ("AUC", f"{interval_text(discriminant.auc)}{auc}"),
+    ]
+
+
+def _size_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
+    pair, request, rows = answer.pair, answer.study.request, list[tuple[str, str]]()
+    overall, between = answer.study.overall.size, answer.study.overall.size_variance
+    if overall is not None and overall.p is not None and between is not None:
+        p = p_text(overall.p, overall.permutations)
+        rows.append(("Size of all groups", f"{size_variance_text(between)}, {p}"))
+    if pair.size is not None and pair.size_p_adjusted is not None:
+        unit = f"mm per unit of {request.column}" if request.kind == "regression" else "mm"
+        form = "+.2f" if answer.values is None else "+.3g"
+        size, low, high = (format(item, form) for item in (pair.size.value, pair.size.low, pair.size.high))
+        p = p_text(pair.size_p_adjusted, pair.size.permutations)
+        rows.append(("Size", f"{size} {unit} (95 % CI {low} to {high}), {p}"))
     return rows

@@ -62,7 +62,9 @@ def repaired(
     Returns
     -------
     Inspection
-        Of the new particles: ``located.local`` and ``located.world``.
+        Of the new particles: ``located.local`` and ``located.world``; or `inspection` itself, with the
+        previous particles, if the new ones are not better: if the severities of the subject's suspects do
+        not sum to less, or the place has a suspect that is at least as severe.
     """
     from homolog.inspection import Kind
     from homolog.run.repair import read_inputs, repair_result
@@ -80,7 +82,15 @@ def repaired(
     subject = locate_particles(
         local[m : m + 1], located.meshes[m : m + 1], located.alignments[m : m + 1], names=[name]
     )
-    return assess(located.with_subject(m, subject), part_of(tick, 0.95, 1.0))
+    after = assess(located.with_subject(m, subject), part_of(tick, 0.95, 1.0))
+    return after if _is_better(inspection, after, suspect) else inspection
+
+
+def _is_better(before: Inspection, after: Inspection, suspect: Suspect) -> bool:
+    old, new = ([s for s in item.suspects if s.subject == suspect.subject] for item in (before, after))
+    here = [s.severity for s in new if np.isin(s.particles, suspect.particles).any()]
+    lower = sum(s.severity for s in new) < sum(s.severity for s in old)
+    return lower and max(here, default=0.0) < suspect.severity
 
 
 def rows(inspection: Inspection, suspects: Sequence[Suspect], names: Sequence[str]) -> list[Row]:

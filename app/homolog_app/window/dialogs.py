@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
     QMessageBox,
     QPlainTextEdit,
     QProgressDialog,
+    QPushButton,
     QVBoxLayout,
     QWidget,
 )
@@ -278,52 +279,62 @@ class ErrorDialog(QDialog):
         self.setWindowTitle(title)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setMinimumWidth(560)
-        sign = QLabel()
-        sign.setPixmap(pixmap("warning", theme.colours.warning, 40))
-        sign.setAlignment(Qt.AlignmentFlag.AlignTop)
-        text = label(message, wrap=True)
-        text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.details = QPlainTextEdit(details, readOnly=True)
         self.details.setAccessibleName("Details")
         self.details.setMinimumHeight(200)
         self.details.hide()
-        text_column = QVBoxLayout()
-        text_column.setSpacing(GRID)
-        text_column.addWidget(label(title, "PanelTitle", wrap=True))
-        text_column.addWidget(text)
-        head = QHBoxLayout()
-        head.setSpacing(2 * GRID)
-        head.addWidget(sign)
-        head.addLayout(text_column, 1)
-        unfold = button("Details", "flat")
-        unfold.setCheckable(True)
-        unfold.setAutoDefault(False)  # Enter closes the dialog, whatever has the focus
-        unfold.toggled.connect(self._unfold)
-        report = button("Save report…")
-        report.setAutoDefault(False)
-        report.clicked.connect(lambda: save(details))
         close = button("Close", "primary")
         close.setDefault(True)
         close.clicked.connect(self.accept)
-        row = QHBoxLayout()
-        row.addWidget(unfold)
-        row.addStretch()
-        row.addWidget(report)
-        row.addWidget(close)
-        for text_of_remedy, remedy in remedies.items():
-            single = button(text_of_remedy)
-            single.setAutoDefault(False)
-            single.clicked.connect(self.accept)
-            single.clicked.connect(lambda _, remedy=remedy: remedy())
-            row.insertWidget(row.count() - 2, single)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(3 * GRID, 3 * GRID, 3 * GRID, 2 * GRID)
         layout.setSpacing(2 * GRID)
-        layout.addLayout(head)
+        layout.addLayout(_head(theme, title, message))
         layout.addWidget(self.details)
-        layout.addLayout(row)
+        layout.addLayout(self._buttons(lambda: save(details), remedies, close))
         close.setFocus()
+
+    def _buttons(
+        self, save: Callable[[], None], remedies: Mapping[str, Callable[[], object]], close: QPushButton
+    ) -> QHBoxLayout:
+        """Return the row of buttons; Enter closes the dialog, whatever has the focus."""
+        unfold, report = button("Details", "flat"), button("Save report…")
+        unfold.setCheckable(True)
+        unfold.toggled.connect(self._unfold)
+        report.clicked.connect(save)
+        row = QHBoxLayout()
+        row.addWidget(unfold)
+        row.addStretch()
+        for text, remedy in remedies.items():
+            single = button(text)
+            single.clicked.connect(self.accept)
+            single.clicked.connect(lambda _, remedy=remedy: remedy())
+            single.setAutoDefault(False)
+            row.addWidget(single)
+        for other in (unfold, report):
+            other.setAutoDefault(False)
+        row.addWidget(report)
+        row.addWidget(close)
+        return row
 
     def _unfold(self, shown: bool) -> None:
         self.details.setVisible(shown)
         self.adjustSize()
+
+
+def _head(theme: Theme, title: str, message: str) -> QHBoxLayout:
+    """Return the warning sign with title and message."""
+    sign = QLabel()
+    sign.setPixmap(pixmap("warning", theme.colours.warning, 40))
+    sign.setAlignment(Qt.AlignmentFlag.AlignTop)
+    text = label(message, wrap=True)
+    text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+    column = QVBoxLayout()
+    column.setSpacing(GRID)
+    column.addWidget(label(title, "PanelTitle", wrap=True))
+    column.addWidget(text)
+    head = QHBoxLayout()
+    head.setSpacing(2 * GRID)
+    head.addWidget(sign)
+    head.addLayout(column, 1)
+    return head

@@ -24,7 +24,8 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_panel import CohortPanel
 from homolog_app.window.dialogs import LogPane
 from homolog_app.window.explore.groups_page import GroupsPage
-from homolog_app.window.explore.panel import ExploreController, ExplorePanel, OverviewPage
+from homolog_app.window.explore.overview_page import OverviewPage
+from homolog_app.window.explore.panel import ExploreController, ExplorePanel
 from homolog_app.window.explore.patient_page import PatientPage
 from homolog_app.window.export.controller import ExportController
 from homolog_app.window.help import HelpController, Tour

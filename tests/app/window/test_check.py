@@ -79,7 +79,7 @@ def show(window, wait, what):
 
 
 def test_a_planted_swap_heads_the_list_and_is_mended_undone_and_kept(
-    checking, swapped, converged, errors, wait
+    checking, swapped, converged, errors, wait, monkeypatch
 ):
     from homolog.files.project import ProjectFolder
     from homolog.files.results import read_result
@@ -90,6 +90,14 @@ def test_a_planted_swap_heads_the_list_and_is_mended_undone_and_kept(
     checking.commands["check.next"].trigger()
     assert session.selection == (session.result.result.names[SUBJECT],)
     before, on_disk = session.result, (swapped / "model" / "scores.csv").read_bytes()
+
+    with monkeypatch.context() as patch:  # a repair that finds nothing better keeps the particles
+        patch.setattr("homolog.run.repair.repair_result", lambda _, local, *others: local)
+        checking.commands["check.mend"].trigger()
+        wait(lambda: "stay where they were" in page.message.text())
+        settled(checking, wait)
+    assert session.result is before
+    assert not checking.workspace.is_changed
 
     checking.commands["check.mend"].trigger()
     wait(lambda: session.result is not before)

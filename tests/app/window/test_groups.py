@@ -265,6 +265,8 @@ def test_a_dimmed_plot_is_paler_on_the_screen(qapp, plots, wait):
 def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_p(
     explore, bean_project, window, wait
 ):
+    from homolog_app.report.request import KeptStudy, StoredTest
+
     page, session = explore(bean_project, "groups"), window.workspace.session
     names = [member.name for member in session.study.members]
     for group, members in (("a", names[:4]), ("b", names[4:7]), ("c", names[7:])):
@@ -291,6 +293,17 @@ def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_
     assert page.question.text() == "Shape (size removed)."
     assert (page.first.text(), page.second.text()) == ("b", "c")
     assert page.chosen.pair == 2
+    page.form.every.setChecked(False)
+    request = form.request
+    tests = {pair.title: StoredTest(0.01, 999, pair.distance) for pair in form.pairwise}
+    overview = window.inspector.explore.pages[0]
+    overview.kept.show_answers(
+        [KeptStudy(request, False, tests)]
+    )  # a double click on a stored answer goes there
+    overview.kept.itemActivated.emit(overview.kept.topLevelItem(0).child(1), 0)
+    assert page.form.request.between == request.between
+    wait(lambda: page.answers[0].pair is page.all.own[0].pairwise[1])
+    assert page.verdict.text().startswith("c − a")
 
 
 def test_other_questions_asked_of_the_same_result_are_counted(compare, bean_project, window):

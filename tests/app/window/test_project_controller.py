@@ -463,11 +463,14 @@ def test_answers_of_an_earlier_result_are_listed_as_out_of_date(explored, tmp_pa
         write_request(request, study_folder(project, request), Answered())
     (study_folder(project, requests[1]) / OUT_OF_DATE).touch()
     page.enter()
-    assert page.kept.text() == requests[0].title
-    table = "comparison,p_permutation_corrected\nb - a,0.034\n"
+    assert page.kept.texts == [(requests[0].title, "", "")]
+    effect = "mahalanobis_d_corrected"
+    heads = f"comparison,p_permutation_corrected,permutations,{effect},{effect}_low_95,{effect}_high_95"
+    table = f"{heads}\nb - a,0.034,999,1.5,0.52,2.5\n"
     (study_folder(project, requests[0]) / "tests.csv").write_text(table, encoding="utf-8")
     page.enter()
-    assert page.kept.text().replace("\xa0", " ") == f"{requests[0].title}: p = 0.034"
+    assert page.kept.texts[1] == ("b − a", "1.50 (0.52 to 2.50)", "0.034")
+    assert page.kept.isVisible()
     assert requests[1].title in page.outdated.text()
     assert requests[0].title not in page.outdated.text()
 

@@ -296,24 +296,32 @@ class CheckPage(ExplorePage):
             self.workspace.session.select([self._names[subject]])
             self.place_wanted.emit(self._names[subject], place, inspection.located.normals[subject, nearest])
 
-    def _show_repaired(self, suspects: "Sequence[Suspect]") -> None:
+    def _show_repaired(self, suspects: "Sequence[Suspect]", better: int) -> None:
         """Show the outcome, without moving the view."""
         inspection = self.checked.inspection
         if inspection is None:
             return
+        revert = " Undo reverts it; saving keeps it." if better else ""
         if len(suspects) > 1:
+            left = len(inspection.suspects)
             self._say(
-                f"Optimized again at {len(suspects)} suspects; {len(inspection.suspects)} are left. "
-                "Undo reverts it; saving keeps it."
+                f"Optimized again at {len(suspects)} suspects: {better} better, the others stay; "
+                f"{left} {'is' if left == 1 else 'are'} left.{revert}"
             )
             return
         (suspect,) = suspects
+        if not better:
+            self._say(
+                "The new places are no better, so that the particles stay where they were. "
+                f"{self._names[suspect.subject]}: {suspect.description}."
+            )
+            return
         self.look.mark(int(suspect.particles[0]), suspect.subject, suspect.particles)
         near = [
             candidate
             for candidate in inspection.suspects
             if candidate.subject == suspect.subject and np.isin(candidate.particles, suspect.particles).any()
         ]
-        outcome = "No longer suspect." if not near else f"Still suspect: {near[0].description}."
-        self._say(f"Optimized again. {outcome} Undo reverts it; saving keeps it.")
+        outcome = "No longer suspect." if not near else f"Less severe, still suspect: {near[0].description}."
+        self._say(f"Optimized again. {outcome}{revert}")
         self._go(suspect.subject, suspect.place)

@@ -20,6 +20,8 @@ __all__ = ["InspectionState"]
 FEWEST = 3
 """Smallest number of subjects for an inspection."""
 
+_REPAIRED = "particles were optimized again where they were suspect"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Version:
@@ -33,11 +35,12 @@ class _Version:
 class InspectionState(QObject):
     """Inspects the session's result in the computing thread while the page that shows that is open.
 
-    A cancelled inspection restarts when the page is opened again or on request.
+    A cancelled inspection restarts when the page is opened again or on request. `repaired` gives the suspects
+    that were optimized again, and the number of those whose new particles are better; others stay.
     """
 
     changed = Signal()
-    repaired = Signal(object)
+    repaired = Signal(object, int)
 
     def __init__(self, workspace: Workspace, parent: QObject, page: str) -> None:
         super().__init__(parent)
@@ -79,9 +82,7 @@ class InspectionState(QObject):
         if version is None or not suspects:
             return
         project, inspection = workspace.project, version.inspection
-
-        names = list(dict.fromkeys(version.loaded.result.names[suspect.subject] for suspect in suspects))
-        notes = version.notes | dict.fromkeys(names, "particles were optimized again where they were suspect")
+        better: list[str] = []
 
         def work(tick: Tick) -> _Version:
             from homolog.analysis.shape_model import ShapeModel
@@ -94,7 +95,11 @@ class InspectionState(QObject):
             for index, suspect in enumerate(suspects):
                 part = part_of(tick, 0.8 * index / len(suspects), 0.8 * (index + 1) / len(suspects))
                 if any(_same(suspect, other) for other in after.suspects):  # or a neighbour's repair cured it
-                    after = repaired(project, after, suspect, part)
+                    before, after = after, repaired(project, after, suspect, part)
+                    if after is not before:
+                        better.append(version.loaded.result.names[suspect.subject])
+            if not better:
+                return version
             places = after.located
             model, last = ShapeModel.fit(places.world), part_of(tick, 0.8, 1.0)
             surface = surface_of_model(model, places.world, places.meshes, places.alignments, last)
@@ -105,12 +110,15 @@ class InspectionState(QObject):
                 mean_surface=TriangleMesh(surface.vertices, surface.faces),
                 smoothing=surface.smoothing,
             )
+            notes = version.notes | dict.fromkeys(better, _REPAIRED)
             return _Version(replace(version.loaded, result=result), after, notes)
 
         def take(after: _Version) -> None:
-            self._versions.append(after)
-            workspace.session.exchange_result(after.loaded, f"Optimize again: {', '.join(names)}")
-            self.repaired.emit(tuple(suspects))
+            if better:
+                self._versions.append(after)
+                names = ", ".join(dict.fromkeys(better))
+                workspace.session.exchange_result(after.loaded, f"Optimize again: {names}")
+            self.repaired.emit(tuple(suspects), len(better))
 
         workspace.work.compute("mend", work, "optimizing particles again", take)
 

@@ -141,6 +141,28 @@ class GroupForm(QWidget):
             for alignment in alignments
         )  # fmt: skip
 
+    def ask(self, request: StudyRequest) -> bool:
+        """Choose the question of a request; return False if the cohort's table no longer allows it."""
+        wanted = (request.column, _NUMBER if request.kind == "regression" else "groups")
+        offered = [self.column.itemData(at) for at in range(self.column.count())]
+        if wanted not in offered:
+            return False
+        self.column.setCurrentIndex(offered.index(wanted))
+        self.complete.setChecked(request.complete_cases)
+        self._offer_values()
+        for box, value in zip((self.first, self.second), request.between, strict=False):
+            box.setCurrentText(value)
+        self.every.setChecked(len(request.between) > 2)
+        self._offer_pairings()
+        self.pairing.setCurrentIndex(max(self.pairing.findData(request.pairs), 0))
+        self._offer_pairings()
+        alignment = None if request.answers > 1 else request.alignment
+        self.alignment.setCurrentIndex(self.alignment.findData(alignment))
+        for action in self.covariate_menu.actions():
+            action.setChecked(action.isEnabled() and action.data() in request.covariates)
+        self.edited.emit()
+        return self.is_possible
+
     def choose_alignment(self, alignment: Alignment) -> None:
         """Choose the alignment of the comparison."""
         self.alignment.setCurrentIndex(self.alignment.findData(alignment))

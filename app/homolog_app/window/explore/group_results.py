@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QTreeWidge
 from homolog.analysis.cautions import p_number
 from homolog_app.rendering.text import short, signed, typeset
 from homolog_app.report.findings import LEVEL, correction_text, p_text
-from homolog_app.report.request import SIZE_TEXTS
+from homolog_app.report.request import SIZE_TEXTS, KeptStudy, StudyRequest
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.theme import Theme
 from homolog_app.window.widgets import GRID
@@ -21,13 +21,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from homolog.analysis.comparison import Comparison
+    from homolog.analysis.effects import Effect
     from homolog_app.report.study import Study
     from homolog_app.studies.answers import Answers, GroupAnswer
 
-__all__ = ["GroupPlot", "GroupResults", "SeedAnswers", "correction_sentence"]
+__all__ = ["AnswerTable", "GroupPlot", "GroupResults", "SeedAnswers", "StoredAnswers", "correction_sentence"]
 
 
 _HEADS = ("Comparison", "D (95 % CI)", "p", "Surface")
+_STORED_HEADS = ("Question", "Effect (95 % CI)", "p")
 _TIPS = (
     "Second minus first group",
     "Mahalanobis distance of the means, or change per unit of the variable, corrected for bias [SD]",
@@ -38,18 +40,24 @@ _MOST_ROWS = 8
 _PLACE = Qt.ItemDataRole.UserRole
 
 
-class GroupResults(QTreeWidget):
-    """A heading for each alignment, with the test of all groups, and a row for each pair of groups."""
+class AnswerTable(QTreeWidget):
+    """Answers under headings: a row for each comparison, as high as its first rows.
 
-    chosen = Signal(int, int)
+    Parameters
+    ----------
+    name : str
+        Accessible name.
+    heads, tips : sequence of str
+        The columns and their explanations; the first column takes the free width.
+    """
 
-    def __init__(self) -> None:
+    def __init__(self, name: str, heads: Sequence[str], tips: Sequence[str]) -> None:
         super().__init__()
-        self.setAccessibleName("Results of all comparisons")
+        self.setAccessibleName(name)
         self.texts: list[tuple[str, ...]] = []
-        self.setColumnCount(len(_HEADS))
-        self.setHeaderLabels(_HEADS)
-        for column, tip in enumerate(_TIPS):
+        self.setColumnCount(len(heads))
+        self.setHeaderLabels(list(heads))
+        for column, tip in enumerate(tips):
             self.headerItem().setToolTip(column, tip)
         self.setRootIsDecorated(False)
         self.setIndentation(8)
@@ -61,35 +69,30 @@ class GroupResults(QTreeWidget):
         self.header().setStretchLastSection(False)
         self.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.header().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
-        self.currentItemChanged.connect(self._choose)
-        self.hide()
 
-    def show_answers(self, answers: "Answers | None", chosen: tuple[int, int]) -> None:
-        """Show the comparisons of the open result, if there is more than one."""
+    def show_rows(
+        self, parts: "Sequence[tuple[str, Sequence[tuple[str, ...]]]]", chosen: tuple[int, int] | None = None
+    ) -> None:
+        """Show headings with their rows, and select the row of a heading's number and its own."""
         self.blockSignals(True)
         self.clear()
-        slope = answers is not None and answers.own[0].request.kind == "regression"
-        self.headerItem().setText(1, "Per unit (95 % CI)" if slope else _HEADS[1])
-        count, tops = 0, []
-        for number, study in enumerate(answers.own if answers is not None else ()):
-            top = QTreeWidgetItem([_heading(study)])
+        tops = []
+        for number, (heading, rows) in enumerate(parts):
+            top = QTreeWidgetItem([heading])
             top.setFlags(Qt.ItemFlag.ItemIsEnabled)
             self.addTopLevelItem(top)
             tops.append(top)
-            pairs = study.pairwise or (study.overall,)
             top.setFirstColumnSpanned(True)
-            for pair, comparison in enumerate(pairs):
-                item = QTreeWidgetItem(list(_values(study, comparison)))
-                item.setData(0, _PLACE, (number, pair))
+            for line, row in enumerate(rows):
+                item = QTreeWidgetItem(list(row))
+                item.setData(0, _PLACE, (number, line))
                 item.setToolTip(0, item.text(0))  # there may be little room for it
                 top.addChild(item)
-                if (number, pair) == chosen:
+                if (number, line) == chosen:
                     self.setCurrentItem(item)
-                count += 1
-        self.texts = [_texts(item) for top in tops for item in (top, *_children(top))]
+        self.texts = [self._texts(item) for top in tops for item in (top, *_children(top))]
         self.expandAll()
         self.blockSignals(False)
-        self.setVisible(count > 1)
         self._fit_height()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -106,6 +109,32 @@ class GroupResults(QTreeWidget):
         height = self.header().sizeHint().height() + sum(heights) + 2 * self.frameWidth() + GRID
         if height != self.height():
             self.setFixedHeight(height)
+
+    def _texts(self, item: QTreeWidgetItem) -> tuple[str, ...]:
+        return tuple(item.text(column) for column in range(self.columnCount()))
+
+
+class GroupResults(AnswerTable):
+    """A heading for each alignment, with the test of all groups, and a row for each pair of groups."""
+
+    chosen = Signal(int, int)
+
+    def __init__(self) -> None:
+        super().__init__("Results of all comparisons", _HEADS, _TIPS)
+        self.currentItemChanged.connect(self._choose)
+        self.hide()
+
+    def show_answers(self, answers: "Answers | None", chosen: tuple[int, int]) -> None:
+        """Show the comparisons of the open result, if there is more than one."""
+        studies = answers.own if answers is not None else ()
+        slope = bool(studies) and studies[0].request.kind == "regression"
+        self.headerItem().setText(1, "Per unit (95 % CI)" if slope else _HEADS[1])
+        parts = [
+            (_heading(study), [_values(study, pair) for pair in study.pairwise or (study.overall,)])
+            for study in studies
+        ]
+        self.show_rows(parts, chosen)
+        self.setVisible(sum(len(rows) for _, rows in parts) > 1)
 
     def _choose(self, item: QTreeWidgetItem | None) -> None:
         place = item.data(0, _PLACE) if item is not None else None
@@ -134,10 +163,6 @@ def _children(top: QTreeWidgetItem) -> list[QTreeWidgetItem]:
     return [row for row in rows if row is not None]
 
 
-def _texts(item: QTreeWidgetItem) -> tuple[str, ...]:
-    return tuple(item.text(column) for column in range(len(_HEADS)))
-
-
 def _heading(study: "Study") -> str:
     """Return the alignment, and of three or more groups whether any differ."""
     text, overall = SIZE_TEXTS[study.request.alignment], study.overall
@@ -149,11 +174,7 @@ def _heading(study: "Study") -> str:
 
 
 def _values(study: "Study", comparison: "Comparison") -> tuple[str, str, str, str]:
-    distance = comparison.distance
-    effect = "–"
-    if distance is not None and comparison.test.modes:
-        form = ".3g" if study.request.kind == "regression" else ".2f"
-        effect = f"{distance.value:{form}} ({distance.low:{form}} to {distance.high:{form}})"
+    effect = _effect_text(comparison.distance if comparison.test.modes else None, study.request)
     p = "–"
     if comparison.test.modes:
         p = p_number(comparison.p_adjusted, comparison.test.permutations)
@@ -167,6 +188,52 @@ def _values(study: "Study", comparison: "Comparison") -> tuple[str, str, str, st
         p,
         f"{share:.0f} %" if significant.any() else "none",
     )
+
+
+def _effect_text(distance: "Effect | None", request: StudyRequest) -> str:
+    if distance is None:
+        return "–"
+    form = ".3g" if request.kind == "regression" else ".2f"
+    return f"{distance.value:{form}} ({distance.low:{form}} to {distance.high:{form}})"
+
+
+class StoredAnswers(AnswerTable):
+    """The answers in the project's folder; a double click or Enter chooses one."""
+
+    chosen = Signal(object, str)
+    """The request, and the title of the comparison."""
+
+    def __init__(self) -> None:
+        super().__init__("Answers stored in the project", _STORED_HEADS, _TIPS[:3])
+        self._places: list[tuple[StudyRequest, tuple[str, ...]]] = []
+        self.itemActivated.connect(lambda item, _: self._choose(item))
+
+    def show_answers(self, kept: Sequence[KeptStudy]) -> None:
+        """Show the answers, or hide the table if there are none."""
+        self._places = [(study.request, tuple(study.tests)) for study in kept]
+        self.show_rows(
+            [
+                (
+                    typeset(study.request.title),
+                    [
+                        (
+                            typeset("Any difference" if name == ", ".join(study.request.between) else name),
+                            _effect_text(test.distance, study.request),
+                            p_number(test.p, test.permutations),
+                        )
+                        for name, test in study.tests.items()
+                    ],
+                )
+                for study in kept
+            ]
+        )
+        self.setVisible(bool(kept))
+
+    def _choose(self, item: QTreeWidgetItem) -> None:
+        top = item.parent() or item
+        request, names = self._places[self.indexOfTopLevelItem(top)]
+        place = item.data(0, _PLACE)
+        self.chosen.emit(request, names[place[1]] if place is not None else "")
 
 
 def _line(answer: "GroupAnswer") -> str:

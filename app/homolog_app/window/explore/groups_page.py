@@ -4,7 +4,7 @@ import shlex
 from functools import partial
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QSlider, QVBoxLayout, QWidget
 
 from homolog_app.rendering.text import shortened, typeset
@@ -59,6 +59,7 @@ class GroupsPage(ExplorePage):
     title = "Groups"
     hint = "Differences between groups, or effects of a number, with their tests."
     plays = True
+    answered = Signal()
 
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
         super().__init__(workspace, actions, fitted)
@@ -152,7 +153,7 @@ class GroupsPage(ExplorePage):
         self.go.clicked.connect(actions["explore.test"].trigger)
         self.keep.clicked.connect(actions["explore.keep"].trigger)
         self.seeds.clicked.connect(self.repeat)
-        self.results.chosen.connect(self._choose_pair)
+        self.results.chosen.connect(self.choose_pair)
         for signal in (self.form.edited, session.study_changed):
             signal.connect(self.show_answers)
             signal.connect(self.shown_changed)
@@ -269,8 +270,9 @@ class GroupsPage(ExplorePage):
         self.by_seed.hide()
         self.show_answers()
         self._follow_path()
+        self.answered.emit()
 
-    def _choose_pair(self, request: int, pair: int) -> None:
+    def choose_pair(self, request: int, pair: int) -> None:
         """Show another comparison: its numbers, and its map once it is computed."""
         answers, models, cohort = self.all, self.fitted.both, self.workspace.session.study
         if answers is None or (request, pair) == self._mapped or self.workspace.session.job.is_busy:

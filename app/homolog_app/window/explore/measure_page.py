@@ -147,7 +147,7 @@ class MeasurePage(ExplorePage):
         self.body.addLayout(along)
         self.body.addWidget(rule())
         self.body.addWidget(label("Groomed surfaces at their original size", "SectionTitle"))
-        self.view.setToolTip("Deviation: mean distance of the aligned surface from the mean surface, in mm")
+        self.view.setToolTip("Deviation: mean distance of the aligned particles from the mean surface, in mm")
         self.body.addWidget(self.view, 1)
         buttons = QHBoxLayout()
         buttons.addWidget(self.write_button, 1)
@@ -303,17 +303,16 @@ class MeasurePage(ExplorePage):
         self._request, known = request, self._subjects
 
         def measure(tick: Tick) -> "tuple[Measures, Measures]":
-            from homolog_app.exports.tables import measure_meshes
+            from homolog_app.exports.tables import distances_from_mean, measure_meshes
 
+            world, centre, amounts = loaded.result.world, shape.model.mean, _amounts()
             own = [loaded.surfaces[name][0] for name in loaded.result.names]
-            meshes = []
-            for amount in _amounts():
-                deviations = np.zeros(mode + 1)
-                deviations[mode] = amount
-                meshes.append(TriangleMesh(shape.mean.vertices + shape.moved(deviations), shape.mean.faces))
-            along = measure_meshes(meshes, shape.mean, tick=part_of(tick, 0.0, 0.4))
-            rest = part_of(tick, 0.4, 1.0)
-            return along, known or measure_meshes(own, shape.mean, loaded.result.alignments, rest)
+            steps = [amount * np.eye(mode + 1)[mode] for amount in amounts]
+            meshes = [TriangleMesh(shape.mean.vertices + shape.moved(at), shape.mean.faces) for at in steps]
+            instances = np.stack([shape.model.instance(at) for at in steps])
+            curve, apart = (distances_from_mean(item, centre, shape.mean) for item in (instances, world))
+            along = measure_meshes(meshes, curve, part_of(tick, 0.0, 0.4))
+            return along, known or measure_meshes(own, apart, part_of(tick, 0.4, 1.0))
 
         def take(measured: "tuple[Measures, Measures]") -> None:
             self._along[mode], self._subjects = measured

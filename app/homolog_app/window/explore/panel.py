@@ -5,129 +5,24 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QTimer, Signal
 from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QStackedWidget, QTabBar, QVBoxLayout, QWidget
 
 from homolog.errors import InputError
-from homolog_app.rendering.text import typeset
-from homolog_app.report.request import KeptStudy, kept_studies
+from homolog_app.report.request import StudyRequest
 from homolog_app.studies.study import FILES, outdated_text
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.check_page import CheckPage
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.explore.measure_page import MeasurePage
 from homolog_app.window.explore.modes_page import ModesPage
+from homolog_app.window.explore.overview_page import OverviewPage
 from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.explore.patient_page import PatientPage
-from homolog_app.window.widgets import GRID, ActionButton, button, label, set_dimmed
+from homolog_app.window.widgets import GRID, button, label, set_dimmed
 from homolog_app.window.workspace import Controller, Workspace, reported
 
-__all__ = ["PAGES", "ExploreController", "ExplorePanel", "OverviewPage"]
-
-
-_NEXT = {
-    "explore.modes": "What varies? Modes",
-    "explore.groups": "What differs? Groups and numbers",
-    "explore.check": "Can it be trusted? Check",
-    "explore.measure": "How large? Measure",
-    "explore.patient": "How unusual is one patient? Patient",
-}
-
-
-class OverviewPage(ExplorePage):
-    """An overview of the result, with links to the other pages."""
-
-    title = "Overview"
-    hint = "Equal colours mark corresponding places."
-
-    def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
-        super().__init__(workspace, actions, fitted)
-        session = self._session = workspace.session
-        self._busy = False
-        self.summary = label("", wrap=True)
-        self.summary.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.files = label("", "Hint", wrap=True)
-        self.files.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.body.addWidget(label("Result", "SectionTitle"))
-        self.body.addWidget(self.summary)
-        self.body.addSpacing(GRID)
-        self.body.addWidget(label("What next", "SectionTitle"))
-        for command, title in _NEXT.items():
-            self.body.addWidget(ActionButton(title, actions[command]))
-        self.body.addSpacing(GRID)
-        self.kept_title = label("Answers stored in the project", "SectionTitle")
-        self.kept = label("", wrap=True)
-        self.outdated = label("", "Problem", wrap=True)
-        for listed in (self.kept, self.outdated):
-            listed.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        for text in (self.kept_title, self.kept, self.outdated):
-            self.body.addWidget(text)
-        self.body.addSpacing(GRID)
-        self.body.addWidget(label("Playback", "SectionTitle"))
-        self.playback = label("", "Hint", wrap=True)
-        self.body.addWidget(self.playback)
-        self.body.addSpacing(GRID)
-        self.body.addWidget(label("Files", "SectionTitle"))
-        self.body.addWidget(self.files)
-        self.body.addStretch()
-        self.save = ActionButton("Save project…", actions["file.save"], "primary")
-        self.footer.addWidget(self.save)
-        session.result_changed.connect(self._show)
-        workspace.session.job_changed.connect(self._follow_work)
-        session.project_changed.connect(self._show)
-
-    def enter(self) -> None:
-        """Read the stored answers again."""
-        self._show()
-
-    def _follow_work(self) -> None:
-        """Read the stored answers again after a new answer or new particles."""
-        busy = self.workspace.session.job.is_busy
-        if self._busy and not busy:
-            self._show_kept()
-        self._busy = busy
-
-    def _show_kept(self) -> None:
-        """List the answers in the project's folder, those of an earlier result apart."""
-        try:
-            kept = kept_studies(self.workspace.project) if self._session.folder else []
-        except InputError as error:
-            kept, text = [], str(error)
-        else:
-            old = [study.request.title for study in kept if study.is_outdated]
-            text = "\n".join(
-                ["Out of date: particles were placed again. Compare again, or write the report:", *old]
-            ) if old else ""  # fmt: skip
-        self.kept.setText("\n".join(_kept_line(study) for study in kept if not study.is_outdated))
-        self.outdated.setText(text)
-        self.kept.setVisible(bool(self.kept.text()))
-        self.outdated.setVisible(bool(text))
-        self.kept_title.setVisible(bool(kept or text))
-
-    def _show(self) -> None:
-        self._show_kept()
-        loaded = self._session.result
-        self.summary.setText(loaded.summary if loaded else "")
-        self.playback.setText(
-            "Space replays the run from its stored frames; the slider below the views seeks."
-            if loaded and loaded.frames
-            else "This run can't be replayed: only runs in the window record frames."
-        )
-        folder = self._session.folder
-        self.base.setVisible(self._session.folder is None)
-        self.files.setText(
-            f"Particles, shape model and tables are in {folder}."
-            if folder
-            else "Save the project to keep particles, shape model and tables."
-        )
-
-
-def _kept_line(study: KeptStudy) -> str:
-    """Return a stored question with its p-values."""
-    from homolog.analysis.cautions import p_text
-
-    p_values = [p_text(p) if len(study.p) == 1 else f"{name} {p_text(p)}" for name, p in study.p.items()]
-    return typeset(": ".join([study.request.title, *([", ".join(p_values)] if p_values else [])]))
+__all__ = ["PAGES", "ExploreController", "ExplorePanel"]
 
 
 PAGES: tuple[type[ExplorePage], ...] = (
@@ -262,6 +157,10 @@ class ExploreController(Controller):
         self._patient = self._panel.page_of(PatientPage)
         for page in self._panel.pages:
             page.page_wanted.connect(partial(workspace.session.show_page, page.title, "explore"))
+        self._wanted: tuple[StudyRequest, str] | None = None
+        self._panel.page_of(OverviewPage).kept.chosen.connect(self.open_stored)
+        self._groups.answered.connect(lambda: QTimer.singleShot(0, self, self._show_wanted))
+        self._panel.fitted.changed.connect(self._ask_wanted)  # a project that was just opened has no model
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return the handlers of the commands of *Explore*."""
@@ -293,6 +192,40 @@ class ExploreController(Controller):
             "patient.repeat": lambda: self.add_time(repeats=True),
             "patient.save": self.save_patient,
         }
+
+    @reported
+    def open_stored(self, request: StudyRequest, comparison: str) -> None:
+        """Answer a question again that is stored in the project, and show one of its comparisons.
+
+        Raises
+        ------
+        InputError
+            If the cohort's table no longer allows it.
+        """
+        self._workspace.session.show_page(GroupsPage.title, "explore")
+        if not self._groups.form.ask(request):
+            raise InputError(f"{request.title}: the cohort's table no longer has these groups or numbers")
+        self._wanted = request, comparison
+        if self._groups.answers and self._groups.is_current:
+            self._show_wanted()
+        else:
+            self._ask_wanted()
+
+    def _ask_wanted(self) -> None:
+        """Ask the chosen question if it still is in the form."""
+        if self._wanted is None:
+            return
+        wanted, form = self._wanted[0].question, self._groups.form
+        if wanted in [request.question for request in form.requests]:
+            self._groups.test(turns=False)
+
+    def _show_wanted(self) -> None:
+        (request, comparison), answers = self._wanted or (None, ""), self._groups.all
+        self._wanted = None
+        for number, study in enumerate(answers.own if answers is not None else ()):
+            titles = [pair.title for pair in study.pairwise or (study.overall,)]
+            if request is not None and study.request.question == request.question and comparison in titles:
+                self._groups.choose_pair(number, titles.index(comparison))
 
     @reported
     def compare(self) -> None:
