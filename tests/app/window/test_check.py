@@ -94,7 +94,7 @@ def test_a_planted_swap_heads_the_list_and_is_mended_undone_and_kept(
     with monkeypatch.context() as patch:  # a repair that finds nothing better keeps the particles
         patch.setattr("homolog.run.repair.repair_result", lambda _, local, *others: local)
         checking.commands["check.mend"].trigger()
-        wait(lambda: "stay where they were" in page.message.text())
+        wait(lambda: "previous places" in page.message.text())
         settled(checking, wait)
     assert session.result is before
     assert not checking.workspace.is_changed

@@ -312,7 +312,7 @@ class CheckPage(ExplorePage):
         (suspect,) = suspects
         if not better:
             self._say(
-                "The new places are no better, so that the particles stay where they were. "
+                "Optimized again without improvement: the particles keep their previous places. "
                 f"{self._names[suspect.subject]}: {suspect.description}."
             )
             return
