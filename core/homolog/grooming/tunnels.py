@@ -105,7 +105,7 @@ def fill_tunnels(solid: BoolArray, width: float) -> tuple[BoolArray, int]:
 def _plugged(solid: BoolArray) -> BoolArray:
     """Return a solid with every single voxel added that fills a tunnel, again and again until none does."""
     padded = np.pad(solid, 1).astype(np.uint8)
-    places: IntArray = np.argwhere(np.pad(ndimage.binary_dilation(solid), 1) & (padded == 0))
+    places: IntArray = np.argwhere(_beside_solid(padded))
     places = places[_gains(padded, places) > 0]
     if not len(places):
         return solid
@@ -121,6 +121,18 @@ def _plugged(solid: BoolArray) -> BoolArray:
         places = places[_gains(padded, places) > 0]
     filled: BoolArray = without_cavities(padded[1:-1, 1:-1, 1:-1] > 0)
     return filled
+
+
+def _beside_solid(padded: Array) -> BoolArray:
+    """Return the empty voxels that have a neighbour at a face, without those of the border."""
+    inner = (slice(1, -1),) * 3
+    near = np.zeros(padded.shape, np.uint8)
+    for axis in range(3):
+        along, beside = np.moveaxis(padded, axis, 0), np.moveaxis(near, axis, 0)
+        beside[1:-1] |= along[:-2] | along[2:]
+    result = np.zeros(padded.shape, bool)
+    result[inner] = near[inner] > padded[inner]
+    return result
 
 
 def _beside(padded: Array, changed: IntArray) -> IntArray:

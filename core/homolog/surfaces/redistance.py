@@ -44,11 +44,11 @@ def redistanced(
     """
     device = choose_device(device)
     level = np.ascontiguousarray(level, dtype=np.float32)
-    gradient = np.stack([np.gradient(level, axis=axis) for axis in range(3)], axis=-1)
     with wp.ScopedDevice(device):
         given = wp.array(level)
         signed, state = wp.empty_like(given), wp.zeros(level.shape, dtype=wp.int32)
-        slopes = wp.array(gradient, dtype=wp.vec3)
+        slopes = wp.empty(level.shape, dtype=wp.vec3)
+        wp.launch(kernels.find_gradient, level.shape, [given, slopes])
         wp.launch(kernels.start_band, level.shape, [given, slopes, signed, state])
         _propagate(signed, state, kernels.FAR if reach is None else reach, second_order)
         result = np.asarray(signed.numpy())

@@ -107,6 +107,8 @@ def without_cavities(solid: BoolArray) -> BoolArray:
         for end in (0, -1):
             is_open[np.take(outside, end, axis)] = True
     is_open[0] = False
+    if is_open[1:].all():
+        return solid
     return np.asarray(~is_open[outside])
 
 

@@ -109,6 +109,20 @@ def _crossings(level: wp.array3d(dtype=wp.float32), i: int, j: int, k: int) -> f
 
 
 @wp.kernel
+def find_gradient(level: wp.array3d(dtype=wp.float32), gradient: wp.array3d(dtype=wp.vec3)) -> None:
+    """Central differences at every node, one-sided at the border."""
+    i, j, k = wp.tid()
+    slope = wp.vec3()
+    for axis in range(3):
+        low, high = wp.vec3i(i, j, k), wp.vec3i(i, j, k)
+        low[axis] = wp.max(low[axis] - 1, 0)
+        high[axis] = wp.min(high[axis] + 1, level.shape[axis] - 1)
+        change = level[high[0], high[1], high[2]] - level[low[0], low[1], low[2]]
+        slope[axis] = change / float(high[axis] - low[axis])
+    gradient[i, j, k] = slope
+
+
+@wp.kernel
 def start_band(
     level: wp.array3d(dtype=wp.float32),
     gradient: wp.array3d(dtype=wp.vec3),
