@@ -11,7 +11,7 @@ from homolog.cohort import Cohort, Subject
 from homolog.files.project import ProjectFolder
 from homolog.run import Run
 from homolog_app.cli import main
-from homolog_app.report.seeds import SeedAnswer, read_spread, spread_text, write_spread
+from homolog_app.report.seeds import SeedAnswer, median_answer, read_spread, spread_text, write_spread
 
 QUICK = ["--permutations", "99", "--null-repeats", "0", "--alignment", "rigid", "--progress", "none"]
 
@@ -56,9 +56,12 @@ def test_other_seeds_are_run_once_and_their_answers_reported(project, capsys):
     assert "over 2 seeds" in capsys.readouterr().out
     assert main(["report", str(project.folder), "--progress", "none"]) == 0
     page = (project.folder / "report" / "report.html").read_text("utf-8")
-    found = page[page.index(">Findings<") : page.index(">Shape model<")]
-    assert found.count("Over 2 seeds") == 2
+    assert "Values of Study 1, 2 are medians over the seeds" in page
     assert "--seeds 5" not in page
+    assert "homolog check finds" in page
+    assert "wall thickness" not in page  # of solid shapes
+    volumes = [float(row["volume_ml"]) for row in read_rows(project.folder / "report" / "measures.csv")]
+    assert volumes[0] == pytest.approx(4.0 / 3.0 * np.pi * 9 * 7 * 6 / 1000.0, rel=0.1)
     rows = read_rows(project.folder / "report" / "correspondence.csv")
     assert [row["name"] for row in rows] == [f"e{index}" for index in range(6)]
     for row in rows:
@@ -69,6 +72,16 @@ def test_other_seeds_are_run_once_and_their_answers_reported(project, capsys):
 
 
 ANSWER = SeedAnswer("b - a", 0, 0.011, 1.3, 6, 4.7, 0.8, 0.9, 0.5, 999, "abc")
+
+
+def test_the_median_over_seeds_takes_each_number_by_itself():
+    seeds = [replace(ANSWER, seed=seed, p=p, accuracy=None) for seed, p in enumerate((0.03, 0.2, 0.01))]
+    seeds[1] = replace(seeds[1], distance=None)
+    seeds[2] = replace(seeds[2], distance=0.9, percent=8.0)
+    median = median_answer(seeds, "b - a")
+    assert (median.p, median.distance, median.percent, median.accuracy) == (0.03, 1.1, 4.7, None)
+    assert median_answer(seeds[:1], "b - a") is None
+    assert median_answer(seeds, "c - a") is None
 
 
 def test_the_spread_is_between_the_smallest_and_the_largest(tmp_path):

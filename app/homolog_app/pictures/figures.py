@@ -17,6 +17,7 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.pictures.layout import Panel, arrange, write_picture
 from homolog_app.rendering.camera import (
     Clip,
+    ClipPlane,
     Cut,
     Frame,
     View,
@@ -170,6 +171,7 @@ def draw_differences(
     surfaces: Mapping[str, tuple[TriangleMesh, FloatArray]],
     *,
     views: Sequence[View] = (),
+    inside: Sequence[View] = (),
     limit: float | None = None,
     clip: Clip | None = None,
     title: str = "",
@@ -185,6 +187,8 @@ def draw_differences(
         the other's.
     views : sequence of View
         A column each; a three-quarter view and the opposite one if none are given.
+    inside : sequence of View
+        Further columns, as many as views, where the half that faces the viewer is removed.
     limit : float, optional
         End of the colour scale [mm]; a round value that fits all rows if not given.
     clip : Clip, optional
@@ -202,18 +206,20 @@ def draw_differences(
     if not views:
         front = three_quarter_view(vertices[0], np.abs(next(iter(outward.values()))))
         views = [front, front.opposite]
-    frames = [frame_around(vertices, view) for view in views]
+    frames = [frame_around(vertices, view) for view in (*views, *inside)]
+    clips = [clip] * len(views) + [Clip(plane=ClipPlane.VIEW)] * len(inside)
     rows = []
     for name, (mesh, _) in surfaces.items():
         surface = shaded(mesh, diverging_colours(outward[name], limit))
         scenes = [
-            Scene((surface,), cut=cut_of(clip, mesh.vertices, frame.view.axes[2]), cap=theme.cut)
-            for frame in frames
+            Scene((surface,), cut=cut_of(item, mesh.vertices, frame.view.axes[2]), cap=theme.cut)
+            for frame, item in zip(frames, clips, strict=True)
         ]
         pictures = zip(scenes, frames, strict=True)
         rows.append([Panel(draw(scene, frame, width), frame.view.name) for scene, frame in pictures])
     labels = list(surfaces) if len(surfaces) > 1 else []
-    return arrange(rows, title=title, row_labels=labels, limit=limit, theme=theme)
+    headings = ("outside", "inside") if inside else ()
+    return arrange(rows, title=title, row_labels=labels, headings=headings, limit=limit, theme=theme)
 
 
 def draw_particles(

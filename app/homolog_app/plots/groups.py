@@ -65,7 +65,7 @@ def draw_discriminant(
     along : str
         Name of that direction.
     """
-    dress(axes, colours, x_label=f"position along the {along}, RMS (mm)")
+    dress(axes, colours, x_label=f"{along} (mm RMS)")
     points = discriminant_points(places, second)
     for height, name, own in ((1.0, names[0], ~second), (0.0, names[1], second)):
         colour, marker = group_style(list(order).index(name), colours)

@@ -7,13 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
-from homolog.files.records import ResultRecord
-from homolog.files.results import Result, read_surface
+from homolog.files.results import Result
 from homolog.files.tables import write_table
 from homolog.inspection.located_particles import closest_points_on
-from homolog.progress import Tick, no_tick
 from homolog.surfaces.comparison import distances_both_ways
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import areas_of_particles, nearest_particles
@@ -56,17 +52,12 @@ class CorrespondenceRow:
 
 
 def correspondence_rows(
-    project: ProjectFolder, record: ResultRecord, result: Result, carrier: SurfaceCarrier,
-    tick: Tick = no_tick,
-) -> list[CorrespondenceRow]:  # fmt: skip
-    """Measure the correspondence of each subject in aligned coordinates; empty if surfaces are missing."""
+    meshes: Sequence[TriangleMesh], result: Result, carrier: SurfaceCarrier
+) -> list[CorrespondenceRow]:
+    """Measure the correspondence of each subject in aligned coordinates, from surfaces in those of files."""
     rows = []
-    for index, subject in enumerate(record.subjects):
-        tick(index / len(record.subjects), f"surface of {subject.name}")
-        try:
-            mesh = read_surface(project, subject).placed(np.array(subject.alignment))
-        except InputError:  # an import without surfaces
-            return []
+    for index, (name, surface) in enumerate(zip(result.names, meshes, strict=False)):
+        mesh = surface.placed(result.alignments[index])
         particles = result.world[index]
         nearest = nearest_particles(mesh, particles)
         areas = areas_of_particles(mesh, nearest, len(particles))
@@ -74,7 +65,7 @@ def correspondence_rows(
         apart = distances_both_ways(mesh, carried)
         rows.append(
             CorrespondenceRow(
-                name=subject.name,
+                name=name,
                 off_surface_mm=float(closest_points_on(mesh, particles)[2].mean()),
                 unevenness_percent=100.0 * float(areas.std() / areas.mean()),
                 farthest_mm=float(np.linalg.norm(mesh.vertices - particles[nearest], axis=1).max()),
@@ -111,12 +102,9 @@ def add_correspondence(page: Page, folder: Path, rows: Sequence[CorrespondenceRo
         caption="Quality of the correspondence over the subjects",
     )
     page.paragraph(
-        "The area of a particle is the part of its subject's surface that is nearest to it, on the same side "
-        "of a wall: 0 % would be equal areas. The mean surface was carried to each subject's particles by "
+        "Evenness: 0 % would be equal areas. The mean surface was carried to each subject's particles by "
         "the spline that all maps use; its distance from the subject's own surface, in both directions, is "
-        "what particles and spline do not represent. Its mean and percentile are weighted by area. Values of "
-        "each subject are in correspondence.csv. These numbers do not show whether particles are at "
-        "anatomically corresponding places: see homolog check."
+        "what particles and spline do not represent. Values of each subject are in correspondence.csv."
     )
 
 

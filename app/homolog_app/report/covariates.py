@@ -9,7 +9,7 @@ from homolog.analysis.comparison import Comparison
 from homolog.analysis.effects import Effect
 from homolog_app.report.study import Study
 
-__all__ = ["covariate_rows", "covariate_sentences"]
+__all__ = ["covariate_effects", "covariate_rows", "covariate_sentences"]
 
 
 def covariate_sentences(study: Study) -> Iterator[str]:
@@ -29,6 +29,20 @@ def covariate_sentences(study: Study) -> Iterator[str]:
             f"Covariate {effect.title}: {whole}; {inside} of {len(effect.p_fwe)} particles, "
             f"{_percent(study, effect):.1f} % of the surface, are significant{_size_text(effect)}."
         )
+
+
+def covariate_effects(study: Study) -> Iterator[str]:
+    """Yield the significant effects of covariates on the whole shape or on size, in a few words."""
+    for effect in study.overall.covariates:
+        parts = []
+        if effect.test.modes and effect.p_adjusted <= LEVEL:
+            parts.append(f"whole shape {p_text(effect.p_adjusted, effect.test.permutations)}")
+        size = _size_of(effect)
+        if size is not None and size.p is not None and size.p <= LEVEL and np.isfinite(size.value):
+            measured = _interval(size, f" mm{_unit(effect)}")
+            parts.append(f"size {measured}, {p_text(size.p, size.permutations)}, not corrected")
+        if parts:
+            yield f"{effect.title} ({'; '.join(parts)})"
 
 
 def _size_of(effect: Comparison) -> Effect | None:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.spatial import KDTree
 
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.evaluation import compactness, generalization, specificity
@@ -19,7 +18,6 @@ from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.progress import Tick
 from homolog_app.pictures import LIGHT, ModeSurfaces, Theme, draw_differences, draw_modes
-from homolog_app.pictures.layout import Panel, arrange, view_of_region
 from homolog_app.plots import (
     draw_discriminant,
     draw_energies,
@@ -29,14 +27,11 @@ from homolog_app.plots import (
     group_order,
     new_figure,
 )
-from homolog_app.rendering.camera import Clip, ClipPlane, frame_around
+from homolog_app.rendering.camera import Clip, ClipPlane
 from homolog_app.rendering.colours import page_colours
-from homolog_app.rendering.draw import draw
-from homolog_app.rendering.rays import hollows
-from homolog_app.rendering.scene import Scene, surface
 from homolog_app.report.findings import LEVEL
 from homolog_app.report.study import Study
-from homolog_app.report.surface_maps import Region, SurfaceCarrier, significant_regions
+from homolog_app.report.surface_maps import SurfaceCarrier
 
 __all__ = [
     "ReportFigure", "discriminant_figure", "energies_figure", "map_figure", "model_figures", "quality_figure",
@@ -46,22 +41,19 @@ __all__ = [
 _SPECIFICITY_AT = (1, 2, 3, 5, 8, 13, 21)
 _DRAWS = 200
 _VIEWS = ("anterior", "posterior", "superior", "inferior")
-_INSIDE_VIEWS = ("anterior", "posterior", "left", "right")
-_MOST_REGIONS = 9
-_REGION_WIDTH = 420
-_MARKED = (0.84, 0.37, 0.0)
-"""Colour of a region: vermillion of Okabe and Ito."""
+_HOLLOW_VIEWS = ("anterior", "posterior", "left", "right")
+_SMALL = (2.3, 1.7)
+"""Size of a figure of which three are beside each other [inches]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportFigure:
-    """A figure with its file name and caption, the heading that it is below, and whether it shows regions."""
+    """A figure with its file name and caption, and whether it may be beside others."""
 
     name: str
     figure: Figure
     caption: str
-    heading: str = ""
-    shows_regions: bool = False
+    small: bool = False
 
 
 def model_figures(
@@ -71,13 +63,14 @@ def model_figures(
     """Yield the figures of the shape model, optionally cut open by a plane."""
     parallel, record = parallel_analysis(result.world), project.read().result
     mirrored = f" {record.mirrored_text}." if record is not None and record.mirrored_text else ""
-    yield ReportFigure("scree", scree_figure(parallel), _scree_caption(parallel, model))
+    yield ReportFigure("scree", scree_figure(parallel), _scree_caption(parallel, model), small=True)
     if len(model.explained_variance) > 1:
         yield ReportFigure(
             "scores",
             scores_figure(model, [group or "" for group in result.groups]),
-            "Subjects in the first two modes (root mean square displacement of the particles)"
+            "Subjects in the first two modes (RMS displacement of the particles)"
             + ("; large open markers are the groups' means." if any(result.groups) else "."),
+            small=True,
         )
     tick(0.2, "pictures of the modes")
     shown = min(max(parallel.n_retained, 1), 3, len(model.explained_variance))
@@ -89,67 +82,31 @@ def model_figures(
             {"": ModeSurfaces(carrier.mesh, moves, shares)},
             modes=range(shown),
             clip=clip,
+            width=300,
         ),
         "The first modes at ±2 standard deviations (signs are arbitrary). Blue is out of the tissue, yellow "
-        "into it."
-        f"{mirrored}{_cut_text(clip)}",
+        f"into it.{mirrored}{_cut_text(clip)}",
     )
-    if len(result.world) > 2:
-        tick(0.4, "model quality")
-        yield ReportFigure(
-            "quality",
-            quality_figure(result, model),
-            "Share of variance in the first modes; distance to shapes held out of the model; distance of "
-            f"{_DRAWS} drawn shapes to the nearest real one (mean particle distances).",
-        )
-    energies = _energies(project)
-    if len(energies) > 1:
-        yield ReportFigure(
-            "energies",
-            energies_figure(project),
-            "The terms of the objective during the optimization (energies). Their values have no scale of "
-            "their own; only whether they are flat at the end can be judged.",
-        )
 
 
 def study_figures(
     study: Study, carrier: SurfaceCarrier, tick: Tick, clip: Clip | None = None
 ) -> Iterator[ReportFigure]:
-    """Yield the figures of a study: maps of each comparison of two, cut open or not, and its discriminant."""
+    """Yield the figures of a study: a map of each comparison of two, cut open or not, then discriminants."""
     stems = file_stems([f"{study.request.name}_{comparison.title}" for comparison in study.comparisons])
     for index, (item, stem) in enumerate(zip(study.comparisons, stems, strict=True)):
         tick(index / len(stems), f"maps of {item.title}")
         if len(item.pointwise.effect) > 1:
             continue
-        caption = _map_caption(study, item) + _cut_text(clip)
-        yield ReportFigure(f"{stem}_map", map_figure(item, carrier, clip=clip), caption, item.title)
-        if clip is None and carrier.is_hollow:
-            yield ReportFigure(
-                f"{stem}_inside",
-                map_figure(item, carrier, clip=Clip(plane=ClipPlane.VIEW), inside=True),
-                f"The effect of {item.title} on the inner surface: as above, with the half that faces the "
-                "viewer removed.",
-                item.title,
-            )
-        if regions := significant_regions(study, item, carrier):
-            shown = regions[:_MOST_REGIONS]
-            yield ReportFigure(
-                f"{stem}_regions",
-                regions_figure(item, shown, carrier),
-                f"Regions of significant particles, {item.title}, each coloured and seen from where most of "
-                "it is in sight; the numbers are those of the table."
-                + (f" The {_MOST_REGIONS} largest are shown." if len(regions) > len(shown) else ""),
-                item.title,
-                shows_regions=True,
-            )
+        caption = _map_caption(study, item, clip, inside=carrier.is_hollow)
+        yield ReportFigure(f"{stem}_map", map_figure(item, carrier, clip=clip), caption)
+    for item, stem in zip(study.comparisons, stems, strict=True):
         if item.discriminant is not None:
             yield ReportFigure(
                 f"{stem}_discriminant",
-                discriminant_figure(study, item),
-                f"Subjects of {item.title} along the discriminant (root mean square displacement of the "
-                "particles); bars are the groups' means. These positions are not "
-                "cross-validated; accuracy and AUC are.",
-                item.title,
+                discriminant_figure(study, item, size=_SMALL),
+                f"{item.title}: subjects along the discriminant.",
+                small=True,
             )
 
 
@@ -203,13 +160,15 @@ def energies_figure(project: ProjectFolder, theme: Theme = LIGHT) -> Figure:
     return figure
 
 
-def discriminant_figure(study: Study, comparison: Comparison, theme: Theme = LIGHT) -> Figure:
-    """Draw the subjects of a comparison of two groups along its discriminant."""
+def discriminant_figure(
+    study: Study, comparison: Comparison, theme: Theme = LIGHT, size: tuple[float, float] = (4.6, 1.9)
+) -> Figure:
+    """Draw the subjects of a comparison of two groups along its discriminant; the size is in inches."""
     assert comparison.discriminant is not None
     first, second = comparison.counts
     members = np.array([study.labels[subject] for subject in comparison.subjects]) == second
     places, colours = comparison.discriminant.scores, page_colours(theme)
-    figure = new_figure(4.6, 1.9, colours)
+    figure = new_figure(*size, colours)
     order = group_order(study.labels)
     draw_discriminant(figure.subplots(), places, members, (first, second), order, colours)
     return figure
@@ -220,45 +179,16 @@ def map_figure(
     carrier: SurfaceCarrier,
     theme: Theme = LIGHT,
     clip: Clip | None = None,
-    *,
-    inside: bool = False,
 ) -> Figure:
-    """Draw the effect of a comparison of two, where it is significant, and its discriminant.
-
-    The discriminant is left out of a figure of the `inside`.
-    """
+    """Draw the effect of a comparison of two, and where it is significant; of hollow shapes also inside."""
     mesh, effect = carrier.mean_of(comparison), carrier.moved(comparison.pointwise.effect[0])
     significant = carrier.significant(comparison, LEVEL)
-    rows = {
-        "effect": (mesh, effect),
-        f"where p ≤ {LEVEL:g}, corrected": (mesh, effect * significant[:, None]),
-    }
-    if comparison.discriminant is not None and not inside:
-        way = carrier.moved(comparison.discriminant.displacement)
-        firm = carrier.discriminant_is_firm(comparison)
-        rows["discriminant, 95 % bounds"] = (mesh, way * firm[:, None])
-    views = [carrier.directions.view(name) for name in (_INSIDE_VIEWS if inside else _VIEWS)]
-    return draw_differences(rows, views=views, clip=clip, theme=theme, width=300)
-
-
-def regions_figure(
-    comparison: Comparison, regions: Sequence[Region], carrier: SurfaceCarrier, theme: Theme = LIGHT
-) -> Figure:
-    """Draw where regions are: one picture of the mean surface for each."""
-    mesh = carrier.mean_of(comparison)
-    light = hollows(mesh)
-    widest = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    panels = []
-    for number, region in enumerate(regions, start=1):
-        vertices = np.flatnonzero(np.isin(carrier.nearest, region.particles))
-        colours = np.tile(np.array(theme.surface), (len(mesh.vertices), 1))
-        colours[vertices] = _MARKED
-        centre = int(KDTree(mesh.vertices).query(region.position)[1])
-        frame = frame_around([mesh.vertices], view_of_region(mesh, vertices, centre), width=widest)
-        picture = draw(Scene((surface(mesh, colours, light),)), frame, _REGION_WIDTH)
-        side = carrier.directions.way(np.array(frame.view.toward))
-        panels.append(Panel(picture, f"{number}: from {side}"))
-    return arrange([panels[start : start + 3] for start in range(0, len(panels), 3)], theme=theme)
+    rows = {"effect": (mesh, effect), f"p ≤ {LEVEL:g}": (mesh, effect * significant[:, None])}
+    if clip is not None or not carrier.is_hollow:
+        views = [carrier.directions.view(name) for name in _VIEWS]
+        return draw_differences(rows, views=views, clip=clip, theme=theme, width=300)
+    views = [carrier.directions.view(name) for name in _HOLLOW_VIEWS]
+    return draw_differences(rows, views=views, inside=views, theme=theme, width=158)
 
 
 def _cut_text(clip: Clip | None) -> str:
@@ -271,24 +201,17 @@ def _cut_text(clip: Clip | None) -> str:
     return f" Cut open by {plane}."
 
 
-def _map_caption(study: Study, comparison: Comparison) -> str:
+def _map_caption(study: Study, comparison: Comparison, clip: Clip | None, *, inside: bool) -> str:
     what = {
-        "groups": "Difference of the means",
-        "regression": "Change per unit of the variable",
-        "pairs": "Mean difference",
+        "groups": "difference of the means",
+        "regression": "change per unit of the variable",
+        "pairs": "mean difference",
     }
-    caption = (
-        f"{what[study.request.kind]}, {comparison.title}, on the mean shape: blue is out of the tissue, "
-        f"yellow into it. Second row: only where significant (family-wise p ≤ {LEVEL:g}, corrected for "
-        "pairs of groups and analyses). The colour scale is that of this figure; others differ."
+    halves = " Inside: the half that faces the viewer is removed." if inside and clip is None else ""
+    return (
+        f"{comparison.title}: {what[study.request.kind]} on the mean shape, and where p ≤ {LEVEL:g}. Blue is "
+        f"out of the tissue.{halves}{_cut_text(clip)} Scales differ."
     )
-    if comparison.discriminant is not None:
-        caption += (
-            " Third row: displacement along the linear discriminant, where its 95 % bootstrap interval "
-            "excludes zero; empty if the whole shape does not differ significantly. These intervals are not "
-            "corrected over the surface and do not test local differences."
-        )
-    return caption
 
 
 def scree_figure(parallel: ParallelAnalysis, theme: Theme = LIGHT) -> Figure:
@@ -307,7 +230,7 @@ def _scree_caption(parallel: ParallelAnalysis, model: ShapeModel) -> str:
         1: f"The first mode is above chance and holds {held}.",
     }.get(count, f"The first {count} modes are above chance and hold {held}.")
     return (
-        f"Variance of each mode, and what data without correlation reach (parallel analysis, "
+        "Variance of each mode, and what data without correlation reach (parallel analysis, "
         f"{parallel.repeats} {parallel.null} data sets). {above}"
     )
 

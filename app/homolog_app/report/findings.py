@@ -22,11 +22,11 @@ __all__ = [
     "cautions",
     "classified_text",
     "correction_text",
-    "corrections_text",
     "dispersion_text",
     "findings",
     "group_dispersions",
     "interval_text",
+    "least_text",
     "outlier_text",
     "p_text",
     "percent_text",
@@ -35,6 +35,7 @@ __all__ = [
     "shows_size",
     "size_variance_text",
     "tested_text",
+    "verdict_of",
 ]
 
 
@@ -111,25 +112,6 @@ def shown_variance(comparison: Comparison) -> float:
     return 100.0 * float(eigenvalues[: comparison.test.modes].sum() / max(eigenvalues.sum(), 1e-300))
 
 
-def corrections_text(study: Study) -> str:
-    """Return a sentence on the corrections of a study's p-values and the smallest possible p."""
-    correction = correction_text(study)
-    if not correction:
-        return "p values are not corrected for other questions."
-    size = correction_text(study, size=True) or "not corrected"
-    overall = correction_text(study, overall=True) or "not corrected"
-    pairwise = " of two groups" if study.pairwise else ""
-    sentences = [f"p values of the {tested_text(study)}{pairwise} are {correction}"]
-    if study.pairwise:
-        sentences.append(f"; those of all groups together are {overall}")
-    if shows_size(study):
-        sentences.append(f"; those of size{pairwise} are {size}")
-        sentences.append(", that of all groups together is not corrected" if study.pairwise else "")
-    return (
-        f"{''.join(sentences)}. p values of dispersion, skewness and F are not corrected.{_least_text(study)}"
-    )
-
-
 def tested_text(study: Study, *further: str) -> str:
     """Return the tested quantities: "whole shape, of particles and of the discriminant"."""
     parts = ["whole shape", "of particles", *further]
@@ -138,8 +120,8 @@ def tested_text(study: Study, *further: str) -> str:
     return f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
-def _least_text(study: Study) -> str:
-    """Return the least p that permutations leave after correction, if all comparisons have as many."""
+def least_text(study: Study) -> str:
+    """Return the least p that permutations leave before correction, if all comparisons have as many."""
     counts = {
         (comparison.test.permutations, comparison.test.exact)
         for comparison in study.comparisons
@@ -149,11 +131,10 @@ def _least_text(study: Study) -> str:
         return ""
     ((count, exact),) = counts
     least = (_alike(study) if exact else 1) / (count + 1)
-    corrected = least * max(len(study.pairwise), 1) * study.request.answers
     how = f"all {count + 1}" if exact else f"{count}"
     return (
-        f" With {how} permutations the least possible p of whole shape and particles is {least:.2g}, "
-        f"{corrected:.2g} after correction."
+        f"With {how} permutations the least possible p of whole shape and particles is {least:.2g}, before "
+        "correction."
     )
 
 
@@ -223,7 +204,7 @@ def findings(study: Study) -> list[Finding]:
     *Significant* refers to the permutation test, corrected for pairs of groups and answers.
     """
     return [
-        Finding(_verdict(study, comparison), _effects(study, comparison), _details(study, comparison))
+        Finding(verdict_of(study, comparison), _effects(study, comparison), _details(study, comparison))
         for comparison in study.comparisons
     ]
 
@@ -259,7 +240,8 @@ NOUNS = {Alignment.AS_IT_LIES: "form or pose", Alignment.RIGID: "form", Alignmen
 """What is compared, by the alignment."""
 
 
-def _verdict(study: Study, comparison: Comparison) -> str:
+def verdict_of(study: Study, comparison: Comparison) -> str:
+    """Return what a comparison shows, in a few words."""
     noun = NOUNS[study.request.alignment]
     significant = comparison.p_adjusted <= LEVEL
     inside = int(np.count_nonzero(comparison.p_fwe <= LEVEL))
@@ -311,9 +293,9 @@ def _effects(study: Study, comparison: Comparison) -> tuple[str, ...]:
         accuracy = _tested(comparison.accuracy_p_adjusted, separation.accuracy)
         auc = _tested(comparison.auc_p_adjusted, separation.auc)
         sentences.append(
-            f"Cross-validated linear discriminant: balanced accuracy {percent_text(separation.accuracy)}"
-            f"{accuracy} (correct on average: {classified_text(comparison)}), "
-            f"AUC {interval_text(separation.auc)}{auc}."
+            "Cross-validated linear discriminant: balanced accuracy "
+            f"{percent_text(separation.accuracy)}{accuracy} (correct on average: "
+            f"{classified_text(comparison)}), AUC {interval_text(separation.auc)}{auc}."
         )
     if dispersion_caution(comparison.dispersion, comparison.counts) and len(comparison.counts) == 2:
         sentences.append(
@@ -366,8 +348,8 @@ def _tested(p: float | None, effect: Effect) -> str:
 def size_variance_text(between: SizeVariance) -> str:
     """Return F and the share of the variance of size that lies between groups."""
     return (
-        f"F({between.dof[0]:g}, {between.dof[1]:.3g}) = {between.f:.2f}, "
-        f"ω² = {interval_text(between.omega_squared)}"
+        f"F({between.dof[0]:g}, {between.dof[1]:.3g}) = {between.f:.2f}, ω² = "
+        f"{interval_text(between.omega_squared)}"
     )
 
 

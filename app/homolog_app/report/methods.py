@@ -1,20 +1,22 @@
 """Methods text, to repeat the analysis."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
+from homolog.analysis.cautions import LOOSE, f_excess
 from homolog.analysis.procrustes import Alignment
 from homolog.files.records import ResultRecord
-from homolog.settings import Procrustes
-from homolog_app.report.findings import LEVEL, correction_text, tested_text
-from homolog_app.report.sample import voxel_text
+from homolog_app.report.findings import LEVEL, correction_text, least_text, tested_text
+from homolog_app.report.model_methods import model_methods
 from homolog_app.report.study import Study
-from homolog_app.report.study_parts import values_of
 
-__all__ = ["methods", "pose_text"]
+__all__ = ["methods"]
 
 
 def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
-    """Return paragraphs for the methods section of a paper: model, common methods of studies, each study."""
+    """Return paragraphs for the methods section of a paper: model, common methods of studies, each study.
+
+    They cite by the names that `homolog_app.report.references.numbered` knows.
+    """
     sentences = [_statistics(study) for study in studies]
     shared = [text for text in sentences[0] if all(text in each for each in sentences)] if studies else []
     own = _own_sentences([[text for text in each if text not in shared] for each in sentences], studies)
@@ -22,12 +24,10 @@ def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
     questions = {study.request.model_copy(update=rigid).question for study in studies}
     if len(questions) > 1:
         shared.append(
-            f"{len(questions)} questions were asked of this result; p-values were corrected for pairs and "
-            "answers within a question, not for the number of questions."
+            f"The studies ask {len(questions)} questions; p-values were corrected within each question, for "
+            "pairs and for its studies of form and shape, not for the number of questions."
         )
-    return [
-        text for text in (_placed(record), _groomed(record), _model(record), " ".join(shared), *own) if text
-    ]
+    return [text for text in (*model_methods(record), " ".join(shared), *own) if text]
 
 
 def _own_sentences(sentences: list[list[str]], studies: list[Study]) -> list[str]:
@@ -50,120 +50,26 @@ _MOST_DIFFERENT = 3
 """Sentences in which a study may differ from an earlier one for its methods to be told by these."""
 
 
-def _groomed(record: ResultRecord) -> str:
-    if record.source:
-        return "Surfaces and their alignment are those of that program."
-    values = dict(values_of(record.settings.groom))
-    spacings = [subject.spacing for subject in record.subjects if subject.spacing]
-    if spacings:
-        automatic = " (automatic)" if record.settings.groom.spacing is None else ""
-        values["spacing"] = f"{_range(spacings, '.3g')} mm{automatic}"
-    if not record.mirrored_text:
-        values["mirror"] += " (nobody was mirrored)"
-    listed = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in values.items())
-    vertices = [subject.vertices for subject in record.subjects if subject.vertices]
-    surfaces = f" Surfaces had {_range(vertices, 'd')} vertices." if vertices else ""
-    voxels = [sorted(subject.voxel) for subject in record.subjects if subject.voxel]
-    edges = f"Voxels of the files were {voxel_text(voxels)} mm (the shortest edge first). " if voxels else ""
-    return (
-        f"{edges}Segmentations were cleaned (enclosed cavities filled) and antialiased; surfaces are the "
-        f"zero levels of signed distance fields. Shapes were groomed with these settings: {listed}.{surfaces}"
-    )
-
-
-def _model(record: ResultRecord) -> str:
-    smoothed = record.smoothed_particles
-    surface = (
-        f", which is smoother around {smoothed} particles, where the mean or a mode would fold"
-        if smoothed
-        else ""
-    )
-    folds = f" {record.folded_faces} of its faces are folded." if record.folded_faces else ""
-    remarks = f" Remarks of the program on subjects: {'; '.join(record.remarks)}." if record.remarks else ""
-    return (
-        f"The shape model is a principal component analysis of the particle positions, {pose_text(record)} "
-        "(variances with the divisor n - 1). The mean surface is the mesh of the subject nearest to the "
-        f"mean, carried to the mean particles by a thin-plate spline{surface}.{folds}{remarks}"
-    )
-
-
 def _size_of_groups(study: Study) -> list[str]:
     if study.overall.size_variance is None:
         return []
     f = "the F of the analysis of covariance" if study.request.covariates else "Welch's F"
     return [
-        f"Size of all groups together has {f}; ω² is the share of its variance that lies between the groups, "
-        "estimated from that F, with bounds from the noncentral F distribution."
+        f"Size of all groups together has {f}; its ω² is the share of its variance that lies between the "
+        "groups, estimated from that F, with bounds from the noncentral F distribution."
     ]
-
-
-def _range(values: Sequence[float], form: str) -> str:
-    low, high = format(min(values), form), format(max(values), form)
-    return low if low == high else f"{low} to {high}"
-
-
-def _placed(record: ResultRecord) -> str:
-    count = f"{len(record.subjects)} shapes, {record.particles} on each,"
-    program = f"Homolog {record.versions.get('homolog', '')}"
-    if record.source:
-        return (
-            f"Corresponding points on {count} were placed by another program and imported with {program} "
-            f"from {record.source}."
-        )
-    method = record.settings.optimize.method
-    ended = "converged" if record.ended == "converged" else "was stopped before convergence"
-    mirrored = f" Before that, {record.mirrored_text}." if record.mirrored_text else ""
-    marked = ", first points on landmarks" if record.settings.optimize.landmarks else ""
-    return (
-        f"Corresponding points were placed with {program} on {count} by entropy-based particle optimization "
-        f"with {record.metric} distances between particles on a shape (method {method}, seed "
-        f"{record.settings.optimize.seed}{marked}). The optimizer {ended} after {record.iterations} "
-        f"iterations.{mirrored} {_jointly(record)} {_POSES[record.settings.placing.procrustes]}"
-    )
-
-
-def _jointly(record: ResultRecord) -> str:
-    size = record.settings.optimize.core_set
-    if size is None or size >= len(record.subjects):
-        return "All shapes were optimized jointly."
-    return f"A core set of {size} shapes was optimized jointly, and the others were fitted to it one by one."
-
-
-def pose_text(record: ResultRecord) -> str:
-    """Describe the alignment and size of the model's shapes."""
-    if record.source:
-        return "as they were imported"
-    return _MODEL_POSES[record.settings.placing.procrustes]
-
-
-_MODEL_POSES = {
-    Procrustes.OFF: "as grooming aligned them",
-    Procrustes.RIGID: "aligned rigidly by their particles, with their own sizes",
-    Procrustes.FORM: "aligned rigidly by their particles, with their own sizes",
-    Procrustes.SIMILARITY: "aligned by their particles and scaled to one size",
-}
-_POSES = {
-    Procrustes.OFF: "During the optimization their poses stayed as they were after grooming.",
-    Procrustes.RIGID: "During the optimization they were aligned rigidly by their particles.",
-    Procrustes.FORM: (
-        "During the optimization they were aligned by their particles and scaled to one size; the positions "
-        "that are analyzed have their original sizes."
-    ),
-    Procrustes.SIMILARITY: (
-        "During the optimization they were aligned by their particles and scaled to one size."
-    ),
-}
 
 
 _ALIGNED = {
     Alignment.AS_IT_LIES: "Shapes were compared as the correspondence left them, not aligned further.",
     Alignment.RIGID: (
-        "Shapes were aligned by generalized Procrustes analysis without scaling, so that size and shape "
-        "(form) were compared."
+        "Shapes were aligned by generalized Procrustes analysis [gower] without scaling, so that size and "
+        "shape (form) were compared."
     ),
     Alignment.SIMILARITY: (
-        "Shapes were aligned by generalized Procrustes analysis with scaling to the cohort's mean size, so "
-        "that shape without size was compared."
+        "Shapes were aligned by generalized Procrustes analysis [gower] with scaling to the cohort's mean "
+        "size, so that shape was compared. Only isometric scaling was removed: shape that changes with size "
+        "(allometry) remains."
     ),
 }
 
@@ -176,24 +82,21 @@ def _statistics(study: Study) -> list[str]:
         _ALIGNED[study.request.alignment],
         "At every particle the position was tested by the same statistic as the whole shape; p-values were "
         "corrected over the surface by the permutation distribution of the largest statistic (family-wise "
-        "error, Westfall and Young), and false discovery rates of the permutation p-values were computed by "
-        "the method of Benjamini and Hochberg.",
+        "error [westfall]); false discovery rates [benjamini] are in the tables.",
         f"The level was alpha = {LEVEL:g}; tests are two-sided{_one_sided(study)}.",
         "Size is the root mean square distance of a shape's particles from their centroid; it was tested by "
-        f"permutation of {_SIZE_STATISTIC[request.kind]}"
-        f"{_OF_ALL_GROUPS if study.pairwise else ''}.",
+        f"permutation of {_SIZE_STATISTIC[request.kind]}{_OF_ALL_GROUPS if study.pairwise else ''}.",
         *_size_of_groups(study),
         f"95 % intervals of size and of displacements at particles {_intervals(study)}; they are not "
-        "corrected "
-        "over the surface or for pairs.",
+        "corrected over the surface or for pairs.",
         *_adjustments(study),
         *_further_measures(study),
         *_discriminants(study),
     ]
     if study.overall.false_positives:
         sentences.append(
-            f"{_EXCHANGED[request.kind]} {request.null_repeats} times to estimate type I error rates on this "
-            "cohort."
+            f"{_EXCHANGED[request.kind]} {request.null_repeats} times to compare the type I error rate of F "
+            f"with that of the permutation test: {_f_verdict(study)}"
         )
     return sentences
 
@@ -205,7 +108,7 @@ def _intervals(study: Study) -> str:
 
 
 _SIZE_STATISTIC = {
-    "groups": "its studentized difference",
+    "groups": "its studentized difference [welch]",
     "regression": "its studentized slope",
     "pairs": "the signs of the studentized mean difference of the pairs",
 }
@@ -215,6 +118,15 @@ _EXCHANGED = {
     "regression": "Values were permuted",
     "pairs": "Signs of the differences were drawn",
 }
+
+
+def _f_verdict(study: Study) -> str:
+    """Return in which comparisons F of the whole shape has more false positives than permutations."""
+    off = [comparison.title for comparison in study.comparisons if f_excess(comparison) > LOOSE]
+    most = f"more than {100.0 * LOOSE:g} percentage points above it"
+    if not off:
+        return f"it is nowhere {most}."
+    return f"it is {most} in {'; '.join(off)}, so that p (F) is not to be used there."
 
 
 def _one_sided(study: Study) -> str:
@@ -228,8 +140,8 @@ def _test_of_the_shape(study: Study) -> Iterator[str]:
     modes = (
         f"the first {request.modes} modes (chosen beforehand)"
         if request.modes is not None
-        else "the modes that Horn's parallel analysis of its subjects retained for each comparison (variance "
-        f"above the 95th percentile of {first.test.parallel.repeats} data sets without correlation)"
+        else "the modes that Horn's parallel analysis [horn] of its subjects retained for each comparison "
+        f"(variance above the 95th percentile of {first.test.parallel.repeats} data sets without correlation)"
     )
     names = f"{', '.join(request.between[:-1])} and {request.between[-1]}" if request.between else ""
     tested = {
@@ -246,8 +158,8 @@ def _test_of_the_shape(study: Study) -> Iterator[str]:
     )
     yield _permutations(study)
     yield (
-        "Hotelling's T² or Wilks' lambda with the F distribution are given as well and assume equal "
-        "covariances."
+        "Hotelling's T² [hotelling] or Wilks' lambda [wilks] with the F distribution are given as well; "
+        "they assume normal data and equal covariances and are not corrected."
     )
 
 
@@ -257,8 +169,9 @@ def _adjustments(study: Study) -> Iterator[str]:
     if request.covariates:
         yield (
             f"Shapes were adjusted for {', '.join(request.covariates)} by a linear model of each coordinate; "
-            "residuals were permuted (Freedman and Lane). Each covariate was tested in the same way, "
-            "adjusted for the study's own effect and the other covariates."
+            "residuals were permuted [freedman]. Each covariate was tested in the same way, adjusted for "
+            "the study's own effect and the other covariates; its p-values were corrected for analyses, "
+            "that of size and the number of covariates were not."
         )
     if request.complete_cases:
         partners = ", and those whose partner is missing," if request.pairs else ""
@@ -276,7 +189,7 @@ def _adjustments(study: Study) -> Iterator[str]:
             yield (
                 "For particles, the pairs were put in the order of their smallest p corrected over the "
                 f"surface; all p of the first were multiplied by {len(study.pairwise)}, of the next by one "
-                "less, and so on (Holm over surfaces)."
+                "less, and so on (Holm [holm] over surfaces)."
             )
     else:
         yield "P-values were not corrected for other questions."
@@ -288,17 +201,28 @@ def _further_measures(study: Study) -> Iterator[str]:
     request = study.request
     if study.overall.dispersion is not None:
         yield (
-            f"Equality of dispersion was tested by the distances of subjects to {_centre(study)} in the "
-            "tested modes: residuals were permuted, and distances computed to the centroids of the permuted "
-            f"residuals ({study.overall.dispersion.permutations} permutations, p not corrected). Intervals "
-            f"of dispersions {_JACKKNIFE[request.kind]} come from the jackknife."
+            f"Equality of dispersion was tested [anderson] by the distances of subjects to {_centre(study)} "
+            "in the tested modes: residuals were permuted, and distances computed to the centroids of the "
+            f"permuted residuals ({study.overall.dispersion.permutations} permutations, p not corrected). "
+            f"Intervals of dispersions {_JACKKNIFE[request.kind]} come from the jackknife."
         )
+    if any(comparison.size_skewness is not None for comparison in study.comparisons):
+        yield (
+            "Skewness of size was tested by D'Agostino's test [dagostino], that of shapes by the same test "
+            "of the five leading modes (squared deviates summed), both "
+            f"{'within groups' if request.kind == 'groups' else 'of the differences'}."
+        )
+    yield (
+        "Outliers are subjects whose distance r from the mean of their group or the shape fitted to them, "
+        "divided by the median distance, exceeds median(r) + 5 x 1.4826 MAD(r), MAD being the median "
+        "absolute deviation."
+    )
     if any(comparison.distance is not None for comparison in study.comparisons):
         several = _OF_SEVERAL * bool(study.pairwise)
         yield (
             f"{_DISTANCES[request.kind]}{several} and the explained share of the generalised variance (ω², "
             "from Wilks' lambda) were corrected for bias; their intervals come from the noncentral F "
-            "distribution (Reiser, Steiger), assume equal covariances and are not corrected for pairs."
+            "distribution [reiser, steiger], assume equal covariances and are not corrected for pairs."
         )
 
 
@@ -312,7 +236,7 @@ def _centre(study: Study) -> str:
 
 _OF_SEVERAL = (
     ", and of all groups together the root mean square distance of their means from the common mean (from "
-    "Hotelling and Lawley's trace, McKeon),"
+    "Hotelling and Lawley's trace [mckeon]),"
 )
 _DISTANCES = {
     "groups": "Mahalanobis distances of group means in the retained modes (D, in standard deviations within "
@@ -332,15 +256,16 @@ def _discriminants(study: Study) -> Iterator[str]:
     adjusted = ", covariates' effects" if study.request.covariates else ""
     folds = " to ".join(str(item) for item in sorted({fit.folds for fit in fits}))
     yield (
-        "The linear discriminant was computed in the retained modes with the covariance shrunk after "
-        f"Ledoit and Wolf. Balanced accuracy and area under the curve (AUC) come from {folds}-fold "
-        f"stratified cross-validation, repeated {fits[0].repeats} times; in each fold as many modes as the "
-        f"comparison retained{adjusted} and the direction were fitted without the left-out subjects. Their "
-        "intervals are those of Wilson (joined as by Newcombe) and of DeLong (of an AUC of 1, whose variance "
-        "would be zero: the exact binomial bound of the smaller group). Their p-values come "
-        f"from {fits[0].auc.permutations} permutations: before correction the least possible is "
-        f"{1.0 / (fits[0].auc.permutations + 1):.2g}. Bounds of "
-        f"the discriminant's map come from {len(fits[0].bootstrap)} bootstrap cohorts drawn within "
+        "The linear discriminant was computed in the retained modes with a shrunk covariance [ledoit]. "
+        f"Balanced accuracy and area under the curve (AUC) come from {folds}-fold stratified "
+        f"cross-validation, repeated {fits[0].repeats} times; in each fold as many modes as the comparison "
+        f"retained{adjusted} and the direction were fitted without the left-out subjects. Both are means "
+        "over the repeats. The interval of accuracy joins those of both groups' shares [wilson, newcombe]; "
+        "that of the AUC is Newcombe's method 5 [auc] with the variance of Hanley and McNeil [hanley] for "
+        "the mean AUC and the numbers of both groups. They treat left-out subjects as independent; where "
+        f"interval and p disagree, p is the test. The p-values come from {fits[0].auc.permutations} "
+        f"permutations: before correction the least possible is {1.0 / (fits[0].auc.permutations + 1):.2g}. "
+        f"Bounds of the discriminant's map come from {len(fits[0].bootstrap)} bootstrap cohorts drawn within "
         "groups."
     )
 
@@ -348,8 +273,8 @@ def _discriminants(study: Study) -> Iterator[str]:
 _SCALED = (
     "Before subjects were exchanged, each was divided by the dispersion of its group, and afterwards "
     "multiplied by that of the group it came to, so that permuted groups have the dispersions of the real "
-    "ones. In place of the mean, which centring removes, one was drawn at random; where all permutations "
-    "were taken, that of each subject was used in turn"
+    "ones. Centring removes a mean that would vary between samples; each permutation got one of the "
+    "subjects' own, with random signs (each subject's in turn where all permutations were taken)"
 )
 
 
@@ -358,13 +283,13 @@ def _statistic(study: Study) -> str:
     request = study.request
     if request.kind == "groups" and not request.covariates:
         statistic = (
-            "Welch's F with squared distances in the standardized modes, divided by their number, from each "
-            "group's own variance"
+            "Welch's F for unequal variances [welch], with squared differences summed over the standardized "
+            "modes and divided by their number [alekseyenko, chung]"
         )
         return f"{statistic}. {_SCALED}"
     statistic = (
         "the tested sum of squares in standardized modes divided by its expectation without an effect, "
-        "estimated from each subject's own residual (Brown and Forsythe; HC2)"
+        "estimated from each subject's own residual [brown, mackinnon]"
     )
     if request.kind == "regression":
         return (
@@ -386,6 +311,8 @@ def _permutations(study: Study) -> str:
     all_of = [f"all {count + 1} of {title}" for title, (count, exact) in counts.items() if exact]
     if not random:
         listed = f"all {study.overall.test.permutations + 1}" if len(counts) == 1 else ", ".join(all_of)
-        return f"{tests} took {listed} permutations."
+        return f"{tests} took {listed} permutations. {least_text(study)}"
     few = f", and {', '.join(all_of)}" if all_of else ""
-    return f"{tests} took {random[0]} random permutations (seed {study.request.seed}){few}."
+    return (
+        f"{tests} took {random[0]} random permutations (seed {study.request.seed}){few}. {least_text(study)}"
+    )

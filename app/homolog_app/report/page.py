@@ -97,9 +97,12 @@ class Page:
     ) -> None:
         """Add a table; of text its cells are set to the left, with a summary it is folded away.
 
-        Columns whose cells all are `omit` are left out. A table with a caption is numbered.
+        Columns whose cells all are `omit` are left out. A table with a caption is numbered, and left out
+        without rows.
         """
         rows = list(rows)
+        if caption and not rows:
+            return
         kept = [index for index in range(len(columns)) if any(row[index] != omit for row in rows)]
         columns = [columns[index] for index in kept]
         rows = [[row[index] for index in kept] for row in rows]
@@ -108,6 +111,8 @@ class Page:
 
     def figures(self, figures: Sequence[ReportFigure]) -> None:
         """Add figures, numbered, beside each other where they fit."""
+        if not figures:
+            return
         numbered = [replace(item, caption=self._numbered("Figure", item.caption)) for item in figures]
         self._add("figures", figures=[_embedded(figure) for figure in numbered])
 

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from homolog_app.report.page import Page
 
 __all__ = [
-    "FILE", "SeedAnswer", "add_seeds", "answer_by_seed", "read_spread", "seed_numbers",
-    "spread_by_comparison", "spread_text", "stored_seeds", "write_spread",
+    "FILE", "SeedAnswer", "add_seeds", "answer_by_seed", "median_answer", "read_spread", "seed_numbers",
+    "spread_text", "stored_seeds", "write_spread",
 ]  # fmt: skip
 
 FILE = "seeds.csv"
@@ -164,20 +164,14 @@ def seed_numbers(answers: Sequence[SeedAnswer]) -> list[int]:
 
 def spread_text(answers: Sequence[SeedAnswer]) -> list[str]:
     """Return a sentence for each comparison: the range of its answers."""
-    return [f"{title}: {text[0].lower()}{text[1:]}" for title, text in spread_by_comparison(answers).items()]
-
-
-def spread_by_comparison(answers: Sequence[SeedAnswer]) -> dict[str, str]:
-    """Return the range of the answers of each comparison, in a sentence."""
-    sentences = {}
+    sentences = []
     for title in dict.fromkeys(answer.comparison for answer in answers):
         own = [answer for answer in answers if answer.comparison == title]
         low, high = min(item.p for item in own), max(item.p for item in own)
         significant = sum(item.p <= LEVEL for item in own)
         lowest, highest = (p_text(limit, own[0].permutations) for limit in (low, high))
         text = (
-            f"Over {len(own)} seeds of the correspondence "
-            f"{_range_of_p(lowest, highest)} "
+            f"{title}: over {len(own)} seeds of the correspondence {_range_of_p(lowest, highest)} "
             f"({significant} of {len(own)} significant)"
         )
         distances = [item.distance for item in own if item.distance is not None]
@@ -189,7 +183,7 @@ def spread_by_comparison(answers: Sequence[SeedAnswer]) -> dict[str, str]:
         if accuracies:
             percents_right = [f"{100 * limit:.0f}" for limit in (min(accuracies), max(accuracies))]
             text += f", balanced accuracy {_range(*percents_right)} %"
-        sentences[title] = f"{text}."
+        sentences.append(f"{text}.")
     return sentences
 
 
@@ -300,35 +294,58 @@ def _number(cell: str) -> float | None:
     return float(cell) if cell else None
 
 
-def add_seeds(page: "Page", answers: Sequence[SeedAnswer]) -> None:
-    """Add the answers of each seed of the correspondence."""
-    page.heading("Seeds of the correspondence", 3)
-    seeds = ", ".join(map(str, seed_numbers(answers)))
-    page.paragraph(
-        "Where particles lie depends on the seed of the optimization, which is part of the uncertainty. "
-        + (
-            f"The particles were placed with the seeds {seeds}, and the tests repeated for each. All other "
-            "results are those of the first seed."
-            if answers
-            else "One seed was used, so that its share is not known."
-        )
+def median_answer(answers: Sequence[SeedAnswer], title: str) -> SeedAnswer | None:
+    """Return the medians of a comparison's answers over the seeds; None unless there are several."""
+    own = [answer for answer in answers if answer.comparison == title]
+    if len(own) < 2:
+        return None
+    return replace(
+        own[0],
+        p=float(np.median([item.p for item in own])),
+        distance=_median([item.distance for item in own]),
+        percent=float(np.median([item.percent for item in own])),
+        accuracy=_median([item.accuracy for item in own]),
+        auc=_median([item.auc for item in own]),
+        size=_median([item.size for item in own]),
     )
-    if answers:
-        page.table(
-            ["comparison", "seed", "p, corrected", "D (SD)", "significant area (%)", "balanced accuracy (%)"],
-            (
+
+
+def _median(values: Sequence[float | None]) -> float | None:
+    there = [value for value in values if value is not None]
+    return float(np.median(there)) if there else None
+
+
+def add_seeds(page: "Page", seeds: Sequence[Sequence[SeedAnswer]]) -> None:
+    """Add the ranges of each comparison's answers over the seeds of the correspondence."""
+    rows = []
+    for number, answers in enumerate(seeds, start=1):
+        for title in dict.fromkeys(answer.comparison for answer in answers):
+            own = [answer for answer in answers if answer.comparison == title]
+            low, high = (
+                p_number(limit([item.p for item in own]), own[0].permutations) for limit in (min, max)
+            )
+            rows.append(
                 (
-                    answer.comparison,
-                    str(answer.seed),
-                    p_number(answer.p, answer.permutations),
-                    "–" if answer.distance is None else f"{answer.distance:.2f}",
-                    f"{answer.percent:.1f}",
-                    "–" if answer.accuracy is None else f"{100.0 * answer.accuracy:.0f}",
+                    str(number), title, f"{sum(item.p <= LEVEL for item in own)} of {len(own)}",
+                    low if low == high else f"{low} to {high}",
+                    _cell([item.distance for item in own], 2),
+                    _cell([item.percent for item in own], 1),
+                    _cell([None if item.accuracy is None else 100.0 * item.accuracy for item in own], 0),
+                    _cell([item.size for item in own], 2),
                 )
-                for title in dict.fromkeys(answer.comparison for answer in answers)
-                for answer in answers
-                if answer.comparison == title
-            ),
-            omit="–",
-            caption="Answers of each seed",
-        )
+            )  # fmt: skip
+    if not rows:
+        return
+    page.table(
+        ["study", "comparison", "seeds with p ≤ 0.05", "p", "D (SD)", "significant area (%)",
+         "balanced accuracy (%)", "size (mm)"],
+        rows,
+        as_text=True,
+        omit="–",
+        caption="Least and largest answers over the seeds of the correspondence",
+    )  # fmt: skip
+
+
+def _cell(values: Sequence[float | None], digits: int) -> str:
+    there = [value for value in values if value is not None]
+    return _range(f"{min(there):.{digits}f}", f"{max(there):.{digits}f}") if there else "–"

@@ -47,8 +47,6 @@ _UNCUT = 0.6
 _MOST_TURNED = 4
 """Rows of a transposed table next to each other."""
 _MOST_ROWS = 200
-_MANY_SHEETS, _ENTRIES = 8, 58
-"""Sheets from which contents are listed, and how many entries a sheet of them has."""
 _NUMBER = re.compile(r"Table \d+")
 
 
@@ -64,7 +62,7 @@ class Sheet:
             self.line(shortened(typeset(title), _WRAP), 7.5, colour=_GREY)
             self.y += 0.08
             return
-        self.text(title, 13.0, bold=True)
+        self.text(title, 12.0, bold=True)
         self.text(NOTICE, 8.5, colour=_ORANGE, bold=True)
         self.y += 0.08
 
@@ -186,7 +184,7 @@ def write_sheets(path: Path, title: str, sheets: Sequence[Sheet], contents: Sequ
 
 
 def write_page(path: Path, page: Page) -> None:
-    """Write a page as a PDF of A4 pages with contents, including folded tables, without lists of files.
+    """Write a page as a PDF of A4 pages with bookmarks, including folded tables, without lists of files.
 
     Raises
     ------
@@ -194,33 +192,7 @@ def write_page(path: Path, page: Page) -> None:
         If the file can't be written.
     """
     flow = _flow(page)
-    contents, sheets = flow.contents, flow.sheets
-    if len(sheets) >= _MANY_SHEETS:
-        ahead = ceil(len(contents) / _ENTRIES)
-        contents = [entry._replace(page=entry.page + ahead) for entry in contents]
-        parts = (contents[start : start + _ENTRIES] for start in range(0, len(contents), _ENTRIES))
-        sheets = [*(_contents_sheet(page.title, part) for part in parts), *sheets]
-    write_sheets(path, page.title, sheets, contents)
-
-
-def _contents_sheet(title: str, entries: Sequence[Bookmark]) -> Sheet:
-    """Return a sheet that lists headings with their pages."""
-    sheet = Sheet(title)
-    sheet.heading("Contents")
-    for entry in entries:
-        large = entry.level == 1
-        sheet.y += 0.05 * large
-        text, *_ = wrapped(entry.text, 9.5)
-        for content, place, side in (
-            (text, EDGE + 0.2 * (not large), "left"),
-            (str(entry.page), WIDE - EDGE, "right"),
-        ):
-            sheet.figure.text(
-                place / WIDE, 1.0 - sheet.y / HIGH, content, fontsize=8.5, va="top", ha=side,
-                weight="bold" if large else "normal",
-            )  # fmt: skip
-        sheet.y += _LINE
-    return sheet
+    write_sheets(path, page.title, flow.sheets, flow.contents)
 
 
 def sheets_of(page: Page) -> list[Sheet]:

@@ -19,7 +19,6 @@ from homolog.files.results import Result
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import nearest_particles
 from homolog_app.rendering.camera import VIEWS, View
-from homolog_app.rendering.colours import outward_displacement
 from homolog_app.report.study import Study
 
 __all__ = [
@@ -162,14 +161,6 @@ class SurfaceCarrier:
         """Return whether the effect is significant at each vertex after correction, (V,)."""
         significant: BoolArray = comparison.p_fwe[self.nearest] <= level
         return significant
-
-    def discriminant_is_firm(self, comparison: Comparison) -> BoolArray:
-        """Return where the interval of the map excludes zero, (V,); nowhere if whole shapes don't differ."""
-        assert comparison.discriminant is not None
-        mesh = self.mean_of(comparison)
-        maps = [outward_displacement(mesh, self.moved(mode)) for mode in comparison.discriminant.modes]
-        low, high = comparison.discriminant.bounds(np.array(maps))
-        return np.asarray(((low > 0.0) | (high < 0.0)) & (comparison.p_adjusted <= LEVEL))
 
     def walls_at_particles(self, count: int) -> list[str]:
         """Return on which wall each of so many particles is: `INNER`, `OUTER` or `EDGE`.

@@ -5,9 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.cautions import p_number
-from homolog.analysis.comparison import Comparison
-from homolog.analysis.effects import Effect
 from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import FloatArray
 from homolog.errors import InputError, NumericalError
@@ -15,34 +12,38 @@ from homolog.exchange import project_landmark_errors
 from homolog.files.atomic import atomic_write, write_text
 from homolog.files.project import ProjectFolder
 from homolog.files.records import ResultRecord
-from homolog.files.report_details import ReportDetails, read_details
-from homolog.files.results import Result, read_result
+from homolog.files.report_details import Axes, ReportDetails, read_details
+from homolog.files.results import Result, read_result, read_surface
 from homolog.files.tables import write_table
+from homolog.inspection import inspect
 from homolog.progress import Tick, no_tick, part_of
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.topology import check_mesh
 from homolog_app.pictures import write_picture
 from homolog_app.rendering.camera import Clip
 from homolog_app.report import NOTICE
-from homolog_app.report.correspondence import add_correspondence, correspondence_rows, landmark_text
-from homolog_app.report.figures import ReportFigure, model_figures, quality_rows, study_figures
-from homolog_app.report.findings import (
-    LEVEL,
-    NOUNS,
-    Finding,
-    cautions,
-    findings,
-    outlier_text,
+from homolog_app.report.correspondence import (
+    add_correspondence,
+    correspondence_rows,
+    landmark_text,
 )
-from homolog_app.report.methods import methods, pose_text
+from homolog_app.report.definitions import definitions
+from homolog_app.report.figures import ReportFigure, model_figures, quality_rows, study_figures
+from homolog_app.report.findings import outlier_text
+from homolog_app.report.main_results import add_main_results
+from homolog_app.report.measures import add_measures, measures_of
+from homolog_app.report.methods import methods
+from homolog_app.report.model_methods import pose_text, settings_rows
 from homolog_app.report.page import Page
-from homolog_app.report.references import references
+from homolog_app.report.references import numbered
 from homolog_app.report.request import read_requests, reference_first, study_folder
 from homolog_app.report.sample import add_missing
-from homolog_app.report.seeds import SeedAnswer, read_spread, seed_numbers, spread_by_comparison
+from homolog_app.report.seeds import add_seeds, read_spread, seed_numbers
 from homolog_app.report.sheets import write_page
 from homolog_app.report.study import Study, run_study
-from homolog_app.report.study_parts import digits_of, effect_cell, interval_cell, settings_rows
-from homolog_app.report.study_section import add_study
-from homolog_app.report.surface_maps import Region, SurfaceCarrier, directions_of, significant_regions
+from homolog_app.report.study_parts import add_assumptions, add_statistics
+from homolog_app.report.study_section import add_samples, add_study
+from homolog_app.report.surface_maps import SurfaceCarrier, directions_of
 from homolog_app.report.tables import save_study
 
 __all__ = ["write_report"]
@@ -81,26 +82,47 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     for index, request in enumerate(requests):
         share = 0.5 / len(requests)
         studies.append(run_study(result, request, part_of(tick, index * share, (index + 1) * share)))
+    seeds = [read_spread(study_folder(project, request), record.fingerprint) for request in requests]
     details = read_details(project)
     carrier = SurfaceCarrier.of(result, directions_of(details, record))
     model = ShapeModel.fit(result.world, names=result.names)
-    figures = list(model_figures(project, result, model, carrier, part_of(tick, 0.5, 0.6), clip))
+    figures = list(model_figures(project, result, model, carrier, part_of(tick, 0.5, 0.55), clip))
+    tick(0.55, "surfaces of the subjects")
+    meshes = _surfaces(project, record)
+    correspondence = correspondence_rows(meshes, result, carrier)
     of = f": {details.structure}" if details.structure else ""
     page = Page(f"Shape analysis of {project.folder.resolve().name}{of}", f"{NOTICE} {_made(record)}")
-    seeds = [read_spread(study_folder(project, request), record.fingerprint) for request in requests]
-    _summary(page, record, result, studies, seeds, carrier, details)
+    _introduction(page, record, result, studies, details)
+    page.heading("Main results")
+    if studies:
+        add_main_results(page, studies, seeds, carrier, correspondence)
+        page.heading("Sample")
+        add_samples(page, studies, result)
+        add_measures(page, folder, result, studies, measures_of(meshes, hollow=carrier.is_hollow))
+    else:
+        for text in outlier_text(result):
+            page.caution(text)
+        page.paragraph("No group comparison yet: run homolog analyze PROJECT --group COLUMN.")
     _model_section(page, folder, record, result, model, figures)
-    add_correspondence(page, folder, correspondence_rows(project, record, result, carrier))
+    add_correspondence(page, folder, correspondence)
+    page.figures([figure for figure in figures if not figure.small])
+    _add_check(page, result, meshes)
+    _add_landmarks(page, project)
     for index, study in enumerate(studies):
         part = part_of(tick, 0.6 + 0.3 * index / len(studies), 0.6 + 0.3 * (index + 1) / len(studies))
         save_study(project, study, result, carrier)
         own = list(study_figures(study, carrier, part, clip))
-        add_study(page, study, index + 1, result, carrier, own, seeds[index], studies[:index])
+        add_study(page, study, index + 1, carrier, own)
         figures += own
     tick(0.9, "writing the report")
-    _add_landmarks(page, project)
+    if studies:
+        page.heading("Statistics of all studies")
+        add_statistics(page, studies)
+        add_assumptions(page, studies)
+        add_seeds(page, seeds)
     one_seed = any(len(seed_numbers(answers)) < 2 for answers in seeds)
-    _closing(page, project, record, studies, figures, details, one_seed)
+    _methods(page, folder, record, studies, carrier, details, one_seed)
+    _files(page, project, studies, figures)
     for figure in figures:
         for suffix in ("svg", "pdf"):
             with atomic_write(folder / "figures" / f"{figure.name}.{suffix}") as part_file:
@@ -110,15 +132,50 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     return folder / "report.html"
 
 
+def _surfaces(project: ProjectFolder, record: ResultRecord) -> list[TriangleMesh]:
+    """Return the subjects' surfaces in the coordinates of their files; none if some are missing."""
+    meshes = []
+    for subject in record.subjects:
+        try:
+            meshes.append(read_surface(project, subject))
+            check_mesh(meshes[-1], subject.name)
+        except InputError:
+            return []
+    return meshes
+
+
+def _add_check(page: Page, result: Result, meshes: Sequence[TriangleMesh]) -> None:
+    """Add what `homolog check` finds."""
+    if len(meshes) < 3:
+        page.paragraph(
+            "Particles were not checked for wrong places: that needs three subjects with surfaces."
+        )
+        return
+    suspects = inspect(result.local, meshes, result.alignments, names=result.names).suspects
+    if not suspects:
+        page.paragraph("homolog check finds no place where the correspondence may be wrong.")
+        return
+    kinds = [suspect.kind.value for suspect in suspects]
+    counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+    particles = {(suspect.subject, int(particle)) for suspect in suspects for particle in suspect.particles}
+    names = sorted({result.names[suspect.subject] for suspect in suspects})
+    of_worst = result.names[suspects[0].subject]
+    page.paragraph(
+        f"homolog check finds {len(suspects)} places where the correspondence may be wrong ({counts}): "
+        f"{len(particles)} of {result.world.shape[0] * result.world.shape[1]} particles on {len(names)} of "
+        f"{len(result.names)} subjects ({', '.join(names)}), the most severe on {of_worst}. Look at them "
+        "before local differences there are claimed."
+    )
+
+
 def _made(record: ResultRecord) -> str:
     finished = record.finished.replace("T", " ").replace("+00:00", " UTC")
     return f"Made with Homolog {record.versions.get('homolog', '')} from the result of {finished}."
 
 
-def _summary(
-    page: Page, record: ResultRecord, result: Result, studies: Sequence[Study],
-    seeds: Sequence[Sequence[SeedAnswer]], carrier: SurfaceCarrier, details: ReportDetails,
-) -> None:  # fmt: skip
+def _introduction(
+    page: Page, record: ResultRecord, result: Result, studies: Sequence[Study], details: ReportDetails
+) -> None:
     groups = list(result.groups)
     counts = ", ".join(f"{groups.count(group)} {group or 'no group'}" for group in _in_order(groups, studies))
     what = f"Structure: {details.structure}. " if details.structure else ""
@@ -135,70 +192,6 @@ def _summary(
         page.paragraph(
             f"{record.mirrored_text}: {names}. Means, modes and differences are shown in the common frame."
         )
-    page.heading("Findings")
-    if not studies:
-        for text in outlier_text(result):
-            page.caution(text)
-        page.paragraph("No group comparison yet: run homolog analyze PROJECT --group COLUMN.")
-    if studies:
-        page.paragraph(
-            "p values are corrected as the results of each study say; 95 % intervals (CI) are not corrected. "
-            "A difference A - B is the mean of A minus that of B. Significant means p ≤ "
-            f"{LEVEL:g} after correction."
-        )
-        _overview(page, studies)
-    for number, (study, answers) in enumerate(zip(studies, seeds, strict=True), start=1):
-        page.heading(f"Study {number}. {study.request.title}", 3)
-        ranges = spread_by_comparison(answers)
-        page.points(
-            (
-                finding.verdict,
-                [
-                    *_effects(study, comparison, finding, carrier),
-                    ranges.get(comparison.title, "One seed of the correspondence."),
-                ],
-            )
-            for finding, comparison in zip(findings(study), study.comparisons, strict=True)
-        )
-        for text in cautions(study):
-            page.caution(text)
-
-
-def _answer(study: Study) -> str:
-    """Return what a study compares, in a word or two."""
-    adjusted = ", adjusted" if study.request.covariates else ""
-    return f"{NOUNS[study.request.alignment]}{adjusted}"
-
-
-def _overview(page: Page, studies: Sequence[Study]) -> None:
-    """Add a table of the main results of all studies."""
-    rows = []
-    for number, study in enumerate(studies, start=1):
-        for comparison in study.comparisons:
-            test, line = comparison.test, comparison.discriminant
-            significant = comparison.p_fwe <= LEVEL
-            area = 100.0 * study.areas[significant].sum() / max(study.areas.sum(), 1e-300)
-            rows.append(
-                (
-                    f"{number} ({_answer(study)})",
-                    comparison.title,
-                    "–" if comparison.distance is None else effect_cell(study, comparison.distance),
-                    p_number(comparison.p_adjusted, test.permutations) if test.modes else "–",
-                    f"{area:.1f}",
-                    "–" if line is None else interval_cell(line.accuracy, 0, 100.0),
-                )
-            )
-    page.table(
-        ["study", "comparison", "D (SD, 95 % CI)", "p of the whole shape", "significant area (%)",
-         "balanced accuracy (%, 95 % CI)"],
-        rows,
-        omit="–",
-        caption="Main results (all p corrected)",
-    )  # fmt: skip
-    page.paragraph(
-        "D is the Mahalanobis distance of the group means, of three and more groups their root mean square "
-        "distance from the common mean, of a regression the change per unit."
-    )
 
 
 def _in_order(groups: Sequence[str | None], studies: Sequence[Study]) -> list[str | None]:
@@ -206,49 +199,6 @@ def _in_order(groups: Sequence[str | None], studies: Sequence[Study]) -> list[st
     compared = [group for study in studies for group in study.request.between]
     there = list(dict.fromkeys([*compared, *reference_first(filter(None, groups)), *groups]))
     return [group for group in there if group in groups]
-
-
-def _effects(
-    study: Study, comparison: Comparison, finding: Finding, carrier: SurfaceCarrier
-) -> tuple[str, ...]:
-    """Return the sentences of a finding, with some on the largest region after that on particles."""
-    regions = significant_regions(study, comparison, carrier)
-    if not regions:
-        return finding.effects
-    region = regions[0]
-    count = "One region" if len(regions) == 1 else f"{len(regions)} regions, the largest"
-    per = f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
-    on_wall = f" of the {region.wall}" if region.wall else ""
-    digits = digits_of(study, region.outward.high - region.outward.low) - (0 if per else 1)
-    if len(region.particles) == 1:
-        largest = f"{count}: {region.area:.0f} mm²{on_wall}, {region.place}"
-    else:
-        moves = _moves(region, region.mean_outward, digits, per)
-        towards = "" if carrier.directions.are_named else "towards "
-        largest = (
-            f"{count}: {region.area:.0f} mm²{on_wall}, which moves outward by {moves}. Its peak is "
-            f"{towards}{region.place}"
-        )
-    largest += f", where the surface moves outward by {_moves(region, region.outward, digits, per)}."
-    inside, ways = comparison.p_fwe <= LEVEL, carrier.ways_at_particles(comparison)
-    out, into, rest = (float(study.areas[inside & (ways == way)].sum()) for way in (1, -1, 0))
-    largest += (
-        f" Of the significant area {out:.0f} mm² clearly move out of the tissue, {into:.0f} mm² into it, and "
-        f"{rest:.0f} mm² neither."
-    )
-    if abs(region.outward.value) < _MAINLY_ALONG * region.length:
-        largest += f" The peak moves by {region.length:.{digits}f} mm{per}, mainly along the surface."
-    return (*finding.effects[:2], largest, *finding.effects[2:])
-
-
-_MAINLY_ALONG = 0.5
-"""Share of a displacement below which its outward part counts as the smaller one."""
-
-
-def _moves(region: Region, outward: Effect, digits: int, per: str) -> str:
-    """Return how far and which way a surface moves: "+1.2 mm (95 % CI +0.3 to +2.1), out of the tissue"."""
-    value, low, high = (f"{item:+.{digits}f}" for item in (outward.value, outward.low, outward.high))
-    return f"{value} mm{per} (95 % CI {low} to {high}), {region.direction(outward)}"
 
 
 def _mm(value: float | None) -> str:
@@ -273,14 +223,9 @@ def _model_section(
         "mm apart. The modes below are those of all subjects; tests use modes of the subjects and the "
         "alignment of each comparison. The sign of a mode is arbitrary. Scores and standard deviations are "
         "root mean squares over the particles. For generalization each subject in turn was held out and "
-        f"fitted with modes of the others{held_out}. Specificity was "
-        "computed for some numbers of modes only."
+        f"fitted with modes of the others{held_out}. Specificity was computed for some numbers of modes only."
     )
-    small = [figure for figure in figures if figure.name in ("scree", "scores")]
-    page.figures(small)
-    for item in figures:
-        if item not in small:
-            page.figures([item])
+    page.figures([figure for figure in figures if figure.small])
     rows = quality_rows(result, model)
     if rows:
         write_table(
@@ -295,54 +240,35 @@ def _model_section(
             ),
             caption="Quality of the model",
         )
-    shares = zip(
-        model.standard_deviations,
-        model.explained_variance_ratio,
-        model.explained_variance_ratio.cumsum(),
-        strict=True,
-    )
-    page.table(
-        ["mode", "standard deviation (mm rms)", "share (%)", "cumulative (%)"],
-        (
-            (str(mode), f"{deviation:.2f}", f"{100 * share:.1f}", f"{100 * total:.1f}")
-            for mode, (deviation, share, total) in enumerate(shares, start=1)
-        ),
-        summary="All modes",
-        caption="All modes",
-    )
 
 
-def _closing(
-    page: Page,
-    project: ProjectFolder,
-    record: ResultRecord,
-    studies: list[Study],
-    figures: Sequence[ReportFigure],
-    details: ReportDetails,
-    one_seed: bool,
-) -> None:
+def _methods(
+    page: Page, folder: Path, record: ResultRecord, studies: list[Study], carrier: SurfaceCarrier,
+    details: ReportDetails, one_seed: bool,
+) -> None:  # fmt: skip
+    """Add methods, definitions, what the authors have to add, and references; settings as a table."""
     page.heading("Methods")
-    for paragraph in methods(record, studies):
-        page.paragraph(paragraph)
+    terms = list(definitions(studies, carrier, confirmed=details.axes is not Axes.AUTO)) if studies else []
+    texts, references = numbered(
+        [*methods(record, studies), *(text for _, text in terms)], record.versions.get("homolog", "")
+    )
+    for text in texts[: len(texts) - len(terms)]:
+        page.paragraph(text)
+    write_table(folder / "settings.csv", ["part", "setting", "value"], settings_rows(record, studies))
+    page.paragraph("All settings and versions are in settings.csv.")
+    if terms:
+        page.heading("Definitions", 3)
+        page.points(zip((f"{term}." for term, _ in terms), texts[len(texts) - len(terms) :], strict=True))
     page.heading("For the authors to add", 3)
     add_missing(page, record, details, one_seed)
     page.heading("References", 3)
-    for paragraph in references(record, studies):
-        page.paragraph(paragraph)
-    page.table(
-        ["part", "setting", "value"],
-        settings_rows(record, studies),
-        as_text=True,
-        summary="All settings",
-        caption="All settings, by the names that the program's options have",
-    )
-    page.table(
-        ["subject", "group", "notes"],
-        ((subject.name, subject.group or "", "; ".join(subject.notes)) for subject in record.subjects),
-        as_text=True,
-        summary="All subjects",
-        caption="All subjects",
-    )
+    for text in references:
+        page.paragraph(text)
+
+
+def _files(
+    page: Page, project: ProjectFolder, studies: Sequence[Study], figures: Sequence[ReportFigure]
+) -> None:
     page.heading("Files")
     page.links(["report.pdf"], "This page as PDF")
     vectors = [f"figures/{figure.name}.{suffix}" for figure in figures for suffix in ("svg", "pdf")]
@@ -352,11 +278,13 @@ def _closing(
         for study in studies
         for path in sorted(study_folder(project, study.request).glob("*.csv"))
     ]
-    own = [
-        name for name in ("quality.csv", "correspondence.csv") if (project.folder / "report" / name).is_file()
-    ]
+    own = [name for name in _TABLES if (project.folder / "report" / name).is_file()]
     tables = [*own, "../model/scores.csv", "../model/eigenvalues.csv", *tables]
     page.links(tables, f"Tables with the subjects' names ({len(tables)} files)")
+
+
+_TABLES = ("quality.csv", "correspondence.csv", "measures.csv", "settings.csv")
+"""Beside the page."""
 
 
 def _add_landmarks(page: Page, project: ProjectFolder) -> None:

@@ -52,8 +52,8 @@ class Discriminant:
         Cross-validated balanced accuracy: mean of the shares of the two groups that fall on their own side.
         Its interval joins those of the two shares (Wilson 1927, joined as by Newcombe 1998).
     auc : Effect
-        Cross-validated area under the receiver operating characteristic. Its interval is that of DeLong,
-        DeLong and Clarke-Pearson (1988), on the logit scale, of the subjects' mean scores over the repeats.
+        Cross-validated area under the receiver operating characteristic. Its interval is that of
+        method 5 of Newcombe (2006) for the mean over the repeats and the numbers of both groups.
     held_out : (M,) array
         Cross-validated score of each subject, mean over the repeats, relative to the distance of the groups.
     right : (float, float)
@@ -191,7 +191,7 @@ def discriminant(
         scores=(scores @ fit.direction - fit.midpoint) / np.sqrt(particles.shape[1]),
         shrinkage=float(fit.shrinkage),
         accuracy=Effect(accuracy, *accuracy_bounds(correct, second, accuracy), p[0], permutations),
-        auc=Effect(auc, *auc_bounds(held_out, second, auc), p[1], permutations),
+        auc=Effect(auc, *auc_bounds(auc, second), p[1], permutations),
         held_out=held_out,
         right=(float(correct[~second].sum()), float(correct[second].sum())),
         folds=folds,

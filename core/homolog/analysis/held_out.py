@@ -3,7 +3,7 @@
 from itertools import pairwise
 
 import numpy as np
-from scipy import stats
+from scipy import optimize, stats
 
 from homolog.analysis.effects import CONFIDENCE
 from homolog.arrays import BoolArray, FloatArray, IntArray
@@ -105,14 +105,6 @@ def _direction(
     return direction, (difference * direction).sum(axis=1)
 
 
-def _shares_below(values: FloatArray, others: FloatArray) -> FloatArray:
-    """Return the share of the others below each value, equal ones counted half."""
-    ordered = np.sort(others)
-    below = np.searchsorted(ordered, values, "left") + np.searchsorted(ordered, values, "right")
-    shares: FloatArray = below / (2.0 * len(ordered))
-    return shares
-
-
 def accuracy_bounds(correct: FloatArray, second: BoolArray, accuracy: float) -> tuple[float, float]:
     """Join the Wilson intervals of both groups' shares, as Newcombe (1998) joins them for a difference."""
     z = float(stats.norm.ppf((1.0 + CONFIDENCE) / 2.0))
@@ -126,18 +118,25 @@ def accuracy_bounds(correct: FloatArray, second: BoolArray, accuracy: float) -> 
     return float(max(accuracy - np.sqrt(below) / 2.0, 0.0)), float(min(accuracy + np.sqrt(above) / 2.0, 1.0))
 
 
-def auc_bounds(held_out: FloatArray, second: BoolArray, auc: float) -> tuple[float, float]:
-    """Return the interval of DeLong on the logit scale; without errors that of one half of an error."""
-    of_high, of_low = held_out[second], held_out[~second]
-    high, low = len(of_high), len(of_low)
-    variance = _shares_below(of_high, of_low).var(ddof=1) / high
-    variance += _shares_below(of_low, of_high).var(ddof=1) / low
-    tail = (1.0 - CONFIDENCE) / 2.0
-    if variance == 0.0 or not 0.0 < auc < 1.0:
-        # All pairs stand alike, and DeLong's variance is zero: the exact binomial bound of the smaller group.
-        bound = tail ** (1.0 / min(high, low))
-        return (bound, 1.0) if auc >= 0.5 else (0.0, 1.0 - bound)
-    centre = np.log(auc / (1.0 - auc))
-    reach = stats.norm.isf(tail) * np.sqrt(variance) / (auc * (1.0 - auc))
-    bounds = 1.0 / (1.0 + np.exp(-(centre + np.array([-reach, reach]))))
-    return float(bounds[0]), float(bounds[1])
+def auc_bounds(auc: float, second: BoolArray) -> tuple[float, float]:
+    """Return the interval of an area under the curve by method 5 of Newcombe (2006).
+
+    It holds the values from which the estimate is at most z standard errors away, by the variance of Hanley
+    and McNeil (1982) of those values. It depends on the area and the numbers of both groups alone, lies in
+    [0, 1], and rises with the area up to 1.
+    """
+    high = int(np.count_nonzero(second))
+    low, z = len(second) - high, float(stats.norm.ppf((1.0 + CONFIDENCE) / 2.0))
+
+    def excess(bound: float, value: float) -> float:
+        pairs = (1.0 - bound) / (2.0 - bound) + bound / (1.0 + bound)
+        variance = bound * (1.0 - bound) * (1.0 + ((high + low) / 2.0 - 1.0) * pairs) / (high * low)
+        return value - bound - z * float(np.sqrt(variance))
+
+    def lower(value: float) -> float:
+        if value <= 0.0:
+            return 0.0
+        below = np.nextafter(1.0, 0.0) if value >= 1.0 else value
+        return float(optimize.brentq(excess, 0.0, below, args=(value,)))
+
+    return lower(auc), 1.0 - lower(1.0 - auc)

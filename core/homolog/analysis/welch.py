@@ -7,6 +7,7 @@ import numpy as np
 from scipy import stats
 
 from homolog.analysis.design import group_design
+from homolog.analysis.effects import CONFIDENCE, Effect
 from homolog.analysis.permutation import null_distribution, permutation_count, permutation_p_value
 from homolog.analysis.statistics import WelchStatistic, equalize_groups, observed_design
 from homolog.arrays import BoolArray, FloatArray, frozen
@@ -14,7 +15,7 @@ from homolog.errors import InputError
 from homolog.progress import Tick, no_tick
 from homolog.threads import on_one_thread
 
-__all__ = ["GroupMeasure", "WelchMap", "compare_measure", "welch_map"]
+__all__ = ["GroupMeasure", "WelchMap", "compare_measure", "mean_difference", "welch_map"]
 
 _CHUNK_VALUES = 200_000
 
@@ -169,6 +170,27 @@ def compare_measure(values: FloatArray, groups: Sequence[str]) -> GroupMeasure:
         tuple(float(part.std(ddof=1)) if len(part) > 1 else float("nan") for part in values_by_group),
         _welch_p(values_by_group),
     )
+
+
+def mean_difference(first: FloatArray, second: FloatArray) -> Effect | None:
+    """Return the mean of the second group minus that of the first, with Welch's interval and p.
+
+    Parameters
+    ----------
+    first, second : (n,) arrays
+        Values that are not numbers are left out.
+
+    Returns
+    -------
+    Effect or None
+        The p-value is that of Welch's t-test. None if a group has fewer than two values, or neither varies.
+    """
+    own = [values[np.isfinite(values)] for values in (first, second)]
+    if min(map(len, own)) < 2 or not sum(values.var() for values in own) > 0.0:
+        return None
+    test = stats.ttest_ind(own[1], own[0], equal_var=False)
+    low, high = test.confidence_interval(CONFIDENCE)
+    return Effect(float(own[1].mean() - own[0].mean()), float(low), float(high), float(test.pvalue))
 
 
 def _welch_p(values_by_group: Sequence[FloatArray]) -> float | None:

@@ -73,8 +73,10 @@ def test_tables_and_figures_are_numbered_and_referred_to(report):
     for kind in ("Table", "Figure"):
         numbers = [int(number) for number in re.findall(rf"caption>{kind} (\d+)\. ", page)]
         assert numbers == list(range(1, len(numbers) + 1))
-    assert "those of the table" not in page
-    assert page.count("Size alone") <= 3
+    text = re.sub(r"<[^>]+>", " ", page)
+    cited = {int(number) for found in re.findall(r"\[([\d, ]+)\]", text) for number in found.split(",")}
+    listed = [int(number) for number in re.findall(r"<p>(\d+)\. ", page)]
+    assert listed == list(range(1, len(cited) + 1)) == sorted(cited)
 
 
 class _Page(HTMLParser):
@@ -118,11 +120,11 @@ def test_the_report_says_what_was_found_how_and_that_it_is_for_research(report):
         "For research use",
         "C − A (6 A, 6 C): they differ in form",
         "Hotelling",
-        "Type I error rates on this cohort",
+        "to compare the type I error rate of F",
         "Homolog 9.9",
         "parallel analysis",
         "permutations",
-        "fingerprint",
+        "(allometry) remains",
         "Where",
         "smoothing 1.0 voxels",
         "one-sided",
@@ -130,7 +132,7 @@ def test_the_report_says_what_was_found_how_and_that_it_is_for_research(report):
         "sex: f",
     ):
         assert part in text, part
-    assert "questions were asked" not in text  # form and shape are answers to one
+    assert "not for the number of questions" not in text  # form and shape are answers to one
     assert text.count("Equality of dispersion was tested") == 1  # what studies share is told once
     assert text.count("Shapes were aligned by generalized Procrustes") == 2  # they differ in that
     assert "nan" not in text.lower().split()
@@ -138,7 +140,7 @@ def test_the_report_says_what_was_found_how_and_that_it_is_for_research(report):
 
 def test_every_figure_lies_beside_the_report_as_vector_graphics(report):
     drawn = sorted(path.stem for path in (report.parent / "figures").glob("*.svg"))
-    assert {"scree", "scores", "modes", "quality", "energies"} < set(drawn)
+    assert {"scree", "scores", "modes"} < set(drawn)
     assert drawn == sorted(path.stem for path in (report.parent / "figures").glob("*.pdf"))
     for path in (report.parent / "figures").glob("*.svg"):
         assert ElementTree.parse(path).getroot().tag.endswith("svg")
@@ -158,7 +160,7 @@ def test_methods_of_a_study_like_an_earlier_one_tell_the_difference(project, wit
     page = api.report(project.folder).read_text(encoding="utf-8")
     like = r"\. Its methods were those of Study (\d), except: Shapes were aligned by generalized"
     assert re.findall(like, page) == ["1", "3"]
-    assert page.count("residuals were permuted (Freedman and Lane).") == 1
+    assert page.count("residuals were permuted [") == 1
 
 
 def test_a_project_without_a_result_has_no_report(tmp_path, capsys):

@@ -35,7 +35,7 @@ def test_rows_of_a_long_table_are_not_broken_and_every_sheet_repeats_number_and_
     assert rows == [f"row {row}" for row in range(40)]
 
 
-def test_a_pdf_has_contents_bookmarks_and_figures_as_vector_graphics(tmp_path):
+def test_a_pdf_has_bookmarks_and_figures_as_vector_graphics(tmp_path):
     page = Page("title", "notice")
     for number in range(9):
         page.heading(f"Chapter {number}")
@@ -50,7 +50,4 @@ def test_a_pdf_has_contents_bookmarks_and_figures_as_vector_graphics(tmp_path):
     assert b"/Count 9" in content
     assert content.count(b"/Dest [") == 18
     assert b"/Subtype /Image" not in content
-    contents = sheets_of(page)
-    assert len(contents) >= 8
-    count = len(re.findall(rb"/Type /Page\b", content))
-    assert count == len(contents) + 1
+    assert len(re.findall(rb"/Type /Page\b", content)) == len(sheets_of(page))

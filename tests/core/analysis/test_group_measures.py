@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from homolog.analysis.welch import compare_measure
+from homolog.analysis.welch import compare_measure, mean_difference
 from homolog.errors import InputError
 
 
@@ -17,6 +17,21 @@ def test_means_deviations_and_p_of_two_groups_are_those_of_welchs_t_test():
     np.testing.assert_allclose(result.means, [second.mean(), first.mean()])
     np.testing.assert_allclose(result.deviations, [second.std(ddof=1), first.std(ddof=1)])
     assert result.p == pytest.approx(stats.ttest_ind(first, second, equal_var=False).pvalue)
+
+
+def test_a_difference_of_means_has_the_interval_of_welch_and_none_without_variance():
+    first, second = np.array([1.0, 3.0, 4.0, np.nan]), np.array([5.0, 9.0, 7.0, 8.0, 2.0])
+    found = mean_difference(first, second)
+    parts = [values[np.isfinite(values)] for values in (first, second)]
+    squares = [values.var(ddof=1) / len(values) for values in parts]
+    dof = sum(squares) ** 2 / sum(
+        square**2 / (len(values) - 1) for square, values in zip(squares, parts, strict=True)
+    )
+    reach = stats.t.ppf(0.975, dof) * np.sqrt(sum(squares))
+    value = parts[1].mean() - parts[0].mean()
+    np.testing.assert_allclose((found.value, found.low, found.high), (value, value - reach, value + reach))
+    assert mean_difference(np.ones(3), np.ones(4)) is None
+    assert mean_difference(first[:1], second) is None
 
 
 def test_the_level_holds_for_three_groups_of_unequal_variance():

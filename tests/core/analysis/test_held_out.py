@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from homolog.analysis.held_out import held_out_by_moments, stratified_folds
+from homolog.analysis.held_out import auc_bounds, held_out_by_moments, stratified_folds
 
 
 def fitted_anew(rows, second, covariates, fold_of, modes, shrinkage):
@@ -55,3 +55,18 @@ def test_modes_without_variation_are_left_out():
     np.testing.assert_allclose(
         flat, held_out_by_moments(rows[:, :2], second, none, fold_of, 2, 0.1), atol=1e-9
     )
+
+
+def test_bounds_of_an_area_under_the_curve_rise_with_it_up_to_one_and_mirror():
+    second = np.arange(22) < 12
+    areas = np.array([0.0, 0.3, 0.5, 0.8, 0.98, 1.0])
+    low, high = np.array([auc_bounds(float(area), second) for area in areas]).T
+    assert (np.diff(low) >= 0.0).all()
+    assert (np.diff(high) >= 0.0).all()
+    assert (low <= areas).all()
+    assert (areas <= high).all()
+    np.testing.assert_allclose(auc_bounds(0.2, second), 1.0 - np.array(auc_bounds(0.8, second))[::-1])
+    bound = low[-1]  # the estimate is 1.96 standard errors of Hanley and McNeil away from it
+    pairs = (1.0 - bound) / (2.0 - bound) + bound / (1.0 + bound)
+    error = np.sqrt(bound * (1.0 - bound) * (1.0 + 10.0 * pairs) / (10 * 12))
+    assert (1.0 - bound) / error == pytest.approx(1.96, abs=1e-3)

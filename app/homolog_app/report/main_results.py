@@ -1,0 +1,244 @@
+"""The first page of a report: what was found, in one table and a few sentences, and cautions."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from homolog.analysis.cautions import cautions_of, dispersion_caution, outlier_caution, p_number, p_text
+from homolog.analysis.comparison import Comparison
+from homolog.analysis.procrustes import Alignment
+from homolog_app.report.correspondence import CorrespondenceRow
+from homolog_app.report.covariates import covariate_effects
+from homolog_app.report.findings import LEVEL, NOUNS, verdict_of
+from homolog_app.report.page import Page
+from homolog_app.report.seeds import SeedAnswer, median_answer, seed_numbers
+from homolog_app.report.study import Study
+from homolog_app.report.study_parts import digits_of
+from homolog_app.report.surface_maps import Region, SurfaceCarrier, significant_regions
+
+__all__ = ["add_main_results"]
+
+_LITTLE = 0.5
+"""Share of the smaller significant area up to which two studies hardly agree on where."""
+_MAINLY_ALONG = 0.5
+"""Share of a displacement below which its outward part counts as the smaller one."""
+_MARK = "†"
+
+
+def add_main_results(
+    page: Page,
+    studies: Sequence[Study],
+    seeds: Sequence[Sequence[SeedAnswer]],
+    carrier: SurfaceCarrier,
+    correspondence: Sequence[CorrespondenceRow],
+) -> None:
+    """Add the verdicts of all studies, the table of their main results, remarks and cautions."""
+    for number, (study, answers) in enumerate(zip(studies, seeds, strict=True), start=1):
+        shown = [_shown(comparison, answers) for comparison in study.comparisons]
+        page.paragraph(f"Study {number} ({_answer(study)}). {' '.join(_sentences(study, shown, carrier))}")
+    _table(page, studies, seeds)
+    for text in _remarks(studies):
+        page.paragraph(text)
+    for text in _cautions(studies, correspondence):
+        page.caution(text)
+
+
+def _answer(study: Study) -> str:
+    """Return what a study compares, in a few words."""
+    adjusted = f", adjusted for {', '.join(study.request.covariates)}" if study.request.covariates else ""
+    remains = "; allometry remains" if study.request.alignment is Alignment.SIMILARITY else ""
+    return f"{NOUNS[study.request.alignment]}{adjusted}{remains}"
+
+
+def _shown(comparison: Comparison, answers: Sequence[SeedAnswer]) -> Comparison:
+    """Return a comparison with the median p over the seeds, if there are several."""
+    median = median_answer(answers, comparison.title)
+    return comparison if median is None else replace(comparison, p_adjusted=median.p)
+
+
+def _sentences(study: Study, shown: Sequence[Comparison], carrier: SurfaceCarrier) -> Iterator[str]:
+    overall, *pairs = shown
+    yield verdict_of(study, overall)
+    differ = [pair.title for pair in pairs if pair.p_adjusted <= LEVEL]
+    if len(differ) == len(pairs) > 0:
+        yield "So do all pairs."
+    elif pairs:
+        rest = ", ".join(pair.title for pair in pairs if pair.title not in differ)
+        yield f"Of the pairs {', '.join(differ) or 'none'} differ; no difference can be shown of {rest}."
+    where = [
+        _where(comparison.title, regions, study)
+        for comparison in study.comparisons
+        if (regions := significant_regions(study, comparison, carrier))
+    ]
+    if where:
+        yield f"Largest regions, with their mean outward displacement: {'; '.join(where)}."
+
+
+def _where(title: str, regions: Sequence[Region], study: Study) -> str:
+    """Return where the largest region is, and which way it moves."""
+    region = regions[0]
+    per = f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
+    digits = digits_of(study, region.mean_outward.high - region.mean_outward.low) - (0 if per else 1)
+    moves = f"{region.mean_outward.value:+.{digits}f} mm{per}, {region.direction(region.mean_outward)}"
+    if region.mean_outward.low <= 0.0 <= region.mean_outward.high:
+        along = abs(region.outward.value) < _MAINLY_ALONG * region.length
+        moves = f"direction not determined{', mainly along the surface' if along else ''}"
+    return f"{title} {region.where}, {moves}"
+
+
+def _table(page: Page, studies: Sequence[Study], seeds: Sequence[Sequence[SeedAnswer]]) -> None:
+    rows = [
+        _row(str(number), study, comparison, answers)
+        for number, (study, answers) in enumerate(zip(studies, seeds, strict=True), start=1)
+        for comparison in study.comparisons
+    ]
+    page.table(
+        ["study", "comparison", "modes", "D (SD)", "95 % CI", "p", "area (%)", "accuracy (%)",
+         "p of accuracy"],
+        rows,
+        as_text=True,
+        omit="–",
+        caption="Main results of the whole shape; all p corrected",
+    )  # fmt: skip
+    sentences = []
+    several = [str(number) for number, answers in enumerate(seeds, start=1) if len(seed_numbers(answers)) > 1]
+    if several:
+        sentences.append(
+            f"Values of Study {', '.join(several)} are medians over the seeds of the correspondence (ranges: "
+            "last table); intervals, p of accuracy, all other tables and figures are those of the first "
+            "seed."
+        )
+    if any(study.pairwise for study in studies):
+        sentences.append(
+            "Values of D from different numbers of modes, or of two and of all groups, can't be compared."
+        )
+    if any(_MARK in cell for row in rows for cell in row):
+        sentences.append(f"{_MARK} Groups differ in dispersion, so that the interval is not reliable.")
+    page.paragraph(" ".join(sentences))
+
+
+def _row(name: str, study: Study, comparison: Comparison, answers: Sequence[SeedAnswer]) -> tuple[str, ...]:
+    """Return a row of the main results: medians over seeds, if there are several."""
+    test, line, distance = comparison.test, comparison.discriminant, comparison.distance
+    significant = comparison.p_fwe <= LEVEL
+    area = 100.0 * float(study.areas[significant].sum()) / max(float(study.areas.sum()), 1e-300)
+    far = None if distance is None else distance.value
+    accuracy = None if line is None else line.accuracy.value
+    p = comparison.p_adjusted
+    if (median := median_answer(answers, comparison.title)) is not None:
+        far, accuracy, p, area = median.distance, median.accuracy, median.p, median.percent
+    mark = f" {_MARK}" if dispersion_caution(comparison.dispersion, comparison.counts) else ""
+    digits = 2 if distance is None else digits_of(study, distance.high - distance.low)
+    tested = comparison.accuracy_p_adjusted
+    return (
+        name,
+        "all groups" if study.pairwise and comparison is study.overall else comparison.title,
+        str(test.modes),
+        "–" if far is None else f"{far:.{digits}f}",
+        "–" if distance is None else f"{distance.low:.{digits}f} to {distance.high:.{digits}f}{mark}",
+        p_number(p, test.permutations) if test.modes else "–",
+        f"{area:.1f}",
+        "–" if accuracy is None else f"{100.0 * accuracy:.0f}",
+        "–" if tested is None or line is None else p_number(tested, line.accuracy.permutations),
+    )
+
+
+def _remarks(studies: Sequence[Study]) -> Iterator[str]:
+    """Yield what the table does not show at once."""
+    alike = [
+        f"{comparison.title} (Study {number})"
+        for number, study in enumerate(studies, start=1)
+        for comparison in study.comparisons
+        if comparison.accuracy_p_adjusted is not None
+        and comparison.p_adjusted <= LEVEL < comparison.accuracy_p_adjusted
+    ]
+    if alike:
+        yield f"Means differ, but single subjects can't be told apart: {', '.join(alike)}."
+    apart = []
+    for number, study in enumerate(studies, start=1):
+        for other in range(number, len(studies)):
+            again = studies[other]
+            if again.request.alignment is study.request.alignment:
+                apart += [
+                    f"{title} in Study {number} and {other + 1} ({percent:.0f} % of the smaller area)"
+                    for title, percent in _disagreements(study, again)
+                ]
+    if apart:
+        yield f"Significant places that hardly overlap, so that where is uncertain: {', '.join(apart)}."
+    effects = [
+        f"{text} (Study {number})"
+        for number, study in enumerate(studies, start=1)
+        for text in covariate_effects(study)
+    ]
+    if effects:
+        yield f"Effects of covariates: {'; '.join(effects)}."
+
+
+def _disagreements(study: Study, other: Study) -> Iterator[tuple[str, float]]:
+    """Yield comparisons of two studies whose significant areas hardly overlap, and by how much [%]."""
+    others = {comparison.title: comparison.p_fwe <= LEVEL for comparison in other.comparisons}
+    for comparison in study.comparisons:
+        own, its = comparison.p_fwe <= LEVEL, others.get(comparison.title)
+        if its is None or not own.any() or not its.any():
+            continue
+        smaller = min(float(study.areas[own].sum()), float(study.areas[its].sum()))
+        shared = float(study.areas[own & its].sum()) / max(smaller, np.finfo(float).tiny)
+        if shared < _LITTLE:
+            yield comparison.title, 100.0 * shared
+
+
+def _cautions(studies: Sequence[Study], correspondence: Sequence[CorrespondenceRow]) -> Iterator[str]:
+    """Yield the cautions of all studies, those on outliers and on dispersion once."""
+    yield from _outliers(studies, correspondence)
+    uneven = [
+        f"{comparison.title} (Study {number}, "
+        f"{p_text(comparison.dispersion.p, comparison.dispersion.permutations)})"
+        for number, study in enumerate(studies, start=1)
+        for comparison in study.comparisons
+        if comparison.dispersion is not None
+        and dispersion_caution(comparison.dispersion, comparison.counts)
+    ]  # fmt: skip
+    if uneven:
+        yield (
+            f"Dispersion differs or changes: {', '.join(uneven)}. There T², F, the intervals of D and ω² and "
+            "p of accuracy and AUC can't be relied on; permutation tests of shape, particles and size hold "
+            "approximately."
+        )
+    further: dict[str, list[str]] = {}
+    for number, study in enumerate(studies, start=1):
+        for comparison in study.comparisons:
+            told = {
+                dispersion_caution(comparison.dispersion, comparison.counts),
+                outlier_caution(
+                    comparison.outliers, comparison.counts, study.names, comparison.without_outliers
+                ),
+            }
+            for text in cautions_of(comparison, study.names):
+                sentence = text.removeprefix(f"{comparison.title}: ")
+                if sentence not in told:
+                    further.setdefault(sentence, []).append(f"{comparison.title} (Study {number})")
+        for note in study.notes:
+            further.setdefault(note, []).append(f"Study {number}")
+    for sentence, where in further.items():
+        yield f"{', '.join(where)}: {sentence}"
+
+
+def _outliers(studies: Sequence[Study], correspondence: Sequence[CorrespondenceRow]) -> Iterator[str]:
+    found: dict[str, dict[int, list[str]]] = {}
+    for number, study in enumerate(studies, start=1):
+        for comparison in study.comparisons:
+            for index in comparison.outliers.tolist():
+                of_subject = found.setdefault(study.names[index], {})
+                of_subject.setdefault(number, []).append(comparison.title)
+    for name, places in found.items():
+        where = ", ".join(f"Study {number} ({'; '.join(titles)})" for number, titles in places.items())
+        rest = [str(number) for number in range(1, len(studies) + 1) if number not in places]
+        others = f", not in Study {', '.join(rest)}" if rest else ""
+        worst = ""
+        if correspondence and max(correspondence, key=lambda row: row.surface_mean_mm).name == name:
+            worst = " Particles represent its surface worst of all."
+        yield (
+            f"{name} is an outlier, far from the rest, in {where}{others}.{worst} Look at it before trusting "
+            "any test; results without it are in the studies' tables."
+        )

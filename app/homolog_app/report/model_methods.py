@@ -1,0 +1,158 @@
+"""Methods text on the model: how shapes were groomed and particles placed; settings by name and value."""
+
+from collections.abc import Iterator, Sequence
+
+from pydantic import BaseModel
+
+from homolog.files.records import ResultRecord
+from homolog.settings import Procrustes
+from homolog_app.report.sample import voxel_text
+from homolog_app.report.study import Study
+
+__all__ = ["model_methods", "pose_text", "settings_rows"]
+
+
+def model_methods(record: ResultRecord) -> tuple[str, str, str]:
+    """Return a paragraph each on particles, grooming and model, for the methods section of a paper."""
+    return _placed(record), _groomed(record), _model(record)
+
+
+def _groomed(record: ResultRecord) -> str:
+    if record.source:
+        return "Surfaces and their alignment are those of that program."
+    values = dict(_values_of(record.settings.groom))
+    spacings = [subject.spacing for subject in record.subjects if subject.spacing]
+    if spacings:
+        automatic = " (automatic)" if record.settings.groom.spacing is None else ""
+        values["spacing"] = f"{_range(spacings, '.3g')} mm{automatic}"
+    if not record.mirrored_text:
+        values["mirror"] += " (nobody was mirrored)"
+    listed = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in values.items())
+    vertices = [subject.vertices for subject in record.subjects if subject.vertices]
+    surfaces = f" Surfaces had {_range(vertices, 'd')} vertices." if vertices else ""
+    voxels = [sorted(subject.voxel) for subject in record.subjects if subject.voxel]
+    edges = f"Voxels of the files were {voxel_text(voxels)} mm (the shortest edge first). " if voxels else ""
+    return (
+        f"{edges}Segmentations were cleaned (enclosed cavities filled) and antialiased; surfaces are the "
+        f"zero levels of signed distance fields. Shapes were groomed with these settings: {listed}.{surfaces}"
+    )
+
+
+def _model(record: ResultRecord) -> str:
+    smoothed = record.smoothed_particles
+    surface = (
+        f", which is smoother around {smoothed} particles, where the mean or a mode would fold"
+        if smoothed
+        else ""
+    )
+    folds = f" {record.folded_faces} of its faces are folded." if record.folded_faces else ""
+    remarks = f" Remarks of the program on subjects: {'; '.join(record.remarks)}." if record.remarks else ""
+    if any("repaired" in remark for remark in record.remarks):
+        remarks += _REPAIRED
+    return (
+        f"The shape model is a principal component analysis of the particle positions, {pose_text(record)} "
+        "(variances with the divisor n - 1). The mean surface is the mesh of the subject nearest to the "
+        f"mean, carried to the mean particles by a thin-plate spline{surface}.{folds}{remarks}"
+    )
+
+
+_REPAIRED = (
+    " Repaired means that during the run such particles were taken back to where the other subjects have "
+    "them and optimized again; no particle was moved afterwards by hand."
+)
+
+
+def _range(values: Sequence[float], form: str) -> str:
+    low, high = format(min(values), form), format(max(values), form)
+    return low if low == high else f"{low} to {high}"
+
+
+def _placed(record: ResultRecord) -> str:
+    count = f"{len(record.subjects)} shapes, {record.particles} on each,"
+    program = f"Homolog {record.versions.get('homolog', '')}"
+    if record.source:
+        return (
+            f"Corresponding points on {count} were placed by another program and imported with {program} "
+            f"from {record.source}."
+        )
+    method = record.settings.optimize.method
+    ended = "converged" if record.ended == "converged" else "was stopped before convergence"
+    mirrored = f" Before that, {record.mirrored_text}." if record.mirrored_text else ""
+    marked = ", first points on landmarks" if record.settings.optimize.landmarks else ""
+    return (
+        f"Corresponding points were placed with {program} on {count} by entropy-based particle optimization "
+        f"[homolog, datar, cates] with {record.metric} distances between particles on a shape (method "
+        f"{method}, seed {record.settings.optimize.seed}{marked}). The optimizer {ended} after "
+        f"{record.iterations} iterations.{mirrored} {_jointly(record)} "
+        f"{_POSES[record.settings.placing.procrustes]}"
+    )
+
+
+def _jointly(record: ResultRecord) -> str:
+    size = record.settings.optimize.core_set
+    if size is None or size >= len(record.subjects):
+        return "All shapes were optimized jointly."
+    return f"A core set of {size} shapes was optimized jointly, and the others were fitted to it one by one."
+
+
+def pose_text(record: ResultRecord) -> str:
+    """Describe the alignment and size of the model's shapes."""
+    if record.source:
+        return "as they were imported"
+    return _MODEL_POSES[record.settings.placing.procrustes]
+
+
+_MODEL_POSES = {
+    Procrustes.OFF: "as grooming aligned them",
+    Procrustes.RIGID: "aligned rigidly by their particles, with their own sizes",
+    Procrustes.FORM: "aligned rigidly by their particles, with their own sizes",
+    Procrustes.SIMILARITY: "aligned by their particles and scaled to one size",
+}
+_POSES = {
+    Procrustes.OFF: "During the optimization their poses stayed as they were after grooming.",
+    Procrustes.RIGID: "During the optimization they were aligned rigidly by their particles.",
+    Procrustes.FORM: (
+        "During the optimization they were aligned by their particles and scaled to one size; the positions "
+        "that are analyzed have their original sizes."
+    ),
+    Procrustes.SIMILARITY: (
+        "During the optimization they were aligned by their particles and scaled to one size."
+    ),
+}
+
+
+_NOT_GIVEN = {"core_set": "none", "segment": "none", "pairs": "none", "label": "all above 0"}
+"""What settings are that are not given; others are then chosen by the program."""
+
+
+def _values_of(settings: BaseModel) -> Iterator[tuple[str, str]]:
+    """Yield the name and the value, with its unit, of each setting."""
+    for name, value in settings.model_dump(mode="json").items():
+        extra = type(settings).model_fields[name].json_schema_extra
+        unit = f" {extra['unit']}" if isinstance(extra, dict) and "unit" in extra else ""
+        if value is None:
+            yield name, _NOT_GIVEN.get(name, "automatic")
+        elif isinstance(value, bool):
+            yield name, "yes" if value else "no"
+        elif isinstance(value, list):
+            yield name, ", ".join(map(str, value)) or "none"
+        else:
+            yield name, f"{value}{unit}"
+
+
+def settings_rows(record: ResultRecord, studies: Sequence[Study]) -> list[tuple[str, str, str]]:
+    """Return every setting and version: part, name, value."""
+    rows = [
+        (part, name, value)
+        for part, model in (("groom", record.settings.groom), ("optimize", record.settings.optimize))
+        for name, value in _values_of(model)
+    ]
+    rows += [("run", "alignment by particles", record.settings.placing.procrustes.value)]
+    rows += [("run", "device", record.device), ("run", "fingerprint", record.fingerprint)]
+    for number, study in enumerate(studies, start=1):
+        rows += [
+            (f"Study {number}", name, value)
+            for name, value in _values_of(study.request)
+            if name != "earlier" and not (name in ("pairs", "covariates", "between") and value == "none")
+        ]
+    return rows + [("version", name, number) for name, number in record.versions.items()]
