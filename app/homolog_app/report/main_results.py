@@ -208,7 +208,7 @@ def _cautions(studies: Sequence[Study], correspondence: Sequence[CorrespondenceR
     further: dict[str, list[str]] = {}
     for number, study in enumerate(studies, start=1):
         for comparison in study.comparisons:
-            told = {
+            above = {
                 dispersion_caution(comparison.dispersion, comparison.counts),
                 outlier_caution(
                     comparison.outliers, comparison.counts, study.names, comparison.without_outliers
@@ -216,7 +216,7 @@ def _cautions(studies: Sequence[Study], correspondence: Sequence[CorrespondenceR
             }
             for text in cautions_of(comparison, study.names):
                 sentence = text.removeprefix(f"{comparison.title}: ")
-                if sentence not in told:
+                if sentence not in above:
                     further.setdefault(sentence, []).append(f"{comparison.title} (Study {number})")
         for note in study.notes:
             further.setdefault(note, []).append(f"Study {number}")
@@ -225,13 +225,13 @@ def _cautions(studies: Sequence[Study], correspondence: Sequence[CorrespondenceR
 
 
 def _outliers(studies: Sequence[Study], correspondence: Sequence[CorrespondenceRow]) -> Iterator[str]:
-    found: dict[str, dict[int, list[str]]] = {}
+    studies_of: dict[str, dict[int, list[str]]] = {}
     for number, study in enumerate(studies, start=1):
         for comparison in study.comparisons:
             for index in comparison.outliers.tolist():
-                of_subject = found.setdefault(study.names[index], {})
+                of_subject = studies_of.setdefault(study.names[index], {})
                 of_subject.setdefault(number, []).append(comparison.title)
-    for name, places in found.items():
+    for name, places in studies_of.items():
         where = ", ".join(f"Study {number} ({'; '.join(titles)})" for number, titles in places.items())
         rest = [str(number) for number in range(1, len(studies) + 1) if number not in places]
         others = f", not in Study {', '.join(rest)}" if rest else ""

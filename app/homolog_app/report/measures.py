@@ -52,14 +52,14 @@ def measures_of(meshes: Sequence[TriangleMesh], *, hollow: bool) -> list[Measure
         return []
     from homolog.surfaces.walls import mean_over_area, wall_thickness  # loads Warp
 
-    found = [
+    measures = [
         Measure("volume_ml", "volume (ml)", np.array([mesh.volume / 1000.0 for mesh in meshes])),
         Measure("area_cm2", "surface area (cm²)", np.array([mesh.area / 100.0 for mesh in meshes])),
     ]
     if hollow:
         walls = np.array([mean_over_area(mesh, wall_thickness(mesh)) for mesh in meshes])
-        found.append(Measure("wall_mm", "mean wall thickness (mm)", walls))
-    return found
+        measures.append(Measure("wall_mm", "mean wall thickness (mm)", walls))
+    return measures
 
 
 def add_measures(
@@ -72,10 +72,10 @@ def add_measures(
     write_table(folder / _FILE, ["name", *(item.column for item in measures)], rows)
     done = set()
     for study in studies:
-        asked = study.request.column, study.request.between, tuple(study.left_out)
-        if study.request.kind != "groups" or asked in done:
+        question = study.request.column, study.request.between, tuple(study.left_out)
+        if study.request.kind != "groups" or question in done:
             continue
-        done.add(asked)
+        done.add(question)
         _table(page, study, measures)
 
 

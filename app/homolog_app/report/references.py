@@ -107,10 +107,10 @@ def numbered(texts: Sequence[str], version: str) -> tuple[list[str], list[str]]:
     """
     cited: list[str] = []
 
-    def number(found: re.Match[str]) -> str:
-        keys = found[1].split(", ")
+    def number(citation: re.Match[str]) -> str:
+        keys = citation[1].split(", ")
         if not set(keys) <= set(_REFERENCES):
-            return found[0]
+            return citation[0]
         cited.extend(key for key in keys if key not in cited)
         return f"[{', '.join(str(cited.index(key) + 1) for key in keys)}]"
 

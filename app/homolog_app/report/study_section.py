@@ -123,14 +123,14 @@ def _known(p: float | None, effect: Effect) -> str:
 
 def add_samples(page: Page, studies: Sequence[Study], result: Result) -> None:
     """Describe the sample of each study, the same one once."""
-    told: dict[str, list[int]] = {}
+    numbers_of: dict[str, list[int]] = {}
     first: dict[str, Study] = {}
     for number, study in enumerate(studies, start=1):
         key = repr(_sample_of(study, result))
-        told.setdefault(key, []).append(number)
+        numbers_of.setdefault(key, []).append(number)
         first.setdefault(key, study)
-    for key, numbers in told.items():
-        _sample(page, first[key], result, ", ".join(map(str, numbers)) if len(told) > 1 else "")
+    for key, numbers in numbers_of.items():
+        _sample(page, first[key], result, ", ".join(map(str, numbers)) if len(numbers_of) > 1 else "")
 
 
 def _mean_text(mean: float, spread: float) -> str:
