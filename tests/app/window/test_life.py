@@ -17,11 +17,18 @@ LONG = OptimizeSettings(particles=64, split_iterations=10)  # its last stage tak
 PHASES = ("any", "geodesics", "splitting", "optimizing")
 
 
+def start_run(window, wait):
+    """Start a run and wait until it has started: files are read before."""
+    session = window.workspace.session
+    window.commands["run.start"].trigger()
+    wait(lambda: session.job.run is not None or session.result is not None)
+
+
 @pytest.mark.parametrize("phase", PHASES)
 def test_a_run_can_be_cancelled_in_every_phase(groomed, errors, wait, phase):
     work = groomed.workspace.work
     groomed.workspace.edit_settings("optimize", "particles", LONG)
-    groomed.commands["run.start"].trigger()
+    start_run(groomed, wait)
     wait(lambda: work.session.job.run is None or phase in ("any", work.session.job.run.status.phase))
     assert work.session.job.run is not None
     groomed.commands["run.cancel"].trigger()
@@ -33,7 +40,7 @@ def test_a_run_can_be_cancelled_in_every_phase(groomed, errors, wait, phase):
 def test_a_paused_run_stands_still_and_goes_on(groomed, errors, wait):
     work = groomed.workspace.work
     groomed.workspace.edit_settings("optimize", "particles", LONG)
-    groomed.commands["run.start"].trigger()
+    start_run(groomed, wait)
     wait(lambda: work.session.job.run.frame is not None)
     groomed.commands["run.pause"].trigger()
     wait(lambda: work.session.job.run.status.paused)
@@ -50,7 +57,7 @@ def test_a_paused_run_stands_still_and_goes_on(groomed, errors, wait):
 def test_a_cancelled_run_is_resumed_from_its_checkpoint(groomed, errors, wait, quick):
     work = groomed.workspace.work
     groomed.workspace.edit_settings("optimize", "particles", quick(64))
-    groomed.commands["run.start"].trigger()
+    start_run(groomed, wait)
     wait(lambda: work.session.job.run is None or groomed.workspace.project.checkpoint.is_file())
     groomed.commands["run.cancel"].trigger()
     wait(lambda: not work.session.job.is_busy)
@@ -68,7 +75,7 @@ def test_a_project_whose_run_was_stopped_says_so_when_it_is_opened(
     work = groomed.workspace.work
     groomed.projects.save_to(tmp_path / "stopped")
     groomed.workspace.edit_settings("optimize", "particles", LONG)
-    groomed.commands["run.start"].trigger()
+    start_run(groomed, wait)
     wait(lambda: work.session.job.run is None or groomed.workspace.project.checkpoint.is_file())
     groomed.commands["run.cancel"].trigger()
     wait(lambda: not work.session.job.is_busy)
@@ -102,7 +109,7 @@ def test_fifty_random_orders_leave_the_window_whole(groomed, errors, wait, quick
 
 
 def test_a_window_closed_in_mid_run_leaves_nothing_behind(groomed, close, wait):
-    groomed.commands["run.start"].trigger()
+    start_run(groomed, wait)
     wait(lambda: groomed.workspace.session.job.run.frame is not None)
     close(groomed)
 
