@@ -42,7 +42,7 @@ def covariate_effects(study: Study) -> Iterator[str]:
             measured = _interval(size, f" mm{_unit(effect)}")
             parts.append(f"size {measured}, {p_text(size.p, size.permutations)}, not corrected")
         if parts:
-            yield f"{effect.title} ({'; '.join(parts)})"
+            yield f"{effect.title}: {', '.join(parts)}"
 
 
 def _size_of(effect: Comparison) -> Effect | None:

@@ -47,8 +47,8 @@ def definitions(
     )
     yield (
         "p, significant",
-        f"p is the permutation p, two-sided, corrected as the methods say; significant is p ≤ {LEVEL:g}. "
-        "Intervals (95 % CI) are not corrected.",
+        "p is the permutation p, two-sided (of accuracy and AUC one-sided), corrected as the methods say; "
+        f"significant is p ≤ {LEVEL:g}. Intervals (95 % CI) are not corrected.",
     )
     yield "D", " ".join(text for kind, text in _DISTANCE.items() if kind in kinds)
     yield (
@@ -72,6 +72,12 @@ def definitions(
         "than its outward part, it moves along the surface, which on a smooth surface may be another "
         "distribution of points rather than of tissue: claim it only near edges and landmarks. Effects at "
         "peaks are overestimated, as peaks were chosen by their statistics.",
+    )
+    yield (
+        "Maps",
+        "Outward displacement on the mean shape of the compared subjects, blue out of the tissue, yellow "
+        "into it. Scales of figures differ."
+        + (" Inside: the half that faces the viewer is removed." if carrier.is_hollow else ""),
     )
     if carrier.is_hollow:
         yield (

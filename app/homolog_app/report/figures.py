@@ -98,7 +98,7 @@ def study_figures(
         tick(index / len(stems), f"maps of {item.title}")
         if len(item.pointwise.effect) > 1:
             continue
-        caption = _map_caption(study, item, clip, inside=carrier.is_hollow)
+        caption = _map_caption(study, item, clip)
         yield ReportFigure(f"{stem}_map", map_figure(item, carrier, clip=clip), caption)
     for item, stem in zip(study.comparisons, stems, strict=True):
         if item.discriminant is not None:
@@ -188,7 +188,7 @@ def map_figure(
         views = [carrier.directions.view(name) for name in _VIEWS]
         return draw_differences(rows, views=views, clip=clip, theme=theme, width=300)
     views = [carrier.directions.view(name) for name in _HOLLOW_VIEWS]
-    return draw_differences(rows, views=views, inside=views, theme=theme, width=158)
+    return draw_differences(rows, views=views, inside=views, theme=theme, width=150)
 
 
 def _cut_text(clip: Clip | None) -> str:
@@ -201,16 +201,15 @@ def _cut_text(clip: Clip | None) -> str:
     return f" Cut open by {plane}."
 
 
-def _map_caption(study: Study, comparison: Comparison, clip: Clip | None, *, inside: bool) -> str:
+def _map_caption(study: Study, comparison: Comparison, clip: Clip | None) -> str:
     what = {
         "groups": "difference of the means",
         "regression": "change per unit of the variable",
         "pairs": "mean difference",
     }
-    halves = " Inside: the half that faces the viewer is removed." if inside and clip is None else ""
     return (
-        f"{comparison.title}: {what[study.request.kind]} on the mean shape, and where p ≤ {LEVEL:g}. Blue is "
-        f"out of the tissue.{halves}{_cut_text(clip)} Scales differ."
+        f"{comparison.title}: {what[study.request.kind]}; below, where p ≤ {LEVEL:g}. Blue: out of the "
+        f"tissue.{_cut_text(clip)}"
     )
 
 
@@ -231,7 +230,7 @@ def _scree_caption(parallel: ParallelAnalysis, model: ShapeModel) -> str:
     }.get(count, f"The first {count} modes are above chance and hold {held}.")
     return (
         "Variance of each mode, and what data without correlation reach (parallel analysis, "
-        f"{parallel.repeats} {parallel.null} data sets). {above}"
+        f"{parallel.repeats} {parallel.null} data sets); hatched: not retained. {above}"
     )
 
 

@@ -34,9 +34,14 @@ def add_main_results(
     correspondence: Sequence[CorrespondenceRow],
 ) -> None:
     """Add the verdicts of all studies, the table of their main results, remarks and cautions."""
+    who = ""
     for number, (study, answers) in enumerate(zip(studies, seeds, strict=True), start=1):
         shown = [_shown(comparison, answers) for comparison in study.comparisons]
-        page.paragraph(f"Study {number} ({_answer(study)}). {' '.join(_sentences(study, shown, carrier))}")
+        subjects, _, verdict = verdict_of(study, shown[0]).partition(": ")
+        text = f"{verdict[0].upper()}{verdict[1:]}" if subjects == who else f"{subjects}: {verdict}"
+        who = subjects
+        sentences = [text, *_sentences(study, shown, carrier)]
+        page.paragraph(f"Study {number} ({_answer(study)}). {' '.join(sentences)}")
     _table(page, studies, seeds)
     for text in _remarks(studies):
         page.paragraph(text)
@@ -58,8 +63,8 @@ def _shown(comparison: Comparison, answers: Sequence[SeedAnswer]) -> Comparison:
 
 
 def _sentences(study: Study, shown: Sequence[Comparison], carrier: SurfaceCarrier) -> Iterator[str]:
-    overall, *pairs = shown
-    yield verdict_of(study, overall)
+    """Yield which pairs differ, and where the largest regions are."""
+    pairs = shown[1:]
     differ = [pair.title for pair in pairs if pair.p_adjusted <= LEVEL]
     if len(differ) == len(pairs) > 0:
         yield "So do all pairs."
@@ -72,7 +77,7 @@ def _sentences(study: Study, shown: Sequence[Comparison], carrier: SurfaceCarrie
         if (regions := significant_regions(study, comparison, carrier))
     ]
     if where:
-        yield f"Largest regions, with their mean outward displacement: {'; '.join(where)}."
+        yield f"Largest regions: {'; '.join(where)}."
 
 
 def _where(title: str, regions: Sequence[Region], study: Study) -> str:
@@ -106,15 +111,12 @@ def _table(page: Page, studies: Sequence[Study], seeds: Sequence[Sequence[SeedAn
     if several:
         sentences.append(
             f"Values of Study {', '.join(several)} are medians over the seeds of the correspondence (ranges: "
-            "last table); intervals, p of accuracy, all other tables and figures are those of the first "
-            "seed."
+            "last table); intervals, p of accuracy and all that follows are those of the first seed."
         )
     if any(study.pairwise for study in studies):
-        sentences.append(
-            "Values of D from different numbers of modes, or of two and of all groups, can't be compared."
-        )
+        sentences.append("D from other numbers of modes, or of two and of all groups, can't be compared.")
     if any(_MARK in cell for row in rows for cell in row):
-        sentences.append(f"{_MARK} Groups differ in dispersion, so that the interval is not reliable.")
+        sentences.append(f"{_MARK} Not reliable: groups differ in dispersion.")
     page.paragraph(" ".join(sentences))
 
 
@@ -161,18 +163,18 @@ def _remarks(studies: Sequence[Study]) -> Iterator[str]:
             again = studies[other]
             if again.request.alignment is study.request.alignment:
                 apart += [
-                    f"{title} in Study {number} and {other + 1} ({percent:.0f} % of the smaller area)"
+                    f"{title}, Study {number} and {other + 1} ({percent:.0f} %)"
                     for title, percent in _disagreements(study, again)
                 ]
     if apart:
-        yield f"Significant places that hardly overlap, so that where is uncertain: {', '.join(apart)}."
+        yield f"Where is uncertain, as significant places hardly overlap: {', '.join(apart)}."
     effects = [
-        f"{text} (Study {number})"
+        f"Study {number}, {text}"
         for number, study in enumerate(studies, start=1)
         for text in covariate_effects(study)
     ]
     if effects:
-        yield f"Effects of covariates: {'; '.join(effects)}."
+        yield f"Covariates: {'; '.join(effects)}."
 
 
 def _disagreements(study: Study, other: Study) -> Iterator[tuple[str, float]]:
@@ -239,6 +241,6 @@ def _outliers(studies: Sequence[Study], correspondence: Sequence[CorrespondenceR
         if correspondence and max(correspondence, key=lambda row: row.surface_mean_mm).name == name:
             worst = " Particles represent its surface worst of all."
         yield (
-            f"{name} is an outlier, far from the rest, in {where}{others}.{worst} Look at it before trusting "
-            "any test; results without it are in the studies' tables."
+            f"{name} is an outlier in {where}{others}.{worst} Look at it before trusting any test; results "
+            "without it follow."
         )

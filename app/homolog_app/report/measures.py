@@ -16,7 +16,7 @@ from homolog.files.tables import write_table
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.report.page import Page
 from homolog_app.report.study import Study
-from homolog_app.report.study_parts import interval_cell
+from homolog_app.report.study_parts import decimals_of, interval_cell, mean_text
 
 __all__ = ["Measure", "add_measures", "measures_of"]
 
@@ -93,9 +93,10 @@ def _table(page: Page, study: Study, measures: Sequence[Measure]) -> None:
     for item in measures:
         own = {name: item.values[index] for name, index in members.items()}
         cells = [_mean_cell(values) for values in own.values()]
+        decimals = decimals_of(float(np.nanstd(item.values)))
         for first, second in pairs:
             difference = mean_difference(own[first], own[second])
-            cells.append("–" if difference is None else _difference_cell(difference))
+            cells.append("–" if difference is None else _difference_cell(difference, decimals))
         rows.append((item.title, *cells))
     page.table(
         ["", *(f"{name} (n = {len(index)})" for name, index in members.items()),
@@ -111,14 +112,11 @@ def _table(page: Page, study: Study, measures: Sequence[Measure]) -> None:
     )
 
 
-def _difference_cell(difference: Effect) -> str:
+def _difference_cell(difference: Effect, decimals: int) -> str:
     p = "" if difference.p is None else f", {p_text(difference.p)}"
-    return f"{interval_cell(difference)}{p}"
+    return f"{interval_cell(difference, decimals)}{p}"
 
 
 def _mean_cell(values: FloatArray) -> str:
     there = values[np.isfinite(values)]
-    if not len(there):
-        return "–"
-    spread = f" ± {there.std(ddof=1):.2f}" if len(there) > 1 else ""
-    return f"{there.mean():.2f}{spread}"
+    return mean_text(float(there.mean()), float(there.std(ddof=1))) if len(there) > 1 else "–"

@@ -116,8 +116,13 @@ def _describes(values: set[str]) -> bool:
         return False
 
 
-def add_missing(page: Page, record: ResultRecord, details: ReportDetails, one_seed: bool) -> None:
-    """Add one list of what a paper needs and only its authors know; a study may have but one seed."""
+def add_missing(
+    page: Page, record: ResultRecord, details: ReportDetails, one_seed: bool, *, several: bool
+) -> None:
+    """Add one list of what a paper needs and only its authors know.
+
+    A study may have but one seed, and there may be several studies.
+    """
     points = [] if details.structure else ["the anatomical structure (--structure)"]
     if not details.cohort:
         points.append(
@@ -127,16 +132,18 @@ def add_missing(page: Page, record: ResultRecord, details: ReportDetails, one_se
     if not any(subject.voxel for subject in record.subjects):
         points.append("voxel size")
     points += [
-        "scanner, protocol and phase or time of imaging, with the spacing of the original slices",
+        "scanner, protocol, phase or time of imaging, and the spacing of slices before any resampling",
         "who segmented, how, and how well segmentations of one subject agree",
         "units of columns whose names do not tell them",
         "why there are as many subjects and particles",
         "ethics approval",
     ]
+    if several:
+        points.append("which study and which tests were chosen as primary before the results were seen")
     if one_seed:
         points.append(
-            "for studies of one seed, how answers vary with the seed of the correspondence "
-            "(homolog analyze --seeds 5)"
+            "for studies of one seed, how answers vary with the seed of the correspondence (homolog analyze "
+            "--seeds 5)"
         )
     given = "" if not details.cohort else " where the description of the cohort does not say it"
     page.paragraph(f"The program does not know, and a paper needs{given}: {'; '.join(points)}.")

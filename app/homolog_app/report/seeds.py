@@ -321,13 +321,13 @@ def add_seeds(page: "Page", seeds: Sequence[Sequence[SeedAnswer]]) -> None:
     for number, answers in enumerate(seeds, start=1):
         for title in dict.fromkeys(answer.comparison for answer in answers):
             own = [answer for answer in answers if answer.comparison == title]
-            low, high = (
+            least, most = (
                 p_number(limit([item.p for item in own]), own[0].permutations) for limit in (min, max)
             )
             rows.append(
                 (
                     str(number), title, f"{sum(item.p <= LEVEL for item in own)} of {len(own)}",
-                    low if low == high else f"{low} to {high}",
+                    _p_range(least, most),
                     _cell([item.distance for item in own], 2),
                     _cell([item.percent for item in own], 1),
                     _cell([None if item.accuracy is None else 100.0 * item.accuracy for item in own], 0),
@@ -344,6 +344,11 @@ def add_seeds(page: "Page", seeds: Sequence[Sequence[SeedAnswer]]) -> None:
         omit="–",
         caption="Least and largest answers over the seeds of the correspondence",
     )  # fmt: skip
+
+
+def _p_range(least: str, most: str) -> str:
+    """Return such as "0.002 to 0.004", "< 0.001" or "≤ 0.004"."""
+    return f"≤ {most}" if least != most and least.startswith("<") else _range(least, most)
 
 
 def _cell(values: Sequence[float | None], digits: int) -> str:

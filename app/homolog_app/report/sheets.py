@@ -304,26 +304,35 @@ class _Flow:
         items, room = [(item["figure"], str(item["caption"])) for item in figures], WIDE - 2 * EDGE
         widths = [figure.get_figwidth() for figure, _ in items]
         smaller = (room - 0.1 * len(items)) / max(sum(widths), room)
+        beside = len(items) > 1 and smaller > _SMALLEST
+        placed = [
+            _placed(figure, text, min(own * (smaller if beside else 1.0), room))
+            for (figure, text), own in zip(items, widths, strict=True)
+        ]
+        row = max((needed for *_, needed in placed), default=0.0)
         left = 0.0
         below = 0.0
-        for (figure, text), own in zip(items, widths, strict=True):
-            width = min(own * (smaller if len(items) > 1 and smaller > _SMALLEST else 1.0), room)
-            high = figure.get_figheight() / own * width
-            if high > (limit := BOTTOM - 2.2):
-                width, high = width * limit / high, limit
-            caption = textwrap.wrap(typeset(text), max(20, int(width * _ACROSS)))
-            needed = high + 0.05 + _LINE * len(caption)
+        for figure, caption, width, high, needed in placed:
             if not left or left + width > room or self.sheet.y + needed > BOTTOM:
                 self.sheet.y += below
                 left = below = 0.0
-                self.room(needed)
+                self.room(row if beside else needed)
             self.sheet.embed(figure, EDGE + left, self.sheet.y, width)
             self.sheet.figure.text(
-                (EDGE + left) / WIDE, 1.0 - (self.sheet.y + high + 0.03) / HIGH, "\n".join(caption),
+                (EDGE + left) / WIDE, 1.0 - (self.sheet.y + high + 0.03) / HIGH, caption,
                 fontsize=7.5, va="top", linespacing=1.3,
             )  # fmt: skip
             left, below = left + width + 0.1, max(below, needed + 0.1)
         self.sheet.y += below
+
+
+def _placed(figure: Figure, text: str, width: float) -> tuple[Figure, str, float, float, float]:
+    """Return a figure with its wrapped caption, its width and height, and the height of both [inches]."""
+    high = figure.get_figheight() / figure.get_figwidth() * width
+    if high > (limit := BOTTOM - 2.2):
+        width, high = width * limit / high, limit
+    caption = textwrap.wrap(typeset(text), max(20, int(width * _ACROSS)))
+    return figure, "\n".join(caption), width, high, high + 0.05 + _LINE * len(caption)
 
 
 def _cell_text(cell: str | Link) -> str:

@@ -13,9 +13,8 @@ from homolog_app.report.study import Study
 from homolog_app.report.surface_maps import EDGE, INNER, OUTER, Region, SurfaceCarrier, significant_regions
 
 __all__ = [
-    "add_assumptions", "add_regions", "add_statistics", "axes_text", "digits_of", "effect_cell",
-    "interval_cell",
-    "tested_comparisons",
+    "add_assumptions", "add_regions", "add_statistics", "axes_text", "decimals_of", "digits_of",
+    "effect_cell", "interval_cell", "mean_text", "tested_comparisons",
 ]  # fmt: skip
 
 _MOST_REGIONS = 3
@@ -141,6 +140,17 @@ def effect_cell(study: Study, effect: Effect) -> str:
     return interval_cell(effect, digits_of(study, effect.high - effect.low))
 
 
+def mean_text(mean: float, spread: float) -> str:
+    """Return mean and standard deviation with the same decimals, three digits of the latter."""
+    decimals = decimals_of(spread or abs(mean))
+    return f"{mean:.{decimals}f} ± {spread:.{decimals}f}"
+
+
+def decimals_of(spread: float) -> int:
+    """Return the decimals of numbers with such a standard deviation, so that it has three digits."""
+    return max(0, 2 - floor(log10(spread))) if spread > 0.0 else 0
+
+
 def digits_of(study: Study, width: float) -> int:
     """Return the decimals of an effect whose interval is so wide."""
     if study.request.kind != "regression" or not width > 0.0:
@@ -182,8 +192,7 @@ def add_assumptions(page: Page, studies: Sequence[Study]) -> None:
     """Add dispersion, skewness and outliers of all comparisons."""
     page.table(
         [
-            "study", "comparison", "dispersion: ratio, or mm per unit (95 % CI)", "F of dispersion", "p of "
-            "dispersion",
+            "study", "comparison", "dispersion: ratio, or mm per unit (95 % CI)", "p of dispersion",
             "skewness of size", "p of skewness of shapes", "outliers",
         ],
         (
@@ -199,11 +208,10 @@ def add_assumptions(page: Page, studies: Sequence[Study]) -> None:
 
 def _assumptions_row(study: Study, comparison: Comparison) -> tuple[str, ...]:
     dispersion, skewness = comparison.dispersion, comparison.size_skewness
-    tested = ("–", "–", "–")
+    tested = ("–", "–")
     if dispersion is not None:
         tested = (
             _ratio_cell(study, dispersion),
-            f"{dispersion.f:.2f}",
             p_number(dispersion.p, dispersion.permutations),
         )
     return (

@@ -1,7 +1,6 @@
 """The section of a report on one study: results, regions, figures; and the description of samples."""
 
 from collections.abc import Sequence
-from math import floor, log10
 
 import numpy as np
 
@@ -17,7 +16,13 @@ from homolog_app.report.page import Page
 from homolog_app.report.request import SHAPE_SIZE
 from homolog_app.report.sample import VOXEL, SampleRow, sample_rows
 from homolog_app.report.study import Study
-from homolog_app.report.study_parts import add_regions, effect_cell, interval_cell, tested_comparisons
+from homolog_app.report.study_parts import (
+    add_regions,
+    effect_cell,
+    interval_cell,
+    mean_text,
+    tested_comparisons,
+)
 from homolog_app.report.surface_maps import SurfaceCarrier
 
 __all__ = ["add_samples", "add_study"]
@@ -133,13 +138,6 @@ def add_samples(page: Page, studies: Sequence[Study], result: Result) -> None:
         _sample(page, first[key], result, ", ".join(map(str, numbers)) if len(numbers_of) > 1 else "")
 
 
-def _mean_text(mean: float, spread: float) -> str:
-    """Return mean and standard deviation with the same decimals, three digits of the latter."""
-    size = spread or abs(mean)
-    decimals = max(0, 2 - floor(log10(size))) if size else 0
-    return f"{mean:.{decimals}f} ± {spread:.{decimals}f}"
-
-
 def _sample_text(row: SampleRow, of: int) -> str:
     if row.category:
         return f"{row.count} ({100.0 * row.count / max(of, 1):.0f} %)"
@@ -147,7 +145,7 @@ def _sample_text(row: SampleRow, of: int) -> str:
         return str(row.count)
     value = f"{row.mean:.3g}"
     if row.spread is not None:
-        value = f"{_mean_text(row.mean, row.spread)} ({row.least:.4g} to {row.largest:.4g})"
+        value = f"{mean_text(row.mean, row.spread)} ({row.least:.4g} to {row.largest:.4g})"
     return value if row.count == of else f"{value}, of {row.count}"
 
 

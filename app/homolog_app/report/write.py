@@ -258,9 +258,10 @@ def _methods(
     page.paragraph("All settings and versions are in settings.csv.")
     if terms:
         page.heading("Definitions", 3)
-        page.points(zip((f"{term}." for term, _ in terms), texts[len(texts) - len(terms) :], strict=True))
+        for (term, _), text in zip(terms, texts[len(texts) - len(terms) :], strict=True):
+            page.paragraph(f"{term}: {text}")
     page.heading("For the authors to add", 3)
-    add_missing(page, record, details, one_seed)
+    add_missing(page, record, details, one_seed, several=len(studies) > 1)
     page.heading("References", 3)
     for text in references:
         page.paragraph(text)

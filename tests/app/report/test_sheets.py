@@ -6,6 +6,7 @@ from homolog_app.plots import new_figure
 from homolog_app.rendering.colours import LIGHT, page_colours
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.page import Page
+from homolog_app.report.pdf import EmbeddedFigure
 from homolog_app.report.sheets import sheets_of, wrapped_cells, write_page
 
 
@@ -51,3 +52,19 @@ def test_a_pdf_has_bookmarks_and_figures_as_vector_graphics(tmp_path):
     assert content.count(b"/Dest [") == 18
     assert b"/Subtype /Image" not in content
     assert len(re.findall(rb"/Type /Page\b", content)) == len(sheets_of(page))
+
+
+def test_figures_of_a_row_stay_together_on_a_sheet():
+    page = Page("title", "notice")
+    page.paragraph("word " * 840)
+    page.figures(
+        [
+            ReportFigure(f"plot {high}", new_figure(3.0, high, page_colours(LIGHT)), "A caption", small=True)
+            for high in (2.0, 3.5)
+        ]
+    )
+    rows = [
+        [item.content.get_figheight() for item in sheet.figure.artists if isinstance(item, EmbeddedFigure)]
+        for sheet in sheets_of(page)
+    ]
+    assert rows == [[], [2.0, 3.5]]
