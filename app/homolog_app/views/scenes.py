@@ -355,7 +355,8 @@ def _with_distances(
     apart = [
         surface_distances(item.groomed.placed(item.alignment), other) for item in contents if item.groomed
     ]
-    limit = shape.limit if other is shape.mean else common_limit([item.signed for item in apart])
+    moves = "" in (view.subject, view.beside)  # a shape that moves along a mode keeps its colours
+    limit = shape.limit if moves and other is shape.mean else common_limit([item.signed for item in apart])
     title = "the mean surface" if other is shape.mean else Path(view.distance_from).name
     scale = displacement_scale(limit, f"Distance from {title}").within(view.colour_range)
     scale = replace(scale, low_label="inside it", high_label="outside")
@@ -369,7 +370,7 @@ def _with_distances(
 def distance_text(apart: "SurfaceDistances") -> str:
     """Return mean, 95th percentile and maximum of distances in words."""
     mean, high, most = (short(value) for value in (apart.mean, apart.percentile(95.0), apart.maximum))
-    return f"mean distance {mean} mm, 95 % {high}, maximum {most}"
+    return f"mean {mean}, 95 % {high}, max {most} mm"
 
 
 def _coloured(content: Content, values: FloatArray, scale: ColourScale) -> Content:

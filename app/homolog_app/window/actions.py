@@ -13,6 +13,7 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QMainWindow,
     QMenu,
+    QMenuBar,
     QToolButton,
     QToolTip,
     QTreeWidget,
@@ -165,7 +166,7 @@ class Actions(QObject):
         return "\n".join(filter(None, lines))
 
     def _fill_menus(self, window: QMainWindow) -> None:
-        menus: dict[str, QMenu] = {name: window.menuBar().addMenu(f"&{name}") for name in MENUS}
+        menus: dict[str, QMenu] = {name: window.menuBar().addMenu(name) for name in MENUS}
         for entry in COMMANDS:
             top, _, below = entry.menu.partition("/")
             if entry.menu not in menus:
@@ -173,6 +174,8 @@ class Actions(QObject):
             menus[entry.menu].addAction(self._actions[entry.id])
             if entry.ends_section:
                 menus[entry.menu].addSeparator()
+        for menu in (window.menuBar(), *menus.values()):
+            _add_mnemonics(menu)
 
     def _draw_icons(self) -> None:
         colours = self._theme.colours
@@ -180,6 +183,22 @@ class Actions(QObject):
             if entry.icon:
                 picture = icon(entry.icon, colours.text, colours.faint, colours.accent)
                 self._actions[entry.id].setIcon(picture)
+
+
+def _add_mnemonics(menu: QMenu | QMenuBar) -> None:
+    """Underline a letter of each entry that no other entry of the menu has, preferably its first."""
+    taken: set[str] = set()
+    for action in sorted(
+        menu.actions(), key=lambda action: len(action.text())
+    ):  # short ones have less choice
+        text = action.text()
+        starts = [at for at, _ in enumerate(text) if at == 0 or text[at - 1] == " "]
+        for at in dict.fromkeys([*starts, *range(len(text))]):
+            letter = text[at].casefold()
+            if letter.isalnum() and letter not in taken:
+                taken.add(letter)
+                action.setText(f"{text[:at]}&{text[at:]}")
+                break
 
 
 def matches(query: str, command: Command) -> bool:
@@ -240,7 +259,7 @@ class CommandPalette(QDialog):
         layout.addWidget(self.query)
         layout.addWidget(self.list)
         self.query.textChanged.connect(self._fill)
-        self.query.returnPressed.connect(self._choose)
+        self.query.returnPressed.connect(lambda: self._choose())
         self.list.itemActivated.connect(self._choose)
         self.list.itemClicked.connect(self._choose)
         self.query.installEventFilter(self)
@@ -267,23 +286,34 @@ class CommandPalette(QDialog):
 
     def _fill(self, query: str) -> None:
         self.list.clear()
-        for entry in ranked(query):
-            action = self._actions[entry.id]
-            if action.isEnabled() and entry.id != "help.palette":
-                keys = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
-                item = QTreeWidgetItem([entry.title.rstrip("…"), keys])
-                item.setIcon(0, self._blank if action.icon().isNull() else action.icon())
-                item.setToolTip(0, entry.help)
-                item.setData(0, Qt.ItemDataRole.UserRole, action)
-                item.setTextAlignment(1, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-                self.list.addTopLevelItem(item)
+        found = [entry for entry in ranked(query) if entry.id != "help.palette"]
+        possible = {entry.id: self._actions[entry.id].isEnabled() for entry in found}
+        for entry in sorted(found, key=lambda entry: not possible[entry.id]):
+            if possible[entry.id] or query.strip():
+                self.list.addTopLevelItem(self._item(entry))
         first = self.list.topLevelItem(0)
-        if first is not None:
+        if first is None:
+            nothing = QTreeWidgetItem(["No command found"])
+            nothing.setDisabled(True)
+            self.list.addTopLevelItem(nothing)
+        elif not first.isDisabled():
             self.list.setCurrentItem(first)
 
-    def _choose(self) -> None:
-        item = self.list.currentItem()
-        if item is not None:
+    def _item(self, entry: Command) -> QTreeWidgetItem:
+        """Return the row of a command; one that is not possible now is disabled, and says why."""
+        action = self._actions[entry.id]
+        keys = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
+        item = QTreeWidgetItem([entry.title.rstrip("…"), keys])
+        item.setIcon(0, self._blank if action.icon().isNull() else action.icon())
+        item.setToolTip(0, entry.help if action.isEnabled() else action.toolTip())
+        item.setData(0, Qt.ItemDataRole.UserRole, action)
+        item.setTextAlignment(1, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        item.setDisabled(not action.isEnabled())
+        return item
+
+    def _choose(self, item: QTreeWidgetItem | None = None) -> None:
+        item = item or self.list.currentItem()
+        if item is not None and not item.isDisabled():
             self._chosen = item.data(0, Qt.ItemDataRole.UserRole)
             self.accept()
 

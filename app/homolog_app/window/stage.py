@@ -27,7 +27,7 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.scene import Scene
 from homolog_app.window.slice_view import SliceView
 from homolog_app.window.theme import Theme, pixmap, scaled
-from homolog_app.window.widgets import GRID, PercentEdit, button, choice, label, named_rows
+from homolog_app.window.widgets import GRID, PercentEdit, button, choice, label, named_rows, set_primary
 
 __all__ = ["ClipBar", "RangeDialog", "Stage", "ViewBar", "ViewFooter", "view_menu"]
 
@@ -177,6 +177,7 @@ class RangeDialog(QDialog):
         buttons.addButton(self.automatic, QDialogButtonBox.ButtonRole.ResetRole)
         self.apply = buttons.button(QDialogButtonBox.StandardButton.Apply)
         self.apply.setDefault(True)
+        set_primary(self.apply, primary=True)
         self.apply.clicked.connect(self._apply)
         self.automatic.clicked.connect(lambda: self._receive(None))
         buttons.rejected.connect(self.reject)
@@ -218,6 +219,7 @@ class RangeDialog(QDialog):
         valid = low < high and abs(low) + abs(high) < float("inf")
         self.problem.setText("Enter two numbers; the lowest value must be less than the highest.")
         self.problem.setVisible(not valid)
+        self.adjustSize()
         if valid:
             self._receive((low, high))
 

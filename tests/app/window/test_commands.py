@@ -48,11 +48,18 @@ def test_keys_are_those_of_the_platform_where_it_has_a_convention(window):
 
 
 @pytest.mark.window
-def test_every_command_has_a_handler_and_a_tool_tip(window):
+def test_every_command_has_a_handler_a_tool_tip_and_a_key_in_its_menu(window):
+    from PySide6.QtGui import QKeySequence
+    from PySide6.QtWidgets import QMenu
+
     for command in COMMANDS:
         action = window.commands[command.id]
         assert action.receivers("2triggered(bool)") > 0, command.id
         assert action.toolTip()
+    for menu in window.menuBar().findChildren(QMenu):  # each entry has a letter of its own
+        keys = [QKeySequence.mnemonic(entry.text()) for entry in menu.actions() if not entry.isSeparator()]
+        assert not any(key.isEmpty() for key in keys), [entry.text() for entry in menu.actions()]
+        assert len(set(keys)) == len(keys), [entry.text() for entry in menu.actions()]
 
 
 @pytest.mark.window
@@ -85,6 +92,14 @@ def test_the_palette_lists_what_is_possible_and_runs_it(window):
     assert palette.focusWidget() is palette.query  # what is typed goes there
     palette.query.setText("light dark")
     assert palette.list.topLevelItemCount() == 1
+    for query, reason in (("place the particles", "Not now"), ("no such command", "")):
+        palette.query.setText(query)  # what is not possible now is dimmed, and says why
+        first = palette.list.topLevelItem(0)
+        assert first.isDisabled()
+        assert reason in first.toolTip(0)
+        palette.query.returnPressed.emit()
+        assert palette.chosen is None
+    palette.query.setText("light dark")
     palette.query.returnPressed.emit()
     assert palette.chosen is window.commands["view.theme"]
     palette.close()

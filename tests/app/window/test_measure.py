@@ -256,6 +256,9 @@ def test_the_means_of_two_groups_can_be_compared(page, window):
     )
     np.testing.assert_allclose(content.groomed.vertices, large.vertices)
     assert distance_text(surface_distances(large, small)) in content.note
+    choose(page.origin, "mean")
+    scale, most = window.views.stage.scene.bar.scale, surface_distances(large, shape.mean).maximum
+    assert scale.high < 2.5 * most  # not that of the modes, which may be many times as much
 
 
 def test_two_mesh_files_can_be_compared(page, window, tmp_path, monkeypatch):
@@ -272,7 +275,7 @@ def test_two_mesh_files_can_be_compared(page, window, tmp_path, monkeypatch):
     choose(page.map, "distance")
     (content,) = window.views.stage.scene.shown
     assert content.name == "one.vtp"
-    assert "mean distance 1.99 mm" in content.note  # between the middles of faces
+    assert "mean 1.99, " in content.note  # between the middles of faces
 
 
 def test_what_is_no_mesh_file_is_refused_and_the_choice_stays(page, window, tmp_path, monkeypatch):

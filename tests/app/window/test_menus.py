@@ -35,7 +35,7 @@ def test_a_right_click_on_a_subject_offers_to_show_it_alone(explored, qapp, wait
     wait(lambda: qapp.activePopupWidget() is not None)
     menu = qapp.activePopupWidget()
     assert isinstance(menu, QMenu)
-    actions = {action.text(): action for action in menu.actions()}
+    actions = {action.text().replace("&", ""): action for action in menu.actions()}
     assert "Select d" in actions
     assert {"Look from", "Cut away", "Copy picture"} <= set(actions)
     actions["Show only this subject"].trigger()
@@ -57,7 +57,7 @@ def test_a_right_click_on_a_row_of_the_cohort_offers_what_can_be_done_with_it(be
     wait(lambda: qapp.activePopupWidget() is not None)
     menu = qapp.activePopupWidget()
     assert isinstance(menu, QMenu)
-    actions = {action.text(): action for action in menu.actions()}
+    actions = {action.text().replace("&", ""): action for action in menu.actions()}
     menu.close()
     actions["Include or exclude"].trigger()
     assert [member.name for member in session.study.included] == ["a", "c", "d"]

@@ -68,6 +68,8 @@ class ExportController(Controller):
         path, _ = QFileDialog.getSaveFileName(self._window, "Save picture", "slices.png", "Pictures (*.png)")
         if path and not picture.save(path):
             raise InputError(f"{path}: can't be written; choose another folder, or a name that ends in .png")
+        if path:
+            self._workspace.session.noticed.emit(f"Picture written to {path}")
 
     @reported
     def open_screenshot(self, shown: "ViewContents", canvas: "Canvas", snapshot: "Snapshot | None") -> None:
