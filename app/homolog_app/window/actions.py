@@ -1,6 +1,6 @@
 """Menus, actions, command palette and list of shortcuts: all made from the command table."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, QTimer, Slot
 from PySide6.QtGui import QAction, QActionGroup, QCursor, QEnterEvent, QIcon, QKeyEvent, QKeySequence, QPixmap
@@ -13,7 +13,6 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QMainWindow,
     QMenu,
-    QMenuBar,
     QToolButton,
     QToolTip,
     QTreeWidget,
@@ -175,7 +174,7 @@ class Actions(QObject):
             if entry.ends_section:
                 menus[entry.menu].addSeparator()
         for menu in (window.menuBar(), *menus.values()):
-            _add_mnemonics(menu)
+            _add_mnemonics(menu.actions())
 
     def _draw_icons(self) -> None:
         colours = self._theme.colours
@@ -185,12 +184,10 @@ class Actions(QObject):
                 self._actions[entry.id].setIcon(picture)
 
 
-def _add_mnemonics(menu: QMenu | QMenuBar) -> None:
+def _add_mnemonics(entries: Sequence[QAction]) -> None:
     """Underline a letter of each entry that no other entry of the menu has, preferably its first."""
     taken: set[str] = set()
-    for action in sorted(
-        menu.actions(), key=lambda action: len(action.text())
-    ):  # short ones have less choice
+    for action in sorted(entries, key=lambda action: len(action.text())):  # short ones have less choice
         text = action.text()
         starts = [at for at, _ in enumerate(text) if at == 0 or text[at - 1] == " "]
         for at in dict.fromkeys([*starts, *range(len(text))]):

@@ -312,7 +312,8 @@ class PatientPage(ExplorePage):
                 else:
                     write_times(part, follow_up, reference, tick, groups)
 
-        self.workspace.work.compute("report", write, "writing the report", lambda _: None)
+        said, noticed = f"Report written to {folder}", self.workspace.session.noticed
+        self.workspace.work.compute("report", write, "writing the report", lambda _: noticed.emit(said))
 
     def _receive(self, compared: ComparedPatient | None) -> None:
         self._compared = compared
@@ -320,7 +321,7 @@ class PatientPage(ExplorePage):
         reference = self.reference
         there = comparison is not None and reference is not None
         self.verdict.setText(verdict_text(comparison, reference))
-        self.remarks.setText("\n".join(comparison.remarks) if comparison else "")
+        self.remarks.setText("\n".join(map(_sentence, comparison.remarks)) if comparison else "")
         self.remarks.setVisible(bool(self.remarks.text()))
         self.bars.show_patient(comparison, reference)
         self.nearest.setText(nearest_text(comparison, reference))
@@ -393,3 +394,7 @@ class PatientPage(ExplorePage):
         """Look at a region."""
         if self.comparison is not None:
             self.place_wanted.emit(self.comparison.name, *self.places[row.row()])
+
+
+def _sentence(remark: str) -> str:
+    return f"{remark[:1].upper()}{remark[1:]}"

@@ -11,6 +11,7 @@ from PySide6.QtWidgets import (
     QComboBox,
     QFormLayout,
     QHBoxLayout,
+    QLabel,
     QLineEdit,
     QVBoxLayout,
     QWidget,
@@ -21,7 +22,7 @@ from homolog.errors import InputError
 from homolog.progress import Tick
 from homolog_app.views.follow_up import PatientTimes, change_text, with_file
 from homolog_app.window.actions import Actions
-from homolog_app.window.widgets import ActionButton, choice, label
+from homolog_app.window.widgets import GRID, ActionButton, choice, label
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ class PatientForm(QFormLayout):
 
     def __init__(self) -> None:
         super().__init__()
+        self.setHorizontalSpacing(GRID)
         self.fields: dict[str, QLineEdit] = {}
         self.side: QComboBox | None = None
         self.cut_off = QCheckBox("Cut off at a flat end")
@@ -69,10 +71,17 @@ class PatientForm(QFormLayout):
         for name in reference.coding.names:
             self.fields[name] = QLineEdit()
             self.fields[name].setAccessibleName(name)
-            self.addRow(name.capitalize(), self.fields[name])
+            self.addRow(_named(name.capitalize()), self.fields[name])
         if reference.provenance.side:
             self.side = choice("Side", _SIDES)
-            self.addRow("Side", self.side)
+            self.addRow(_named("Side"), self.side)
+
+
+def _named(text: str) -> QLabel:
+    """Return a label as wide as those of the reference above, so that the fields stand below each other."""
+    name = label(text)
+    name.setMinimumWidth(name.fontMetrics().horizontalAdvance("Adjust for"))
+    return name
 
 
 class FollowUpPart(QWidget):
