@@ -283,14 +283,14 @@ class CommandPalette(QDialog):
 
     def _fill(self, query: str) -> None:
         self.list.clear()
-        found = [entry for entry in ranked(query) if entry.id != "help.palette"]
-        possible = {entry.id: self._actions[entry.id].isEnabled() for entry in found}
-        for entry in sorted(found, key=lambda entry: not possible[entry.id]):
+        ranking = [entry for entry in ranked(query) if entry.id != "help.palette"]
+        possible = {entry.id: self._actions[entry.id].isEnabled() for entry in ranking}
+        for entry in sorted(ranking, key=lambda entry: not possible[entry.id]):
             if possible[entry.id] or query.strip():
                 self.list.addTopLevelItem(self._item(entry))
         first = self.list.topLevelItem(0)
         if first is None:
-            nothing = QTreeWidgetItem(["No command found"])
+            nothing = QTreeWidgetItem(["No command ranking"])
             nothing.setDisabled(True)
             self.list.addTopLevelItem(nothing)
         elif not first.isDisabled():
