@@ -8,32 +8,6 @@ from homolog_app.window.rail import steps_of
 pytestmark = pytest.mark.window
 
 
-@pytest.mark.parametrize("name", ["modes", "groups", "check", "measure"])
-def test_every_control_can_be_reached_by_key_and_has_a_name(explore, finished, window, name):
-    from PySide6.QtCore import Qt
-    from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox, QScrollBar
-
-    explore(finished, "modes")
-    window.commands[f"explore.{name}"].trigger()
-    page = window.inspector.explore.page
-    kinds = (QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox)
-    result = [
-        widget
-        for root in (page, page.plots)
-        if root is not None
-        for kind in kinds
-        for widget in root.findChildren(kind)
-        if widget.isVisible()
-        and not isinstance(widget, QScrollBar)
-        and not widget.objectName().startswith("qt_")
-    ]
-    assert len(result) > 3
-    for item in result:
-        assert item.focusPolicy() & Qt.FocusPolicy.TabFocus, item
-        text = item.accessibleName() or (item.text() if isinstance(item, QAbstractButton) else "")
-        assert text, item
-
-
 def test_tabs_say_which_page_is_open_and_keys_turn_them(explore, finished, window):
     page = explore(finished, "modes")
     tabs = window.inspector.explore.tabs

@@ -93,7 +93,7 @@ def test_a_cancelled_film_leaves_nothing(dialog, wait, tmp_path, qapp):
     assert film.go.isEnabled()
 
 
-def test_the_report_is_written_into_the_project_which_is_held_again_after(explored, wait):
+def test_the_report_is_written_into_the_project_which_is_held_again_after(explored, wait, without_figures):
     from PySide6.QtTest import QTest
     from PySide6.QtWidgets import QLineEdit
 
