@@ -58,9 +58,10 @@ def definitions(
     )
     yield (
         "Significant area",
-        "Area of the particles with p corrected over the surface (family-wise error), pairs and analyses. A "
-        "particle stands for the part of the mean surface of all subjects that is nearest to it, on the "
-        "same side of a wall. The whole surface counts, of hollow shapes the inner and the outer side.",
+        f"Area of the particles with p ≤ {LEVEL:g}, corrected over the surface (family-wise error), pairs "
+        "and analyses. A particle stands for the part of the mean surface of all subjects that is nearest "
+        "to it, on the same side of a wall. The whole surface counts, of hollow shapes the inner and the "
+        "outer side.",
     )
     yield (
         "Region, peak, outward",

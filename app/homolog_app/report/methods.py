@@ -145,8 +145,7 @@ def _test_of_the_shape(study: Study) -> Iterator[str]:
     )
     names = f"{', '.join(request.between[:-1])} and {request.between[-1]}" if request.between else ""
     tested = {
-        "groups": f"the groups {names} of the column {request.column!r} were compared; "
-        "a difference A - B is the mean of A minus the mean of B",
+        "groups": f"the groups {names} of the column {request.column!r} were compared",
         "regression": f"the linear effect of {request.column} was tested; effects are per unit of it",
         "pairs": f"{names} were compared in pairs by {request.pairs}, with random "
         "signs of the differences under the null",
@@ -264,9 +263,7 @@ def _discriminants(study: Study) -> Iterator[str]:
         "that of the AUC is Newcombe's method 5 [auc] with the variance of Hanley and McNeil [hanley] for "
         "the mean AUC and the numbers of both groups. They treat left-out subjects as independent; where "
         f"interval and p disagree, p is the test. The p-values come from {fits[0].auc.permutations} "
-        f"permutations: before correction the least possible is {1.0 / (fits[0].auc.permutations + 1):.2g}. "
-        f"Bounds of the discriminant's map come from {len(fits[0].bootstrap)} bootstrap cohorts drawn within "
-        "groups."
+        f"permutations: before correction the least possible is {1.0 / (fits[0].auc.permutations + 1):.2g}."
     )
 
 

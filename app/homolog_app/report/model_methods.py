@@ -57,8 +57,8 @@ def _model(record: ResultRecord) -> str:
 
 
 _REPAIRED = (
-    " Repaired means that during the run such particles were taken back to where the other subjects have "
-    "them and optimized again; no particle was moved afterwards by hand."
+    " Repaired means that during the run such particles were moved to where the other subjects have them, "
+    "and optimized again."
 )
 
 
