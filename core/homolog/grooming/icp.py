@@ -120,6 +120,14 @@ def refined(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
     return _iterated(_Half(moving), _Half(fixed), np.eye(4)[None], _FEW, _TRIAL_ROUNDS)[0]
 
 
+def sought(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
+    """Return the best similarity of those that 60 evenly spaced orientations lead to."""
+    starts = np.tile(np.eye(4), (60, 1, 1))
+    starts[:, :3, :3] = Rotation.create_group("I").as_matrix()
+    fits = _iterated(_Half(moving), _Half(fixed), starts, _FEW, _TRIAL_ROUNDS)
+    return min(fits, key=lambda fit: fit.distance)
+
+
 def held(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
     """Return the similarity to a point set whose file lies like the moving one's: the most probable.
 

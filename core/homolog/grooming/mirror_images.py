@@ -11,7 +11,7 @@ from homolog.arrays import FloatArray
 from homolog.device import cores
 from homolog.geometry import rotation_of, transform_points
 from homolog.grooming.align import RegisterPair, by_typicality
-from homolog.grooming.icp import OrientedPoints, oriented_points, refined
+from homolog.grooming.icp import OrientedPoints, oriented_points, refined, sought
 from homolog.grooming.subject import GroomedSubject
 from homolog.progress import Tick, part_of, run_in_threads
 from homolog.surfaces.mirroring import MIRROR
@@ -29,9 +29,14 @@ _CLEAR = 2.0
 _LEAST_SPREAD = 0.05
 _LIKELY = np.log(100.0)
 """Logarithm of how much likelier a preference is among mirror images than among the usual subjects."""
-_LEAST = 0.5
-"""Of the usual preference: what a mirror image has, at least."""
+_LEAST, _NOTABLE = 0.75, 0.5
+"""Of the usual preference: what a mirror image has at least, and what tells a side."""
 _FEWEST = 3
+_SLIGHT, _FEW = 0.25, 0.05
+"""Preferences between those of usual subjects and of mirror images are below minus so much of the usual one;
+largest share of the subjects that have them."""
+_MOST, _FAR = 0.7, 4.0
+"""Share of the subjects whose preferences exceed `_NOTABLE`; spreads between usual ones and mirror images."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +50,14 @@ class _Pair:
     def preference(self, surface: OrientedPoints) -> float:
         """Return the logarithm of how much nearer to a surface the mirror image is than the subject."""
         return float(np.log(_gap(self.image, surface) / _gap(self.own, surface)))
+
+    def searched(self, surface: OrientedPoints) -> "_Pair":
+        """Return the pair, each placed better if an evenly spaced orientation leads to a closer fit."""
+        own, image = (
+            min(item, _moved(item, sought(item, surface).pose), key=lambda placed: _gap(placed, surface))
+            for item in (self.own, self.image)
+        )
+        return replace(self, own=own, image=image)
 
 
 def better_mirrored(
@@ -96,7 +109,7 @@ def better_mirrored(
         else:
             pose[:3, 3] = (placed[k].centre - placed[middle].centre) / placed[k].size
         image = _turned(cloud, MIRROR[:3, :3])
-        image = _moved(image, register_pair(image, fixed).pose)
+        image = _moved(image, register_pair(image, fixed, free=True).pose)  # its orientation means nothing
         return _Pair(_moved(cloud, pose), image, _moved(_thinned(units[k], _FIXED), pose))
 
     every = sorted({*looked_at, *references})
@@ -115,9 +128,18 @@ def better_mirrored(
     others = len(references) - np.isin(every, references)
     preferences = (rows @ sides / others)[[every.index(k) for k in looked_at]]
     are_images = reversed_ones(preferences, majority=not known)
-    return {groomed[k].name for k, is_image in zip(looked_at, are_images, strict=True) if is_image} - set(
-        known
-    )
+    flagged = [
+        k
+        for k, is_image in zip(looked_at, are_images, strict=True)
+        if is_image and groomed[k].name not in known
+    ]
+    for k in flagged:  # a registration that missed the best orientation looks like a mirror image
+        tick(1.0, "comparing with mirror images")
+        pairs[k] = pairs[k].searched(fixed)
+        row = [0.0 if j == k else pairs[k].preference(pairs[j].fixed) for j in references]
+        preferences[looked_at.index(k)] = row @ sides / (len(references) - (k in references))
+    are_images = reversed_ones(preferences, majority=not known) if flagged else are_images
+    return {groomed[k].name for k in flagged if are_images[looked_at.index(k)]}
 
 
 def _looked_at(order: list[int], known: set[int]) -> tuple[list[int], list[int]]:
@@ -144,9 +166,11 @@ def _sides(preferences: FloatArray) -> FloatArray:
 def reversed_ones(preferences: FloatArray, *, majority: bool = True) -> list[bool]:
     """Return which subjects are mirror images of the usual ones, by their preferences for their own side.
 
-    The usual subjects have positive preferences. They tell sides if the median is twice their spread (of the
-    median deviation): otherwise shapes are too symmetric, or differ too much. A negative preference is a
-    mirror image's if it is a hundred times likelier about minus the median than about the median.
+    The usual subjects have positive preferences. They tell sides if the median is twice their spread (the
+    standard deviation) and most preferences exceed half of it: otherwise shapes are too symmetric, or differ
+    too much. A negative preference is a mirror image's if it is a hundred times likelier about minus the
+    median than about the median, and farther from it than four spreads. Where more than a few preferences
+    lie between, subjects differ in chance asymmetries, and none is a mirror image.
 
     Parameters
     ----------
@@ -160,10 +184,15 @@ def reversed_ones(preferences: FloatArray, *, majority: bool = True) -> list[boo
     if len(usual) < _FEWEST:
         return [False] * len(values)
     middle = float(np.median(usual))
-    spread = float(np.hypot(1.4826 * np.median(np.abs(usual - middle)), _LEAST_SPREAD))
-    if middle < _CLEAR * spread:
+    spread = float(np.hypot(usual.std(), _LEAST_SPREAD))
+    tell = np.mean(np.abs(values) >= _NOTABLE * middle)
+    if middle < _CLEAR * spread or tell < _MOST:
         return [False] * len(values)
     is_image = (-values >= _LEAST * middle) & (-2.0 * middle * values >= _LIKELY * spread**2)
+    is_image &= middle - values >= _FAR * spread
+    between = np.sum((values < -_SLIGHT * middle) & ~is_image)
+    if between > _FEW * len(values):
+        return [False] * len(values)
     return [bool(item) for item in is_image]
 
 

@@ -27,6 +27,19 @@ def test_symmetric_shapes_are_not_flagged(seed):
     assert flagged(*np.random.default_rng(seed).normal(0.0, 0.1, 12)) == []
 
 
+@pytest.mark.parametrize(
+    "measured",
+    [
+        (0.0, -0.03, -0.14, 0.14, 0.15, -0.1, -0.04, 0.12),  # hyoid bones with one longer horn
+        (0.03, -0.14, -0.19, -0.07, -0.13, -0.14, 0.04, 0.08),
+        (0.21, 0.26, 0.27, 0.19, 0.28, 0.19, 0.08, -0.15),  # ribs that drop less or more
+        (0.48, 0.41, 0.13, -0.18, -0.27, 0.29, -0.45, 0.6),  # twisted rings
+    ],
+)
+def test_chance_asymmetries_of_few_subjects_are_no_sides(measured):
+    assert flagged(*measured) == []
+
+
 def test_a_preference_near_zero_is_left_alone():
     assert flagged(1.2, 1.0, 1.1, -0.1, 1.3, 0.9) == []
 
