@@ -34,12 +34,10 @@ def add_main_results(
     correspondence: Sequence[CorrespondenceRow],
 ) -> None:
     """Add the verdicts of all studies, the table of their main results, remarks and cautions."""
-    who = ""
     for number, (study, answers) in enumerate(zip(studies, seeds, strict=True), start=1):
         shown = [_shown(comparison, answers) for comparison in study.comparisons]
         subjects, _, verdict = verdict_of(study, shown[0]).partition(": ")
-        text = f"{verdict[0].upper()}{verdict[1:]}" if subjects == who else f"{subjects}: {verdict}"
-        who = subjects
+        text = f"{verdict[0].upper()}{verdict[1:]}" if study.pairwise else f"{subjects}: {verdict}"
         sentences = [text, *_sentences(study, shown, carrier)]
         page.paragraph(f"Study {number} ({_answer(study)}). {' '.join(sentences)}")
     _table(page, studies, seeds)

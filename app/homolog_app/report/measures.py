@@ -16,7 +16,7 @@ from homolog.files.tables import write_table
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.report.page import Page
 from homolog_app.report.study import Study
-from homolog_app.report.study_parts import decimals_of, interval_cell, mean_text
+from homolog_app.report.study_parts import decimals_of, interval_cell
 
 __all__ = ["Measure", "add_measures", "measures_of"]
 
@@ -92,8 +92,8 @@ def _table(page: Page, study: Study, measures: Sequence[Measure]) -> None:
     rows = []
     for item in measures:
         own = {name: item.values[index] for name, index in members.items()}
-        cells = [_mean_cell(values) for values in own.values()]
         decimals = decimals_of(float(np.nanstd(item.values)))
+        cells = [_mean_cell(values, decimals) for values in own.values()]
         for first, second in pairs:
             difference = mean_difference(own[first], own[second])
             cells.append("–" if difference is None else _difference_cell(difference, decimals))
@@ -117,6 +117,6 @@ def _difference_cell(difference: Effect, decimals: int) -> str:
     return f"{interval_cell(difference, decimals)}{p}"
 
 
-def _mean_cell(values: FloatArray) -> str:
+def _mean_cell(values: FloatArray, decimals: int) -> str:
     there = values[np.isfinite(values)]
-    return mean_text(float(there.mean()), float(there.std(ddof=1))) if len(there) > 1 else "–"
+    return f"{there.mean():.{decimals}f} ± {there.std(ddof=1):.{decimals}f}" if len(there) > 1 else "–"

@@ -5,6 +5,7 @@ import re
 import xml.etree.ElementTree as ElementTree
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 
 import homolog as hl
@@ -12,8 +13,10 @@ from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord
 from homolog.files.report_details import Axes, ReportDetails, read_details
+from homolog.surfaces.mesh import TriangleMesh
 from homolog_app import api
 from homolog_app.cli import main
+from homolog_app.report.measures import measures_of
 from homolog_app.report.request import (
     read_requests,
     study_folder,
@@ -161,6 +164,27 @@ def test_methods_of_a_study_like_an_earlier_one_tell_the_difference(project, wit
     like = r"\. Its methods were those of Study (\d), except: Shapes were aligned by generalized"
     assert re.findall(like, page) == ["1", "3"]
     assert page.count("residuals were permuted [") == 1
+
+
+def test_the_first_page_says_which_pairs_differ_and_where(project, without_figures, analyze):
+    assert analyze(project, "--size", "with", "--covariates", "age") == 0
+    page = re.sub(r"<[^>]+>", " ", api.report(project.folder).read_text(encoding="utf-8"))
+    first = page[page.index("Main results") : page.index("Shape model")]
+    assert "Study 1 (form, adjusted for age). The groups differ in form." in first
+    assert "Of the pairs C − A, C − B differ; no difference can be shown of B − A." in first
+    assert "Largest regions: C − A " in first
+
+
+def test_measures_of_hollow_shapes_have_the_thickness_of_their_wall(unit_sphere):
+    points, faces = unit_sphere(300)
+    wall = TriangleMesh(
+        np.concatenate([20.0 * points, 14.0 * points]), np.concatenate([faces, faces[:, ::-1] + len(points)])
+    )
+    volume, area, thickness = measures_of([wall], hollow=True)
+    assert thickness.values[0] == pytest.approx(6.0, rel=0.05)
+    assert volume.values[0] == pytest.approx(4.0 / 3.0 * np.pi * (8.0 - 2.744), rel=0.05)
+    assert area.values[0] == pytest.approx(4.0 * np.pi * (4.0 + 1.96), rel=0.05)
+    assert len(measures_of([wall], hollow=False)) == 2
 
 
 def test_a_project_without_a_result_has_no_report(tmp_path, capsys):
