@@ -212,8 +212,7 @@ def _further_measures(study: Study) -> Iterator[str]:
             f"{'within groups' if request.kind == 'groups' else 'of the differences'}."
         )
     yield (
-        "Outliers are subjects whose distance r from the mean of their group or the shape fitted to them, "
-        "divided by the median distance, exceeds median(r) + 5 x 1.4826 MAD(r), MAD being the median "
+        f"Outliers are {_FAR[request.kind]} exceeds median(r) + 5 x 1.4826 MAD(r), MAD being the median "
         "absolute deviation."
     )
     if any(comparison.distance is not None for comparison in study.comparisons):
@@ -225,6 +224,12 @@ def _further_measures(study: Study) -> Iterator[str]:
         )
 
 
+_FAR = {
+    "groups": "subjects whose distance r from the mean of their group or the shape fitted to them, divided "
+    "by the group's median distance,",
+    "regression": "subjects whose distance r from the shape fitted to their value",
+    "pairs": "pairs whose distance r of the difference from the mean difference",
+}
 _JACKKNIFE = {"groups": "and of their ratios", "regression": "along the variable", "pairs": ""}
 
 

@@ -54,7 +54,9 @@ def add_study(
         [row for row in rows if any(cell != "–" for cell in row[1:])],
         as_text=True,
         omit="–",
-        caption="Size, and separation by the linear discriminant",
+        caption="Size, and separation by the linear discriminant"
+        if any(comparison.discriminant is not None for comparison in study.comparisons)
+        else "Size",
     )  # fmt: skip
     page.table(
         [
