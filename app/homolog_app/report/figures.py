@@ -82,7 +82,7 @@ def model_figures(
             {"": ModeSurfaces(carrier.mesh, moves, shares)},
             modes=range(shown),
             clip=clip,
-            width=300,
+            width=270,
         ),
         "The first modes at ±2 standard deviations (signs are arbitrary). Blue is out of the tissue, yellow "
         f"into it.{mirrored}{_cut_text(clip)}",

@@ -105,7 +105,6 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
         page.paragraph("No group comparison yet: run homolog analyze PROJECT --group COLUMN.")
     _model_section(page, folder, record, result, model, figures)
     add_correspondence(page, folder, correspondence)
-    page.figures([figure for figure in figures if not figure.small])
     _add_check(page, result, meshes)
     _add_landmarks(page, project)
     for index, study in enumerate(studies):
@@ -226,6 +225,7 @@ def _model_section(
         f"fitted with modes of the others{held_out}. Specificity was computed for some numbers of modes only."
     )
     page.figures([figure for figure in figures if figure.small])
+    page.figures([figure for figure in figures if not figure.small])
     rows = quality_rows(result, model)
     if rows:
         write_table(
