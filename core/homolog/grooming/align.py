@@ -1,7 +1,7 @@
 """Alignment of groomed shapes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol
 
@@ -21,7 +21,7 @@ from homolog.grooming.icp import (
     oriented_points,
     registered,
 )
-from homolog.grooming.orientation import agree, are_soft
+from homolog.grooming.orientation import agree, are_soft, better_turned
 from homolog.grooming.subject import GroomedSubject
 from homolog.progress import Tick, no_tick, run_in_threads
 from homolog.settings import Alignment, GroomSettings
@@ -47,6 +47,7 @@ _DOUBTFUL = 40.0  # degrees: a turn away from the others that is looked at again
 _NEIGHBOURS = 3
 _CLEARLY_BETTER, _UNLIKE = 0.6, 1.5
 """When a held shape is turned far: of its distance; and times the usual distance, which its own exceeds."""
+_NEARLY_ROUND = "is nearly round or symmetric, so it was kept as its file lies, as were the others"
 _QUANTILES = np.linspace(0.02, 0.98, 25)
 
 
@@ -64,6 +65,19 @@ class Registration:
 
     alignments: FloatArray
     notes: tuple[str | None, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fits:
+    """Registrations to the medoid.
+
+    `held` says whether they keep the orientations of the files; `turns` are the angles [degrees] by which
+    shapes fit clearly better, by index.
+    """
+
+    fits: list[Fit]
+    held: bool = False
+    turns: dict[int, float] = field(default_factory=dict)
 
 
 @on_one_thread
@@ -127,13 +141,13 @@ def register(
     middle = medoid(units)
     reference = units[middle]
     result, distances = np.empty((len(units), 4, 4)), np.zeros(len(units))
-    fits = _fits(units, middle, settings.alignment, register_pair, tick)
+    registrations = _fits(units, middle, settings.alignment, register_pair, tick)
     for index, (unit, size, goal) in enumerate(zip(units, sizes.tolist(), goals.tolist(), strict=True)):
         pose = np.eye(4)
         if settings.alignment is Alignment.AXES:
             pose[:3, :3] = axes_rotation(unit, reference)
         elif settings.alignment is Alignment.ICP:
-            fit = fits[index]
+            fit = registrations.fits[index]
             distances[index] = fit.distance
             pose[:3] = fit.pose[:3] / scale_of(fit.pose)
         pose[:3, :3] *= goal / size
@@ -142,7 +156,7 @@ def register(
         if settings.alignment is Alignment.NONE:
             pose[:3, 3] += unit.centre
         result[index] = pose
-    return Registration(result, _notes(result, distances, sizes))
+    return Registration(result, _notes(result, distances, sizes, registrations))
 
 
 def _fits(
@@ -151,11 +165,11 @@ def _fits(
     alignment: Alignment,
     register_pair: RegisterPair,
     tick: Tick,
-) -> list[Fit]:
+) -> _Fits:
     """Return the registrations of all shapes to the medoid; none if only centres or axes are aligned."""
     tick(0.0, "aligning")
     if alignment is not Alignment.ICP:
-        return []
+        return _Fits([])
     reference = units[middle]
 
     def fit(unit: OrientedPoints, inner: Tick) -> Fit:
@@ -164,14 +178,18 @@ def _fits(
 
     fits = run_in_threads([partial(fit, unit) for unit in units], tick, "aligning", cores())
     if len(units) < _FEWEST:
-        return fits
-    holds = are_soft(units, reference, fits) and agree(units)
+        return _Fits(fits)
+    holds, turns = are_soft(units, reference, fits) and agree(units), {}
     if holds:
         fits = _held(units, middle, fits, tick)
+        turns = better_turned(
+            units, fits, by_typicality(units).tolist(), partial(register_pair, free=True), tick
+        )
     doubtful = _turns(np.array([fit.pose for fit in fits])) > _DOUBTFUL
     if holds or 2 * np.count_nonzero(doubtful) < len(units):
-        return _reconsidered(units, reference, fits, doubtful, register_pair, tick)
-    return _by_neighbours(units, middle, register_pair, tick)
+        fits = _reconsidered(units, reference, fits, doubtful, register_pair, tick)
+        return _Fits(fits, holds, turns)
+    return _Fits(_by_neighbours(units, middle, register_pair, tick))
 
 
 def _held(units: Sequence[OrientedPoints], middle: int, fits: Sequence[Fit], tick: Tick) -> list[Fit]:
@@ -264,7 +282,9 @@ def _radii(oriented_shapes: Sequence[OrientedPoints]) -> FloatArray:
     )
 
 
-def _notes(alignments: FloatArray, distances: FloatArray, sizes: FloatArray) -> tuple[str | None, ...]:
+def _notes(
+    alignments: FloatArray, distances: FloatArray, sizes: FloatArray, registrations: _Fits
+) -> tuple[str | None, ...]:
     """Return notes on the registrations, by subject."""
     if len(distances) < _FEWEST:
         return (None,) * len(distances)
@@ -273,11 +293,18 @@ def _notes(alignments: FloatArray, distances: FloatArray, sizes: FloatArray) -> 
     many = 2 * np.count_nonzero(angles > _DOUBTFUL) >= len(angles)
     notes: list[str | None] = []
     ratios = sizes / np.median(sizes)
-    for distance, angle, ratio in zip(distances.tolist(), angles.tolist(), ratios.tolist(), strict=True):
-        note = None
+    for index, (distance, angle, ratio) in enumerate(
+        zip(distances.tolist(), angles.tolist(), ratios.tolist(), strict=True)
+    ):
+        note = _NEARLY_ROUND if registrations.held else None
         if not 1.0 / _OTHER_SIZE < ratio < _OTHER_SIZE:
             times, word = (ratio, "large") if ratio > 1.0 else (1.0 / ratio, "small")
             note = f"is {times:.0f} times as {word} as most others; check that its unit is mm"
+        elif index in registrations.turns:
+            note = (
+                f"fits the others clearly better turned by {registrations.turns[index]:.0f}°, but was kept "
+                "as its file lies: check its orientation, and turn the file or exclude it"
+            )
         elif distance > _ODD * max(typical, _LEAST_TYPICAL):
             note = (
                 f"does not look like the others: {100.0 * distance:.0f} % of its size away from the most "

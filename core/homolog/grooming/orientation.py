@@ -4,14 +4,18 @@ Closest points turn a shape that is nearly round to any of many minima, none of 
 files agree, as medical images in patient coordinates do, their common orientation is better than those.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from homolog.grooming.icp import Fit, OrientedPoints, softness_of_fit
+from homolog.arrays import FloatArray
+from homolog.geometry import rotation_of
+from homolog.grooming.icp import Fit, OrientedPoints, held, softness_of_fit
+from homolog.progress import Tick
 
-__all__ = ["agree", "are_soft"]
+__all__ = ["agree", "are_soft", "better_turned"]
 
 _MOST_COMPARED = 40
 """Shapes whose orientations are compared."""
@@ -22,6 +26,13 @@ _CHANCE, _LARGEST_SHARE, _DEVIATIONS = 0.5, 0.4, 1.8
 whose files agree; and how many standard deviations it must be smaller than chance."""
 _SOFT = 0.5
 """`softness_of_fit` from which the orientation of a typical shape is hardly determined."""
+
+_DISTANT, _GAIN = 1.1, 0.35
+"""When a shape seems to be turned in its file: its distance, times the usual one; and the mean logarithm of
+the distances from typical shapes, as its file lies, over those once it is turned."""
+_REFERENCES = 4
+_FAR = 60.0
+"""Degrees: a smaller turn is none."""
 
 
 def agree(shapes: Sequence[OrientedPoints]) -> bool:
@@ -61,3 +72,57 @@ def are_soft(shapes: Sequence[OrientedPoints], reference: OrientedPoints, fits: 
         if shape is not reference
     ]
     return bool(np.median(values) > _SOFT)
+
+
+def better_turned(
+    shapes: Sequence[OrientedPoints],
+    fits: Sequence[Fit],
+    order: Sequence[int],
+    register_freely: Callable[[OrientedPoints, OrientedPoints], Fit],
+    tick: Tick,
+) -> dict[int, float]:
+    """Return by what angle shapes fit clearly better [degrees], by index: their files may be turned.
+
+    One turn must bring a shape nearer to typical ones, all of which are held as their files lie. Looked at
+    are the most typical shape, and those that are farther from it than usual.
+
+    Parameters
+    ----------
+    shapes : sequence of OrientedPoints
+        Sizes about 1, as their files lie.
+    fits : sequence of Fit
+        Their registrations to the most typical one, `held`.
+    order : sequence of int
+        The shapes, the most typical first.
+    register_freely : callable
+        Registers one to another, whatever the orientation of its file.
+    tick : Tick
+        Progress and cancelling.
+    """
+    usual = float(np.median([fit.distance for fit in fits]))
+    distant = {
+        index for index, fit in enumerate(fits) if fit.distance > _DISTANT * usual and _angle(fit.pose) < _FAR
+    }
+    references = [shapes[k] for k in order if k not in distant][:_REFERENCES]
+    turns: dict[int, float] = {}
+    for index in sorted(distant):
+        kept = np.array([held(shapes[index], reference).distance for reference in references])
+        best = _GAIN
+        for reference in references:
+            tick(1.0, "aligning")
+            pose = register_freely(shapes[index], reference).pose
+            if _angle(pose) < _FAR:
+                continue
+            turned = _turned(shapes[index], rotation_of(pose))
+            other = np.array([held(turned, item).distance for item in references])
+            if (gain := float(np.log(kept / other).mean())) > best:
+                best, turns[index] = gain, _angle(pose)
+    return turns
+
+
+def _angle(pose: FloatArray) -> float:
+    return float(np.degrees(Rotation.from_matrix(rotation_of(pose)).magnitude()))
+
+
+def _turned(shape: OrientedPoints, rotation: FloatArray) -> OrientedPoints:
+    return replace(shape, points=shape.points @ rotation.T, normals=shape.normals @ rotation.T)

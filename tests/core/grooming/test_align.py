@@ -225,6 +225,19 @@ def test_round_shapes_keep_the_orientation_of_files_that_lie_alike(paw, egg):
     assert np.degrees(Rotation.from_matrix(linear).magnitude()).max() < 25.0
 
 
+def test_a_round_shape_that_is_turned_in_its_file_is_noted(paw, egg):
+    vectors = np.random.default_rng(1).normal(scale=np.radians(4.0), size=(8, 3))
+    vectors[4] = [np.pi, 0.0, 0.0]
+    cohort = _round_organs(paw, egg, Rotation.identity(8))
+    nose = 1.0 + 0.6 * np.exp((egg.vertices[:, 2:] / 10.0 - 1.0) / 0.15)
+    for index, (item, turn) in enumerate(zip(cohort, Rotation.from_rotvec(vectors), strict=True)):
+        own = turn.apply(item.coarse_mesh.vertices * nose)
+        cohort[index] = replace(item, coarse_mesh=TriangleMesh(own, egg.faces))
+    notes = register(cohort, GroomSettings()).notes
+    assert ["turned by" in (note or "") for note in notes] == [index == 4 for index in range(8)]
+    assert "round" in (notes[0] or "")
+
+
 def test_files_agree_only_if_shapes_are_more_alike_in_them_than_turned_at_random(paw, egg):
     for turns, expected in ((Rotation.identity(8), True), (Rotation.random(8, random_state=3), False)):
         shapes = [oriented_points(item.coarse_mesh) for item in _round_organs(paw, egg, turns)]
