@@ -47,7 +47,7 @@ _DOUBTFUL = 40.0  # degrees: a turn away from the others that is looked at again
 _NEIGHBOURS = 3
 _CLEARLY_BETTER, _UNLIKE = 0.6, 1.5
 """When a held shape is turned far: of its distance; and times the usual distance, which its own exceeds."""
-_NEARLY_ROUND = "is nearly round or symmetric, so it was kept as its file lies, as were the others"
+_KEPT = "the shapes are nearly round or symmetric; the orientation of the files, which agree, was kept"
 _QUANTILES = np.linspace(0.02, 0.98, 25)
 
 
@@ -296,7 +296,7 @@ def _notes(
     for index, (distance, angle, ratio) in enumerate(
         zip(distances.tolist(), angles.tolist(), ratios.tolist(), strict=True)
     ):
-        note = _NEARLY_ROUND if registrations.held else None
+        note = _KEPT if registrations.held else None
         if not 1.0 / _OTHER_SIZE < ratio < _OTHER_SIZE:
             times, word = (ratio, "large") if ratio > 1.0 else (1.0 / ratio, "small")
             note = f"is {times:.0f} times as {word} as most others; check that its unit is mm"
