@@ -14,7 +14,6 @@ from typing import Any, TextIO, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from homolog.errors import InputError
-from homolog.files.records import ResultRecord
 from homolog.parameters import Parameter, fault_text, parameters
 from homolog.settings import GroomSettings, RunSettings
 
@@ -24,7 +23,6 @@ __all__ = [
     "add_options",
     "add_progress_option",
     "add_removed_option",
-    "describe_end",
     "handling",
     "options_of",
     "remaining_seconds",
@@ -291,16 +289,3 @@ def handling(number: int, handle: Callable[[int, FrameType | None], object]) -> 
         yield
     finally:
         signal.signal(number, before)
-
-
-_ENDINGS = {
-    "converged": "converged after {} iterations",
-    "iterations": "not converged after {} iterations",
-    "cancelled": "cancelled after {} iterations",
-    "imported": "imported, not optimized here",
-}
-
-
-def describe_end(result: ResultRecord) -> str:
-    """Describe why and when the optimization ended."""
-    return _ENDINGS.get(result.ended, result.ended).format(result.iterations)

@@ -16,7 +16,6 @@ from homolog_app.cli.options import (
     add_former_name,
     add_options,
     add_progress_option,
-    describe_end,
     show_progress,
     with_all_options,
 )
@@ -89,7 +88,7 @@ def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
         ("result", f"{len(result.subjects)} subjects x {result.particles} particles, {result.finished}"),
         ("method", f"{settings.method}, {result.metric} distances, seed {settings.seed}"),
         *([("source", result.source)] if result.source else []),
-        ("ended", describe_end(result)),
+        ("ended", result.end_text),
         ("surface", result.surface_text),
         *([("mirrored", _mirrored(result))] if result.mirrored_text else []),
         ("settings", json.dumps(changed) if changed else "defaults"),

@@ -33,7 +33,6 @@ from homolog_app.cli.options import (
     add_former_name,
     add_options,
     add_progress_option,
-    describe_end,
     handling,
     show_progress,
     with_all_options,
@@ -245,7 +244,7 @@ def _summary(project: ProjectFolder) -> str:
     assert result is not None, "a completed run has a result"
     folds = f"; {result.folded_faces} folded faces on the mean" if result.folded_faces else ""
     size = f"{len(result.subjects)} subjects x {result.particles} particles"
-    return f"{size}, {describe_end(result)}{folds}"
+    return f"{size}, {result.end_text}{folds}"
 
 
 def _run_inputs(arguments: argparse.Namespace) -> tuple[ProjectFolder, Cohort, RunSettings]:

@@ -187,7 +187,7 @@ def load_result(project: ProjectFolder, tick: Tick = no_tick) -> LoadedResult:
     summary = f"{record.particles} particles on {len(record.subjects)} shapes, " + (
         f"imported from {record.source}{_remarks(record)}"
         if record.source
-        else f"{record.metric} distances, {record.ended} after {record.iterations} iterations in "
+        else f"{record.metric} distances, {record.end_text}, "
         f"{sum(record.seconds.values()):.0f}\u00a0s on {record.device}"
     )
     summary += f"; {record.mirrored_text}" if record.mirrored_text else ""

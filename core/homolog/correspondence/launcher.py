@@ -3,7 +3,7 @@
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from itertools import count as counter
 from itertools import pairwise
 from queue import SimpleQueue
@@ -37,6 +37,34 @@ def load_kernels(device: str) -> None:
             wp.load_module("homolog.correspondence", device=alias, recursive=True)
 
 
+class _Switching:
+    """The interpreter's switch interval, which is short while any launcher with many threads is open."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._users = 0
+        self._usual_s = sys.getswitchinterval()
+
+    @contextmanager
+    def often(self) -> Iterator[None]:
+        """Shorten the interval, and restore it when the last user leaves."""
+        with self._lock:
+            if self._users == 0:
+                self._usual_s = sys.getswitchinterval()
+                sys.setswitchinterval(min(self._usual_s, SWITCH_INTERVAL))
+            self._users += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._users -= 1
+                if self._users == 0:
+                    sys.setswitchinterval(self._usual_s)
+
+
+_SWITCHING = _Switching()
+
+
 class Launcher:
     """Launches kernels whose first argument is the index of their first thread.
 
@@ -68,8 +96,9 @@ class Launcher:
             threading.Thread(target=self._work, name=f"kernels-{number}", daemon=True)
             for number in range(1, self.cores)
         ]
+        self._open = ExitStack()
         if self.cores > 2:
-            sys.setswitchinterval(min(sys.getswitchinterval(), SWITCH_INTERVAL))
+            self._open.enter_context(_SWITCHING.often())
         for thread in self._threads:
             thread.start()
 
@@ -126,6 +155,7 @@ class Launcher:
     def close(self) -> None:
         """Stop the threads."""
         self.forget()
+        self._open.close()
         for _ in self._threads:
             self._tasks.put(None)
         for thread in self._threads:

@@ -22,6 +22,13 @@ FORMAT_VERSION = 1
 IMPORTED = "imported"
 """Value of `ended` for results of other programs."""
 
+_ENDINGS = {
+    "converged": "converged after {} iterations",
+    "iterations": "not converged after {} iterations",
+    "cancelled": "cancelled after {} iterations",
+    IMPORTED: "imported, not optimized here",
+}
+
 _NUMBER = re.compile(r"(?<![\w.-])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]*\w)")
 _PLURAL = re.compile(r"(?<=[a-z])s\b")
 
@@ -103,6 +110,11 @@ class ResultRecord(_Record):
     def remarks(self) -> list[str]:
         """Notes as by `note_lines`; of many subjects the first two are named."""
         return note_lines({subject.name: subject.notes for subject in self.subjects})
+
+    @property
+    def end_text(self) -> str:
+        """Why and when the optimization ended: "converged after 970 iterations"."""
+        return _ENDINGS.get(self.ended, self.ended).format(self.iterations)
 
     @property
     def mirrored_text(self) -> str:

@@ -333,3 +333,15 @@ def test_the_sampling_force_matches_finite_differences_of_the_sampling_energy(ba
         expected = -float((forces[0, particle] * side[0, particle]).sum())
         scale = float(np.linalg.norm(forces[0, particle])) + 0.05
         assert expected == pytest.approx(difference, abs=0.06 * scale)
+
+
+def test_threads_pass_the_interpreter_lock_on_sooner_only_while_a_launcher_with_many_is_open():
+    import sys
+
+    usual = sys.getswitchinterval()
+    first, second = Launcher("cpu", threads=3), Launcher("cpu", threads=3)
+    first.close()
+    during = sys.getswitchinterval()
+    second.close()
+    assert during < usual
+    assert sys.getswitchinterval() == usual
