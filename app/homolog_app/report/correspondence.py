@@ -84,8 +84,8 @@ def add_correspondence(page: Page, folder: Path, rows: Sequence[CorrespondenceRo
     write_table(folder / _FILE, columns, [astuple(row) for row in rows])
     titles = (
         ("particles from their own surface, mean (mm)", ".3f"),
-        ("evenness: SD of the areas of particles, of their mean (%)", ".1f"),
-        ("surface from its nearest particle, largest (mm)", ".2f"),
+        ("evenness: coefficient of variation of the particles' areas (%)", ".1f"),
+        ("largest distance of the surface from its nearest particle (mm)", ".2f"),
         ("surface from carried mean surface, mean over the area (mm)", ".3f"),
         ("surface from carried mean surface, 95th percentile of the area (mm)", ".3f"),
     )
@@ -96,7 +96,7 @@ def add_correspondence(page: Page, folder: Path, rows: Sequence[CorrespondenceRo
         cells = (float(np.mean(values)), min(values), max(values))
         table.append((title, *(format(value, form) for value in cells), rows[worst].name))
     page.table(
-        ["measure of a subject", "mean", "least", "largest", "subject with the largest"],
+        ["measure of a subject", "mean of subjects", "least", "largest", "subject with the largest"],
         table,
         as_text=True,
         caption="Quality of the correspondence over the subjects",

@@ -75,7 +75,7 @@ def _sentences(study: Study, shown: Sequence[Comparison], carrier: SurfaceCarrie
         if (regions := significant_regions(study, comparison, carrier))
     ]
     if where:
-        yield f"Largest regions: {'; '.join(where)}."
+        yield f"Largest regions, by the place of their peak: {'; '.join(where)}."
 
 
 def _where(title: str, regions: Sequence[Region], study: Study) -> str:
@@ -83,11 +83,12 @@ def _where(title: str, regions: Sequence[Region], study: Study) -> str:
     region = regions[0]
     per = f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
     digits = digits_of(study, region.mean_outward.high - region.mean_outward.low) - (0 if per else 1)
-    moves = f"{region.mean_outward.value:+.{digits}f} mm{per}, {region.direction(region.mean_outward)}"
+    moves = f"mean {region.mean_outward.value:+.{digits}f} mm{per}, {region.direction(region.mean_outward)}"
     if region.mean_outward.low <= 0.0 <= region.mean_outward.high:
         along = abs(region.outward.value) < _MAINLY_ALONG * region.length
         moves = f"direction not determined{', mainly along the surface' if along else ''}"
-    return f"{title} {region.where}, {moves}"
+    share = 100.0 * region.area / float(study.areas.sum())
+    return f"{title} {region.where} ({share:.1f} % of the surface), {moves}"
 
 
 def _table(page: Page, studies: Sequence[Study], seeds: Sequence[Sequence[SeedAnswer]]) -> None:
@@ -97,8 +98,8 @@ def _table(page: Page, studies: Sequence[Study], seeds: Sequence[Sequence[SeedAn
         for comparison in study.comparisons
     ]
     page.table(
-        ["study", "comparison", "modes", "D (SD)", "95 % CI", "p", "area (%)", "accuracy (%)",
-         "p of accuracy"],
+        ["study", "comparison", "modes", "D (SD)", "95 % CI", "median D of seeds", "p", "area (%)",
+         "accuracy (%)", "p of accuracy"],
         rows,
         as_text=True,
         omit="–",
@@ -108,8 +109,9 @@ def _table(page: Page, studies: Sequence[Study], seeds: Sequence[Sequence[SeedAn
     several = [str(number) for number, answers in enumerate(seeds, start=1) if len(seed_numbers(answers)) > 1]
     if several:
         sentences.append(
-            f"Values of Study {', '.join(several)} are medians over the seeds of the correspondence (ranges: "
-            "last table); intervals, p of accuracy and all that follows are those of the first seed."
+            f"In Study {', '.join(several)} median D, p and area are medians over the seeds of the "
+            "correspondence (ranges: last table). D with its interval, accuracy with its p and all that "
+            "follows, maps too, are those of the first seed."
         )
     if any(study.pairwise for study in studies):
         sentences.append("D from other numbers of modes, or of two and of all groups, can't be compared.")
@@ -123,11 +125,11 @@ def _row(name: str, study: Study, comparison: Comparison, answers: Sequence[Seed
     test, line, distance = comparison.test, comparison.discriminant, comparison.distance
     significant = comparison.p_fwe <= LEVEL
     area = 100.0 * float(study.areas[significant].sum()) / max(float(study.areas.sum()), 1e-300)
-    far = None if distance is None else distance.value
+    far, median_far = (None if distance is None else distance.value), None
     accuracy = None if line is None else line.accuracy.value
     p = comparison.p_adjusted
     if (median := median_answer(answers, comparison.title)) is not None:
-        far, accuracy, p, area = median.distance, median.accuracy, median.p, median.percent
+        median_far, p, area = median.distance, median.p, median.percent
     mark = f" {_MARK}" if dispersion_caution(comparison.dispersion, comparison.counts) else ""
     digits = 2 if distance is None else digits_of(study, distance.high - distance.low)
     tested = comparison.accuracy_p_adjusted
@@ -137,6 +139,7 @@ def _row(name: str, study: Study, comparison: Comparison, answers: Sequence[Seed
         str(test.modes),
         "–" if far is None else f"{far:.{digits}f}",
         "–" if distance is None else f"{distance.low:.{digits}f} to {distance.high:.{digits}f}{mark}",
+        "–" if median_far is None else f"{median_far:.{digits}f}",
         p_number(p, test.permutations) if test.modes else "–",
         f"{area:.1f}",
         "–" if accuracy is None else f"{100.0 * accuracy:.0f}",
@@ -147,14 +150,14 @@ def _row(name: str, study: Study, comparison: Comparison, answers: Sequence[Seed
 def _remarks(studies: Sequence[Study]) -> Iterator[str]:
     """Yield what the table does not show at once."""
     alike = [
-        f"{comparison.title} (Study {number})"
+        f"{comparison.title} (Study {number}, p = {p_number(comparison.accuracy_p_adjusted)})"
         for number, study in enumerate(studies, start=1)
         for comparison in study.comparisons
         if comparison.accuracy_p_adjusted is not None
         and comparison.p_adjusted <= LEVEL < comparison.accuracy_p_adjusted
     ]
     if alike:
-        yield f"Means differ, but single subjects can't be told apart: {', '.join(alike)}."
+        yield f"Means differ, but balanced accuracy is not shown to exceed chance: {', '.join(alike)}."
     apart = []
     for number, study in enumerate(studies, start=1):
         for other in range(number, len(studies)):
@@ -165,7 +168,10 @@ def _remarks(studies: Sequence[Study]) -> Iterator[str]:
                     for title, percent in _disagreements(study, again)
                 ]
     if apart:
-        yield f"Where is uncertain, as significant places hardly overlap: {', '.join(apart)}."
+        yield (
+            "The place is uncertain, as significant areas of unadjusted and adjusted studies hardly overlap: "
+            f"{', '.join(apart)}."
+        )
     effects = [
         f"Study {number}, {text}"
         for number, study in enumerate(studies, start=1)
@@ -201,9 +207,9 @@ def _cautions(studies: Sequence[Study], correspondence: Sequence[CorrespondenceR
     ]  # fmt: skip
     if uneven:
         yield (
-            f"Dispersion differs or changes: {', '.join(uneven)}. There T², F, the intervals of D and ω² and "
-            "p of accuracy and AUC can't be relied on; permutation tests of shape, particles and size hold "
-            "approximately."
+            f"Dispersion differs or changes: {', '.join(uneven)}. There T², Λ, F, the intervals of D and ω², "
+            "and any p of accuracy and AUC, can't be relied on; permutation tests of shape, particles and "
+            "size hold approximately."
         )
     further: dict[str, list[str]] = {}
     for number, study in enumerate(studies, start=1):

@@ -54,9 +54,7 @@ def add_study(
         [row for row in rows if any(cell != "–" for cell in row[1:])],
         as_text=True,
         omit="–",
-        caption="Size, and separation by the linear discriminant"
-        if any(comparison.discriminant is not None for comparison in study.comparisons)
-        else "Size",
+        caption=_further_caption(rows),
     )  # fmt: skip
     page.table(
         [
@@ -76,6 +74,14 @@ def add_study(
         if not figure.small:
             page.figures([figure])
     page.study = ""
+
+
+def _further_caption(rows: Sequence[tuple[str, ...]]) -> str:
+    """Return the title of a table of size, separation or both."""
+    size, separation = (any(row[k] != "–" for row in rows) for k in (1, 4))
+    if size and separation:
+        return "Size, and separation by the linear discriminant"
+    return "Separation by the linear discriminant" if separation else "Size"
 
 
 def _per(study: Study) -> str:

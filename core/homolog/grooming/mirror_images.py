@@ -29,13 +29,13 @@ _CLEAR = 2.0
 _LEAST_SPREAD = 0.05
 _LIKELY = np.log(100.0)
 """Logarithm of how much likelier a preference is among mirror images than among the usual subjects."""
-_LEAST, _NOTABLE = 0.75, 0.5
+_LEAST, _NOTABLE = 0.5, 0.5
 """Of the usual preference: what a mirror image has at least, and what tells a side."""
 _FEWEST = 3
 _SLIGHT, _FEW = 0.25, 0.05
 """Preferences between those of usual subjects and of mirror images are below minus so much of the usual one;
 largest share of the subjects that have them."""
-_MOST, _FAR = 0.7, 4.0
+_MOST, _FAR = 0.7, 5.0
 """Share of the subjects whose preferences exceed `_NOTABLE`; spreads between usual ones and mirror images."""
 
 
@@ -169,7 +169,7 @@ def reversed_ones(preferences: FloatArray, *, majority: bool = True) -> list[boo
     The usual subjects have positive preferences. They tell sides if the median is twice their spread (the
     standard deviation) and most preferences exceed half of it: otherwise shapes are too symmetric, or differ
     too much. A negative preference is a mirror image's if it is a hundred times likelier about minus the
-    median than about the median, and farther from it than four spreads. Where more than a few preferences
+    median than about the median, and farther from it than five spreads. Where more than a few preferences
     lie between, subjects differ in chance asymmetries, and none is a mirror image.
 
     Parameters
