@@ -14,7 +14,7 @@ from homolog_app.report.findings import LEVEL, NOUNS, verdict_of
 from homolog_app.report.page import Page
 from homolog_app.report.seeds import SeedAnswer, median_answer, seed_numbers
 from homolog_app.report.study import Study
-from homolog_app.report.study_parts import digits_of
+from homolog_app.report.study_parts import digits_of, effect_cell
 from homolog_app.report.surface_maps import Region, SurfaceCarrier, significant_regions
 
 __all__ = ["add_main_results"]
@@ -98,7 +98,7 @@ def _table(page: Page, studies: Sequence[Study], seeds: Sequence[Sequence[SeedAn
         for comparison in study.comparisons
     ]
     page.table(
-        ["study", "comparison", "modes", "D (SD)", "95 % CI", "median D of seeds", "p", "area (%)",
+        ["study", "comparison", "modes", "D (SD, 95 % CI)", "median D of seeds", "p", "area (%)",
          "accuracy (%)", "p of accuracy"],
         rows,
         as_text=True,
@@ -125,7 +125,7 @@ def _row(name: str, study: Study, comparison: Comparison, answers: Sequence[Seed
     test, line, distance = comparison.test, comparison.discriminant, comparison.distance
     significant = comparison.p_fwe <= LEVEL
     area = 100.0 * float(study.areas[significant].sum()) / max(float(study.areas.sum()), 1e-300)
-    far, median_far = (None if distance is None else distance.value), None
+    median_far = None
     accuracy = None if line is None else line.accuracy.value
     p = comparison.p_adjusted
     if (median := median_answer(answers, comparison.title)) is not None:
@@ -137,8 +137,7 @@ def _row(name: str, study: Study, comparison: Comparison, answers: Sequence[Seed
         name,
         "all groups" if study.pairwise and comparison is study.overall else comparison.title,
         str(test.modes),
-        "–" if far is None else f"{far:.{digits}f}",
-        "–" if distance is None else f"{distance.low:.{digits}f} to {distance.high:.{digits}f}{mark}",
+        "–" if distance is None else effect_cell(study, distance) + mark,
         "–" if median_far is None else f"{median_far:.{digits}f}",
         p_number(p, test.permutations) if test.modes else "–",
         f"{area:.1f}",
