@@ -53,6 +53,8 @@ class Views(QObject):
         self.run = RunParticles(workspace, commands["run.play"], stage, curves)
         self._explore = explore
         self._result: LoadedResult | None = None
+        for name in ("link", "raw", "groomed", "particles", "grid4", "letters", "scale_bar"):
+            commands[f"view.{name}"].setChecked(True)
         stage.bar.opacity_changed.connect(lambda value: stage.scene.switch(opacity=value))
         stage.clip.changed.connect(self._cut)
         self._bar.clicked.connect(lambda: commands["view.range"].trigger())
@@ -73,8 +75,6 @@ class Views(QObject):
         stage.scene.picker.picked.connect(self._hand_over_pick)
         stage.scene.picker.menu_wanted.connect(self._open_menu, Qt.ConnectionType.QueuedConnection)
         self._session.selection_changed.connect(self._follow_selection)
-        for name in ("link", "raw", "groomed", "particles", "grid4", "letters", "scale_bar"):
-            commands[f"view.{name}"].setChecked(True)
         self._own_particles, self._balls, self._generation = False, False, 0
         self._last_layout: tuple[int, tuple[int, ...], bool] = (0, (), False)
         self.refresh()
