@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
+from multiprocessing.process import BaseProcess
 
 __all__ = ["main_guard_hint", "worker_processes"]
 
@@ -39,11 +40,20 @@ def worker_processes(count: int, *, fresh: bool = False) -> Iterator[Executor]:
     try:
         yield executor
     finally:
-        for process in set(active_children()) - others:
-            process.terminate()
-        executor.shutdown(cancel_futures=True)
+        _terminate(executor, set(active_children()) - others)
         writer.close()
         reader.close()
+
+
+def _terminate(executor: ProcessPoolExecutor, processes: set[BaseProcess]) -> None:
+    """Terminate the processes and shut down the executor, even amid the transfer of a result.
+
+    Its thread would wait for the rest of the result for ever, as this process holds the sending end too.
+    """
+    for process in processes:
+        process.terminate()
+    executor._result_queue._writer.close()  # type: ignore[attr-defined] # noqa: SLF001 - there is no public way
+    executor.shutdown(cancel_futures=True)
 
 
 def main_guard_hint() -> str:

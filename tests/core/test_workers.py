@@ -5,6 +5,7 @@ import sys
 import time
 import types
 
+import numpy as np
 import pytest
 
 from homolog.workers import main_guard_hint, worker_processes
@@ -79,3 +80,12 @@ def test_only_a_script_of_the_user_is_told_to_guard_its_work(monkeypatch):
     assert "__main__" in main_guard_hint()
     script.__file__ = "/usr/bin/homolog"
     assert main_guard_hint() == ""
+
+
+def test_workers_end_at_once_while_they_are_sending_results():
+    for wait in np.linspace(0.0, 0.1, 6):
+        with worker_processes(2) as executor:
+            futures = [executor.submit(np.ones, 4_000_000) for _ in range(12)]
+            futures[0].result()
+            time.sleep(wait)
+        assert all(future.done() for future in futures)

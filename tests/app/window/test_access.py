@@ -405,6 +405,9 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
         look(question, page)
         page.by_seed.show_sentences(["p from 0.01 to 0.02 over 2 seeds."], page.reveal)
         look(f"{question} with other seeds", page)
+    panels.explore.open_page(panels.explore.pages[0])
+    rest()
+    look("stored answers", panels.explore.page)
 
     order(
         *(command.id for command in COMMANDS if command.title.endswith("…") or command.menu == "Help"),
