@@ -320,6 +320,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     from PySide6.QtWidgets import QWidget
 
     from homolog.errors import InputError
+    from homolog_app.report.request import KeptStudy, StoredTest
     from homolog_app.window.commands import COMMANDS
     from homolog_app.window.dialogs import ask
     from homolog_app.window.explore.groups_page import GroupsPage
@@ -405,9 +406,11 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
         look(question, page)
         page.by_seed.show_sentences(["p from 0.01 to 0.02 over 2 seeds."], page.reveal)
         look(f"{question} with other seeds", page)
-    panels.explore.open_page(panels.explore.pages[0])
-    rest()
-    look("stored answers", panels.explore.page)
+    overview, answered = panels.explore.pages[0], page.answers[0].study.request
+    panels.explore.open_page(overview)
+    overview.kept.show_answers([KeptStudy(answered, False, {"slim": StoredTest(0.01, 999, None)})])
+    look("stored answers", overview)
+    panels.explore.open_page(page)
 
     order(
         *(command.id for command in COMMANDS if command.title.endswith("…") or command.menu == "Help"),
