@@ -26,8 +26,15 @@ def definitions(
     confirmed : bool
         Whether the authors have said what the axes are.
     """
+    yield from _of_answers(studies)
+    yield from _of_places(carrier)
+    yield "Places", axes_text(carrier, confirmed=confirmed)
+    yield from _of_subjects(studies)
+
+
+def _of_answers(studies: Sequence[Study]) -> Iterator[tuple[str, str]]:
+    """Yield what is compared, and the numbers that say how it differs."""
     kinds = {study.request.kind for study in studies}
-    comparisons = [comparison for study in studies for comparison in study.comparisons]
     yield (
         "Study, comparison",
         "A study answers one question for form or for shape; it compares two groups, all groups and each "
@@ -63,6 +70,10 @@ def definitions(
         "to it, on the same side of a wall. The whole surface counts, of hollow shapes the inner and the "
         "outer side.",
     )
+
+
+def _of_places(carrier: SurfaceCarrier) -> Iterator[tuple[str, str]]:
+    """Yield what says where shapes differ, and which way they move."""
     yield (
         "Region, peak, outward",
         "A region is connected significant particles, its peak the one with the largest statistic. Outward "
@@ -89,7 +100,11 @@ def definitions(
             "thickness is the mean over a subject's surface of the distance to the opposite side (rays "
             "[shapira]).",
         )
-    yield "Places", axes_text(carrier, confirmed=confirmed)
+
+
+def _of_subjects(studies: Sequence[Study]) -> Iterator[tuple[str, str]]:
+    """Yield what tells single subjects apart, where a study does."""
+    comparisons = [comparison for study in studies for comparison in study.comparisons]
     if any(comparison.discriminant is not None for comparison in comparisons):
         yield (
             "Balanced accuracy, AUC",
