@@ -10,8 +10,8 @@ import pytest
 from homolog.files.particles import write_particles
 from homolog.files.project import ProjectFolder
 from homolog.files.results import particle_file, read_result
+from homolog.run.repair import COLUMNS
 from homolog_app.cli import INPUT_ERROR, OK, main
-from homolog_app.studies.suspects import COLUMNS
 
 PAIR = [7, 30]
 

@@ -16,7 +16,7 @@ from homolog.correspondence.exchanges import Exchanges
 from homolog.files.project import ProjectFolder
 from homolog.inspection import Kind, assess, inspect
 from homolog.inspection.energies import rows_of
-from homolog_app.studies.suspects import inspect_project
+from homolog.run.repair import inspect_project
 
 
 def exchanged(inspection):

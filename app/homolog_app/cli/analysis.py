@@ -178,7 +178,7 @@ def add_check(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
 def run_check(arguments: argparse.Namespace) -> int:
     """List the suspects; return the exit code."""
     from homolog.progress import part_of
-    from homolog_app.studies.suspects import inspect_project, rows, write_suspects
+    from homolog.run.repair import inspect_project, rows, write_suspects
 
     if arguments.repair < 0 or not arguments.min_severity >= 0.0:
         raise InputError("--repair and --min-severity must be 0 or more")
@@ -218,8 +218,7 @@ def _repair(
 ) -> "tuple[Inspection, list[str]]":
     """Repair the most severe suspects one after another; keep improvements."""
     from homolog.progress import part_of
-    from homolog.run.repair import write_repaired
-    from homolog_app.studies.suspects import repaired
+    from homolog.run.repair import repaired, write_repaired
 
     chosen = inspection.suspects[:count]
     lines: list[str] = []

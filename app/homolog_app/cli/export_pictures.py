@@ -138,8 +138,8 @@ def run_film(arguments: argparse.Namespace) -> int:
     """Write the film; return the exit code."""
     settings = with_options(FilmSettings(), arguments)
     from homolog.progress import part_of
-    from homolog_app.exports.encode import FILM_SUFFIXES, write_film
     from homolog_app.exports.film import Film
+    from homolog_app.exports.pictures import FILM_SUFFIXES, write_film
     from homolog_app.rendering.draw import renderer_name
 
     if arguments.out.suffix.lower() not in FILM_SUFFIXES:
@@ -178,8 +178,8 @@ def add_still(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pri
 def run_still(arguments: argparse.Namespace) -> int:
     """Write the picture; return the exit code."""
     settings = with_options(StillSettings(), arguments)
-    from homolog_app.exports.encode import write_still
     from homolog_app.exports.film import Film
+    from homolog_app.exports.pictures import write_still
     from homolog_app.rendering.draw import renderer_name
 
     with exporting(arguments) as tick:
@@ -219,7 +219,7 @@ def add_screenshot(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
 def run_screenshot(arguments: argparse.Namespace) -> int:
     """Write the picture; return the exit code."""
     settings = with_options(ScreenshotSettings(), arguments)
-    from homolog_app.exports.encode import write_still
+    from homolog_app.exports.pictures import write_still
     from homolog_app.rendering.draw import with_opengl
     from homolog_app.views.content import KEPT, open_page, read_shown
     from homolog_app.views.snapshot import view_contents_of
@@ -284,7 +284,7 @@ def run_plot(arguments: argparse.Namespace) -> int:
     if arguments.out.suffix.lower() not in _PLOT_SUFFIXES:
         raise InputError(f"--out {arguments.out}: must end in {', '.join(_PLOT_SUFFIXES)}")
     from homolog.files.atomic import atomic_write
-    from homolog_app.exports.plots import draw_plot
+    from homolog_app.exports.pictures import draw_plot
     from homolog_app.pictures import write_picture
 
     with exporting(arguments) as tick:

@@ -14,6 +14,7 @@ from homolog_app.plots.groups import (
     percentile_rows,
 )
 from homolog_app.plots.model import (
+    DPI,
     draw_energies,
     draw_energy_curves,
     draw_energy_frames,
@@ -22,8 +23,10 @@ from homolog_app.plots.model import (
     draw_scores,
     draw_scree,
     draw_subjects,
+    group_order,
+    group_style,
+    new_figure,
 )
-from homolog_app.plots.style import DPI, group_order, group_style, new_figure
 
 __all__ = [
     "DPI", "discriminant_points", "draw_boxes", "draw_discriminant", "draw_energies",

@@ -9,11 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from homolog.arrays import BoolArray, FloatArray
-from homolog_app.plots.model import draw_scores
-from homolog_app.plots.style import (
+from homolog_app.plots.model import (
     FONT_PT,
     LINE_PT,
     TICK_PT,
+    draw_scores,
     dress,
     group_style,
     letters,

@@ -1,9 +1,12 @@
-"""The commands of the window as data, with their requirements."""
+"""The commands of the window as data, and which of them are possible."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
-__all__ = ["COMMANDS", "LAYOUTS", "MENUS", "REASONS", "Command", "command"]
+from homolog.files.project import ProjectFolder
+from homolog_app.window.session import Session
+
+__all__ = ["COMMANDS", "LAYOUTS", "MENUS", "REASONS", "Command", "WindowState", "available", "command"]
 
 
 MENUS = ("File", "Edit", "View", "Run", "Explore", "Help")
@@ -28,7 +31,7 @@ class Command:
     icon : str
         File name without suffix in the resources, or nothing.
     needs : str
-        Requirement: a name that `homolog_app.window.requirements.available` returns.
+        Requirement: a name that `available` returns.
     checkable : bool
         Whether it switches something on and off.
     choice : str
@@ -297,3 +300,94 @@ REASONS: Mapping[str, str] = {
     **{f"grid{count}": "the open page has no such number of views" for count in LAYOUTS},
 }
 """Reasons why a command is disabled, by requirement: the end of the sentence "Not now: …"."""
+
+
+@dataclass(frozen=True, slots=True)
+class WindowState:
+    """What decides, besides the session, which commands are possible."""
+
+    busy: bool  # the user waits for a job
+    running: bool  # that job is a run
+    kept: bool  # a run was cancelled whose particles can be kept
+    page: int  # of the views
+    pages: int
+    ready: bool  # the views are there
+    plays: bool  # the open page of Explore plays something
+    answered: bool  # a question about groups or a number was answered
+    reference: bool  # there is a reference for patients
+    patient: bool  # a patient was compared with it
+    layouts: Collection[int]  # numbers of views that can be chosen
+    model: bool  # shapes of the model are seen
+    slices: bool  # slices of a file are seen
+    coloured: bool  # a colour scale is shown whose ends can be set
+    preliminary: bool  # there is a model of a run that has not finished
+
+
+def available(session: Session, project: ProjectFolder, state: WindowState) -> Mapping[str, bool]:
+    """Return whether each requirement of the command table is met, for an open project or a draft."""
+    study = session.is_open and state.ready
+    return {
+        "always": True,
+        "idle": not state.busy,
+        "busy": state.busy,
+        "study": study,
+        "undo": not state.busy and session.undo.canUndo(),
+        "redo": not state.busy and session.undo.canRedo(),
+        **{name: study and met for name, met in _of_views(state).items()},
+        **{name: study and met for name, met in _of_result(session, state).items()},
+        **{
+            name: study and not state.busy and met
+            for name, met in _of_idle_study(session, project, state).items()
+        },
+        "running": state.running,
+    }
+
+
+def _of_views(state: WindowState) -> dict[str, bool]:
+    """Return which requirements the views meet, if a study is open."""
+    return {
+        "picture": True,
+        "views": not state.slices,
+        "raw": state.slices or not state.model,
+        "coloured": state.coloured and not state.slices,
+        "previous_page": state.page > 0,
+        "next_page": state.page + 1 < state.pages,
+        **{f"grid{count}": count in state.layouts for count in LAYOUTS},
+    }
+
+
+def _of_result(session: Session, state: WindowState) -> dict[str, bool]:
+    """Return which requirements shapes and results meet, if a study is open."""
+    result = session.result
+    frames = not state.busy and result is not None and (state.plays or len(result.frames) > 1)
+    return {
+        "groomed": bool(session.groomed or result),
+        "two": len(session.study.included) >= 2,
+        "result": result is not None,
+        "particles": state.running or result is not None,
+        "model": result is not None or state.preliminary,
+        "frames": frames or (state.preliminary and state.plays),
+    }
+
+
+def _of_idle_study(session: Session, project: ProjectFolder, state: WindowState) -> dict[str, bool]:
+    """Return which requirements are met, if a study is open and nothing is being computed."""
+    chosen, result = bool(session.selection), session.result is not None
+    two = len(session.study.included) >= 2
+    further = session.extension_of if session.is_result_written else None
+    return {
+        "unsaved": session.folder is None or not session.undo.isClean(),
+        "cohort": bool(session.study.included),
+        "selection": chosen,
+        "removable": chosen,
+        "groomed_selection": chosen and session.selection[0] in session.groomed,
+        "ready": two and (session.is_groomed or result),
+        "more": further is not None and further.particles > 0,
+        "fit": further is not None and bool(further.subjects),
+        "resumable": two and project.checkpoint.is_file(),
+        "cancelled": state.kept,
+        "idle_result": result,
+        "answer": result and state.answered,
+        "reference": result and state.reference,
+        "patient": result and state.patient,
+    }

@@ -22,16 +22,16 @@ from PySide6.QtWidgets import (
 
 from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_panel import CohortPanel
+from homolog_app.window.commands import WindowState, available
 from homolog_app.window.dialogs import LogPane
 from homolog_app.window.explore.groups_page import GroupsPage
-from homolog_app.window.explore.overview_page import OverviewPage
+from homolog_app.window.explore.page import OverviewPage
 from homolog_app.window.explore.panel import ExploreController, ExplorePanel
 from homolog_app.window.explore.patient_page import PatientPage
 from homolog_app.window.export.controller import ExportController
 from homolog_app.window.help import HelpController, Tour
 from homolog_app.window.project_controller import ProjectController
 from homolog_app.window.rail import STEPS, DockSizes, Rail, StatusBar, steps_of
-from homolog_app.window.requirements import WindowState, available
 from homolog_app.window.run_panel import GroomPanel, RunPanel
 from homolog_app.window.run_particles import EnergyCurves
 from homolog_app.window.start_page import StartPage

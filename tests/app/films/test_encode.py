@@ -5,8 +5,8 @@ import pytest
 from PIL import Image
 
 from homolog.errors import Cancelled, InputError
-from homolog_app.exports.encode import write_film, write_still
 from homolog_app.exports.film import Film
+from homolog_app.exports.pictures import write_film, write_still
 from homolog_app.exports.settings import FilmSettings
 
 SETTINGS = FilmSettings(width=480, height=320, seconds=1.0, fps=20)

@@ -87,9 +87,9 @@ class InspectionState(QObject):
         def work(tick: Tick) -> _Version:
             from homolog.analysis.shape_model import ShapeModel
             from homolog.progress import part_of
+            from homolog.run.repair import repaired
             from homolog.run.shape_files import surface_of_model
             from homolog.surfaces.mesh import TriangleMesh
-            from homolog_app.studies.suspects import repaired
 
             after = inspection
             for index, suspect in enumerate(suspects):
@@ -151,7 +151,7 @@ class InspectionState(QObject):
 
     def export(self, path: Path) -> None:
         """Write the list of suspects; raises InputError if the file can't be written."""
-        from homolog_app.studies.suspects import rows, write_suspects
+        from homolog.run.repair import rows, write_suspects
 
         version = self._version
         if version is not None:

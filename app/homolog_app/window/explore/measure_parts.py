@@ -246,7 +246,7 @@ class GroupLegend(QLabel):
         self._show()
 
     def _show(self) -> None:
-        from homolog_app.plots.style import group_style
+        from homolog_app.plots.model import group_style
 
         each = (
             f'<span style="color: {group_style(index, self._theme.colours)[0]}">■</span>&nbsp;'
@@ -279,7 +279,7 @@ class PairPlot(ScatterPlot):
     def draw_data(self, axes: "Axes") -> None:
         """Draw the subjects by group, with the correlation of all of them."""
         from homolog_app.plots import draw_scores
-        from homolog_app.plots.style import FONT_PT
+        from homolog_app.plots.model import FONT_PT
 
         colours, ellipses = self.theme.colours, self.options[ELLIPSES]
         draw_scores(axes, self.points, self.groups, self.labels, colours, ellipses=ellipses)

@@ -16,8 +16,7 @@ from homolog_app.window.explore.check_page import CheckPage
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.explore.measure_page import MeasurePage
 from homolog_app.window.explore.modes_page import ModesPage
-from homolog_app.window.explore.overview_page import OverviewPage
-from homolog_app.window.explore.page import ExplorePage, ModelCache
+from homolog_app.window.explore.page import ExplorePage, ModelCache, OverviewPage
 from homolog_app.window.explore.patient_page import PatientPage
 from homolog_app.window.widgets import GRID, button, label, set_dimmed
 from homolog_app.window.workspace import Controller, Workspace, reported

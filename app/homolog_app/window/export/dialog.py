@@ -20,7 +20,6 @@ from PySide6.QtWidgets import (
 
 from homolog.errors import InputError
 from homolog_app.cli.options import options_of
-from homolog_app.exports.encode import write_still
 from homolog_app.exports.settings import PictureSettings, ReportSettings, ScreenshotSettings
 from homolog_app.rendering.camera import Canvas, Clip
 from homolog_app.views.content import KEPT, ViewContents, write_shown
@@ -381,6 +380,8 @@ class ScreenshotDialog(ExportDialog):
 
     @Slot()
     def _start(self) -> None:
+        from homolog_app.exports.pictures import write_still
+
         settings, out = self.settings, self.out
         assert isinstance(settings, ScreenshotSettings), "the kind says so"
         assert out is not None, "nothing is started without a place"
