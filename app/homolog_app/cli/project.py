@@ -68,7 +68,7 @@ def _landmarks(project: ProjectFolder, record: ProjectRecord) -> list[tuple[str,
     if not any(subject.landmarks for subject in record.subjects):
         return []
     from homolog.exchange import project_landmark_errors
-    from homolog_app.report.correspondence import landmark_text
+    from homolog_app.report.model_section import landmark_text
 
     try:
         errors = project_landmark_errors(project)

@@ -1,8 +1,7 @@
 """Findings in plain language: effects with intervals, then p-values."""
 
-from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
-from math import factorial, prod
 
 import numpy as np
 
@@ -12,31 +11,14 @@ from homolog.analysis.comparison import Comparison
 from homolog.analysis.effects import Effect, SizeVariance
 from homolog.analysis.procrustes import Alignment
 from homolog.files.results import Result
-from homolog_app.report.covariates import covariate_sentences
 from homolog_app.report.study import Study
 
 __all__ = [
-    "LEVEL",
-    "NOUNS",
-    "Finding",
-    "cautions",
-    "classified_text",
-    "correction_text",
-    "dispersion_text",
-    "findings",
-    "group_dispersions",
-    "interval_text",
-    "least_text",
-    "outlier_text",
-    "p_text",
-    "percent_text",
-    "region_text",
-    "shown_variance",
-    "shows_size",
-    "size_variance_text",
-    "tested_text",
-    "verdict_of",
-]
+    "LEVEL", "NOUNS", "Finding", "cautions", "classified_text", "correction_text", "covariate_area",
+    "covariate_interval", "covariate_sentences", "covariate_size", "covariate_unit", "dispersion_text",
+    "findings", "group_dispersions", "interval_text", "outlier_text", "p_text", "percent_text",
+    "region_text", "shown_variance", "shows_size", "size_variance_text", "verdict_of",
+]  # fmt: skip
 
 
 def interval_text(effect: Effect, digits: int = 2) -> str:
@@ -112,47 +94,6 @@ def shown_variance(comparison: Comparison) -> float:
     return 100.0 * float(eigenvalues[: comparison.test.modes].sum() / max(eigenvalues.sum(), 1e-300))
 
 
-def tested_text(study: Study, *further: str) -> str:
-    """Return the tested quantities: "whole shape, of particles and of the discriminant"."""
-    parts = ["whole shape", "of particles", *further]
-    if any(comparison.discriminant is not None for comparison in study.comparisons):
-        parts.insert(2, "of the discriminant")
-    return f"{', '.join(parts[:-1])} and {parts[-1]}"
-
-
-def least_text(study: Study) -> str:
-    """Return the least p that permutations leave before correction, if all comparisons have as many."""
-    counts = {
-        (comparison.test.permutations, comparison.test.exact)
-        for comparison in study.comparisons
-        if comparison.test.modes
-    }
-    if len(counts) != 1:
-        return ""
-    ((count, exact),) = counts
-    least = (_alike(study) if exact else 1) / (count + 1)
-    how = f"all {count + 1}" if exact else f"{count}"
-    return (
-        f"With {how} permutations the least possible p of whole shape and particles is {least:.2g}, before "
-        "correction."
-    )
-
-
-def _alike(study: Study) -> int:
-    """Return how many of all permutations have the observed statistic in any case.
-
-    These are the opposite signs, and groups of equal numbers that change places.
-    """
-    if study.request.kind == "pairs":
-        return 2
-    if study.request.kind == "regression":
-        return 1
-    return min(
-        prod(factorial(times) for times in Counter(comparison.counts.values()).values())
-        for comparison in study.comparisons
-    )
-
-
 def classified_text(comparison: Comparison) -> str:
     """Return how many of each group were classified correctly, such as ``"8 of 10 A, 9.5 of 12 B"``."""
     if comparison.discriminant is None:
@@ -225,6 +166,60 @@ def cautions(study: Study) -> list[str]:
     """Return the cautions of a study."""
     raised = [caution for comparison in study.comparisons for caution in cautions_of(comparison, study.names)]
     return [*raised, *study.notes]
+
+
+def covariate_sentences(study: Study) -> Iterator[str]:
+    """Yield a sentence on each covariate of a study."""
+    for effect in study.overall.covariates:
+        test = effect.test
+        whole = "no mode exceeds chance"
+        if test.modes:
+            far = (
+                ""
+                if effect.distance is None
+                else f"D = {covariate_interval(effect.distance, f' SD{covariate_unit(effect)}')}, "
+            )
+            whole = f"{far}whole shape {p_text(effect.p_adjusted, test.permutations)}"
+        inside = int(np.count_nonzero(effect.p_fwe <= LEVEL))
+        yield (
+            f"Covariate {effect.title}: {whole}; {inside} of {len(effect.p_fwe)} particles, "
+            f"{covariate_area(study, effect):.1f} % of the surface, are significant"
+            f"{_covariate_size_text(effect)}."
+        )
+
+
+def covariate_size(effect: Comparison) -> Effect | None:
+    """Return the effect on size, if it is reported."""
+    return effect.size if effect.reports_size else None
+
+
+def _covariate_size_text(effect: Comparison) -> str:
+    """Return the effect on size with its p, or nothing where size is not reported."""
+    size = covariate_size(effect)
+    if size is None or size.p is None or not np.isfinite(size.value):
+        return ""
+    measured = covariate_interval(size, f" mm{covariate_unit(effect)}")
+    return f"; size alone {measured}, {p_text(size.p, size.permutations)}"
+
+
+def covariate_unit(effect: Comparison) -> str:
+    """Return what the effect of a covariate is per, or nothing for a difference of categories."""
+    several = effect.pointwise.effect.shape[0] > 1
+    return "" if several or " - " in effect.title else " per unit"
+
+
+def covariate_area(study: Study, effect: Comparison) -> float:
+    """Return the share of the surface on which a covariate's effect is significant [%]."""
+    inside = float(study.areas[effect.p_fwe <= LEVEL].sum())
+    return 100.0 * inside / max(float(study.areas.sum()), np.finfo(float).tiny)
+
+
+def covariate_interval(effect: Effect, unit: str) -> str:
+    """Return a covariate's effect with its interval, in three digits."""
+    value, low, high = (f"{item:.3g}" for item in (effect.value, effect.low, effect.high))
+    if not unit:
+        return f"{value} ({low} to {high})"
+    return f"{value}{unit} (95 % CI {low} to {high})"
 
 
 _NOTHING = {

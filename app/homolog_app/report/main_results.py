@@ -8,13 +8,19 @@ import numpy as np
 from homolog.analysis.cautions import cautions_of, dispersion_caution, outlier_caution, p_number, p_text
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.procrustes import Alignment
-from homolog_app.report.correspondence import CorrespondenceRow
-from homolog_app.report.covariates import covariate_effects
-from homolog_app.report.findings import LEVEL, NOUNS, verdict_of
+from homolog_app.report.findings import (
+    LEVEL,
+    NOUNS,
+    covariate_interval,
+    covariate_size,
+    covariate_unit,
+    verdict_of,
+)
+from homolog_app.report.model_section import CorrespondenceRow
 from homolog_app.report.page import Page
 from homolog_app.report.seeds import SeedAnswer, median_answer, seed_numbers
 from homolog_app.report.study import Study
-from homolog_app.report.study_parts import digits_of, effect_cell
+from homolog_app.report.study_section import digits_of, effect_cell
 from homolog_app.report.surface_maps import Region, SurfaceCarrier, significant_regions
 
 __all__ = ["add_main_results"]
@@ -174,10 +180,24 @@ def _remarks(studies: Sequence[Study]) -> Iterator[str]:
     effects = [
         f"Study {number}, {text}"
         for number, study in enumerate(studies, start=1)
-        for text in covariate_effects(study)
+        for text in _covariate_effects(study)
     ]
     if effects:
         yield f"Covariates: {'; '.join(effects)}."
+
+
+def _covariate_effects(study: Study) -> Iterator[str]:
+    """Yield the significant effects of covariates on the whole shape or on size, in a few words."""
+    for effect in study.overall.covariates:
+        parts = []
+        if effect.test.modes and effect.p_adjusted <= LEVEL:
+            parts.append(f"whole shape {p_text(effect.p_adjusted, effect.test.permutations)}")
+        size = covariate_size(effect)
+        if size is not None and size.p is not None and size.p <= LEVEL and np.isfinite(size.value):
+            measured = covariate_interval(size, f" mm{covariate_unit(effect)}")
+            parts.append(f"size {measured}, {p_text(size.p, size.permutations)}, not corrected")
+        if parts:
+            yield f"{effect.title}: {', '.join(parts)}"
 
 
 def _disagreements(study: Study, other: Study) -> Iterator[tuple[str, float]]:

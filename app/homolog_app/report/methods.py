@@ -1,21 +1,23 @@
 """Methods text, to repeat the analysis."""
 
+from collections import Counter
 from collections.abc import Iterator
+from math import factorial, prod
 
 from homolog.analysis.cautions import LOOSE, f_excess
 from homolog.analysis.procrustes import Alignment
 from homolog.files.records import ResultRecord
-from homolog_app.report.findings import LEVEL, correction_text, least_text, tested_text
-from homolog_app.report.model_methods import model_methods
+from homolog_app.report.findings import LEVEL, correction_text
+from homolog_app.report.model_section import model_methods
 from homolog_app.report.study import Study
 
-__all__ = ["methods"]
+__all__ = ["least_text", "methods"]
 
 
 def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
     """Return paragraphs for the methods section of a paper: model, common methods of studies, each study.
 
-    They cite by the names that `homolog_app.report.references.numbered` knows.
+    They cite by the names that `homolog_app.report.appendix.numbered` knows.
     """
     sentences = [_statistics(study) for study in studies]
     shared = [text for text in sentences[0] if all(text in each for each in sentences)] if studies else []
@@ -317,4 +319,45 @@ def _permutations(study: Study) -> str:
     few = f", and {', '.join(all_of)}" if all_of else ""
     return (
         f"{tests} took {random[0]} random permutations (seed {study.request.seed}){few}. {least_text(study)}"
+    )
+
+
+def tested_text(study: Study, *further: str) -> str:
+    """Return the tested quantities: "whole shape, of particles and of the discriminant"."""
+    parts = ["whole shape", "of particles", *further]
+    if any(comparison.discriminant is not None for comparison in study.comparisons):
+        parts.insert(2, "of the discriminant")
+    return f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+def least_text(study: Study) -> str:
+    """Return the least p that permutations leave before correction, if all comparisons have as many."""
+    counts = {
+        (comparison.test.permutations, comparison.test.exact)
+        for comparison in study.comparisons
+        if comparison.test.modes
+    }
+    if len(counts) != 1:
+        return ""
+    ((count, exact),) = counts
+    least = (_alike(study) if exact else 1) / (count + 1)
+    how = f"all {count + 1}" if exact else f"{count}"
+    return (
+        f"With {how} permutations the least possible p of whole shape and particles is {least:.2g}, before "
+        "correction."
+    )
+
+
+def _alike(study: Study) -> int:
+    """Return how many of all permutations have the observed statistic in any case.
+
+    These are the opposite signs, and groups of equal numbers that change places.
+    """
+    if study.request.kind == "pairs":
+        return 2
+    if study.request.kind == "regression":
+        return 1
+    return min(
+        prod(factorial(times) for times in Counter(comparison.counts.values()).values())
+        for comparison in study.comparisons
     )

@@ -1,31 +1,34 @@
-"""The section of a report on one study: results, regions, figures; and the description of samples."""
+"""The section of a report on one study: effects, regions, figures; and what tests of all studies assume."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from math import floor, log10
 
 import numpy as np
 
+from homolog.analysis.assumptions import Dispersion
 from homolog.analysis.cautions import p_number
 from homolog.analysis.comparison import Comparison
-from homolog.analysis.design import lookalikes
 from homolog.analysis.effects import Effect
-from homolog.files.results import Result
-from homolog_app.report.covariates import covariate_rows
 from homolog_app.report.figures import ReportFigure
-from homolog_app.report.findings import LEVEL, shown_variance, shows_size, size_variance_text
-from homolog_app.report.page import Page
-from homolog_app.report.request import SHAPE_SIZE
-from homolog_app.report.sample import VOXEL, SampleRow, sample_rows
-from homolog_app.report.study import Study
-from homolog_app.report.study_parts import (
-    add_regions,
-    effect_cell,
-    interval_cell,
-    mean_text,
-    tested_comparisons,
+from homolog_app.report.findings import (
+    LEVEL,
+    covariate_area,
+    covariate_interval,
+    covariate_size,
+    covariate_unit,
+    p_text,
+    shown_variance,
+    shows_size,
+    size_variance_text,
 )
-from homolog_app.report.surface_maps import SurfaceCarrier
+from homolog_app.report.page import Page
+from homolog_app.report.study import Study
+from homolog_app.report.surface_maps import EDGE, INNER, OUTER, Region, SurfaceCarrier, significant_regions
 
-__all__ = ["add_samples", "add_study"]
+__all__ = [
+    "add_assumptions", "add_regions", "add_statistics", "add_study", "axes_text", "decimals_of",
+    "digits_of", "effect_cell", "interval_cell", "mean_text", "tested_comparisons",
+]  # fmt: skip
 
 
 def add_study(
@@ -61,7 +64,7 @@ def add_study(
             "covariate", "modes", "D (SD, 95 % CI)", "p", f"significant particles (p ≤ {LEVEL:g})",
             "area (%)", "smallest p", "size (mm, 95 % CI)", "p of size",
         ],
-        covariate_rows(study),
+        _covariate_rows(study),
         as_text=True,
         omit="–",
         caption="Covariates, each adjusted for the groups and the others; p of size not corrected"
@@ -134,62 +137,239 @@ def _known(p: float | None, effect: Effect) -> str:
     return "–" if p is None else p_number(p, effect.permutations)
 
 
-def add_samples(page: Page, studies: Sequence[Study], result: Result) -> None:
-    """Describe the sample of each study, the same one once."""
-    numbers_of: dict[str, list[int]] = {}
-    first: dict[str, Study] = {}
-    for number, study in enumerate(studies, start=1):
-        key = repr(_sample_of(study, result))
-        numbers_of.setdefault(key, []).append(number)
-        first.setdefault(key, study)
-    for key, numbers in numbers_of.items():
-        _sample(page, first[key], result, ", ".join(map(str, numbers)) if len(numbers_of) > 1 else "")
+def _covariate_rows(study: Study) -> list[tuple[str, ...]]:
+    """Return a row for each covariate: title, modes, D, p, particles, area, smallest p, size, p of size."""
+    return [_covariate_row(study, effect) for effect in study.overall.covariates]
 
 
-def _sample_text(row: SampleRow, of: int) -> str:
-    if row.category:
-        return f"{row.count} ({100.0 * row.count / max(of, 1):.0f} %)"
-    if row.mean is None or row.least is None or row.largest is None:
-        return str(row.count)
-    value = f"{row.mean:.3g}"
-    if row.spread is not None:
-        value = f"{mean_text(row.mean, row.spread)} ({row.least:.4g} to {row.largest:.4g})"
-    return value if row.count == of else f"{value}, of {row.count}"
+def _covariate_row(study: Study, effect: Comparison) -> tuple[str, ...]:
+    test, size = effect.test, covariate_size(effect)
+    unit = covariate_unit(effect)
+    measured = size is not None and np.isfinite(size.value)
+    return (
+        f"{effect.title}{unit}",
+        str(test.modes),
+        covariate_interval(effect.distance, "") if effect.distance is not None and test.modes else "–",
+        p_number(effect.p_adjusted, test.permutations) if test.modes else "–",
+        f"{np.count_nonzero(effect.p_fwe <= LEVEL)} of {len(effect.p_fwe)}",
+        f"{covariate_area(study, effect):.1f}",
+        p_number(float(effect.p_fwe.min()), effect.pointwise.permutations),
+        covariate_interval(size, "") if size is not None and measured else "–",
+        p_number(size.p, size.permutations) if size is not None and size.p is not None else "–",
+    )
 
 
-def _sample_of(study: Study, result: Result) -> tuple[list[SampleRow], dict[str, str]]:
-    return sorted(sample_rows(study, result), key=repr), dict(study.left_out)
+_MOST_REGIONS = 3
+"""Of a comparison, in the table of regions."""
 
 
-def _sample(page: Page, study: Study, result: Result, of: str) -> None:
-    rows = sample_rows(study, result)
-    groups = list(dict.fromkeys(row.group for row in rows))
-    cells: dict[str, dict[str, str]] = {}
-    sizes = {row.group: row.count for row in rows if row.variable == "subjects"}
-    for row in rows:
-        unit = " (mm)" if row.variable in (SHAPE_SIZE, VOXEL) else ""
-        title = f"{row.variable}{unit}{f': {row.category}' if row.category else ''}"
-        cells.setdefault(title, {})[row.group] = _sample_text(row, sizes[row.group])
+def tested_comparisons(study: Study) -> Iterator[tuple[str, Comparison]]:
+    """Yield each comparison with its title, followed by the same without its outliers."""
+    for comparison in study.comparisons:
+        yield comparison.title, comparison
+        if comparison.without_outliers is not None:
+            names = ", ".join(study.names[index] for index in comparison.outliers)
+            yield f"{comparison.title}, without {names}", comparison.without_outliers
+
+
+def add_regions(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
+    """Add a table of the largest regions where particles are significant, and one of walls."""
+    rows = []
+    for comparison in study.comparisons:
+        regions = significant_regions(study, comparison, carrier)
+        rows += [
+            _region_row(study, comparison, region, f"{number} of {len(regions)}")
+            for number, region in enumerate(regions[:_MOST_REGIONS], start=1)
+        ]
+    if not rows:
+        return
+    per = f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
     page.table(
-        ["", *groups],
-        ([title, *(own.get(group, "–") for group in groups)] for title, own in cells.items()),
-        caption=f"Subjects of Study {of}" if of else "Subjects",
+        [
+            "comparison", "region", "area (mm²)", "place of the peak", f"outward, mean (mm{per}, "
+            "95 % CI)",
+            f"peak moves by (mm{per})", "p at the "
+            "peak",
+        ],
+        rows,
+        as_text=True,
+        caption=f"Where: the largest regions, {_MOST_REGIONS} of a comparison at most (all: regions.csv)",
+    )  # fmt: skip
+    if carrier.is_hollow:
+        _add_walls(page, study, carrier)
+
+
+def axes_text(carrier: SurfaceCarrier, *, confirmed: bool) -> str:
+    """Return what places are called by, and whether authors have confirmed it."""
+    if carrier.directions.are_the_patients:
+        unsure = (
+            ""
+            if confirmed
+            else " Headers can be wrong after resampling or export, and nobody has confirmed these (--axes "
+            "patient): compare the figures with the anatomy before a place is published."
+        )
+        return (
+            "Places are directions from the middle of the mean shape along the patient's axes, as the files "
+            "state them: left is towards the patient's left, anterior towards the front, superior towards "
+            f"the head.{unsure}"
+        )
+    if carrier.directions.are_named:
+        sides = zip(carrier.directions.sides, "xyz", strict=True)
+        named = ", ".join(f"{low} and {high} of smaller and larger {axis}" for (low, high), axis in sides)
+        return (
+            f"Places are sides of the mean shape, seen from its middle, as the authors named them: {named}."
+        )
+    return (
+        "Places are directions from the middle of the mean shape along the axes of the coordinates (of "
+        "images: x to the left, y to the back, z to the head, as their headers have it), which are not "
+        "taken to be those of the patient: +z is the side of larger z. Describe parts by their anatomical "
+        "names from the figures."
     )
-    page.paragraph(
-        "Mean ± standard deviation (least to largest), or number of subjects (share of the group)."
+
+
+def _region_row(study: Study, comparison: Comparison, region: Region, number: str) -> tuple[str, ...]:
+    return (
+        comparison.title,
+        number,
+        f"{region.area:.0f}",
+        region.where,
+        effect_cell(study, region.mean_outward),
+        f"{region.length:.{digits_of(study, region.outward.high - region.outward.low)}f}",
+        p_number(region.p, comparison.pointwise.permutations),
     )
-    categories: dict[str, list[str]] = {}
-    for row in rows:
-        categories.setdefault(row.variable, []).append(row.category)
-    for variable, values in categories.items():
-        for alike in lookalikes(values):
-            page.caution(
-                f"{variable} contains {' and '.join(map(repr, alike))}, counted as different values."
-            )
-    gone = [f"{name} ({why})" for name, why in study.left_out.items()]
-    excluded = f"Not compared: {len(gone)} of {len(result.names)} subjects. {', '.join(gone)}"
-    columns = [variable for variable in categories if variable not in ("subjects", SHAPE_SIZE, VOXEL)]
-    untested = ""
-    if columns and study.request.kind == "groups":
-        untested = f" Whether groups differ in {', '.join(columns)} was not tested."
-    page.paragraph(f"{excluded if gone else 'All subjects were compared.'}{untested}")
+
+
+def _add_walls(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
+    """Add how much of each wall of a hollow shape is significant, and moves which way."""
+    walls = carrier.walls_at_particles(len(study.areas))
+    rows = []
+    for comparison in study.comparisons:
+        if len(comparison.pointwise.effect) > 1:
+            continue
+        ways = carrier.ways_at_particles(comparison)
+        for wall in (INNER, OUTER, EDGE):
+            own = [index for index, name in enumerate(walls) if name == wall]
+            if not own:
+                continue
+            areas, inside = study.areas[own], comparison.p_fwe[own] <= LEVEL
+            whole = float(areas.sum())
+            rows.append(
+                (
+                    comparison.title, wall, f"{whole:.0f}",
+                    *(
+                        f"{areas[some].sum():.0f} ({100.0 * areas[some].sum() / whole:.1f} %)"
+                        for some in (inside, *(inside & (ways[own] == way) for way in (1, -1, 0)))
+                    ),
+                )
+            )  # fmt: skip
+    page.table(
+        ["comparison", "wall", "area (mm²)", "significant (mm²)", "out of the tissue (mm²)",
+         "into the tissue (mm²)", "neither clearly (mm²)"],
+        rows,
+        as_text=True,
+        caption="Significant area of each wall, and which way it moves",
+    )  # fmt: skip
+
+
+def interval_cell(effect: Effect, digits: int = 2, scale: float = 1.0) -> str:
+    """Return an estimate with its interval as tables have it, such as ``"1.27 (0.41 to 2.02)"``."""
+    value, low, high = (f"{scale * item:.{digits}f}" for item in (effect.value, effect.low, effect.high))
+    return f"{value} ({low} to {high})"
+
+
+def effect_cell(study: Study, effect: Effect) -> str:
+    """Return an effect with its interval; changes per unit have three digits of the interval's width."""
+    return interval_cell(effect, digits_of(study, effect.high - effect.low))
+
+
+def mean_text(mean: float, spread: float) -> str:
+    """Return mean and standard deviation with the same decimals, three digits of the latter."""
+    decimals = decimals_of(spread or abs(mean))
+    return f"{mean:.{decimals}f} ± {spread:.{decimals}f}"
+
+
+def decimals_of(spread: float) -> int:
+    """Return the decimals of numbers with such a standard deviation, so that it has three digits."""
+    return max(0, 2 - floor(log10(spread))) if spread > 0.0 else 0
+
+
+def digits_of(study: Study, width: float) -> int:
+    """Return the decimals of an effect whose interval is so wide."""
+    if study.request.kind != "regression" or not width > 0.0:
+        return 2
+    return max(2, 2 - floor(log10(width)))
+
+
+def add_statistics(page: Page, studies: Sequence[Study]) -> None:
+    """Add the statistics of the whole shape of all studies."""
+    page.table(
+        [
+            "study", "comparison", "studentized statistic", "T² or Λ", "F (df)", "p (F)",
+            "p (permutation), not corrected",
+        ],
+        (
+            (str(number), *_statistics_row(title, comparison))
+            for number, study in enumerate(studies, start=1)
+            for title, comparison in tested_comparisons(study)
+            if comparison.test.modes
+        ),
+        as_text=True,
+        caption="Test statistics of the whole shape",
+    )  # fmt: skip
+
+
+def _statistics_row(title: str, comparison: Comparison) -> tuple[str, ...]:
+    test = comparison.test
+    return (
+        title,
+        f"{test.studentized:.2f}",
+        f"T² {test.t_squared:.1f}" if test.t_squared is not None else f"Λ {test.wilks:.3f}",
+        f"{test.f:.2f} ({test.dof[0]:g}, {test.dof[1]:.4g})",
+        p_number(test.p),
+        p_number(test.p_permutation, test.permutations),
+    )
+
+
+def add_assumptions(page: Page, studies: Sequence[Study]) -> None:
+    """Add dispersion, skewness and outliers of all comparisons."""
+    page.table(
+        [
+            "study", "comparison", "dispersion: ratio, or mm per unit (95 % CI)", "p of dispersion",
+            "skewness of size", "p of skewness of shapes", "outliers",
+        ],
+        (
+            (str(number), *_assumptions_row(study, comparison))
+            for number, study in enumerate(studies, start=1)
+            for comparison in study.comparisons
+        ),
+        as_text=True,
+        omit="–",
+        caption="Assumptions of the tests; p not corrected",
+    )  # fmt: skip
+
+
+def _assumptions_row(study: Study, comparison: Comparison) -> tuple[str, ...]:
+    dispersion, skewness = comparison.dispersion, comparison.size_skewness
+    tested = ("–", "–")
+    if dispersion is not None:
+        tested = (
+            _ratio_cell(study, dispersion),
+            p_number(dispersion.p, dispersion.permutations),
+        )
+    return (
+        comparison.title,
+        *tested,
+        "–" if skewness is None else f"{skewness.value:.2f} ({p_text(skewness.p)})",
+        "–" if skewness is None else p_number(skewness.shape_p),
+        ", ".join(
+            f"{study.names[index]} (r {far:.2f}; limit {comparison.outlier_limit:.2f})"
+            for index, far in zip(comparison.outliers, comparison.outlier_distances, strict=True)
+        )
+        or "none",
+    )
+
+
+def _ratio_cell(study: Study, dispersion: Dispersion) -> str:
+    if dispersion.effect is None:
+        return "–"
+    return effect_cell(study, dispersion.effect)

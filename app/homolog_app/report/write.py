@@ -22,27 +22,25 @@ from homolog.surfaces.topology import check_mesh
 from homolog_app.pictures import write_picture
 from homolog_app.rendering.camera import Clip
 from homolog_app.report import NOTICE
-from homolog_app.report.correspondence import (
-    add_correspondence,
-    correspondence_rows,
-    landmark_text,
-)
-from homolog_app.report.definitions import definitions
+from homolog_app.report.appendix import definitions, numbered
 from homolog_app.report.figures import ReportFigure, model_figures, quality_rows, study_figures
 from homolog_app.report.findings import outlier_text
 from homolog_app.report.main_results import add_main_results
-from homolog_app.report.measures import add_measures, measures_of
 from homolog_app.report.methods import methods
-from homolog_app.report.model_methods import pose_text, settings_rows
+from homolog_app.report.model_section import (
+    add_correspondence,
+    correspondence_rows,
+    landmark_text,
+    pose_text,
+    settings_rows,
+)
 from homolog_app.report.page import Page
-from homolog_app.report.references import numbered
 from homolog_app.report.request import read_requests, reference_first, study_folder
-from homolog_app.report.sample import add_missing
+from homolog_app.report.sample import add_measures, add_missing, add_samples, measures_of
 from homolog_app.report.seeds import add_seeds, read_spread, seed_numbers
 from homolog_app.report.sheets import write_page
 from homolog_app.report.study import Study, run_study
-from homolog_app.report.study_parts import add_assumptions, add_statistics
-from homolog_app.report.study_section import add_samples, add_study
+from homolog_app.report.study_section import add_assumptions, add_statistics, add_study
 from homolog_app.report.surface_maps import SurfaceCarrier, directions_of
 from homolog_app.report.tables import save_study
 

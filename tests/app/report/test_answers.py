@@ -13,7 +13,8 @@ from homolog.files.records import ProjectRecord
 from homolog.files.report_details import Axes, ReportDetails
 from homolog.files.results import particle_file, read_result
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.report.findings import least_text, p_text
+from homolog_app.report.findings import p_text
+from homolog_app.report.methods import least_text
 from homolog_app.report.request import (
     StudyRequest,
     column_of,

@@ -16,11 +16,11 @@ from homolog.files.report_details import Axes, ReportDetails, read_details
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app import api
 from homolog_app.cli import main
-from homolog_app.report.measures import measures_of
 from homolog_app.report.request import (
     read_requests,
     study_folder,
 )
+from homolog_app.report.sample import measures_of
 
 HOSTILE = "<script>alert('x')</script> & co"
 
