@@ -24,6 +24,7 @@ from homolog.cohort import (
     read_cohort,
     stem_of,
     suffix_of,
+    with_both_sides,
     with_values_of,
 )
 from homolog.errors import InputError
@@ -50,9 +51,10 @@ def cohort_of(path: Path) -> Cohort:
     return project.cohort() if project.exists else read_with_notes(path)
 
 
-def read_with_notes(path: Path) -> Cohort:
+def read_with_notes(path: Path, *, both_sides: bool = False) -> Cohort:
     """Return the cohort of a folder or table, and print which files were skipped and why."""
     cohort = read_cohort(path)
+    cohort = with_both_sides(cohort) if both_sides else cohort
     for note in cohort.notes:
         sys.stderr.write(f"homolog: note: {note}\n")
     return cohort
@@ -264,8 +266,9 @@ def _run_inputs(arguments: argparse.Namespace) -> tuple[ProjectFolder, Cohort, R
     elif arguments.out is None:
         raise InputError(f"name a folder for the results: homolog run {arguments.cohort} --out PROJECT")
     else:
-        project, settings = ProjectFolder(arguments.out), RunSettings()
-        cohort = read_with_notes(arguments.cohort)
+        project, settings = ProjectFolder(arguments.out), with_all_options(RunSettings(), arguments)
+        chosen = settings.groom.label is not None or settings.groom.segment is not None
+        cohort = read_with_notes(arguments.cohort, both_sides=not chosen)
     project.check_is_free()
     settings = with_all_options(settings, arguments)
     if arguments.fit:
@@ -297,7 +300,7 @@ def _subjects_of(path: Path, segment: str | None) -> tuple[Subject, ...]:
         if masks := matching(mask_files(path).items(), segment):  # one subject with a file for each structure
             return (Subject(path.name, masks[0].parent.resolve()),)
     if path.is_dir() or path.suffix.lower() in TABLE_SUFFIXES:
-        return read_cohort(path).subjects
+        return (read_cohort(path) if segment else with_both_sides(read_cohort(path))).subjects
     if not path.is_file() or suffix_of(path) not in IMAGE_SUFFIXES + MESH_SUFFIXES:
         raise InputError(f"{path}: is not a segmentation or mesh; correct the path")
     return (Subject(stem_of(path), path.resolve(), landmarks=landmarks_beside(path.resolve())),)

@@ -19,6 +19,7 @@ from homolog.cohort import (
     stem_of,
     suffix_of,
     table,
+    with_both_sides,
 )
 from homolog.errors import InputError
 from homolog.files.records import ResultRecord
@@ -150,7 +151,7 @@ def read_subjects(paths: Iterable[Path]) -> Cohort:
     notes: list[str] = []
     for path in paths:
         if path.is_dir() or path.suffix.lower() in TABLE_SUFFIXES:
-            cohort = read_cohort(path)
+            cohort = with_both_sides(read_cohort(path))
             subjects += cohort.subjects
             notes += cohort.notes
         elif suffix_of(path) not in IMAGE_SUFFIXES + MESH_SUFFIXES:

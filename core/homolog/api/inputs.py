@@ -8,7 +8,15 @@ from typing import Any
 import numpy as np
 
 from homolog.arrays import Array, FloatArray
-from homolog.cohort import Cohort, Subject, image_beside, landmarks_beside, read_cohort, suffix_of
+from homolog.cohort import (
+    Cohort,
+    Subject,
+    image_beside,
+    landmarks_beside,
+    read_cohort,
+    suffix_of,
+    with_both_sides,
+)
 from homolog.errors import InputError
 from homolog.grooming.subject import Source
 from homolog.grooming.volumes import Volume
@@ -52,7 +60,9 @@ def cohort_of(
     if isinstance(shapes, Cohort):
         return shapes, {}
     if isinstance(shapes, str | PathLike):
-        return read_cohort(Path(shapes)), {}
+        cohort = read_cohort(Path(shapes))
+        chosen = settings.label is not None or settings.segment is not None
+        return cohort if chosen else with_both_sides(cohort), {}
     if isinstance(shapes, Mapping):
         pairs = [(str(name), shape) for name, shape in shapes.items()]
     elif isinstance(shapes, Iterable):

@@ -4,9 +4,10 @@ from collections import Counter
 from os import PathLike
 from pathlib import Path
 
+from homolog.cohort.both_sides import with_both_sides
 from homolog.cohort.dicom import dicom_files, is_dicom_seg, is_rtstruct
-from homolog.cohort.folder import read_folder
-from homolog.cohort.manifest import MANIFESTS, names_files, read_manifest
+from homolog.cohort.folder import DERIVATIVES, read_folder
+from homolog.cohort.manifest import MANIFESTS, PARTICIPANTS, names_files, read_manifest
 from homolog.cohort.pictures import pictures_in
 from homolog.cohort.sides import (
     FROM_NAMES,
@@ -60,6 +61,7 @@ __all__ = [
     "sides_of",
     "stem_of",
     "suffix_of",
+    "with_both_sides",
     "with_table",
     "with_values_of",
 ]
@@ -73,8 +75,9 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
     path : path
         A folder, or a table (CSV, TSV, XLSX) with the columns ``name,path[,group,…]`` and paths relative
         to the table's folder. A ``cohort.csv``, ``.tsv`` or ``.xlsx`` in a folder takes precedence; without
-        paths, it gives groups and covariates of the folder's files. A folder may contain the files, or
-        folders by subject, structure, time point, side or group (docs/formats.md).
+        paths, it gives groups and covariates of the folder's files, as a BIDS data set's ``participants.tsv``
+        does. A folder may contain the files, or folders by subject, structure, time point, side or group
+        (docs/formats.md).
 
     Returns
     -------
@@ -119,8 +122,7 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
 def _read_folder(folder: Path) -> Cohort:
     manifest = next((place for name in MANIFESTS if (place := folder / name).is_file()), None)
     if manifest is None:
-        cohort = read_folder(folder)
-        return Cohort(cohort.subjects, cohort.folder, (*cohort.notes, *_unused_tables(folder)))
+        return _with_participants(read_folder(folder), folder)
     if names_files(manifest):
         return read_manifest(manifest)
     cohort = read_folder(folder)
@@ -129,11 +131,32 @@ def _read_folder(folder: Path) -> Cohort:
     return Cohort(changes.subjects, folder, (*cohort.notes, *remarks))
 
 
+def _with_participants(cohort: Cohort, folder: Path) -> Cohort:
+    """Return the cohort of a folder without a table of its own, with the participants of a BIDS data set."""
+    table = next((place for place in _places_of_participants(folder) if place.is_file()), None)
+    notes = [*cohort.notes, *_unused_tables(folder, table)]
+    if table is None:
+        return Cohort(cohort.subjects, cohort.folder, tuple(notes))
+    try:
+        changes = with_table(cohort.subjects, table)
+    except InputError as error:
+        return Cohort(cohort.subjects, cohort.folder, (*notes, f"not used: {error}"))
+    notes += [f"{table.name}: {line}" for line in changes.lines]
+    return Cohort(changes.subjects, cohort.folder, tuple(notes))
+
+
+def _places_of_participants(folder: Path) -> list[Path]:
+    """Return where a BIDS data set may have its table: in the folder, or above its ``derivatives``."""
+    absolute = folder.absolute()
+    parents = [item.parent for item in (absolute, *absolute.parents) if item.name == DERIVATIVES]
+    return [place / PARTICIPANTS for place in (folder, *parents[:1])]
+
+
 _TRUTH = "truth.csv"  # of generated beans: says nothing of subjects
 
 
-def _unused_tables(folder: Path) -> list[str]:
-    """Return a note on the tables of a folder without one called cohort."""
+def _unused_tables(folder: Path, used: Path | None) -> list[str]:
+    """Return a note on the tables of a folder without one called cohort, but the one that is used."""
     tables = sorted(
         entry.name
         for entry in folder.iterdir()
@@ -141,6 +164,7 @@ def _unused_tables(folder: Path) -> list[str]:
         and entry.is_file()
         and entry.name[0] not in ".~"
         and entry.name != _TRUTH
+        and entry != used
     )
     listed = f"{tables[0]} and {len(tables) - 1} more" if len(tables) > 1 else "".join(tables)
     if not tables:

@@ -37,7 +37,7 @@ from homolog.cohort.subject import (
 from homolog.cohort.subject_folder import entries_of, holds_files, owned_files, subjects_in
 from homolog.errors import InputError
 
-__all__ = ["read_folder"]
+__all__ = ["DERIVATIVES", "read_folder"]
 
 _NAMED = 5
 """Largest number of files or folders in a message."""
@@ -58,7 +58,7 @@ _PREDICTION_FOLDER = re.compile(
     re.IGNORECASE,
 )
 """Names of folders of what a network made, left out where label maps are there."""
-_DERIVATIVES = "derivatives"
+DERIVATIVES = "derivatives"
 """Where BIDS data sets keep what was computed from the scans."""
 _TEMPLATE = re.compile(r"fsaverage.*|[lr]h\.EC_average|cvs_avg.*", re.IGNORECASE)
 """FreeSurfer's own subjects."""
@@ -168,7 +168,7 @@ def _listed(names: Sequence[str]) -> str:
 def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
     """Read folders of subjects: one file in each, or one for each structure; or the one with all files."""
     every_below = below
-    pipelines = [item for item in below if item.name.casefold() == _DERIVATIVES]
+    pipelines = [item for item in below if item.name.casefold() == DERIVATIVES]
     if pipelines and below != pipelines:
         return read_folder(pipelines[0])
     below = [item for item in below if not _only_scans(item)] or below

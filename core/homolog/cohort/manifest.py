@@ -9,10 +9,20 @@ from homolog.cohort.column_types import read_typed_rows
 from homolog.cohort.subject import Cohort, Subject, checked_path, image_beside, landmarks_beside
 from homolog.errors import InputError
 
-__all__ = ["MANIFESTS", "OTHER_NAMES", "names_files", "own_columns", "place_of", "read_manifest"]
+__all__ = [
+    "MANIFESTS",
+    "OTHER_NAMES",
+    "PARTICIPANTS",
+    "names_files",
+    "own_columns",
+    "place_of",
+    "read_manifest",
+]
 
 MANIFESTS = ("cohort.csv", "cohort.tsv", "cohort.xlsx")
 """Names of a folder's own table, the first one that exists."""
+PARTICIPANTS = "participants.tsv"
+"""Of a BIDS data set: groups and covariates."""
 _OWN_COLUMNS = ("name", "path", "group", "landmarks", "image")
 # fmt: off
 OTHER_NAMES = {

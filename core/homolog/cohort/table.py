@@ -20,6 +20,8 @@ __all__ = ["Replaced", "TableChanges", "with_table", "with_values_of"]
 _KEYS = ("name", "subject", "id", *OTHER_NAMES["name"])
 _NOT_TAKEN = ("path", "landmarks")
 _GROUP, _IMAGE = "group", "image"
+_NOT_AVAILABLE = "n/a"
+"""What BIDS writes for a missing value."""
 _SHOWN = 5
 _COLUMNS = 20
 _SHOWN_CHARACTERS = 80
@@ -184,6 +186,8 @@ def _changes(
             was = before.get(column, "")
             if not value:
                 after.setdefault(column, "")
+            elif column == _GROUP and value.casefold() == _NOT_AVAILABLE:
+                after[column] = was
             elif value != was:
                 after[column] = value
                 if was:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from homolog.cohort import mask_files, read_cohort, sides_of
+from homolog.cohort import mask_files, read_cohort, sides_of, with_both_sides
 from homolog.errors import InputError
 from homolog.grooming.structures import structures_of_files
 
@@ -301,3 +301,47 @@ def test_folders_that_are_not_used_beside_files_get_a_note(tmp_path, cohort_of):
     cohort = cohort_of(tmp_path, *names, "project/project.json")
     assert len(cohort.subjects) == 2
     assert [word in cohort.notes[0] for word in ("old", "images", "project")] == [True, False, False]
+
+
+@pytest.mark.parametrize(
+    "files", [("left", "right"), ("hippocampus_L", "hippocampus_R"), ("{p}-lh", "{p}-rh")]
+)
+def test_files_of_both_sides_in_a_subject_s_folder_are_subjects(tmp_path, files, cohort_of):
+    names = [f"p{i}/{file.format(p=f'p{i}')}.nii.gz" for i in (1, 2) for file in files]
+    (tmp_path / "cohort.csv").write_text("name,group\np1,a\np2,b\n", encoding="utf-8")
+    structures = cohort_of(tmp_path, *names[:-1])
+    assert [subject.name for subject in structures.subjects] == ["p1", "p2"]
+    cohort = with_both_sides(structures)
+    assert [(subject.name, subject.group) for subject in cohort.subjects] == [
+        ("p1_left", "a"), ("p1_right", "a"), ("p2_left", "b"),
+    ]  # fmt: skip
+    assert [subject.path for subject in cohort.subjects] == [tmp_path / name for name in names[:-1]]
+    assert sides_of(cohort).of == {"p1_left": "left", "p1_right": "right", "p2_left": "left"}
+    assert len(cohort.notes) == 1
+
+
+@pytest.mark.parametrize(
+    "files", [("liver", "spleen"), ("a_L", "a_R", "b_L", "b_R"), ("left",), ("L", "left")]
+)
+def test_files_of_several_structures_or_of_one_side_remain_to_choose(tmp_path, files, cohort_of):
+    cohort = cohort_of(tmp_path, *(f"p{i}/{file}.nii.gz" for i in (1, 2) for file in files))
+    assert with_both_sides(cohort) is cohort
+
+
+def test_participants_of_bids_give_groups_and_covariates(tmp_path, cohort_of):
+    text = "participant_id\tage\tgroup\nsub-01\t61\tpatient\nsub-02\tn/a\tn/a\nsub-09\t50\tcontrol\n"
+    (tmp_path / "participants.tsv").write_text(text, encoding="utf-8")
+    names = [f"sub-0{i}/anat/sub-0{i}_dseg.nii.gz" for i in (1, 2)]
+    whole = cohort_of(tmp_path, *(f"derivatives/seg/{name}" for name in names))
+    for cohort in (whole, read_cohort(tmp_path / "derivatives" / "seg")):
+        assert [(subject.group, subject.columns["age"]) for subject in cohort.subjects] == [
+            ("patient", "61"), (None, "n/a"),
+        ]  # fmt: skip
+        assert any("sub-09" in note for note in cohort.notes)
+
+
+def test_participants_of_other_subjects_are_left_out_with_a_note(tmp_path, cohort_of):
+    (tmp_path / "participants.tsv").write_text("participant_id\tage\nx\t1\n", encoding="utf-8")
+    cohort = cohort_of(tmp_path, "a.stl", "b.stl")
+    assert len(cohort.subjects) == 2
+    assert "participants.tsv" in cohort.notes[0]
