@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from homolog.analysis.shape_model import ShapeModel
-from homolog.arrays import Array, FloatArray
+from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.files.atomic import atomic_write
 from homolog.files.project import ProjectFolder
 from homolog.files.results import read_modes, read_result, read_surfaces
@@ -27,6 +27,7 @@ from homolog_app.rendering.camera import (
     three_quarter_view,
 )
 from homolog_app.rendering.colours import (
+    GREY,
     LIGHT,
     Theme,
     colours_by_place,
@@ -170,6 +171,7 @@ def _panels(
 def draw_differences(
     surfaces: Mapping[str, tuple[TriangleMesh, FloatArray]],
     *,
+    grey: Mapping[str, BoolArray] | None = None,
     views: Sequence[View] = (),
     inside: Sequence[View] = (),
     limit: float | None = None,
@@ -185,6 +187,8 @@ def draw_differences(
     surfaces : mapping of str to (TriangleMesh, (V, 3) array)
         A row each: its name, the surface and how its vertices move [mm], such as from one group's mean to
         the other's.
+    grey : mapping of str to (V,) bool array, optional
+        By name, vertices that are grey.
     views : sequence of View
         A column each; a three-quarter view and the opposite one if none are given.
     inside : sequence of View
@@ -210,7 +214,10 @@ def draw_differences(
     clips = [clip] * len(views) + [Clip(plane=ClipPlane.VIEW)] * len(inside)
     rows = []
     for name, (mesh, _) in surfaces.items():
-        surface = shaded(mesh, diverging_colours(outward[name], limit))
+        colours = diverging_colours(outward[name], limit)
+        if grey is not None and name in grey:
+            colours[grey[name]] = np.array(GREY) / 255.0
+        surface = shaded(mesh, colours)
         scenes = [
             Scene((surface,), cut=cut_of(item, mesh.vertices, frame.view.axes[2]), cap=theme.cut)
             for frame, item in zip(frames, clips, strict=True)

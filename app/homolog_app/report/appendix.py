@@ -89,8 +89,7 @@ def _of_places(carrier: SurfaceCarrier) -> Iterator[tuple[str, str]]:
     yield (
         "Maps",
         "Outward displacement on the mean shape of the compared subjects, blue out of the tissue, yellow "
-        "into it. Scales of figures differ."
-        + (" Inside: the half that faces the viewer is removed." if carrier.is_hollow else ""),
+        "into it." + (" Inside: the half that faces the viewer is removed." if carrier.is_hollow else ""),
     )
     if carrier.is_hollow:
         yield (
@@ -184,6 +183,10 @@ _REFERENCES = {
         "Stat 1983; 1: 292-298."
     ),
     "holm": "Holm S. A simple sequentially rejective multiple test procedure. Scand J Stat 1979; 6: 65-70.",
+    "paulson": (
+        "Paulson E. An approximate normalization of the analysis of variance distribution. Ann Math Stat "
+        "1942; 13: 233-235."
+    ),
     "reiser": (
         "Reiser B. Confidence intervals for the Mahalanobis distance. Commun Stat Simul Comput 2001; 30: "
         "37-45."

@@ -17,7 +17,16 @@ from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.progress import Tick
-from homolog_app.pictures import LIGHT, ModeSurfaces, Theme, draw_differences, draw_modes
+from homolog_app.pictures import (
+    LIGHT,
+    ModeSurfaces,
+    Theme,
+    common_limit,
+    draw_differences,
+    draw_modes,
+    outward_displacement,
+    three_quarter_view,
+)
 from homolog_app.plots import (
     draw_discriminant,
     draw_energies,
@@ -34,8 +43,8 @@ from homolog_app.report.study import Study
 from homolog_app.report.surface_maps import SurfaceCarrier
 
 __all__ = [
-    "ReportFigure", "discriminant_figure", "energies_figure", "map_figure", "model_figures", "quality_figure",
-    "quality_rows", "scores_figure", "scree_figure", "study_figures",
+    "ReportFigure", "discriminant_figure", "energies_figure", "map_figure", "map_limits", "model_figures",
+    "quality_figure", "quality_rows", "scores_figure", "scree_figure", "study_figures",
 ]  # fmt: skip
 
 _SPECIFICITY_AT = (1, 2, 3, 5, 8, 13, 21)
@@ -76,36 +85,62 @@ def model_figures(
     shown = min(max(parallel.n_retained, 1), 3, len(model.explained_variance))
     shares = model.explained_variance_ratio[:shown]
     moves = carrier.moved(model.components[:shown] * model.standard_deviations[:shown, None, None])
+    view = three_quarter_view(carrier.mesh.vertices, (moves**2).sum(axis=(0, 2)))
     yield ReportFigure(
         "modes",
         draw_modes(
             {"": ModeSurfaces(carrier.mesh, moves, shares)},
             modes=range(shown),
+            view=view,
             clip=clip,
             width=270,
         ),
-        "The first modes at ±2 standard deviations (signs are arbitrary). Blue is out of the tissue, yellow "
-        f"into it.{mirrored}{_cut_text(clip)}",
+        "The first modes at ±2 standard deviations (signs are arbitrary), seen from "
+        f"{carrier.directions.way(np.array(view.toward))}. Blue is out of the tissue, yellow into "
+        f"it.{mirrored}{_cut_text(clip)}",
     )
 
 
+def map_limits(studies: Sequence[Study], carrier: SurfaceCarrier) -> list[float]:
+    """Return the end of the colour scale of each study's maps [mm]: one for all that show one quantity."""
+    outward: dict[tuple[str, ...], list[FloatArray]] = {}
+    for study in studies:
+        for item in study.comparisons:
+            if len(item.pointwise.effect) == 1:
+                moves = carrier.moved(item.pointwise.effect[0])
+                outward.setdefault(_quantity(study), []).append(
+                    outward_displacement(carrier.mean_of(item), moves)
+                )
+    return [common_limit(outward[_quantity(study)]) for study in studies]
+
+
+def _quantity(study: Study) -> tuple[str, ...]:
+    """Return what maps show: differences of form or of shape, or changes along one variable."""
+    request = study.request
+    return request.alignment.value, request.column if request.kind == "regression" else ""
+
+
 def study_figures(
-    study: Study, carrier: SurfaceCarrier, tick: Tick, clip: Clip | None = None
+    study: Study, carrier: SurfaceCarrier, limit: float, tick: Tick, clip: Clip | None = None
 ) -> Iterator[ReportFigure]:
-    """Yield the figures of a study: a map of each comparison of two, cut open or not, then discriminants."""
+    """Yield the figures of a study: a map of each comparison of two, cut open or not, then discriminants.
+
+    Colours of the maps end at the limit [mm].
+    """
     stems = file_stems([f"{study.request.name}_{comparison.title}" for comparison in study.comparisons])
     for index, (item, stem) in enumerate(zip(study.comparisons, stems, strict=True)):
         tick(index / len(stems), f"maps of {item.title}")
         if len(item.pointwise.effect) > 1:
             continue
-        caption = _map_caption(study, item, clip)
-        yield ReportFigure(f"{stem}_map", map_figure(item, carrier, clip=clip), caption)
+        caption = _map_caption(study, item, limit, clip)
+        figure = map_figure(item, carrier, limit=limit, clip=clip)
+        yield ReportFigure(f"{stem}_map", figure, caption)
     for item, stem in zip(study.comparisons, stems, strict=True):
         if item.discriminant is not None:
             yield ReportFigure(
                 f"{stem}_discriminant",
                 discriminant_figure(study, item, size=_SMALL),
-                f"{item.title}: subjects along the discriminant.",
+                f"{item.title}: subjects along the discriminant, not cross-validated; bars: means.",
                 small=True,
             )
 
@@ -178,17 +213,23 @@ def map_figure(
     comparison: Comparison,
     carrier: SurfaceCarrier,
     theme: Theme = LIGHT,
+    limit: float | None = None,
     clip: Clip | None = None,
 ) -> Figure:
-    """Draw the effect of a comparison of two, and where it is significant; of hollow shapes also inside."""
+    """Draw the effect of a comparison of two, and where it is significant; of hollow shapes also inside.
+
+    Colours end at the limit [mm], by default a round value that fits.
+    """
     mesh, effect = carrier.mean_of(comparison), carrier.moved(comparison.pointwise.effect[0])
     significant = carrier.significant(comparison, LEVEL)
-    rows = {"effect": (mesh, effect), f"p ≤ {LEVEL:g}": (mesh, effect * significant[:, None])}
+    tested = f"p ≤ {LEVEL:g}"
+    rows, grey = {"effect": (mesh, effect), tested: (mesh, effect)}, {tested: ~significant}
     if clip is not None or not carrier.is_hollow:
         views = [carrier.directions.view(name) for name in _VIEWS]
-        return draw_differences(rows, views=views, clip=clip, theme=theme, width=300)
+        return draw_differences(rows, grey=grey, views=views, clip=clip, limit=limit, theme=theme, width=300)
     views = [carrier.directions.view(name) for name in _HOLLOW_VIEWS]
-    return draw_differences(rows, views=views, inside=views, theme=theme, width=150)
+    inside = [carrier.directions.far_wall(name) for name in _HOLLOW_VIEWS]
+    return draw_differences(rows, grey=grey, views=views, inside=inside, limit=limit, theme=theme, width=150)
 
 
 def _cut_text(clip: Clip | None) -> str:
@@ -201,15 +242,16 @@ def _cut_text(clip: Clip | None) -> str:
     return f" Cut open by {plane}."
 
 
-def _map_caption(study: Study, comparison: Comparison, clip: Clip | None) -> str:
+def _map_caption(study: Study, comparison: Comparison, limit: float, clip: Clip | None) -> str:
     what = {
         "groups": "difference of the means",
         "regression": "change per unit of the variable",
         "pairs": "mean difference",
     }
     return (
-        f"{comparison.title}: {what[study.request.kind]}; below, where p ≤ {LEVEL:g}. Blue: out of the "
-        f"tissue.{_cut_text(clip)}"
+        f"{comparison.title}: {what[study.request.kind]}, outward (mm), colours to ±{limit:g} as in all maps "
+        f"of this quantity; below, grey where p > {LEVEL:g}. Blue: out of the tissue; white: no movement "
+        f"across the surface, though maybe along it.{_cut_text(clip)}"
     )
 
 

@@ -44,7 +44,7 @@ def add_main_results(
         shown = [_shown(comparison, answers) for comparison in study.comparisons]
         subjects, _, verdict = verdict_of(study, shown[0]).partition(": ")
         text = f"{verdict[0].upper()}{verdict[1:]}" if study.pairwise else f"{subjects}: {verdict}"
-        sentences = [text, *_sentences(study, shown, carrier)]
+        sentences = [text, *_sentences(study, shown, answers, carrier)]
         page.paragraph(f"Study {number} ({_answer(study)}). {' '.join(sentences)}")
     _table(page, studies, seeds)
     for text in _remarks(studies):
@@ -66,8 +66,10 @@ def _shown(comparison: Comparison, answers: Sequence[SeedAnswer]) -> Comparison:
     return comparison if median is None else replace(comparison, p_adjusted=median.p)
 
 
-def _sentences(study: Study, shown: Sequence[Comparison], carrier: SurfaceCarrier) -> Iterator[str]:
-    """Yield which pairs differ, and where the largest regions are."""
+def _sentences(
+    study: Study, shown: Sequence[Comparison], answers: Sequence[SeedAnswer], carrier: SurfaceCarrier
+) -> Iterator[str]:
+    """Yield which pairs differ, and where the largest regions are that are more than chance of placing."""
     pairs = shown[1:]
     differ = [pair.title for pair in pairs if pair.p_adjusted <= LEVEL]
     if len(differ) == len(pairs) > 0:
@@ -75,13 +77,21 @@ def _sentences(study: Study, shown: Sequence[Comparison], carrier: SurfaceCarrie
     elif pairs:
         rest = ", ".join(pair.title for pair in pairs if pair.title not in differ)
         yield f"Of the pairs {', '.join(differ) or 'none'} differ; no difference can be shown of {rest}."
-    where = [
-        _where(comparison.title, regions, study)
-        for comparison in study.comparisons
-        if (regions := significant_regions(study, comparison, carrier))
-    ]
+    where, unsure = [], []
+    for comparison in study.comparisons:
+        regions = significant_regions(study, comparison, carrier)
+        median = median_answer(answers, comparison.title)
+        if regions and (len(regions[0].particles) == 1 or (median is not None and not median.percent > 0.0)):
+            unsure.append(comparison.title)
+        elif regions:
+            where.append(_where(comparison.title, regions, study))
     if where:
         yield f"Largest regions, by the place of their peak: {'; '.join(where)}."
+    if unsure:
+        yield (
+            f"No region can be claimed for {', '.join(unsure)}: significant are single particles, or none "
+            "with most seeds."
+        )
 
 
 def _where(title: str, regions: Sequence[Region], study: Study) -> str:

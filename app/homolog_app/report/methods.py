@@ -21,7 +21,6 @@ def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
     """
     sentences = [_statistics(study) for study in studies]
     shared = [text for text in sentences[0] if all(text in each for each in sentences)] if studies else []
-    own = _own_sentences([[text for text in each if text not in shared] for each in sentences], studies)
     rigid = {"alignment": Alignment.RIGID}
     questions = {study.request.model_copy(update=rigid).question for study in studies}
     if len(questions) > 1:
@@ -29,27 +28,22 @@ def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
             f"The studies ask {len(questions)} questions; p-values were corrected within each question, for "
             "pairs and for its studies of form and shape, not for the number of questions."
         )
-    return [text for text in (*model_methods(record), " ".join(shared), *own) if text]
+    titles = [f"Study {number}: {study.request.title}." for number, study in enumerate(studies, start=1)]
+    own = _own_sentences([[text for text in each if text not in shared] for each in sentences])
+    texts = (*model_methods(record), " ".join(shared), " ".join(titles), *own)
+    return [text for text in texts if text]
 
 
-def _own_sentences(sentences: list[list[str]], studies: list[Study]) -> list[str]:
-    """Return a paragraph for each study; one like an earlier study says only what differs from that."""
-    paragraphs = []
-    for number, (own, study) in enumerate(zip(sentences, studies, strict=True), start=1):
-        text = " ".join(own)
-        for before, earlier in enumerate(sentences[: number - 1], start=1):
-            instead = [sentence for sentence in own if sentence not in earlier]
-            left = [sentence for sentence in earlier if sentence not in own]
-            if len(instead) == len(left) <= _MOST_DIFFERENT:
-                except_for = f", except: {' '.join(instead)}" if instead else "."
-                text = f"Its methods were those of Study {before}{except_for}"
-                break
-        paragraphs.append(f"Study {number} ({study.request.title}). {text}")
-    return paragraphs
-
-
-_MOST_DIFFERENT = 3
-"""Sentences in which a study may differ from an earlier one for its methods to be told by these."""
+def _own_sentences(sentences: list[list[str]]) -> list[str]:
+    """Return each sentence once, in paragraphs by the studies of which it is true."""
+    studies_of: dict[str, list[str]] = {}
+    for number, own in enumerate(sentences, start=1):
+        for sentence in dict.fromkeys(own):
+            studies_of.setdefault(sentence, []).append(str(number))
+    paragraphs: dict[str, list[str]] = {}
+    for sentence, numbers in studies_of.items():
+        paragraphs.setdefault(f"Study {', '.join(numbers)}:", []).append(sentence)
+    return [" ".join([start, *own]) for start, own in paragraphs.items()]
 
 
 def _size_of_groups(study: Study) -> list[str]:
@@ -57,8 +51,9 @@ def _size_of_groups(study: Study) -> list[str]:
         return []
     f = "the F of the analysis of covariance" if study.request.covariates else "Welch's F"
     return [
-        f"Size of all groups together has {f}; its ω² is the share of its variance that lies between the "
-        "groups, estimated from that F, with bounds from the noncentral F distribution."
+        f"Size of all groups together has {f}.",
+        "Its ω² is the share of the variance of size that lies between the groups, estimated from that F, "
+        "with bounds from the noncentral F distribution.",
     ]
 
 
@@ -82,15 +77,17 @@ def _statistics(study: Study) -> list[str]:
     sentences = [
         *_test_of_the_shape(study),
         _ALIGNED[study.request.alignment],
-        "At every particle the position was tested by the same statistic as the whole shape; p-values were "
-        "corrected over the surface by the permutation distribution of the largest statistic (family-wise "
-        "error [westfall]); false discovery rates [benjamini] are in the tables.",
+        "At every particle the position was tested by the same statistic as the whole shape, in its "
+        "coordinates along the principal axes of their scatter in the place of modes, each scaled to a sum "
+        "of squares of 1; p-values were corrected over the surface by the permutation distribution of the "
+        "largest statistic (family-wise error [westfall]); false discovery rates [benjamini] are in the "
+        "tables.",
         f"The level was alpha = {LEVEL:g}; tests are two-sided{_one_sided(study)}.",
         "Size is the root mean square distance of a shape's particles from their centroid; it was tested by "
         f"permutation of {_SIZE_STATISTIC[request.kind]}{_OF_ALL_GROUPS if study.pairwise else ''}.",
         *_size_of_groups(study),
-        f"95 % intervals of size and of displacements at particles {_intervals(study)}; they are not "
-        "corrected over the surface or for pairs.",
+        f"95 % intervals of size and of displacements at particles {_intervals(study)}.",
+        "These intervals of size and displacements are not corrected over the surface or for pairs.",
         *_adjustments(study),
         *_further_measures(study),
         *_discriminants(study),
@@ -153,10 +150,8 @@ def _test_of_the_shape(study: Study) -> Iterator[str]:
         "signs of the differences under the null",
     }[request.kind]
     yield f"{tested[0].upper()}{tested[1:]}."
-    yield (
-        f"The whole shape was tested in {modes}, by permutation of a studentized statistic: "
-        f"{_statistic(study)}."
-    )
+    yield f"The whole shape was tested in {modes}, by permutation of a studentized statistic."
+    yield from _statistic(study)
     yield _permutations(study)
     yield (
         "Hotelling's T² [hotelling] or Wilks' lambda [wilks] with the F distribution are given as well; "
@@ -202,10 +197,14 @@ def _further_measures(study: Study) -> Iterator[str]:
     request = study.request
     if study.overall.dispersion is not None:
         yield (
-            f"Equality of dispersion was tested [anderson] by the distances of subjects to {_centre(study)} "
-            "in the tested modes: residuals were permuted, and distances computed to the centroids of the "
-            f"permuted residuals ({study.overall.dispersion.permutations} permutations, p not corrected). "
-            f"Intervals of dispersions {_JACKKNIFE[request.kind]} come from the jackknife."
+            "Equality of dispersion was tested [anderson] by the distances of subjects in the tested modes: "
+            "residuals were permuted, and distances computed to what is fitted to the permuted residuals "
+            f"({study.overall.dispersion.permutations} permutations, p not corrected). Intervals of "
+            f"dispersions {_JACKKNIFE[request.kind]} come from the jackknife."
+        )
+        yield (
+            f"Distances in the test of dispersion are those to {_centre(study)}, divided by the root of 1 - "
+            "leverage."
         )
     if any(comparison.size_skewness is not None for comparison in study.comparisons):
         yield (
@@ -259,49 +258,69 @@ def _discriminants(study: Study) -> Iterator[str]:
     ]
     if not fits:
         return
-    adjusted = ", covariates' effects" if study.request.covariates else ""
     folds = " to ".join(str(item) for item in sorted({fit.folds for fit in fits}))
     yield (
         "The linear discriminant was computed in the retained modes with a shrunk covariance [ledoit]. "
         f"Balanced accuracy and area under the curve (AUC) come from {folds}-fold stratified "
         f"cross-validation, repeated {fits[0].repeats} times; in each fold as many modes as the comparison "
-        f"retained{adjusted} and the direction were fitted without the left-out subjects. Both are means "
-        "over the repeats. The interval of accuracy joins those of both groups' shares [wilson, newcombe]; "
-        "that of the AUC is Newcombe's method 5 [auc] with the variance of Hanley and McNeil [hanley] for "
-        "the mean AUC and the numbers of both groups. They treat left-out subjects as independent; where "
-        f"interval and p disagree, p is the test. The p-values come from {fits[0].auc.permutations} "
-        f"permutations: before correction the least possible is {1.0 / (fits[0].auc.permutations + 1):.2g}."
+        "retained and the direction were fitted without the left-out subjects. Both are means over the "
+        "repeats. The interval of accuracy joins those of both groups' shares [wilson, newcombe]; that of "
+        "the AUC is Newcombe's method 5 [auc] with the variance of Hanley and McNeil [hanley] for the mean "
+        "AUC and the numbers of both groups. They treat left-out subjects as independent; where interval "
+        f"and p disagree, p is the test. The p-values come from {fits[0].auc.permutations} permutations: "
+        f"before correction the least possible is {1.0 / (fits[0].auc.permutations + 1):.2g}."
     )
+    if study.request.covariates:
+        yield "The effects of covariates, too, were fitted without the left-out subjects."
 
 
-_SCALED = (
-    "Before subjects were exchanged, each was divided by the dispersion of its group, and afterwards "
-    "multiplied by that of the group it came to, so that permuted groups have the dispersions of the real "
-    "ones. Centring removes a mean that would vary between samples; each permutation got one of the "
-    "subjects' own, with random signs (each subject's in turn where all permutations were taken)"
+_WELCH = (
+    "The statistic of G groups in k modes is Welch's F for unequal variances [welch] with squared distances "
+    "in all modes [alekseyenko, chung]: F = Σ w_g |m_g - m|² / (k (G - 1) (1 + 2 L (G - 2) / (G² - 1))), "
+    "where w_g = k n_g (n_g - 1) / Σ |x_i - m_g|² over the n_g subjects of group g with mean m_g, m is the "
+    "mean of the m_g weighted by w_g, and L = Σ (1 - w_g / Σ w)² / (k (n_g - 1)). Permutations were ordered "
+    "by the normal deviate [paulson] of F with k (G - 1) and (G² - 1) / (3 L) degrees of freedom."
+)
+_KEPT = "Permuted groups kept the dispersions of the real ones."
+_GROUPS_SCALED = (
+    "For that, let s_g² = Σ |x_i - m_g|² / (n_g - 1) over all coordinates, divided so that the s_g have a "
+    "geometric mean of 1, c the mean of the m_g weighted by n_g / s_g², and z_i = (x_i - c) / s_g. A "
+    "subject that a permutation puts into group h has the value s_h (z_i + u) there. The same u for all "
+    "subjects stands for the mean that centring removed: u = a n^(-1/2) Σ e_j z_j with random signs e_j for "
+    "each permutation and a = n^(-1) (Σ n_g / s_g) (Σ n_g / s_g²)^(-1/2); where all permutations were "
+    "taken, each was taken with u = a z_j and u = - a z_j for every subject j. Modes and axes are those of "
+    "the z_i, scaled to a sum of squares of 1."
+)
+_RATIO = (
+    "The statistic is the tested sum of squares in standardized modes divided by its expectation without an "
+    "effect, estimated from each subject's own residual [brown, mackinnon]: Σ |t'y|² over the orthonormal "
+    "tested columns t, divided by Σ w_i |r_i|², where y are the data with the other columns regressed out, "
+    "r_i the residuals of the whole model, h_i their leverages, and w_i = Σ t_i² / (1 - h_i)."
+)
+_RESIDUALS_SCALED = (
+    "For that, let s_g² be the mean of |r_i|² / (1 - h_i) in group g over all coordinates, divided so that "
+    "log s_g has a mean of 0 over the subjects; z_i is y_i / s_g less its least squares fit by the "
+    "intercept and the covariates, each divided by s_g. A subject that a permutation puts into group h has "
+    "the value s_h (z_i + u) there, from which the permuted covariates are regressed out. The same u for "
+    "all subjects stands for the mean that this fit removed: u = a n^(-1/2) Σ e_j z_j with random signs e_j "
+    "for each permutation and a = |Q'1| / n, Q being an orthonormal basis of the divided columns; where all "
+    "permutations were taken, each was taken with u = a z_j and u = - a z_j for every subject j."
+)
+_VARIABLE_SCALED = (
+    "For the whole shape, before permutation subjects were divided by their dispersion along the variable, "
+    "and afterwards multiplied by that at the new value. Its logarithm is fitted to half the logarithms of "
+    "|r_i|² / (1 - h_i) over all coordinates by a linear model of the same columns."
 )
 
 
-def _statistic(study: Study) -> str:
-    """Return the statistic of a study's permutation tests."""
+def _statistic(study: Study) -> tuple[str, ...]:
+    """Return the statistic of a study's permutation tests, and what is done to dispersions."""
     request = study.request
-    if request.kind == "groups" and not request.covariates:
-        statistic = (
-            "Welch's F for unequal variances [welch], with squared differences summed over the standardized "
-            "modes and divided by their number [alekseyenko, chung]"
-        )
-        return f"{statistic}. {_SCALED}"
-    statistic = (
-        "the tested sum of squares in standardized modes divided by its expectation without an effect, "
-        "estimated from each subject's own residual [brown, mackinnon]"
-    )
+    if request.kind == "pairs":
+        return (_RATIO,)
     if request.kind == "regression":
-        return (
-            f"{statistic}. Before permutation subjects were scaled to one dispersion along the variable, by "
-            "a linear model of the logarithm of their distances from the fitted shapes, and afterwards to "
-            "that at the new value"
-        )
-    return statistic if request.kind == "pairs" else f"{statistic}. {_SCALED}"
+        return _RATIO, _VARIABLE_SCALED
+    return (_KEPT, _RATIO, _RESIDUALS_SCALED) if request.covariates else (_KEPT, _WELCH, _GROUPS_SCALED)
 
 
 def _permutations(study: Study) -> str:

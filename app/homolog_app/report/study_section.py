@@ -32,11 +32,15 @@ __all__ = [
 
 
 def add_study(
-    page: Page, study: Study, number: int, carrier: SurfaceCarrier, figures: Sequence[ReportFigure]
-) -> None:
-    """Add a study by its number: tables of effects, separation and regions, and figures."""
+    page: Page, study: Study, number: int, seed: int | None, carrier: SurfaceCarrier,
+    figures: Sequence[ReportFigure],
+) -> None:  # fmt: skip
+    """Add a study by its number: tables of effects, separation and regions, and figures.
+
+    The seed is that of the correspondence, None if another program made it.
+    """
     page.heading(f"Study {number}. {study.request.title}")
-    page.study = f"Study\u00a0{number}"
+    page.study = f"Study\u00a0{number}" + ("" if seed is None else f", seed\u00a0{seed}")
     tested = list(tested_comparisons(study))
     page.table(
         [

@@ -86,6 +86,11 @@ class Directions:
             view if self.are_the_patients else replace(view, name=f"from {self.way(np.array(view.toward))}")
         )
 
+    def far_wall(self, name: str) -> View:
+        """Return an anatomical view whose near half is removed, captioned by the wall that it then shows."""
+        view = VIEWS[name]
+        return replace(view, name=f"{self.way(-np.array(view.toward))} wall")
+
     def _named(self, parts: FloatArray, least: float) -> str:
         names = [
             pair[int(part > 0.0)]

@@ -23,7 +23,7 @@ from homolog_app.pictures import write_picture
 from homolog_app.rendering.camera import Clip
 from homolog_app.report import NOTICE
 from homolog_app.report.appendix import definitions, numbered
-from homolog_app.report.figures import ReportFigure, model_figures, quality_rows, study_figures
+from homolog_app.report.figures import ReportFigure, map_limits, model_figures, quality_rows, study_figures
 from homolog_app.report.findings import outlier_text
 from homolog_app.report.main_results import add_main_results
 from homolog_app.report.methods import methods
@@ -105,11 +105,13 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     add_correspondence(page, folder, correspondence)
     _add_check(page, result, meshes)
     _add_landmarks(page, project)
+    limits = map_limits(studies, carrier)
+    seed = None if record.source else record.settings.optimize.seed
     for index, study in enumerate(studies):
         part = part_of(tick, 0.6 + 0.3 * index / len(studies), 0.6 + 0.3 * (index + 1) / len(studies))
         save_study(project, study, result, carrier)
-        own = list(study_figures(study, carrier, part, clip))
-        add_study(page, study, index + 1, carrier, own)
+        own = list(study_figures(study, carrier, limits[index], part, clip))
+        add_study(page, study, index + 1, seed, carrier, own)
         figures += own
     tick(0.9, "writing the report")
     if studies:

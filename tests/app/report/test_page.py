@@ -3,6 +3,7 @@
 import json
 import re
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -21,6 +22,7 @@ from homolog_app.report.request import (
     study_folder,
 )
 from homolog_app.report.sample import measures_of
+from homolog_app.report.seeds import SeedAnswer, write_spread
 
 HOSTILE = "<script>alert('x')</script> & co"
 
@@ -157,13 +159,30 @@ def test_the_page_lies_beside_as_pdf_with_its_figures_and_tables(report):
     assert content.count(b"/Subtype /Image") >= len(list((report.parent / "figures").glob("*.svg")))
 
 
-def test_methods_of_a_study_like_an_earlier_one_tell_the_difference(project, without_figures, analyze):
+def test_methods_that_studies_share_are_told_once(project, without_figures, analyze):
     for options in ([], ["--covariates", "age"]):
         assert analyze(project, "--between", "A", "C", *options) == 0
     page = api.report(project.folder).read_text(encoding="utf-8")
-    like = r"\. Its methods were those of Study (\d), except: Shapes were aligned by generalized"
-    assert re.findall(like, page) == ["1", "3"]
+    paragraphs = dict(re.findall(r"<p>Study ([\d, ]+): ([^<]+)", page[page.index("Methods") :]))
+    aligned, tested = "Shapes were aligned by generalized Procrustes", "For that, let s_g² be"
+    assert [numbers for numbers, text in paragraphs.items() if aligned in text] == ["1, 3", "2, 4"]
+    assert [numbers for numbers, text in paragraphs.items() if tested in text] == ["3, 4"]
+    sentences = [sentence for text in paragraphs.values() for sentence in text.split(". ")]
+    assert len(sentences) == len(set(sentences))
     assert page.count("residuals were permuted [") == 1
+
+
+def test_a_region_of_one_particle_or_of_one_seed_is_not_claimed(project, without_figures, analyze):
+    assert analyze(project, "--between", "A", "C", "--size", "with") == 0
+    page = api.report(project.folder).read_text(encoding="utf-8")
+    assert "Largest regions" in page
+    assert "No region can be claimed" not in page
+    folder = study_folder(project, read_requests(project)[0])
+    answer = SeedAnswer("C - A", 0, 0.01, 2.0, 0, 0.0, 0.8, 0.9, 0.1, 199, project.read().result.fingerprint)
+    write_spread(folder, [replace(answer, seed=seed) for seed in range(3)])
+    page = api.report(project.folder).read_text(encoding="utf-8")
+    assert "Largest regions" not in page
+    assert "No region can be claimed for C − A" in page
 
 
 def test_the_first_page_says_which_pairs_differ(project, without_figures, analyze):
