@@ -17,6 +17,7 @@ from typing import Literal
 from pydantic import ValidationError
 
 from homolog import Comparison, Project
+from homolog.analysis.design import reference_first
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.files.report_details import read_details
@@ -24,14 +25,14 @@ from homolog.files.results import Result, read_result
 from homolog.parameters import fault_text
 from homolog.progress import Tick, no_tick, part_of, tick_of
 from homolog_app.report.findings import Finding, cautions, findings
-from homolog_app.report.request import StudyRequest, column_of, reference_first
+from homolog_app.report.request import StudyRequest, column_of, name_primary
 from homolog_app.report.seeds import SeedAnswer, answer_by_seed, spread_text, stored_seeds, write_spread
 from homolog_app.report.study import run_study
 from homolog_app.report.surface_maps import SurfaceCarrier, directions_of
 from homolog_app.report.tables import save_study
 from homolog_app.report.write import write_report
 
-__all__ = ["Answer", "analyze", "answer_requests", "report", "requests_of"]
+__all__ = ["Answer", "analyze", "answer_requests", "primary_of", "report", "requests_of"]
 
 _Alignment = Literal["rigid", "similarity", "as-it-lies"]
 _BOTH: tuple[_Alignment, ...] = ("rigid", "similarity")
@@ -93,6 +94,7 @@ def analyze(
     null_repeats: int = 1000,
     seed: int = 0,
     seeds: int | None = None,
+    primary: str | None = None,
     structure: str | None = None,
     cohort: str | None = None,
     axes: str | None = None,
@@ -128,6 +130,9 @@ def analyze(
     seeds : int, optional
         Number of seeds of the correspondence with which run and tests are repeated; those that are stored if
         not given.
+    primary : str, optional
+        Alignment whose study is named the primary one: reports begin with it and call all others secondary.
+        ``""`` is the first alignment, ``"none"`` names no study any more.
     structure, cohort, axes, places : str, optional
         Details for reports, see `homolog.Project.describe`.
     callback : callable, optional
@@ -153,8 +158,28 @@ def analyze(
             complete_cases=complete_cases, modes=modes, permutations=permutations, null_repeats=null_repeats,
             seed=seed,
         )  # fmt: skip
+        chosen = primary_of(requests, primary)
         Project(project).describe(structure=structure, cohort=cohort, axes=axes, places=places)
-        return answer_requests(folder, result, requests, seeds, tick_of(callback))
+        answers = answer_requests(folder, result, requests, seeds, tick_of(callback))
+        if primary is not None:
+            name_primary(folder, chosen)
+        return answers
+
+
+def primary_of(requests: Sequence[StudyRequest], alignment: str | None) -> StudyRequest | None:
+    """Return the request that is primary: that of an alignment, or the first; None for none.
+
+    Raises
+    ------
+    InputError
+        If no request has the alignment.
+    """
+    if alignment is None or alignment == "none":
+        return None
+    own = [request for request in requests if alignment in ("", request.alignment.value)]
+    if not own:
+        raise InputError(f"--primary {alignment}: is not among the alignments that are compared")
+    return own[0]
 
 
 def requests_of(

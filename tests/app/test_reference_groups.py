@@ -2,7 +2,7 @@
 
 import pytest
 
-from homolog_app.report.request import reference_first
+from homolog.analysis.design import reference_first
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,9 @@ __all__ = [
 ]
 
 
+_ALIGNMENTS = ["as-it-lies", "rigid", "similarity"]
+
+
 def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
     """Declare the command."""
     parser = subparsers.add_parser(
@@ -59,6 +62,15 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
         metavar="N",
         help="repeat correspondence and tests with N seeds in all, and report how the answers vary; the runs "
         "are stored in PROJECT/seeds, and later questions are repeated with them (default: those stored)",
+    )
+    parser.add_argument(
+        "--primary",
+        nargs="?",
+        const="",
+        choices=["", *_ALIGNMENTS, "none"],
+        metavar="ALIGNMENT",
+        help="name the study the primary one: reports begin with it and call all others secondary. Of "
+        "several answers that of the alignment, or the first (form); none: no study is primary any more",
     )
     add_options(parser, ReportDetails)
     add_progress_option(parser)
@@ -94,7 +106,7 @@ def _add_question(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--alignment",
-        choices=["as-it-lies", "rigid", "similarity"],
+        choices=_ALIGNMENTS,
         nargs="+",
         help="alignment of the shapes: rigid keeps size (form), similarity removes it (shape), as-it-lies "
         "keeps size and pose (default: rigid and similarity)",
@@ -109,7 +121,8 @@ def _add_question(parser: argparse.ArgumentParser) -> None:
 def run_analyze(arguments: argparse.Namespace) -> int:
     """Run the tests; return the exit code."""
     from homolog.files.results import read_result
-    from homolog_app.api import answer_requests, requests_of
+    from homolog_app.api import answer_requests, primary_of, requests_of
+    from homolog_app.report.request import name_primary
 
     project = ProjectFolder(arguments.project)
     alignments = _alignments(arguments)
@@ -136,7 +149,10 @@ def run_analyze(arguments: argparse.Namespace) -> int:
             seed=arguments.seed,
         )
         write_details(project, with_options(read_details(project), arguments))
+        chosen = primary_of(requests, arguments.primary)
         answers = answer_requests(project, result, requests, arguments.seeds, progress.tick)
+        if arguments.primary is not None:
+            name_primary(project, chosen)
     stream = sys.stderr if arguments.progress == "json" else sys.stdout
     stream.write("\n".join([*lines, *(answer.text for answer in answers)]) + "\n")
     return 0

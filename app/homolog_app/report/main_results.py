@@ -16,6 +16,7 @@ from homolog_app.report.findings import (
     covariate_unit,
     verdict_of,
 )
+from homolog_app.report.methods import questions_of
 from homolog_app.report.model_section import CorrespondenceRow
 from homolog_app.report.page import Page
 from homolog_app.report.seeds import SeedAnswer, median_answer, seed_numbers
@@ -38,19 +39,52 @@ def add_main_results(
     seeds: Sequence[Sequence[SeedAnswer]],
     carrier: SurfaceCarrier,
     correspondence: Sequence[CorrespondenceRow],
+    *,
+    primary: bool,
 ) -> None:
-    """Add the verdicts of all studies, the table of their main results, remarks and cautions."""
+    """Add the verdicts of all studies, the table of their main results, remarks and cautions.
+
+    The first study may be the primary one.
+    """
+    if roles := _role_text(studies, primary=primary):
+        page.paragraph(roles)
     for number, (study, answers) in enumerate(zip(studies, seeds, strict=True), start=1):
         shown = [_shown(comparison, answers) for comparison in study.comparisons]
         subjects, _, verdict = verdict_of(study, shown[0]).partition(": ")
         text = f"{verdict[0].upper()}{verdict[1:]}" if study.pairwise else f"{subjects}: {verdict}"
         sentences = [text, *_sentences(study, shown, answers, carrier)]
-        page.paragraph(f"Study {number} ({_answer(study)}). {' '.join(sentences)}")
+        role = "" if not primary or len(studies) < 2 else "primary; " if number == 1 else "secondary; "
+        page.paragraph(f"Study {number} ({role}{_answer(study)}). {' '.join(sentences)}")
     _table(page, studies, seeds)
     for text in _remarks(studies):
         page.paragraph(text)
     for text in _cautions(studies, correspondence):
         page.caution(text)
+
+
+def _role_text(studies: Sequence[Study], *, primary: bool) -> str:
+    """Return which study is primary, and what that means for p-values; nothing of a single one."""
+    if len(studies) < 2:
+        return ""
+    count = questions_of(studies)
+    within = "within its question" if count == 1 else "within their questions"
+    answers = max(study.request.answers for study in studies)
+    if primary:
+        own = studies[0].request.answers
+        kept = f" Its p-values are corrected for {own} analyses all the same." if own > 1 else ""
+        return (
+            f"Study 1 was named primary.{kept} The others are secondary: their p-values are corrected "
+            f"{within} "
+            "alone, which makes them exploratory."
+        )
+    if count == 1:
+        corrected = f" p-values are corrected for all {answers} analyses." if answers == len(studies) else ""
+        return f"No study was named primary (homolog analyze --primary).{corrected}"
+    return (
+        f"No study was named primary (homolog analyze --primary). p-values are corrected {within}, not for "
+        f"their number: without any effect, up to {100.0 * LEVEL * count:g} % of reports with {count} "
+        f"questions would find one. Name the primary study, or take p ≤ {LEVEL / count:.2g} as significant."
+    )
 
 
 def _answer(study: Study) -> str:

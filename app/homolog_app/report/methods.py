@@ -1,7 +1,7 @@
 """Methods text, to repeat the analysis."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import factorial, prod
 
 from homolog.analysis.cautions import LOOSE, f_excess
@@ -11,7 +11,7 @@ from homolog_app.report.findings import LEVEL, correction_text
 from homolog_app.report.model_section import model_methods
 from homolog_app.report.study import Study
 
-__all__ = ["least_text", "methods"]
+__all__ = ["least_text", "methods", "questions_of"]
 
 
 def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
@@ -21,17 +21,21 @@ def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
     """
     sentences = [_statistics(study) for study in studies]
     shared = [text for text in sentences[0] if all(text in each for each in sentences)] if studies else []
-    rigid = {"alignment": Alignment.RIGID}
-    questions = {study.request.model_copy(update=rigid).question for study in studies}
-    if len(questions) > 1:
+    if (count := questions_of(studies)) > 1:
         shared.append(
-            f"The studies ask {len(questions)} questions; p-values were corrected within each question, for "
+            f"The studies ask {count} questions; p-values were corrected within each question, for "
             "pairs and for its studies of form and shape, not for the number of questions."
         )
     titles = [f"Study {number}: {study.request.title}." for number, study in enumerate(studies, start=1)]
     own = _own_sentences([[text for text in each if text not in shared] for each in sentences])
     texts = (*model_methods(record), " ".join(shared), " ".join(titles), *own)
     return [text for text in texts if text]
+
+
+def questions_of(studies: Sequence[Study]) -> int:
+    """Return how many questions studies ask, form and shape of each being one."""
+    rigid = {"alignment": Alignment.RIGID}
+    return len({study.request.model_copy(update=rigid).question for study in studies})
 
 
 def _own_sentences(sentences: list[list[str]]) -> list[str]:

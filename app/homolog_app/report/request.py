@@ -3,7 +3,7 @@
 import csv
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -24,23 +24,10 @@ from homolog.files.results import Result
 from homolog.geometry import scale_of
 
 __all__ = [
-    "SHAPE_SIZE",
-    "SIZE",
-    "Answered",
-    "KeptStudy",
-    "StoredTest",
-    "StudyRequest",
-    "category_of",
-    "column_of",
-    "columns_of",
-    "compared_shapes",
-    "kept_studies",
-    "levels",
-    "read_requests",
-    "reference_first",
-    "study_folder",
-    "write_request",
-]
+    "SHAPE_SIZE", "SIZE", "Answered", "KeptStudy", "StoredTest", "StudyRequest", "category_of", "column_of",
+    "columns_of", "compared_shapes", "kept_studies", "levels", "name_primary", "read_requests",
+    "study_folder", "write_request",
+]  # fmt: skip
 
 
 SIZE = "size"
@@ -106,26 +93,6 @@ SIZE_TEXTS = {
     Alignment.RIGID: "form (size and shape)",
     Alignment.SIMILARITY: "shape (size removed)",
 }
-
-
-# fmt: off
-_REFERENCES = frozenset([
-    "baseline", "cn", "control", "controls", "ctrl", "hc", "healthy", "nor", "normal", "reference",
-    "gesund", "gesunde", "kontrolle", "kontrollen", "sain", "sains", "témoin", "témoins", "sano", "sanos",
-    "controlli", "controllo", "sani",
-])
-# fmt: on
-
-
-def names_reference(value: str) -> bool:
-    """Return whether the name of a group is one of controls, such as ``healthy``."""
-    return value.lower() in _REFERENCES
-
-
-def reference_first(values: Iterable[str]) -> list[str]:
-    """Return the distinct values in alphabetical order, names of controls first."""
-    there = {value for value in values if not is_missing(value)}
-    return sorted(there, key=lambda value: (not names_reference(value), value))
 
 
 class StudyRequest(BaseModel):
@@ -277,24 +244,38 @@ def _folder_in(root: Path, request: StudyRequest) -> Path:
         record = taken / _RECORD if taken else None
         if record is None or not record.is_file():
             return taken or root / name
-        kept = _read(record)[0]
-        if kept.question == request.question:
+        if _read(record).request.question == request.question:
             return record.parent
         number += 1
 
 
 def write_request(request: StudyRequest, folder: Path, answered: Answered) -> None:
-    """Store a question with the record of its answer; raises InputError if it can't be written."""
-    content = {
-        "question": request.model_dump(mode="json", exclude={"earlier"}),
-        "answered": answered.model_dump(mode="json"),
-    }
-    write_text(folder / _RECORD, json.dumps(content, indent=2) + "\n")
+    """Store a question with the record of its answer; raises InputError if it can't be written.
+
+    A primary study stays so.
+    """
+    path = folder / _RECORD
+    _write(path, _Record(request, answered, path.is_file() and _read(path).is_primary))
     (folder / OUT_OF_DATE).unlink(missing_ok=True)
 
 
+def name_primary(project: ProjectFolder, request: StudyRequest | None) -> None:
+    """Make the stored study of a question the primary one, and no other; none if no question is given.
+
+    Raises
+    ------
+    InputError
+        If a stored question is damaged, or the project can't be written to.
+    """
+    for path in _records(project):
+        kept = _read(path)
+        is_primary = request is not None and kept.request.question == request.question
+        if is_primary != kept.is_primary:
+            _write(path, kept._replace(is_primary=is_primary))
+
+
 def read_requests(project: ProjectFolder) -> list[StudyRequest]:
-    """Return the questions stored in a project, by name, the answers to each next to each other.
+    """Return the questions stored in a project, the primary one first, answers to each next to each other.
 
     Raises
     ------
@@ -322,11 +303,17 @@ class KeptStudy(NamedTuple):
         Whether its tables belong to earlier particles.
     tests : dict of str to StoredTest
         The test of each comparison; empty if the table can't be read.
+    is_primary : bool
+        Whether it was named the primary study.
+    answered : Answered
+        What its tables belong to.
     """
 
     request: StudyRequest
     is_outdated: bool
     tests: Mapping[str, StoredTest]
+    is_primary: bool = False
+    answered: Answered = Answered()
 
 
 def kept_studies(project: ProjectFolder) -> list[KeptStudy]:
@@ -337,11 +324,20 @@ def kept_studies(project: ProjectFolder) -> list[KeptStudy]:
     InputError
         If one of them is damaged.
     """
-    kept = [
-        KeptStudy(_read(path)[0], (path.parent / OUT_OF_DATE).is_file(), _stored_tests(path.parent / _TESTS))
-        for path in sorted((project.folder / "analysis").glob(f"*/{_RECORD}"))
-    ]
-    return sorted(kept, key=lambda study: _place(study.request))
+    kept = []
+    for path in _records(project):
+        request, answered, is_primary = _read(path)
+        old = (path.parent / OUT_OF_DATE).is_file()
+        kept.append(KeptStudy(request, old, _stored_tests(path.parent / _TESTS), is_primary, answered))
+    first = next((_name(study.request) for study in kept if study.is_primary), None)
+    return sorted(
+        kept,
+        key=lambda study: (_name(study.request) != first, not study.is_primary, *_place(study.request)),
+    )
+
+
+def _records(project: ProjectFolder) -> list[Path]:
+    return sorted((project.folder / "analysis").glob(f"*/{_RECORD}"))
 
 
 def _stored_tests(path: Path) -> dict[str, StoredTest]:
@@ -361,22 +357,44 @@ def _stored_tests(path: Path) -> dict[str, StoredTest]:
         return {}
 
 
+def _name(request: StudyRequest) -> str:
+    """Return the name of a question, whatever the alignment."""
+    return request.model_copy(update={"alignment": Alignment.RIGID}).name
+
+
 def _place(request: StudyRequest) -> tuple[str, int]:
     """Return the sort key of questions: form before shape."""
-    name = request.model_copy(update={"alignment": Alignment.RIGID}).name
-    return name, list(Alignment).index(request.alignment)
+    return _name(request), list(Alignment).index(request.alignment)
 
 
-def _read(path: Path) -> tuple[StudyRequest, Answered]:
+class _Record(NamedTuple):
+    """A stored question, what its answer belongs to, and whether its study is the primary one."""
+
+    request: StudyRequest
+    answered: Answered
+    is_primary: bool
+
+
+def _write(path: Path, record: _Record) -> None:
+    content = {
+        "question": record.request.model_dump(mode="json", exclude={"earlier"}),
+        "answered": record.answered.model_dump(mode="json"),
+        "primary": record.is_primary,
+    }
+    write_text(path, json.dumps(content, indent=2) + "\n")
+
+
+def _read(path: Path) -> _Record:
     try:
         content = json.loads(path.read_bytes())
         if not isinstance(content, dict):
             raise ValueError("contains no question")
         if "question" in content:
-            return (
+            return _Record(
                 StudyRequest.model_validate(content["question"]),
                 Answered.model_validate(content.get("answered", {})),
+                content.get("primary") is True,
             )
-        return StudyRequest.model_validate(content), Answered()
+        return _Record(StudyRequest.model_validate(content), Answered(), False)
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: is damaged; delete its folder and analyze again") from error

@@ -129,11 +129,11 @@ def _describes(values: set[str]) -> bool:
 
 
 def add_missing(
-    page: Page, record: ResultRecord, details: ReportDetails, one_seed: bool, *, several: bool
+    page: Page, record: ResultRecord, details: ReportDetails, *, one_seed: bool, primary: bool | None
 ) -> None:
     """Add one list of what a paper needs and only its authors know.
 
-    A study may have but one seed, and there may be several studies.
+    A study may have but one seed. Whether one of several studies is primary; None if there are not several.
     """
     points = [] if details.structure else ["the anatomical structure (--structure)"]
     if not details.cohort:
@@ -150,8 +150,12 @@ def add_missing(
         "why there are as many subjects and particles",
         "ethics approval",
     ]
-    if several:
-        points.append("which study and which tests were chosen as primary before the results were seen")
+    if primary is not None:
+        points.append(
+            "whether the primary study was chosen before the results were seen"
+            if primary
+            else "which study and which tests were chosen as primary before the results were seen"
+        )
     if one_seed:
         points.append(
             "for studies of one seed, how answers vary with the seed of the correspondence (homolog analyze "

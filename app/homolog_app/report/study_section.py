@@ -32,15 +32,15 @@ __all__ = [
 
 
 def add_study(
-    page: Page, study: Study, number: int, seed: int | None, carrier: SurfaceCarrier,
+    page: Page, study: Study, title: str, seed: int | None, carrier: SurfaceCarrier,
     figures: Sequence[ReportFigure],
 ) -> None:  # fmt: skip
-    """Add a study by its number: tables of effects, separation and regions, and figures.
+    """Add a study, titled such as "Study 1, primary": tables of effects, separation and regions, figures.
 
     The seed is that of the correspondence, None if another program made it.
     """
-    page.heading(f"Study {number}. {study.request.title}")
-    page.study = f"Study\u00a0{number}" + ("" if seed is None else f", seed\u00a0{seed}")
+    page.heading(f"{title}. {study.request.title}")
+    page.study = title.replace(" ", "\u00a0", 1) + ("" if seed is None else f", seed\u00a0{seed}")
     tested = list(tested_comparisons(study))
     page.table(
         [

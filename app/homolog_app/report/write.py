@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from homolog.analysis.design import reference_first
 from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import FloatArray
 from homolog.errors import InputError, NumericalError
@@ -35,7 +36,7 @@ from homolog_app.report.model_section import (
     settings_rows,
 )
 from homolog_app.report.page import Page
-from homolog_app.report.request import read_requests, reference_first, study_folder
+from homolog_app.report.request import kept_studies, study_folder
 from homolog_app.report.sample import add_measures, add_missing, add_samples, measures_of
 from homolog_app.report.seeds import add_seeds, read_spread, seed_numbers
 from homolog_app.report.sheets import write_page
@@ -75,7 +76,8 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     if record is None:
         raise InputError(f"{project.folder}: has no result yet")
     folder = project.folder / "report"
-    requests = read_requests(project)
+    kept = kept_studies(project)
+    requests, primary = [study.request for study in kept], any(study.is_primary for study in kept)
     studies = []
     for index, request in enumerate(requests):
         share = 0.5 / len(requests)
@@ -93,7 +95,7 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     _introduction(page, record, result, studies, details)
     page.heading("Main results")
     if studies:
-        add_main_results(page, studies, seeds, carrier, correspondence)
+        add_main_results(page, studies, seeds, carrier, correspondence, primary=primary)
         page.heading("Sample")
         add_samples(page, studies, result)
         add_measures(page, folder, result, studies, measures_of(meshes, hollow=carrier.is_hollow))
@@ -111,7 +113,8 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
         part = part_of(tick, 0.6 + 0.3 * index / len(studies), 0.6 + 0.3 * (index + 1) / len(studies))
         save_study(project, study, result, carrier)
         own = list(study_figures(study, carrier, limits[index], part, clip))
-        add_study(page, study, index + 1, seed, carrier, own)
+        title = f"Study {index + 1}{', primary' if primary and not index else ''}"
+        add_study(page, study, title, seed, carrier, own)
         figures += own
     tick(0.9, "writing the report")
     if studies:
@@ -120,7 +123,7 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
         add_assumptions(page, studies)
         add_seeds(page, seeds)
     one_seed = any(len(seed_numbers(answers)) < 2 for answers in seeds)
-    _methods(page, folder, record, studies, carrier, details, one_seed)
+    _methods(page, folder, record, studies, carrier, details, one_seed=one_seed, primary=primary)
     _files(page, project, studies, figures)
     for figure in figures:
         for suffix in ("svg", "pdf"):
@@ -244,7 +247,7 @@ def _model_section(
 
 def _methods(
     page: Page, folder: Path, record: ResultRecord, studies: list[Study], carrier: SurfaceCarrier,
-    details: ReportDetails, one_seed: bool,
+    details: ReportDetails, *, one_seed: bool, primary: bool,
 ) -> None:  # fmt: skip
     """Add methods, definitions, what the authors have to add, and references; settings as a table."""
     page.heading("Methods")
@@ -261,7 +264,7 @@ def _methods(
         for (term, _), text in zip(terms, texts[len(texts) - len(terms) :], strict=True):
             page.paragraph(f"{term}: {text}")
     page.heading("For the authors to add", 3)
-    add_missing(page, record, details, one_seed, several=len(studies) > 1)
+    add_missing(page, record, details, one_seed=one_seed, primary=primary if len(studies) > 1 else None)
     page.heading("References", 3)
     for text in references:
         page.paragraph(text)

@@ -6,7 +6,7 @@ words).
 """
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
@@ -26,8 +26,10 @@ __all__ = [
     "indicators",
     "is_missing",
     "lookalikes",
+    "names_reference",
     "numbers",
     "paired_design",
+    "reference_first",
     "regression_design",
 ]
 
@@ -162,6 +164,26 @@ def numbers(values: Sequence[str | float]) -> FloatArray | None:
 
 _DEPENDENT = 1e-8
 """A column is a combination of others if less than this fraction of its length is independent of them."""
+
+
+# fmt: off
+_REFERENCES = frozenset([
+    "baseline", "cn", "control", "controls", "ctrl", "hc", "healthy", "nor", "normal", "reference",
+    "gesund", "gesunde", "kontrolle", "kontrollen", "sain", "sains", "témoin", "témoins", "sano", "sanos",
+    "controlli", "controllo", "sani",
+])
+# fmt: on
+
+
+def names_reference(value: str) -> bool:
+    """Return whether the name of a group is one of controls, such as ``healthy``."""
+    return value.lower() in _REFERENCES
+
+
+def reference_first(values: Iterable[str]) -> list[str]:
+    """Return the distinct values in alphabetical order, names of controls first."""
+    there = {value for value in values if not is_missing(value)}
+    return sorted(there, key=lambda value: (not names_reference(value), value))
 
 
 class Exchange(StrEnum):

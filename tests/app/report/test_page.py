@@ -18,6 +18,7 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog_app import api
 from homolog_app.cli import main
 from homolog_app.report.request import (
+    kept_studies,
     read_requests,
     study_folder,
 )
@@ -170,6 +171,31 @@ def test_methods_that_studies_share_are_told_once(project, without_figures, anal
     sentences = [sentence for text in paragraphs.values() for sentence in text.split(". ")]
     assert len(sentences) == len(set(sentences))
     assert page.count("residuals were permuted [") == 1
+
+
+def test_the_primary_study_leads_and_the_others_are_secondary(project, without_figures, analyze):
+    def first_page():
+        page = re.sub(r"<[^>]+>", " ", api.report(project.folder).read_text(encoding="utf-8"))
+        return page[page.index("Main results") : page.index("Sample")]
+
+    assert analyze(project, "--between", "A", "C") == 0
+    assert analyze(project, "--between", "B", "C", "--primary", "as-it-lies") == 2
+    assert analyze(project, "--between", "B", "C") == 0
+    text = first_page()
+    assert "No study was named primary" in text
+    assert "0.025 as significant" in text
+    assert "secondary" not in text
+    assert analyze(project, "--between", "B", "C", "--primary", "similarity") == 0
+    assert analyze(project, "--between", "B", "C") == 0  # answered again, it stays so
+    text = first_page()
+    assert "Study 1 was named primary" in text
+    assert "Study 1 (primary; shape; allometry remains). C − B" in text
+    assert "Study 2 (secondary; form). C − B" in text
+    assert [study.is_primary for study in kept_studies(project)] == [True, False, False, False]
+    assert analyze(project, "--between", "A", "C", "--primary") == 0
+    assert read_requests(project)[0].name == "groups_group_A_C"
+    assert analyze(project, "--between", "A", "C", "--primary", "none") == 0
+    assert not any(study.is_primary for study in kept_studies(project))
 
 
 def test_a_region_of_one_particle_or_of_one_seed_is_not_claimed(project, without_figures, analyze):

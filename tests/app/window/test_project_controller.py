@@ -452,9 +452,9 @@ def test_buttons_can_be_pressed_only_when_their_command_can(groomed, wait):
 
 
 @pytest.mark.window
-def test_answers_of_an_earlier_result_are_listed_as_out_of_date(explored, tmp_path):
+def test_stored_answers_are_listed_those_of_an_earlier_result_apart_and_one_is_primary(explored, wait):
     from homolog.files.project import OUT_OF_DATE
-    from homolog_app.report.request import Answered, StudyRequest, study_folder, write_request
+    from homolog_app.report.request import Answered, StudyRequest, kept_studies, study_folder, write_request
 
     page, project = explored.inspector.explore.pages[0], explored.workspace.project
     assert page.kept_title.isHidden()
@@ -473,6 +473,11 @@ def test_answers_of_an_earlier_result_are_listed_as_out_of_date(explored, tmp_pa
     assert page.kept.isVisible()
     assert requests[1].title in page.outdated.text()
     assert requests[0].title not in page.outdated.text()
+    assert not page.primary.isEnabled()
+    page.kept.setCurrentItem(page.kept.topLevelItem(0).child(0))
+    page.primary.click()
+    wait(lambda: page.kept.texts[0][0] == f"{requests[0].title} (primary)")
+    assert kept_studies(project)[0].is_primary
 
 
 @pytest.mark.window

@@ -4,8 +4,9 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction, QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QMenu, QWidget
 
+from homolog.analysis.design import reference_first
 from homolog.analysis.procrustes import Alignment
-from homolog_app.report.request import StudyRequest, reference_first
+from homolog_app.report.request import StudyRequest
 from homolog_app.studies.questions import (
     SIZE,
     covariates_of,

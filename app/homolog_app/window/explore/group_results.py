@@ -214,7 +214,7 @@ class StoredAnswers(AnswerTable):
         self.show_rows(
             [
                 (
-                    typeset(study.request.title),
+                    typeset(study.request.title) + (" (primary)" if study.is_primary else ""),
                     [
                         (
                             typeset("Any difference" if name == ", ".join(study.request.between) else name),
@@ -228,6 +228,13 @@ class StoredAnswers(AnswerTable):
             ]
         )
         self.setVisible(bool(kept))
+
+    @property
+    def current_request(self) -> StudyRequest | None:
+        """The request of the selected answer, if there is one."""
+        item = self.currentItem()
+        top = None if item is None else item.parent() or item
+        return None if top is None else self._places[self.indexOfTopLevelItem(top)][0]
 
     def _choose(self, item: QTreeWidgetItem) -> None:
         top = item.parent() or item

@@ -11,14 +11,14 @@ from PySide6.QtWidgets import QComboBox, QWidget
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.progress import Tick
-from homolog_app.report.request import kept_studies
+from homolog_app.report.request import kept_studies, name_primary
 from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.studies.model_shape import ModelShape, PreliminaryModel, fit_model_shape
 from homolog_app.views.content import SubjectContents, ViewContents
 from homolog_app.views.view_states import View
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.group_results import StoredAnswers
-from homolog_app.window.widgets import GRID, ActionButton, Panel, label
+from homolog_app.window.widgets import GRID, ActionButton, Panel, button, label
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -312,7 +312,14 @@ class OverviewPage(ExplorePage):
         self.outdated = label("", "Problem", wrap=True)
         self.outdated.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.kept_hint = label("Double-click an answer to see it.", "Hint")
-        for widget in (self.kept_title, self.kept, self.kept_hint, self.outdated):
+        self.primary = button("Make primary")
+        self.primary.setToolTip(
+            "Reports begin with the selected study and call all others secondary; choose it before you see "
+            "results"
+        )
+        self.primary.clicked.connect(self._name_primary)
+        self.kept.currentItemChanged.connect(lambda *_: self._show_primary())
+        for widget in (self.kept_title, self.kept, self.kept_hint, self.primary, self.outdated):
             self.body.addWidget(widget)
         self.body.addSpacing(GRID)
         self.body.addWidget(label("Playback", "SectionTitle"))
@@ -353,8 +360,24 @@ class OverviewPage(ExplorePage):
         self.kept.show_answers([study for study in kept if not study.is_outdated])
         self.outdated.setText(text)
         self.kept_hint.setVisible(not self.kept.isHidden())
+        self.primary.setVisible(not self.kept.isHidden())
+        self._show_primary()
         self.outdated.setVisible(bool(text))
         self.kept_title.setVisible(bool(kept or text))
+
+    def _show_primary(self) -> None:
+        """Enable the button that names the selected answer's study the primary one."""
+        chosen = self.kept.current_request is not None
+        self.primary.setEnabled(chosen and not self._session.job.is_busy and not self._session.read_only)
+
+    def _name_primary(self) -> None:
+        project, request = self.workspace.project, self.kept.current_request
+        self.workspace.work.compute(
+            "study",
+            lambda _: name_primary(project, request),
+            "storing the primary study",
+            lambda _: self._show_kept(),
+        )
 
     def _show(self) -> None:
         self._show_kept()

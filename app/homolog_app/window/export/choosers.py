@@ -8,6 +8,7 @@ from pydantic import BaseModel
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
+from homolog.analysis.design import reference_first
 from homolog.files.project import ProjectFolder
 from homolog.files.report_details import read_details
 from homolog_app.exports.settings import (
@@ -24,7 +25,6 @@ from homolog_app.exports.settings import (
     TableSettings,
 )
 from homolog_app.rendering.camera import Clip
-from homolog_app.report.request import reference_first
 from homolog_app.window.theme import scaled
 from homolog_app.window.widgets import GRID, choice, label
 
