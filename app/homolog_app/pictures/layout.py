@@ -15,6 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.files.atomic import atomic_write
@@ -102,6 +103,23 @@ class Panel:
     caption: str = ""
 
 
+class _PixelImage(AxesImage):
+    """An image that is copied, not resampled, where its pixels are those of the page: resampling is slow."""
+
+    def make_image(
+        self,
+        renderer: Any,  # noqa: ANN401
+        magnification: float = 1.0,
+        unsampled: bool = False,
+    ) -> Any:  # noqa: ANN401
+        left, right, bottom, top = self.get_extent()
+        low, high = self.get_transform().transform([(left, bottom), (right, top)])
+        pixels = np.asarray(self.get_array())
+        if unsampled or tuple(np.round(high - low)) != pixels.shape[1::-1]:
+            return super().make_image(renderer, magnification, unsampled)
+        return np.ascontiguousarray(pixels[::-1]), *np.round(low), None
+
+
 class _Page:
     """A figure with lengths in inches from the upper left corner."""
 
@@ -128,8 +146,10 @@ class _Page:
             self._images.axis("off")
             limits = {"xlim": (0.0, width), "ylim": (height, 0.0), "autoscale_on": False}
             self._images.set(xticks=(), yticks=(), **limits)  # ticks are slow to make, even invisible ones
-        extent = (x, x + w, y + h, y)
-        self._images.imshow(pixels, interpolation="none", aspect="auto", extent=extent)
+        image = _PixelImage(self._images, interpolation="none", origin="upper", extent=(x, x + w, y + h, y))
+        image.set_data(pixels)
+        image.set_clip_path(self._images.patch)
+        self._images.add_image(image)
 
     def text(self, x: float, y: float, content: str, size: float = _FONT_PT, **style: Any) -> None:  # noqa: ANN401
         """Words centred on x."""
