@@ -128,12 +128,7 @@ class OptimizationLoop:
         for index in range(begin, len(self.stages)):
             plan = self.stages[index]
             if plan.count != self.engine.count:
-                try:
-                    self._split(index)
-                except Cancelled:
-                    if index > 0:
-                        self._checkpoint(index - 1, self.stages[index - 1].iterations)
-                    raise
+                self._split(index)
             begun = self.log.iteration - done
             reason = self._stage(index, done)
             self._repair(index, self.log.iteration - begun)
@@ -214,22 +209,32 @@ class OptimizationLoop:
                 aligned, self.poses, self.free_poses, scaling=self.scaling, regularization=regularization,
                 compiled=self.launcher.device != "cpu",
             )  # fmt: skip
-            self.engine.set_poses(self.poses)
-            return
-        self.poses = procrustes_step(
-            aligned, self.engine.aligned_normals(), self.poses, self.free_poses,
-            scaling=self.scaling, tangential_weight=tangential_weight,
-        )  # fmt: skip
+        else:
+            self.poses = procrustes_step(
+                aligned, self.engine.aligned_normals(), self.poses, self.free_poses,
+                scaling=self.scaling, tangential_weight=tangential_weight,
+            )  # fmt: skip
         self.engine.set_poses(self.poses)
 
     def _split(self, index: int) -> None:
+        """Replace the engine by one of more particles; its surfaces are released before others are made."""
         plan, old = self.stages[index], self.engine
-        self.cohort.surface_set(plan.count, part_of(self.tick, self._done.before(index), self._done(index)))
         random = np.random.default_rng([self.settings.seed, plan.count])
-        scales = scale_of(self.poses)
-        offset = SPLIT_OFFSET * old.width * scales * old.surface_set.sizes
+        offset = SPLIT_OFFSET * old.width * scale_of(self.poses) * old.surface_set.sizes
         aligned = split(old.aligned_positions(), old.aligned_normals(), plan.count, offset, random)
-        self._set_particles(plan.count, transform_points(inverse_matrices(self.poses), aligned))
+        particles, repaired = old.particles(), self.repaired
+        del old, self.engine
+        self.launcher.forget()
+        try:
+            self.cohort.surface_set(
+                plan.count, part_of(self.tick, self._done.before(index), self._done(index))
+            )
+            self._set_particles(plan.count, transform_points(inverse_matrices(self.poses), aligned))
+        except Cancelled:
+            self.repaired = repaired
+            if index > 0:
+                self._checkpoint(index - 1, self.stages[index - 1].iterations, particles)
+            raise
 
     def _stage(self, index: int, done: int) -> Reason:
         plan = self.stages[index]
@@ -327,13 +332,7 @@ class OptimizationLoop:
             raise
 
     def _relocate_lost(self) -> None:
-        """Move particles that have left their surfaces back onto them.
-
-        Raises
-        ------
-        NumericalError
-            If there are so many that a subject's surface and distance field must disagree.
-        """
+        """Move particles that have left their surfaces back onto them, unless surface and field disagree."""
         distances = self.engine.surface_distances()
         if not ((distances >= LOST_DISTANCE) & self.free).any():
             return
@@ -374,7 +373,8 @@ class OptimizationLoop:
             raise
 
     def _checkpoint(self, index: int, done: int, particles: Particles | None = None) -> None:
-        self.log.save(self.engine, len(self.stages) - 1 - index, done, self.repaired, particles)
+        now = self.engine.particles() if particles is None else particles
+        self.log.save(now, self.poses, len(self.stages) - 1 - index, done, self.repaired)
 
     def result(self, reason: Reason) -> OptimizedParticles:
         """Return the particles in millimetres."""

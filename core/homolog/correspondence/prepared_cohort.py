@@ -93,6 +93,7 @@ class SurfaceSets:
         """Return the set for a number of particles."""
         is_fine = count >= MIN_FINE_PARTICLES
         if self._made is None or self._made[0] is not is_fine:
+            self._made = None  # releases its tables first
             self._made = is_fine, self._make[is_fine](tick)
         return self._made[1]
 

@@ -129,34 +129,29 @@ class RunRecorder:
         """Return whether a checkpoint is due."""
         return time.monotonic() >= self._next_checkpoint
 
-    def save(
-        self, engine: Engine, left: int, done: int, repaired: IntArray, particles: Particles | None = None
-    ) -> None:
-        """Emit a checkpoint of the engine's particles, or of those given.
+    def save(self, particles: Particles, poses: FloatArray, left: int, done: int, repaired: IntArray) -> None:
+        """Emit a checkpoint.
 
         Parameters
         ----------
-        engine : Engine
-            Whose state is stored.
-        left, done, repaired
+        particles : Particles
+            State of an engine.
+        poses, left, done, repaired
             As in `Checkpoint`.
-        particles : Particles, optional
-            Stored in place of the engine's.
         """
         self._next_checkpoint = time.monotonic() + CHECKPOINT_INTERVAL_S
         if self.on_checkpoint is None:
             return
-        now = particles or engine.particles()
         self.on_checkpoint(
             Checkpoint(
                 left=left,
                 done=done,
                 iteration=self.iteration,
-                positions=now.positions,
-                widths=now.widths,
-                means=now.means,
-                poses=engine.poses,
-                faces=now.faces,
+                positions=particles.positions,
+                widths=particles.widths,
+                means=particles.means,
+                poses=poses,
+                faces=particles.faces,
                 energies=self.energies,
                 repaired=repaired.copy(),
                 tangential_weight=self.tangential_weight,

@@ -263,8 +263,16 @@ def test_the_nearer_the_objective_is_to_rest_the_sooner_convergence_is_expected(
     assert left[0] > left[1] > left[2] == 1
 
 
-def test_a_first_model_is_there_before_the_optimization_and_tables_of_many_particles_later(make_shape):
-    shapes = [make_shape(f"r{r}", (r, r, r), spacing=r / 10.0) for r in (10.0, 12.0)]
+MANY = QUICK.model_copy(update={"particles": 320})
+"""So many that tables of the fine meshes are needed."""
+
+
+@pytest.fixture
+def two_balls(make_shape):
+    return [make_shape(f"r{r}", (r, r, r), spacing=r / 10.0) for r in (10.0, 12.0)]
+
+
+def test_a_first_model_is_there_before_the_optimization_and_tables_of_many_particles_later(two_balls):
     solved, seen, iterations = [], [], []
 
     def solve(meshes, *arguments, **named):
@@ -276,14 +284,25 @@ def test_a_first_model_is_there_before_the_optimization_and_tables_of_many_parti
             seen.append(frame.world.shape[1])
             iterations.append(frame.iteration)
 
-    optimize(
-        shapes,
-        QUICK.model_copy(update={"particles": 320}),
-        observe=observe,
-        solve=solve,
-    )
+    optimize(two_balls, MANY, observe=observe, solve=solve)
     assert iterations[0] == 0
     assert seen[0] == 160
     assert len(solved) == 2
     assert solved[0] == 0
     assert solved[1] == seen.count(160)
+
+
+def test_a_run_cancelled_while_tables_of_many_particles_are_solved_goes_on_there(two_balls):
+    kept, solved = [], []
+
+    def solve(*arguments, **named):
+        solved.append(len(kept))
+        if len(solved) == 2:
+            raise Cancelled
+        return solve_tables(*arguments, **named)
+
+    with pytest.raises(Cancelled):
+        optimize(two_balls, MANY, device="cpu", checkpoint=kept.append, solve=solve)
+    assert kept[-1].positions.shape[:2] == kept[-1].repaired.shape == (2, 160)
+    resumed = optimize(two_balls, MANY, device="cpu", resume=kept[-1])
+    np.testing.assert_array_equal(resumed.local, optimize(two_balls, MANY, device="cpu").local)
