@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 import SimpleITK
 
+from homolog.analysis.effects import Effect
 from homolog.cohort import Cohort, Subject
 from homolog.files.project import ProjectFolder
 from homolog.run import Run
 from homolog_app.cli import main
 from homolog_app.report.seeds import SeedAnswer, median_answer, read_spread, spread_text, write_spread
+from homolog_app.report.study_section import interval_cell
 
 QUICK = ["--permutations", "99", "--null-repeats", "0", "--alignment", "rigid", "--progress", "none"]
 
@@ -56,7 +58,7 @@ def test_other_seeds_are_run_once_and_their_answers_reported(project, capsys):
     assert "over 2 seeds" in capsys.readouterr().out
     assert main(["report", str(project.folder), "--progress", "none"]) == 0
     page = (project.folder / "report" / "report.html").read_text("utf-8")
-    assert "median D of seeds" in page
+    assert "seeds.csv" in page[: page.index("Sample")]
     assert "--seeds 5" not in page
     assert "homolog check finds" in page
     assert "wall thickness" not in page  # of solid shapes
@@ -71,15 +73,21 @@ def test_other_seeds_are_run_once_and_their_answers_reported(project, capsys):
         assert 1.0 < float(row["farthest_mm"]) < 9.0
 
 
-ANSWER = SeedAnswer("b - a", 0, 0.011, 1.3, 6, 4.7, 0.8, 0.9, 0.5, 999, "abc")
+ANSWER = SeedAnswer(
+    "b - a", 0, 0.011, Effect(1.3, 0.4, 2.2), 6, 4.7, Effect(0.8, 0.6, 0.9, 0.02),
+    Effect(0.9, 0.7, 1.0, 0.01), Effect(0.5, -0.1, 1.1, 0.1), 999, "abc",
+)  # fmt: skip
 
 
 def test_the_median_over_seeds_takes_each_number_by_itself():
     seeds = [replace(ANSWER, seed=seed, p=p, accuracy=None) for seed, p in enumerate((0.03, 0.2, 0.01))]
     seeds[1] = replace(seeds[1], distance=None)
-    seeds[2] = replace(seeds[2], distance=0.9, percent=8.0)
+    seeds[2] = replace(seeds[2], distance=Effect(0.9, 0.2, 1.4), percent=8.0)
     median = median_answer(seeds, "b - a")
-    assert (median.p, median.distance, median.percent, median.accuracy) == (0.03, 1.1, 4.7, None)
+    assert (median.p, median.percent, median.accuracy) == (0.03, 4.7, None)
+    distance = median.distance
+    assert (distance.value, distance.low, distance.high) == pytest.approx((1.1, 0.3, 1.8))
+    assert (median.size, median.auc) == (ANSWER.size, ANSWER.auc)
     assert median_answer(seeds[:1], "b - a") is None
     assert median_answer(seeds, "c - a") is None
 
@@ -98,5 +106,13 @@ def test_the_spread_is_between_the_smallest_and_the_largest(tmp_path):
 def test_answers_that_version_0_2_wrote_are_read(tmp_path):
     write_spread(tmp_path, [ANSWER])
     table = tmp_path / "seeds.csv"
-    table.write_text(table.read_text("utf-8").replace("p_fwe", "p_family"), "utf-8")
-    assert read_spread(tmp_path, "abc") == [ANSWER]
+    (row,) = read_rows(table)
+    kept = {
+        name: cell for name, cell in row.items() if not name.endswith(("_95", "auc_p_permutation_corrected"))
+    }
+    names = [name.replace("p_fwe", "p_family") for name in kept]
+    table.write_text(f"{','.join(names)}\n{','.join(kept.values())}\n", "utf-8")
+    (answer,) = read_spread(tmp_path, "abc")
+    assert (answer.distance.value, answer.auc.value, answer.auc.p) == (1.3, 0.9, None)
+    assert np.isnan(answer.distance.low)
+    assert interval_cell(answer.distance) == "1.30"

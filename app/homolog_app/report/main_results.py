@@ -21,7 +21,7 @@ from homolog_app.report.model_section import CorrespondenceRow
 from homolog_app.report.page import Page
 from homolog_app.report.seeds import SeedAnswer, median_answer, seed_numbers
 from homolog_app.report.study import Study
-from homolog_app.report.study_section import digits_of, effect_cell
+from homolog_app.report.study_section import digits_of, effect_cell, interval_cell
 from homolog_app.report.surface_maps import Region, SurfaceCarrier, significant_regions
 
 __all__ = ["add_main_results"]
@@ -148,8 +148,8 @@ def _table(page: Page, studies: Sequence[Study], seeds: Sequence[Sequence[SeedAn
         for comparison in study.comparisons
     ]
     page.table(
-        ["study", "comparison", "modes", "D (SD, 95 % CI)", "median D of seeds", "p", "area (%)",
-         "accuracy (%)", "p of accuracy"],
+        ["study", "comparison", "modes", "D (SD, 95 % CI)", "p", "area (%)", "accuracy (%, 95 % CI)",
+         "p of accuracy"],
         rows,
         as_text=True,
         omit="–",
@@ -159,9 +159,11 @@ def _table(page: Page, studies: Sequence[Study], seeds: Sequence[Sequence[SeedAn
     several = [str(number) for number, answers in enumerate(seeds, start=1) if len(seed_numbers(answers)) > 1]
     if several:
         sentences.append(
-            f"In Study {', '.join(several)} median D, p and area are medians over the seeds of the "
-            "correspondence (ranges: last table). D with its interval, accuracy with its p and all that "
-            "follows, maps too, are those of the first seed."
+            f"In Study {', '.join(several)} D, p, area, accuracy and bounds of intervals are each the "
+            f"median over "
+            "the seeds of the correspondence (ranges: last table; of each seed: seeds.csv). All that "
+            "follows, "
+            "maps too, is of the first seed."
         )
     if any(study.pairwise for study in studies):
         sentences.append("D from other numbers of modes, or of two and of all groups, can't be compared.")
@@ -175,24 +177,23 @@ def _row(name: str, study: Study, comparison: Comparison, answers: Sequence[Seed
     test, line, distance = comparison.test, comparison.discriminant, comparison.distance
     significant = comparison.p_fwe <= LEVEL
     area = 100.0 * float(study.areas[significant].sum()) / max(float(study.areas.sum()), 1e-300)
-    median_far = None
-    accuracy = None if line is None else line.accuracy.value
-    p = comparison.p_adjusted
+    p, accuracy, tested = comparison.p_adjusted, None, comparison.accuracy_p_adjusted
+    permutations = 0 if line is None else line.accuracy.permutations
+    if line is not None:
+        accuracy = line.accuracy
     if (median := median_answer(answers, comparison.title)) is not None:
-        median_far, p, area = median.distance, median.p, median.percent
+        distance, p, area, accuracy = median.distance, median.p, median.percent, median.accuracy
+        tested = None if accuracy is None else accuracy.p
     mark = f" {_MARK}" if dispersion_caution(comparison.dispersion, comparison.counts) else ""
-    digits = 2 if distance is None else digits_of(study, distance.high - distance.low)
-    tested = comparison.accuracy_p_adjusted
     return (
         name,
         "all groups" if study.pairwise and comparison is study.overall else comparison.title,
         str(test.modes),
         "–" if distance is None else effect_cell(study, distance) + mark,
-        "–" if median_far is None else f"{median_far:.{digits}f}",
         p_number(p, test.permutations) if test.modes else "–",
         f"{area:.1f}",
-        "–" if accuracy is None else f"{100.0 * accuracy:.0f}",
-        "–" if tested is None or line is None else p_number(tested, line.accuracy.permutations),
+        "–" if accuracy is None else interval_cell(accuracy, 0, 100.0),
+        "–" if tested is None else p_number(tested, permutations),
     )
 
 

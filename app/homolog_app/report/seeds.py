@@ -2,7 +2,7 @@
 
 import csv
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from homolog.analysis.cautions import p_number
+from homolog.analysis.effects import Effect
 from homolog.cohort import Cohort
 from homolog.errors import Cancelled, InputError
 from homolog.files.project import ProjectFolder
@@ -27,34 +28,49 @@ if TYPE_CHECKING:
     from homolog_app.report.page import Page
 
 __all__ = [
-    "FILE", "SeedAnswer", "add_seeds", "answer_by_seed", "median_answer", "read_spread", "seed_numbers",
-    "spread_text", "stored_seeds", "write_spread",
+    "COLUMNS", "FILE", "SeedAnswer", "add_seeds", "answer_by_seed", "median_answer", "read_spread",
+    "seed_numbers", "spread_text", "stored_seeds", "write_spread",
 ]  # fmt: skip
 
 FILE = "seeds.csv"
 _FOLDER = "seeds"
-_COLUMNS = [
-    "comparison", "seed_of_correspondence", "p_permutation_corrected", "mahalanobis_d_corrected",
-    "particles_p_fwe_corrected_05", "area_p_fwe_corrected_05_percent", "balanced_accuracy", "auc",
-    "size_effect_mm", "permutations", "result_fingerprint",
+_P = "p_permutation_corrected"
+_EFFECTS = {
+    "mahalanobis_d_corrected": "", "balanced_accuracy": f"balanced_accuracy_{_P}", "auc": f"auc_{_P}",
+    "size_effect_mm": f"size_{_P}",
+}  # fmt: skip
+"""Columns of estimates, and of their p, if they have one; intervals are beside them."""
+COLUMNS = [
+    "comparison", "seed_of_correspondence", _P, "particles_p_fwe_corrected_05",
+    "area_p_fwe_corrected_05_percent",
+    *(f"{name}{end}" for name in _EFFECTS for end in ("", "_low_95", "_high_95")),
+    *filter(None, _EFFECTS.values()), "permutations", "result_fingerprint",
 ]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class SeedAnswer:
-    """One comparison's answer from the correspondence of one seed; None where there is none."""
+    """One comparison's answer from the correspondence of one seed; None where there is none.
+
+    Effects have the corrected p. Earlier versions stored neither that nor intervals, which are then NaN.
+    """
 
     comparison: str
     seed: int
     p: float
-    distance: float | None
+    distance: Effect | None
     particles: int
     percent: float
-    accuracy: float | None
-    auc: float | None
-    size: float | None
+    accuracy: Effect | None
+    auc: Effect | None
+    size: Effect | None
     permutations: int
     fingerprint: str
+
+    @property
+    def effects(self) -> tuple[Effect | None, ...]:
+        """Distance, accuracy, AUC and size."""
+        return self.distance, self.accuracy, self.auc, self.size
 
 
 def answer_by_seed(
@@ -117,11 +133,17 @@ def write_spread(folder: Path, answers: Sequence[SeedAnswer]) -> None:
     """Write the answers of all seeds beside a study's tables."""
     write_table(
         folder / FILE,
-        _COLUMNS,
+        COLUMNS,
         (
             [
-                answer.comparison, answer.seed, answer.p, answer.distance, answer.particles, answer.percent,
-                answer.accuracy, answer.auc, answer.size, answer.permutations, answer.fingerprint,
+                answer.comparison, answer.seed, answer.p, answer.particles, answer.percent,
+                *(
+                    cell
+                    for effect in answer.effects
+                    for cell in ((effect.value, effect.low, effect.high) if effect else (None,) * 3)
+                ),
+                *(effect.p if effect else None for effect in answer.effects[1:]),
+                answer.permutations, answer.fingerprint,
             ]
             for answer in answers
         ),
@@ -142,13 +164,12 @@ def read_spread(folder: Path, fingerprint: str) -> list[SeedAnswer]:
             ]
         repeats = [
             SeedAnswer(
-                row["comparison"], int(row["seed_of_correspondence"]), float(row["p_permutation_corrected"]),
-                _number(row["mahalanobis_d_corrected"]), int(row["particles_p_fwe_corrected_05"]),
-                float(row["area_p_fwe_corrected_05_percent"]), _number(row["balanced_accuracy"]),
-                _number(row["auc"]), _number(row["size_effect_mm"]), int(row["permutations"]),
-                row["result_fingerprint"],
+                row["comparison"], int(row["seed_of_correspondence"]), float(row[_P]), distance,
+                int(row["particles_p_fwe_corrected_05"]), float(row["area_p_fwe_corrected_05_percent"]),
+                accuracy, auc, size, int(row["permutations"]), row["result_fingerprint"],
             )
             for row in rows
+            for distance, accuracy, auc, size in [[_effect_of(row, name) for name in _EFFECTS]]
         ]  # fmt: skip
     except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
         raise InputError(
@@ -174,12 +195,12 @@ def spread_text(answers: Sequence[SeedAnswer]) -> list[str]:
             f"{title}: over {len(own)} seeds of the correspondence {_range_of_p(lowest, highest)} "
             f"({significant} of {len(own)} significant)"
         )
-        distances = [item.distance for item in own if item.distance is not None]
+        distances = [item.distance.value for item in own if item.distance is not None]
         if distances:
             text += f", D {_range(f'{min(distances):.2f}', f'{max(distances):.2f}')} SD"
         percents = [item.percent for item in own]
         text += f", {_range(f'{min(percents):.1f}', f'{max(percents):.1f}')} % of the surface"
-        accuracies = [item.accuracy for item in own if item.accuracy is not None]
+        accuracies = [item.accuracy.value for item in own if item.accuracy is not None]
         if accuracies:
             percents_right = [f"{100 * limit:.0f}" for limit in (min(accuracies), max(accuracies))]
             text += f", balanced accuracy {_range(*percents_right)} %"
@@ -277,12 +298,14 @@ def _answers(study: Study, seed: int, fingerprint: str) -> list[SeedAnswer]:
                 comparison=comparison.title,
                 seed=seed,
                 p=comparison.p_adjusted,
-                distance=None if comparison.distance is None else comparison.distance.value,
+                distance=comparison.distance,
                 particles=int(np.count_nonzero(significant)),
                 percent=100.0 * area,
-                accuracy=None if line is None else line.accuracy.value,
-                auc=None if line is None else line.auc.value,
-                size=size.value if size is not None and np.isfinite(size.value) else None,
+                accuracy=None if line is None else _plain(line.accuracy, comparison.accuracy_p_adjusted),
+                auc=None if line is None else _plain(line.auc, comparison.auc_p_adjusted),
+                size=_plain(size, comparison.size_p_adjusted)
+                if size is not None and np.isfinite(size.value)
+                else None,
                 permutations=comparison.test.permutations,
                 fingerprint=fingerprint,
             )
@@ -290,12 +313,25 @@ def _answers(study: Study, seed: int, fingerprint: str) -> list[SeedAnswer]:
     return rows
 
 
-def _number(cell: str) -> float | None:
-    return float(cell) if cell else None
+def _plain(effect: Effect, p: float | None) -> Effect:
+    """Return estimate and interval with the corrected p."""
+    return Effect(effect.value, effect.low, effect.high, p)
+
+
+def _effect_of(row: Mapping[str, str], name: str) -> Effect | None:
+    """Return the effect in the columns of a name, None if it has no value."""
+    if not row[name]:
+        return None
+    low, high = (float(row.get(f"{name}{end}") or "nan") for end in ("_low_95", "_high_95"))
+    p = row.get(_EFFECTS[name])
+    return Effect(float(row[name]), low, high, float(p) if p else None)
 
 
 def median_answer(answers: Sequence[SeedAnswer], title: str) -> SeedAnswer | None:
-    """Return the medians of a comparison's answers over the seeds; None unless there are several."""
+    """Return the medians of a comparison's answers over the seeds; None unless there are several.
+
+    Bounds of intervals are medians, too.
+    """
     own = [answer for answer in answers if answer.comparison == title]
     if len(own) < 2:
         return None
@@ -310,9 +346,13 @@ def median_answer(answers: Sequence[SeedAnswer], title: str) -> SeedAnswer | Non
     )
 
 
-def _median(values: Sequence[float | None]) -> float | None:
-    there = [value for value in values if value is not None]
-    return float(np.median(there)) if there else None
+def _median(effects: Sequence[Effect | None]) -> Effect | None:
+    there = [effect for effect in effects if effect is not None]
+    if not there:
+        return None
+    value, low, high = np.median([(item.value, item.low, item.high) for item in there], axis=0).tolist()
+    tested = [item.p for item in there if item.p is not None]
+    return Effect(value, low, high, float(np.median(tested)) if tested else None)
 
 
 def add_seeds(page: "Page", seeds: Sequence[Sequence[SeedAnswer]]) -> None:
@@ -329,8 +369,8 @@ def add_seeds(page: "Page", seeds: Sequence[Sequence[SeedAnswer]]) -> None:
                     str(number), title, f"{sum(item.p <= LEVEL for item in own)} of {len(own)}",
                     _p_range(least, most),
                     _cell([item.distance for item in own], 2),
-                    _cell([item.percent for item in own], 1),
-                    _cell([None if item.accuracy is None else 100.0 * item.accuracy for item in own], 0),
+                    _cell([Effect(item.percent, item.percent, item.percent) for item in own], 1),
+                    _cell([item.accuracy for item in own], 0, 100.0),
                     _cell([item.size for item in own], 2),
                 )
             )  # fmt: skip
@@ -351,6 +391,6 @@ def _p_range(least: str, most: str) -> str:
     return f"≤ {most}" if least != most and least.startswith("<") else _range(least, most)
 
 
-def _cell(values: Sequence[float | None], digits: int) -> str:
-    there = [value for value in values if value is not None]
+def _cell(effects: Sequence[Effect | None], digits: int, scale: float = 1.0) -> str:
+    there = [scale * effect.value for effect in effects if effect is not None]
     return _range(f"{min(there):.{digits}f}", f"{max(there):.{digits}f}") if there else "–"

@@ -1,7 +1,7 @@
 """The section of a report on one study: effects, regions, figures; and what tests of all studies assume."""
 
 from collections.abc import Iterator, Sequence
-from math import floor, log10
+from math import floor, isfinite, log10
 
 import numpy as np
 
@@ -278,7 +278,7 @@ def _add_walls(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
 def interval_cell(effect: Effect, digits: int = 2, scale: float = 1.0) -> str:
     """Return an estimate with its interval as tables have it, such as ``"1.27 (0.41 to 2.02)"``."""
     value, low, high = (f"{scale * item:.{digits}f}" for item in (effect.value, effect.low, effect.high))
-    return f"{value} ({low} to {high})"
+    return f"{value} ({low} to {high})" if isfinite(effect.low) else value
 
 
 def effect_cell(study: Study, effect: Effect) -> str:

@@ -28,6 +28,7 @@ from homolog_app.report.request import (
     write_request,
 )
 from homolog_app.report.sample import sample_rows
+from homolog_app.report.seeds import COLUMNS, FILE
 from homolog_app.report.study import Study, study_options
 from homolog_app.report.surface_maps import SurfaceCarrier, directions_of, significant_regions
 
@@ -92,6 +93,8 @@ def write_study_tables(
     for name, columns, lines in _tables(study, result, carrier, answered):
         write_table(folder / name, columns, lines)
         written[name] = list(columns)
+    if (folder / FILE).is_file():
+        written[FILE] = COLUMNS
     meanings = _meanings()
     write_table(
         folder / "columns.csv",

@@ -183,7 +183,7 @@ def _noncentrality(f: float, between: float, within: float, probability: float) 
     limit = 10.0 + 2.0 * f * between
     while above(limit) > 0.0:
         limit *= 2.0
-    return float(optimize.brentq(above, 0.0, limit, xtol=1e-6 * limit))
+    return float(optimize.brentq(above, 0.0, limit, xtol=1e-10 * limit))
 
 
 def effect_bounds(

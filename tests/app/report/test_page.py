@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import homolog as hl
+from homolog.analysis.effects import Effect
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord
@@ -204,7 +205,8 @@ def test_a_region_of_one_particle_or_of_one_seed_is_not_claimed(project, without
     assert "Largest regions" in page
     assert "No region can be claimed" not in page
     folder = study_folder(project, read_requests(project)[0])
-    answer = SeedAnswer("C - A", 0, 0.01, 2.0, 0, 0.0, 0.8, 0.9, 0.1, 199, project.read().result.fingerprint)
+    fingerprint = project.read().result.fingerprint
+    answer = SeedAnswer("C - A", 0, 0.01, Effect(2.0, 1.0, 3.0), 0, 0.0, None, None, None, 199, fingerprint)
     write_spread(folder, [replace(answer, seed=seed) for seed in range(3)])
     page = api.report(project.folder).read_text(encoding="utf-8")
     assert "Largest regions" not in page
