@@ -16,6 +16,7 @@ from homolog.analysis.welch import compare_measure
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
 from homolog.errors import InputError
+from homolog.files.atomic import write_text
 from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
 from homolog.files.report_details import read_details
@@ -24,10 +25,10 @@ from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.exports.settings import TableSettings
-from homolog_app.report.request import Answered, StudyRequest, read_requests
+from homolog_app.report.request import Answered, KeptStudy, StudyRequest, kept_studies, study_folder
 from homolog_app.report.study import Study, run_study
 from homolog_app.report.surface_maps import SurfaceCarrier, directions_of
-from homolog_app.report.tables import write_study_tables
+from homolog_app.report.tables import data_digest, write_study_tables
 
 __all__ = [
     "Measures",
@@ -81,7 +82,8 @@ def write_tables(
     settings : TableSettings
         For the comparison of `groups`.
     groups : (str, str, str), optional
-        Column and two groups to compare; the studies that ``homolog analyze`` kept if not given.
+        Column and two groups to compare; the studies that ``homolog analyze`` kept if not given, of which
+        stored tables of this result are taken as they are.
     tick : Tick
         Progress and cancelling.
 
@@ -99,19 +101,31 @@ def write_tables(
     _write_subjects(folder / "subjects.csv", project, result, model, part_of(tick, 0.1, 0.3))
     rest = part_of(tick, 0.3, 1.0)
     if groups is not None:
-        studies = [compare(result, groups, settings.permutations, settings.seed, rest)]
-    else:
-        requests = read_requests(project)
-        studies = [
-            run_study(result, request, part_of(rest, index / len(requests), (index + 1) / len(requests)))
-            for index, request in enumerate(requests)
-        ]
+        study = compare(result, groups, settings.permutations, settings.seed, rest)
+        _write_study(project, folder / study.request.name, study, result)
+        return
+    kept = kept_studies(project)
+    stems = file_stems([item.request.name for item in kept])
+    for index, (item, stem) in enumerate(zip(kept, stems, strict=True)):
+        if not _copied(project, item, result, folder / stem):
+            part = part_of(rest, index / len(kept), (index + 1) / len(kept))
+            _write_study(project, folder / stem, run_study(result, item.request, part), result)
+
+
+def _copied(project: ProjectFolder, study: KeptStudy, result: Result, folder: Path) -> bool:
+    """Copy a study's stored tables and return True, if they are of this result, its data and this version."""
     directions = directions_of(read_details(project), project.read().result)
-    carrier = SurfaceCarrier.of(result, directions) if studies else None
-    stems = file_stems([item.request.name for item in studies])
-    for study, stem in zip(studies, stems, strict=True):
-        assert carrier is not None
-        write_study_tables(folder / stem, study, result, carrier, Answered.now(project))
+    now = Answered.now(project, data_digest(result, directions))
+    if study.is_outdated or study.answered.model_copy(update={"date": now.date}) != now:
+        return False
+    for path in sorted(study_folder(project, study.request).glob("*.csv")):
+        write_text(folder / path.name, path.read_text(encoding="utf-8"))
+    return True
+
+
+def _write_study(project: ProjectFolder, folder: Path, study: Study, result: Result) -> None:
+    directions = directions_of(read_details(project), project.read().result)
+    write_study_tables(folder, study, result, SurfaceCarrier.of(result, directions), Answered.now(project))
 
 
 def _columns(result: Result) -> list[str]:

@@ -89,7 +89,15 @@ def _of_places(carrier: SurfaceCarrier) -> Iterator[tuple[str, str]]:
     yield (
         "Maps",
         "Outward displacement on the mean shape of the compared subjects, blue out of the tissue, yellow "
-        "into it." + (" Inside: the half that faces the viewer is removed." if carrier.is_hollow else ""),
+        "into it, white neither, though points may move along the surface; grey where p is above "
+        f"{LEVEL:g}. Colours of all maps of one quantity (of form, of shape, of one variable) end at the "
+        "same value."
+        + (
+            " Outside, the side is named from which the shape is seen; inside, the near half is removed, and "
+            "the wall is named that is seen."
+            if carrier.is_hollow
+            else ""
+        ),
     )
     if carrier.is_hollow:
         yield (

@@ -249,9 +249,8 @@ def _map_caption(study: Study, comparison: Comparison, limit: float, clip: Clip 
         "pairs": "mean difference",
     }
     return (
-        f"{comparison.title}: {what[study.request.kind]}, outward (mm), colours to ±{limit:g} as in all maps "
-        f"of this quantity; below, grey where p > {LEVEL:g}. Blue: out of the tissue; white: no movement "
-        f"across the surface, though maybe along it.{_cut_text(clip)}"
+        f"{comparison.title}: {what[study.request.kind]}, outward, colours to ±{limit:g} mm; below, grey "
+        f"where p > {LEVEL:g}.{_cut_text(clip)}"
     )
 
 

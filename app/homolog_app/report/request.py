@@ -29,7 +29,6 @@ __all__ = [
     "study_folder", "write_request",
 ]  # fmt: skip
 
-
 SIZE = "size"
 SHAPE_SIZE = "shape-size"
 
@@ -193,7 +192,7 @@ class StudyRequest(BaseModel):
 
 
 class Answered(BaseModel):
-    """Result, date and version of an answer."""
+    """Result, date, version and digest of the data of an answer."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
@@ -201,9 +200,10 @@ class Answered(BaseModel):
     result_finished: str = ""
     homolog: str = ""
     date: str = ""
+    data: str = ""
 
     @classmethod
-    def now(cls, project: ProjectFolder) -> "Answered":
+    def now(cls, project: ProjectFolder, data: str = "") -> "Answered":
         """Describe an answer about a project's present result."""
         record = project.read().result
         try:
@@ -215,6 +215,7 @@ class Answered(BaseModel):
             result_finished=record.finished if record else "",
             homolog=number,
             date=datetime.now(UTC).isoformat(timespec="seconds"),
+            data=data,
         )
 
 
@@ -294,11 +295,10 @@ class StoredTest(NamedTuple):
 
 
 class KeptStudy(NamedTuple):
-    """A question that is stored in a project.
+    """A request that is stored in a project.
 
     Attributes
     ----------
-    request : StudyRequest
     is_outdated : bool
         Whether its tables belong to earlier particles.
     tests : dict of str to StoredTest

@@ -4,6 +4,7 @@ import csv
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple
+from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 
@@ -30,9 +31,9 @@ from homolog_app.report.request import (
 from homolog_app.report.sample import sample_rows
 from homolog_app.report.seeds import COLUMNS, FILE
 from homolog_app.report.study import Study, study_options
-from homolog_app.report.surface_maps import SurfaceCarrier, directions_of, significant_regions
+from homolog_app.report.surface_maps import Directions, SurfaceCarrier, directions_of, significant_regions
 
-__all__ = ["save_study"]
+__all__ = ["data_digest", "save_study", "write_study_tables"]
 
 _Cell = str | float | int | None
 _Table = tuple[str, Sequence[str], Iterable[Sequence[_Cell]]]
@@ -58,12 +59,20 @@ def save_study(
         If the project can't be written to.
     """
     folder = study_folder(project, study.request)
-    answered = Answered.now(project)
     if carrier is None:
         carrier = SurfaceCarrier.of(result, directions_of(read_details(project), project.read().result))
+    answered = Answered.now(project, data_digest(result, carrier.directions))
     write_study_tables(folder, study, result, carrier, answered)
     write_request(study.request, folder, answered)
     return folder
+
+
+def data_digest(result: Result, directions: Directions) -> str:
+    """Return a digest of what tables are computed from: shapes, groups, columns, names of places."""
+    whole = sha256(repr((result.names, result.groups, result.columns, directions.sides)).encode())
+    for array in (result.world, result.alignments, result.mean_surface.vertices):
+        whole.update(np.ascontiguousarray(array).tobytes())
+    return whole.hexdigest()
 
 
 def write_study_tables(

@@ -10,9 +10,11 @@ import pytest
 from homolog.analysis.effects import Effect
 from homolog.files.particles import read_particles, write_particles
 from homolog.files.records import ProjectRecord
-from homolog.files.report_details import Axes, ReportDetails
+from homolog.files.report_details import Axes, ReportDetails, write_details
 from homolog.files.results import particle_file, read_result
 from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.exports.settings import TableSettings
+from homolog_app.exports.tables import write_tables
 from homolog_app.report.findings import p_text
 from homolog_app.report.methods import least_text
 from homolog_app.report.request import (
@@ -268,3 +270,33 @@ def test_a_region_moves_out_or_in_only_where_the_interval_tells_it():
     assert region.direction(effect) == "out of the tissue (cavity narrower)"
     assert region.direction(Effect(-1.0, -1.5, -0.5)) == "into the tissue (cavity wider)"
     assert "neither" in region.direction(Effect(0.4, -0.5, 1.3))
+
+
+def test_exported_tables_are_those_stored_unless_data_or_places_have_changed(
+    project, analyze, monkeypatch, tmp_path
+):
+    assert analyze(project, "--between", "A", "C", "--size", "with") == 0
+    (stored,) = (project.folder / "analysis").iterdir()
+    asked = []
+
+    def counted(result, request, tick):
+        asked.append(request)
+        return run_study(result, request, tick)
+
+    monkeypatch.setattr("homolog_app.exports.tables.run_study", counted)
+    monkeypatch.setattr("homolog_app.exports.tables._write_subjects", lambda *_: None)
+
+    def exported(name):
+        (tmp_path / name).mkdir()
+        write_tables(project, tmp_path / name, TableSettings())
+        return tmp_path / name / stored.name
+
+    assert (exported("same") / "tests.csv").read_bytes() == (stored / "tests.csv").read_bytes()
+    assert not asked
+    write_details(project, ReportDetails(axes=Axes.PATIENT))
+    assert "superior" in (exported("named") / "regions.csv").read_text("utf-8")
+    assert len(asked) == 1
+    (stored / "OUT_OF_DATE.txt").touch()
+    write_details(project, ReportDetails())
+    exported("old")
+    assert len(asked) == 2
