@@ -12,7 +12,7 @@ from pathlib import Path
 
 from homolog.errors import InputError
 
-__all__ = ["MISSING", "TABLE_SUFFIXES", "Row", "read_rows"]
+__all__ = ["MISSING", "TABLE_SUFFIXES", "Row", "encoding_notes", "read_rows"]
 
 Row = dict[str, str]
 
@@ -26,6 +26,8 @@ _LARGEST_UNPACKED = 256 * 2**20
 _MOST_ROWS, _MOST_COLUMNS = 100_000, 1000
 _SEPARATORS = ",;\t"
 _SAID = re.compile(r'"?sep=(.)"?\r?\n', re.IGNORECASE)  # what Excel takes for the separator
+_NO_TEXT = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
+_WESTERN = "cp1252"
 _WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
@@ -58,9 +60,18 @@ def read_rows(path: Path) -> tuple[list[str], list[tuple[int, Row]]]:
     return columns, rows
 
 
+def encoding_notes(path: Path) -> tuple[str, ...]:
+    """Return a note if the letters of a table that `read_rows` reads may be others than those meant."""
+    if path.suffix.lower() == ".xlsx" or _decoded(path)[1] != _WESTERN:
+        return ()
+    return (
+        f"{path.name} is not in UTF-8: it was read as Windows-1252, as western versions of Excel write it",
+    )
+
+
 def _text_lines(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
     """Return the numbered lines of a text file as values, and what separates them."""
-    text = _decoded(path)
+    text, _ = _decoded(path)
     skipped = 0
     if said := _SAID.match(text):
         text, skipped = text[said.end() :], 1
@@ -118,12 +129,20 @@ def _cell(value: object) -> str:
     return str(value).strip()
 
 
-def _decoded(path: Path) -> str:
+def _decoded(path: Path) -> tuple[str, str]:
+    """Return a file's text and its encoding."""
     try:
         if path.stat().st_size > _LARGEST:
             raise InputError(f"{path}: is too large for a table; choose another file")
         content = path.read_bytes()
-        return content.decode("utf-16" if content.startswith(_WIDE) else "utf-8-sig")
+        encoding = "utf-16" if content.startswith(_WIDE) else "utf-8-sig"
+        try:
+            return content.decode(encoding), encoding
+        except UnicodeDecodeError:
+            text = content.decode(_WESTERN)
+            if _NO_TEXT.search(text):
+                raise
+            return text, _WESTERN
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(
             f'{path}: can\'t be read as a table; save it as CSV in UTF-8 (in Excel: "CSV UTF-8"; {error})'

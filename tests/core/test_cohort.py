@@ -123,15 +123,16 @@ def test_a_folders_table_may_be_a_sheet_or_separated_by_tabs(folder, name):
     assert [subject.group for subject in read_cohort(folder).subjects] == ["HCM", None]
 
 
-def test_a_table_in_windows_own_letters_is_refused_with_the_remedy(folder):
+def test_a_table_in_windows_own_letters_is_read_with_a_note(folder):
     (folder / "cohort.csv").write_bytes(PLAIN.encode("cp1252"))
+    cohort = read_cohort(folder)
+    assert cohort.subjects[0].name == "Änne"
+    assert [note for note in cohort.notes if "Windows-1252" in note]
+
+
+def test_a_file_without_text_is_no_table(folder):
+    (folder / "cohort.csv").write_bytes(b"name,path\n\xff\x00\x81\n")
     with pytest.raises(InputError, match='in Excel: "CSV UTF-8"'):
-        read_cohort(folder)
-
-
-def test_a_table_of_another_encoding_is_refused(folder):
-    (folder / "cohort.csv").write_bytes(b"name,path\n\xff\xfe,a.nrrd\n")
-    with pytest.raises(InputError, match="as a table"):
         read_cohort(folder)
 
 

@@ -128,7 +128,7 @@ def _read_folder(folder: Path) -> Cohort:
     cohort = read_folder(folder)
     changes = with_table(cohort.subjects, manifest)
     remarks = [f"{manifest.name}: {line}" for line in changes.lines if changes.without_row or changes.unknown]
-    return Cohort(changes.subjects, folder, (*cohort.notes, *remarks))
+    return Cohort(changes.subjects, folder, (*cohort.notes, *(remarks or changes.notes)))
 
 
 def _with_participants(cohort: Cohort, folder: Path) -> Cohort:

@@ -8,6 +8,7 @@ from types import MappingProxyType
 from homolog.cohort.column_types import read_typed_rows
 from homolog.cohort.subject import Cohort, Subject, checked_path, image_beside, landmarks_beside
 from homolog.errors import InputError
+from homolog.spreadsheets import encoding_notes
 
 __all__ = [
     "MANIFESTS",
@@ -64,7 +65,7 @@ def read_manifest(path: Path) -> Cohort:
             raise InputError(
                 f"{path}: {' and '.join(names)} have the same file, {file.name}; give each its own"
             )
-    return Cohort(tuple(subjects), path.parent)
+    return Cohort(tuple(subjects), path.parent, encoding_notes(path))
 
 
 def names_files(path: Path) -> bool:

@@ -13,7 +13,7 @@ from homolog.cohort.manifest import OTHER_NAMES, own_columns, place_of
 from homolog.cohort.sides import is_side
 from homolog.cohort.subject import Subject, checked_path, suffix_of
 from homolog.errors import InputError
-from homolog.spreadsheets import Row
+from homolog.spreadsheets import Row, encoding_notes
 
 __all__ = ["Replaced", "TableChanges", "with_table", "with_values_of"]
 
@@ -55,6 +55,8 @@ class TableChanges:
         Columns that get values where there were none, and how many.
     replaced : tuple of Replaced
         Values that differ from those that were there.
+    notes : tuple of str
+        What a user should know of the file.
     """
 
     subjects: tuple[Subject, ...]
@@ -64,6 +66,7 @@ class TableChanges:
     key: str
     added: Mapping[str, int]
     replaced: tuple[Replaced, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def is_empty(self) -> bool:
@@ -87,7 +90,7 @@ class TableChanges:
             lines.append(f"without a row: {_listed(self.without_row)}")
         if self.unknown:
             lines.append(f"rows that name no subject: {_listed(self.unknown)}")
-        return lines
+        return [*lines, *self.notes]
 
 
 def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
@@ -150,7 +153,7 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
         for name in names
     }
     unknown = [row[key] for names, row in zip(candidates[key], rows, strict=True) if not names]
-    return _changes(subjects, values, unknown, key)
+    return replace(_changes(subjects, values, unknown, key), notes=encoding_notes(path))
 
 
 def with_values_of(subjects: Sequence[Subject], others: Sequence[Subject]) -> TableChanges:
