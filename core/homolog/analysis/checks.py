@@ -8,7 +8,7 @@ import numpy as np
 from homolog.arrays import ArrayLike, FloatArray, frozen
 from homolog.errors import InputError
 
-__all__ = ["checked_particles", "refuse_duplicates"]
+__all__ = ["checked_particles", "finite_numbers", "refuse_duplicates"]
 
 
 def checked_particles(particles: ArrayLike, names: Sequence[str] | None = None) -> FloatArray:
@@ -29,7 +29,8 @@ def checked_particles(particles: ArrayLike, names: Sequence[str] | None = None) 
     Raises
     ------
     InputError
-        If the array has another shape, fewer than two subjects, or values that are not finite.
+        If the array has another shape, fewer than two subjects, values that are not finite, or another
+        number of subjects than there are names.
     """
     try:
         array = np.asarray(particles, dtype=np.float64)
@@ -39,6 +40,8 @@ def checked_particles(particles: ArrayLike, names: Sequence[str] | None = None) 
         ) from error
     if array.ndim != 3 or array.shape[2] != 3 or array.shape[1] == 0:
         raise InputError(f"particles need an array of shape (subjects, particles, 3), not {array.shape}")
+    if names is not None and len(names) != len(array):
+        raise InputError(f"names: {len(names)} given for {len(array)} subjects; give one for each")
     if len(array) < 2:
         raise InputError(f"statistics need at least two subjects, not {len(array)}; add subjects")
     bad = np.flatnonzero(~np.isfinite(array).all(axis=(1, 2)))
@@ -46,6 +49,35 @@ def checked_particles(particles: ArrayLike, names: Sequence[str] | None = None) 
         who = ", ".join(_name(names, item) for item in bad[:5])
         raise InputError(f"{who}: particle positions that are not finite numbers; exclude it or run again")
     return frozen(array)
+
+
+def finite_numbers(values: ArrayLike, what: str) -> FloatArray:
+    """Return values as a float64 array; raise InputError if they are not finite numbers.
+
+    Parameters
+    ----------
+    values : array_like
+        Of any shape.
+    what : str
+        Their name in the message.
+
+    Returns
+    -------
+    float64 array
+        Of the same shape.
+
+    Raises
+    ------
+    InputError
+        If a value is no number or not finite, or rows differ in length.
+    """
+    try:
+        numbers = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what}: must be an array of numbers: {error}") from error
+    if not np.isfinite(numbers).all():
+        raise InputError(f"{what}: must be finite numbers, without NaN and infinity")
+    return numbers
 
 
 def refuse_duplicates(particles: FloatArray, names: Sequence[str] | None = None) -> None:

@@ -1,5 +1,7 @@
 """The shape model: principal components of corresponding particles."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -9,7 +11,7 @@ import numpy as np
 from scipy import linalg
 from scipy.sparse.linalg import eigsh
 
-from homolog.analysis.checks import checked_particles
+from homolog.analysis.checks import checked_particles, finite_numbers
 from homolog.analysis.procrustes import align, rms_radii
 from homolog.arrays import ArrayLike, FloatArray, frozen
 from homolog.errors import InputError
@@ -86,7 +88,7 @@ class ShapeModel:
     @classmethod
     def fit(
         cls, particles: ArrayLike, *, scaling: bool = False, names: Sequence[str] | None = None
-    ) -> "ShapeModel":
+    ) -> ShapeModel:
         """Fit mean and modes to the corresponding particles of a cohort.
 
         Parameters
@@ -107,7 +109,7 @@ class ShapeModel:
         Raises
         ------
         InputError
-            If there are fewer than two subjects or positions are not finite.
+            If there are fewer than two subjects, positions are not finite, or names are not one a subject.
         """
         positions = checked_particles(particles, names)
         shapes = align(positions, scaling=True) if scaling else positions
@@ -144,9 +146,9 @@ class ShapeModel:
         Raises
         ------
         InputError
-            If the number of particles is not that of the model.
+            If the number of particles is not that of the model, or positions are not finite.
         """
-        positions = np.asarray(particles, dtype=np.float64)
+        positions = finite_numbers(particles, "particles")
         if positions.shape[-2:] != self.mean.shape:
             raise InputError(
                 f"particles need the model's shape (..., {len(self.mean)}, 3), not {positions.shape}"
@@ -171,7 +173,7 @@ class ShapeModel:
         Raises
         ------
         InputError
-            If there are more scores than modes.
+            If there are more scores than modes, or they are not finite numbers.
         """
         known = self._of_modes(scores, "scores")
         shape: FloatArray = self.mean + np.tensordot(known, self.components[: known.shape[-1]], axes=1)
@@ -193,14 +195,14 @@ class ShapeModel:
         Raises
         ------
         InputError
-            If there are more multiples than modes.
+            If there are more multiples than modes, or they are not finite numbers.
         """
         multiples = self._of_modes(deviations, "deviations")
         return self.inverse_transform(multiples * self.standard_deviations[: multiples.shape[-1]])
 
     def _of_modes(self, values: ArrayLike, what: str) -> FloatArray:
         """Return numbers for the first modes as an array (..., k)."""
-        numbers = np.asarray(values, dtype=np.float64)
+        numbers = finite_numbers(values, what)
         if numbers.ndim == 0 or numbers.shape[-1] > len(self.components):
             raise InputError(
                 f"{what} need the shape (..., k) with k at most {len(self.components)}, the number of modes, "
@@ -214,7 +216,7 @@ class ShapeModel:
         Parameters
         ----------
         count : int
-            Number of shapes.
+            Number of shapes, 0 or more.
         seed : int, optional
             Same seed, same shapes; other ones at each call if not given.
 
@@ -222,7 +224,14 @@ class ShapeModel:
         -------
         (count, N, 3) array
             Positions [mm].
+
+        Raises
+        ------
+        InputError
+            If the number of shapes is negative or no whole number.
         """
+        if not isinstance(count, int | np.integer) or count < 0:
+            raise InputError(f"count={count!r}: must be a whole number, 0 or more")
         normal = np.random.default_rng(seed).standard_normal((count, len(self.explained_variance)))
         return self.instance(normal)
 
@@ -244,7 +253,7 @@ class ShapeModel:
         write_arrays(Path(path), {name: getattr(self, name) for name in self.__dataclass_fields__})
 
     @classmethod
-    def load(cls, path: str | PathLike[str]) -> "ShapeModel":
+    def load(cls, path: str | PathLike[str]) -> ShapeModel:
         """Read a model that `save` wrote, also in version 0.2.
 
         Parameters
@@ -279,7 +288,7 @@ class ShapeModel:
             )
         return model._in_root_mean_squares()
 
-    def _in_root_mean_squares(self) -> "ShapeModel":
+    def _in_root_mean_squares(self) -> ShapeModel:
         """Return the model with modes of a root mean square of 1; version 0.2 had modes of length 1."""
         count = len(self.mean)
         if not np.allclose(np.square(self.components).sum(axis=(1, 2)), 1.0):

@@ -1,5 +1,7 @@
 """Comparison of groups, and regression on a number, in one call."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -19,6 +21,7 @@ from homolog.api.comparison_arguments import (
     Covariates,
     check_comparisons,
     check_options,
+    check_values,
     columns_of,
     incomplete,
     notes_on,
@@ -180,6 +183,8 @@ def compare_groups(
         labels[list(gone)] = ""
     notes = notes_on(gone, names, covariates, labels.tolist())
     chosen = np.flatnonzero(np.isin(labels, order))
+    if not len(chosen):
+        raise InputError("groups: no subject is in one of the compared groups; give each subject its group")
     called = None if names is None else [names[index] for index in chosen.tolist()]
     if comparisons is not None:
         check_comparisons(comparisons, order)
@@ -331,8 +336,7 @@ def regress(
     """
     check_options((alignment,) if isinstance(alignment, str) else alignment, permutations)
     shapes = checked_particles(particles, names)
-    if len(values) != len(shapes):
-        raise InputError(f"{name!r}: {len(values)} values for {len(shapes)} subjects; give one for each")
+    check_values(name, values, len(shapes))
     everyone = np.full(len(shapes), True)
     gone = incomplete(len(shapes), {name: values, **(covariates or {})}, everyone) if complete_cases else {}
     notes = notes_on(gone, names, covariates)

@@ -16,6 +16,7 @@ __all__ = [
     "Covariates",
     "check_comparisons",
     "check_options",
+    "check_values",
     "columns_of",
     "incomplete",
     "notes_on",
@@ -78,7 +79,7 @@ def columns_of(
     if not covariates:
         return None
     for title, values in covariates.items():
-        _check_values(title, values, subjects)
+        check_values(title, values, subjects)
     table = {title: [values[index] for index in chosen] for title, values in covariates.items()}
     return covariate_columns(table, names, categories=[title for title in table if title.endswith(CATEGORY)])
 
@@ -87,7 +88,7 @@ def incomplete(subjects: int, covariates: Covariates | None, members: BoolArray)
     """Return the members, of all subjects, that lack a value of a covariate, and which."""
     gone: dict[int, str] = {}
     for title, values in (covariates or {}).items():
-        _check_values(title, values, subjects)
+        check_values(title, values, subjects)
         for index in np.flatnonzero(members).tolist():
             if is_missing(values[index]):
                 gone.setdefault(index, f"no value of {title.removesuffix(CATEGORY)}")
@@ -139,8 +140,9 @@ def _check_length(pairs: Sequence[str | None], labels: Array) -> None:
         raise InputError(f"pairs: {len(pairs)} given for {len(labels)} subjects; give one for each")
 
 
-def _check_values(title: str, values: Sequence[str | float] | Array, subjects: int) -> None:
+def check_values(title: str, values: Sequence[str | float] | Array, subjects: int) -> None:
+    """Refuse what is not one value for each subject."""
+    if np.ndim(values) != 1:
+        raise InputError(f"{title!r}: must be a sequence of values, one for each subject")
     if len(values) != subjects:
-        raise InputError(
-            f"covariate {title!r}: {len(values)} values for {subjects} subjects; give one for each"
-        )
+        raise InputError(f"{title!r}: {len(values)} values for {subjects} subjects; give one for each")

@@ -1,5 +1,7 @@
 """Corresponding points on shapes in memory or in files: the pipeline of `homolog.run` in one call."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import AbstractContextManager

@@ -3,10 +3,10 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-import numpy as np
-
+from homolog.analysis.checks import finite_numbers
 from homolog.analysis.reconstruction import warp_surface
 from homolog.arrays import ArrayLike, FloatArray
+from homolog.errors import InputError
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["HasMeanShape", "MeanShape"]
@@ -53,12 +53,17 @@ class HasMeanShape(ABC):
 
         Raises
         ------
+        InputError
+            If the particles have another shape than (N, 3), or are not finite numbers.
         NumericalError
             If particles coincide, so that no surface can be warped by them.
         """
         mean = self._mean_shape
         if particles is None:
             return mean.surface
-        move = np.asarray(particles, np.float64) - mean.particles
+        positions = finite_numbers(particles, "particles")
+        if positions.shape != mean.particles.shape:
+            raise InputError(f"particles need the shape {mean.particles.shape}, not {positions.shape}")
+        move = positions - mean.particles
         moved = warp_surface(mean.particles, mean.surface.vertices, move[None], mean.smoothing)[0]
         return TriangleMesh(mean.surface.vertices + moved, mean.surface.faces)

@@ -1,10 +1,14 @@
 """One patient against the controls of a project."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 
 from homolog.api.inputs import cohort_of
+from homolog.api.project import Project
+from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.grooming import GroomedSubject, groom_subject
 from homolog.grooming.subject import check_source, groom
@@ -16,7 +20,7 @@ __all__ = ["compare_patient", "make_reference"]
 
 
 def make_reference(
-    project: str | PathLike[str],
+    project: Project | str | PathLike[str],
     *,
     group: str | None = None,
     adjust: Sequence[str] = (),
@@ -32,8 +36,8 @@ def make_reference(
 
     Parameters
     ----------
-    project : path
-        Folder with a result.
+    project : Project or path
+        A project with a result, or its folder.
     group : str, optional
         Group of the controls, in the column ``group``; all subjects by default.
     adjust : sequence of str
@@ -62,8 +66,13 @@ def make_reference(
     ----------
     docs/patient.md describes the method and names its sources; docs/examples/one_patient.py is an example.
     """
+    folder = project.folder if isinstance(project, Project) else project
+    if not isinstance(folder, str | PathLike):
+        raise InputError(
+            f"make_reference needs a project, not {type(project).__name__}; save the correspondence first"
+        )
     return _make(
-        ProjectFolder(Path(project)), group=group, adjust=adjust, pairs=pairs, time=time, workers=workers,
+        ProjectFolder(Path(folder)), group=group, adjust=adjust, pairs=pairs, time=time, workers=workers,
         tick=tick_of(callback),
     )  # fmt: skip
 

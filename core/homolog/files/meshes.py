@@ -154,7 +154,8 @@ def write_mesh(
     Raises
     ------
     InputError
-        If the suffix is unknown, the file can't be written, or .stl or .obj is given values.
+        If the suffix is unknown, the file can't be written, .stl or .obj is given values, or `mesh` is no
+        TriangleMesh.
 
     Examples
     --------
@@ -167,6 +168,8 @@ def write_mesh(
     ...     hl.read_mesh(f"{folder}/corner.ply")
     TriangleMesh(4 vertices, 4 faces)
     """
+    if not isinstance(mesh, TriangleMesh):
+        raise InputError(f"{path}: a file is written of a TriangleMesh, not of {type(mesh).__name__}")
     path = Path(path)
     suffix = path.suffix.lower()
     if point_data and suffix in (".stl", ".obj"):

@@ -1,5 +1,7 @@
 """Solve geodesic tables of meshes on the CPU or on a GPU."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np

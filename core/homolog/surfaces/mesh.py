@@ -27,7 +27,7 @@ class TriangleMesh:
     Raises
     ------
     InputError
-        If an array has another shape.
+        If an array has another shape or values that are no numbers, or faces that are no whole numbers.
 
     Examples
     --------
@@ -44,8 +44,16 @@ class TriangleMesh:
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        object.__setattr__(self, "vertices", frozen(self.vertices, np.float64))
-        object.__setattr__(self, "faces", frozen(self.faces, np.int32))
+        try:
+            vertices, faces = np.asarray(self.vertices, np.float64), np.asarray(self.faces)
+            if not np.issubdtype(faces.dtype, np.integer):
+                faces = faces.astype(np.float64)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"a mesh needs numbers, vertices (V, 3) and faces (F, 3): {error}") from error
+        if not np.issubdtype(faces.dtype, np.integer) and not np.all(np.mod(faces, 1.0) == 0.0):
+            raise InputError("the faces of a mesh must be whole numbers, the indices of its vertices")
+        object.__setattr__(self, "vertices", frozen(vertices))
+        object.__setattr__(self, "faces", frozen(faces, np.int32))
         shapes = self.vertices.shape, self.faces.shape
         if any(len(shape) != 2 or shape[1] != 3 for shape in shapes):
             raise InputError(

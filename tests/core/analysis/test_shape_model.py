@@ -68,7 +68,7 @@ def test_the_same_shape_again_and_again_gives_a_model_without_modes(ellipsoids):
 )
 def test_particles_that_no_model_can_be_fitted_to_are_refused_by_name(particles, message):
     with pytest.raises(InputError, match=message):
-        ShapeModel.fit(particles, names=["Ann", "Ben", "Cleo", "Dan"])
+        ShapeModel.fit(particles, names=["Ann", "Ben", "Cleo", "Dan"][: len(particles)])
 
 
 def test_scores_and_particles_that_are_not_of_the_model_are_refused(ellipsoids):
