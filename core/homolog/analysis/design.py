@@ -122,9 +122,10 @@ def _numeric(title: str, values: Sequence[str | float], names: Sequence[str] | N
         return None
     infinite = np.flatnonzero(~np.isfinite(numeric))
     if len(infinite):
+        value = values[infinite[0]]
+        shown = repr(value) if isinstance(value, str) else f"{value}"
         raise InputError(
-            f"{title!r}: {values[infinite[0]]!r} of {_name(names, int(infinite[0]))} is not finite; "
-            "correct or empty the cell"
+            f"{title!r}: {shown} of {_name(names, int(infinite[0]))} is not finite; correct or empty the cell"
         )
     return numeric
 

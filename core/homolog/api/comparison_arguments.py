@@ -66,6 +66,10 @@ def pairs_of(
     _check_length(pairs, labels)
     if len(order) != 2 or covariates:
         raise InputError("pairs: a paired comparison is between two groups and takes no covariates")
+    there = [label for label in dict.fromkeys(map(str, labels)) if label]
+    for group in order:
+        if group not in there:
+            raise InputError(f"no subject is in {group!r}; groups are: {', '.join(there)}")
     return pair_members(_texts(pairs), labels.tolist(), (order[0], order[1]), names)
 
 

@@ -98,6 +98,7 @@ def test_pairs_name_the_pair_of_each_subject_as_on_the_command_line(shapes):
     ("arguments", "fault"),
     [
         ({"groups": GROUPS[:5]}, "5 given for 18 subjects"),
+        ({"between": ("a", "d"), "pairs": list("uvwxyz") * 3}, "no subject is in 'd'; groups are: a, b, c"),
         ({"between": ("a", "z")}, "'z' has 0 of the two or more"),
         ({"between": ("a",)}, "two or more different groups"),
         ({"covariates": {"age": [1.0]}}, "'age': 1 values for 18"),
