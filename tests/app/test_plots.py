@@ -143,6 +143,17 @@ def test_names_do_not_cover_each_other_and_those_of_selected_subjects_are_always
     assert not axes.lines
 
 
+def test_the_name_of_a_selected_subject_covers_no_other_subject():
+    axes, points = _axes(), np.array([[0.0, 0.0], [0.4, 0.3], [0.5, -0.3], [-0.4, 0.3]])
+    axes.set(xlim=(-3.0, 3.0), ylim=(-3.0, 3.0))
+    draw_subjects(axes, points, ["chosen", "a", "b", "c"], ["chosen"], COLOURS, others=False)
+    (text,) = axes.texts
+    axes.figure.canvas.draw()
+    box = text.get_window_extent(axes.figure.canvas.get_renderer())
+    assert text.get_text() == "chosen"
+    assert not box.count_contains(axes.transData.transform(points))
+
+
 @pytest.mark.parametrize("y", [5.0, None])
 def test_the_place_of_the_shape_that_is_shown_moves_no_limit(y):
     axes = _axes()

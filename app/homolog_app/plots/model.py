@@ -35,6 +35,7 @@ _LABEL, _KEY = 30, 4  # letters of a label in a legend, and what its marker take
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _SUBJECT_NAME = 28  # letters
 _ASIDE, _ABOVE = 8.0, 5.0  # points between a subject's mark and its name
+_RADIUS = 4.0  # points, that of a mark and some distance
 _MOST_BARS = 16
 _QUANTILE = 5.991464547107979  # 95 % of the chi-squared distribution with two degrees of freedom
 _LEAST = 3  # subjects of an ellipse
@@ -202,17 +203,21 @@ def draw_scores(
 
 
 def draw_subjects(
-    axes: Axes, points: FloatArray, names: Sequence[str], selected: Sequence[str], colours: Colours
-) -> list[Artist]:
+    axes: Axes, points: FloatArray, names: Sequence[str], selected: Sequence[str], colours: Colours, *,
+    others: bool = True,
+) -> list[Artist]:  # fmt: skip
     """Write names next to subjects' points (n, 2), and draw a ring around selected ones.
 
-    A name that would cover another in every corner of its point is left out, unless its subject is
+    `others` names also those that are not selected. A name stands in the corner of its point where it covers
+    fewest points. A name that would cover another in every corner is left out, unless its subject is
     selected. The axes keep their limits.
     """
     drawn: list[Artist] = []
     covered: list[Bbox] = []
     marks = axes.transData.transform(points)
     for index in sorted(range(len(names)), key=lambda index: names[index] not in selected):
+        if not (others or names[index] in selected):
+            break
         (x, y), name = points[index], shortened(names[index], _SUBJECT_NAME)
         is_selected = names[index] in selected
         size = FONT_PT if is_selected else TICK_PT
@@ -257,7 +262,7 @@ def _name_boxes(
     def cost(corner: tuple[bool, bool]) -> tuple[float, int]:
         box = boxes[corner]
         beyond = (left - box.x0, bottom - box.y0, box.x1 - right, box.y1 - top)
-        return sum(max(part, 0.0) for part in beyond), sum(box.contains(*mark) for mark in scale * marks)
+        return sum(max(part, 0.0) for part in beyond), int(box.padded(_RADIUS).count_contains(scale * marks))
 
     return {corner: boxes[corner] for corner in sorted(boxes, key=cost)}
 

@@ -1,6 +1,7 @@
 """Texts in views: names, letters, particle numbers, scale bar, colour scale."""
 
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ _EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
 _FREE, _ROOM, _LEAST = 0.43, 0.97, 4
 _CUT = "…"
 _PLATE = 0.75  # opacity
+_WAYS = ("center", "bottom", "top")
 _LINE = 1.2  # line spacing
 
 
@@ -144,26 +146,39 @@ class NumberLabels:
     def face(self, right: FloatArray, caption: Any = None) -> None:  # noqa: ANN401 - VTK is untyped
         """Before each drawing: place them next to their points, outward of each other.
 
-        A number that would cover the caption, which names it too, is left out.
+        A number that would cover an earlier one is moved; it is left out if there is no room for it, or if it
+        would cover the caption, which names it too.
         """
-        if self._numbers is not None:
-            places = self._numbers.places
-            outward = np.where((places - places.mean(axis=0)) @ right < 0.0, -1.0, 1.0)
-            places = places + self._numbers.beside * outward[:, None] * right
-            for text, place, side in zip(self._texts, places.tolist(), outward, strict=False):
-                text.GetPositionCoordinate().SetValue(*place)
-                text.prop.justification_horizontal = "left" if side > 0.0 else "right"
-                text.SetVisibility(caption is None or not self._covers(text, side, caption))
+        if self._numbers is None:
+            return
+        places = self._numbers.places
+        outward = np.where((places - places.mean(axis=0)) @ right < 0.0, -1.0, 1.0)
+        taken = [] if caption is None else [np.split(self._box(caption), 2)]
+        for text, place, side in zip(self._texts, places, outward, strict=False):
+            for way, beside in product(_WAYS, (side, -side)):
+                text.GetPositionCoordinate().SetValue(
+                    *(place + self._numbers.beside * beside * right).tolist()
+                )
+                text.prop.justification_horizontal = "left" if beside > 0.0 else "right"
+                text.prop.justification_vertical = way
+                box = self._box(text)
+                if is_free := not any(
+                    (box[:2] < end).all() and (start < box[2:]).all() for start, end in taken
+                ):
+                    break
+            text.SetVisibility(is_free)
+            if is_free:
+                taken.append(np.split(box, 2))
 
-    def _covers(self, text: Any, side: float, caption: Any) -> bool:  # noqa: ANN401 - VTK is untyped
-        """Whether a number, whose side of its point is given, reaches into the caption."""
-        own, other = [0.0, 0.0], [0.0, 0.0]
-        text.GetSize(self._renderer, own)
-        caption.GetSize(self._renderer, other)
+    def _box(self, text: Any) -> FloatArray:  # noqa: ANN401 - VTK is untyped
+        """Return left, lower, right and upper edge of a text in the view [pixels]."""
+        size = [0.0, 0.0]
+        text.GetSize(self._renderer, size)
         x, y = text.GetPositionCoordinate().GetComputedViewportValue(self._renderer)
-        left, top = caption.GetPositionCoordinate().GetComputedViewportValue(self._renderer)
-        starts = x if side > 0.0 else x - own[0]
-        return bool(starts < left + other[0] and y + own[1] / 2.0 > top - other[1])
+        left = {"left": 0.0, "center": 0.5, "right": 1.0}[text.prop.justification_horizontal]
+        low = {"bottom": 0.0, "center": 0.5, "top": 1.0}[text.prop.justification_vertical]
+        start = np.array([x - left * size[0], y - low * size[1]])
+        return np.concatenate([start, start + size])
 
     def paint(self, colours: Colours) -> None:
         """Apply the scheme's colours; call `show` afterwards."""

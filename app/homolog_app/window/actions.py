@@ -23,7 +23,7 @@ from PySide6.QtWidgets import (
 
 from homolog_app.window.commands import COMMANDS, MENUS, REASONS, Command, command
 from homolog_app.window.theme import Theme, icon
-from homolog_app.window.widgets import GRID, button, label
+from homolog_app.window.widgets import GRID, button, keep_space, label
 
 __all__ = [
     "Actions",
@@ -68,6 +68,9 @@ class _ToolButton(QToolButton):
         super().__init__(parent)
         self._soon = QTimer(self, singleShot=True, interval=_TIP_MS)
         self._soon.timeout.connect(self._show_tip)
+
+    def event(self, event: QEvent) -> bool:
+        return keep_space(event) or super().event(event)
 
     def enterEvent(self, event: QEnterEvent) -> None:
         super().enterEvent(event)

@@ -74,7 +74,7 @@ def ask(
         The answer; nothing if the question was settled.
     """
     icon = QMessageBox.Icon.Question if len(answers) > 1 else QMessageBox.Icon.Information
-    box = QMessageBox(icon, title, title, parent=parent)
+    box = QMessageBox(icon, QApplication.applicationDisplayName(), title, parent=parent)  # once is enough
     box.setInformativeText(details)
     role = QMessageBox.ButtonRole
     buttons = [

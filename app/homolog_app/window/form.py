@@ -1,5 +1,6 @@
 """A form generated from a settings model: one row per setting, with unit, and help for the active one."""
 
+from collections.abc import Iterable
 from enum import Enum
 from typing import Any
 
@@ -21,7 +22,7 @@ from homolog.parameters import Parameter, fault_text, parameters
 from homolog_app.rendering.text import parse_number
 from homolog_app.window.widgets import GRID, NumberBox, button, label
 
-__all__ = ["SettingsForm", "SettingsPair"]
+__all__ = ["SettingsForm", "SettingsPair", "named_rows", "tab_before"]
 
 _HINT = "Point at a setting for its help."
 _LINES = 3
@@ -51,6 +52,30 @@ _LABELS = {
     "world": "Aligned",
     "local": "As in the input files",
 }
+
+
+def named_rows(rows: Iterable[tuple[str, QWidget]]) -> QGridLayout:
+    """Return rows of labels at the left and widgets at the right."""
+    grid = QGridLayout()
+    grid.setHorizontalSpacing(GRID)
+    grid.setColumnStretch(1, 1)
+    for line, (text, named) in enumerate(rows):
+        name = label(text)
+        name.setBuddy(named)
+        grid.addWidget(name, line, 0)
+        grid.addWidget(named, line, 1)
+    return grid
+
+
+def tab_before(widget: QWidget, *added: QWidget) -> None:
+    """Let Tab reach widgets that were added later before another one, which is not the window's first."""
+    before = widget
+    while (before := before.previousInFocusChain() or widget) is not widget:
+        if before.focusPolicy() & Qt.FocusPolicy.TabFocus:
+            break
+    for each in added:
+        QWidget.setTabOrder(before, each)
+        before = each
 
 
 class _Help(QLabel):

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Slot
-from PySide6.QtWidgets import QDialog, QFileDialog, QFrame, QHBoxLayout, QMainWindow, QMessageBox, QVBoxLayout
+from PySide6.QtWidgets import QDialog, QFrame, QHBoxLayout, QMainWindow, QMessageBox, QVBoxLayout
 
 from homolog import __version__
 from homolog.errors import user_message
@@ -38,6 +38,8 @@ _TITLES = {
     "reference": "The reference can't be made",
     "open_reference": "The reference can't be read",
     "patient": "The patient can't be compared",
+    "typical": "The patient can't be compared with the groups",
+    "follow-up": "The times can't be compared",
     "groups": "The groups can't be compared",
 }
 _REFUSED, _BUG = "This can't be done", "Unexpected error"
@@ -127,13 +129,10 @@ class HelpController(Controller):
     @reported
     def save_report(self, details: str = "") -> None:
         """Ask for a file and write the problem report."""
-        path, _ = QFileDialog.getSaveFileName(
-            self._window, "Save report", "homolog-report.txt", "Text files (*.txt)"
-        )
+        kinds = "Text files (*.txt)"
+        path = self._workspace.files.new(self._window, "Save report", "homolog-report.txt", kinds)
         if path:
-            write_text(
-                Path(path), problem_report(self._workspace.session, self._workspace.memory, details or "")
-            )
+            write_text(path, problem_report(self._workspace.session, self._workspace.memory, details or ""))
 
     def show_about(self) -> None:
         """Show version, device and licence."""

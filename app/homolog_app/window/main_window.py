@@ -26,7 +26,7 @@ from homolog_app.window.commands import WindowState, available
 from homolog_app.window.dialogs import LogPane
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.explore.page import OverviewPage
-from homolog_app.window.explore.panel import ExploreController, ExplorePanel
+from homolog_app.window.explore.panel import PAGE_COMMANDS, ExploreController, ExplorePanel
 from homolog_app.window.explore.patient_page import PatientPage
 from homolog_app.window.export.controller import ExportController
 from homolog_app.window.help import HelpController, Tour
@@ -84,6 +84,11 @@ class Inspector(QFrame):
         """Show the page of a step."""
         self._pages.setCurrentIndex(STEPS.index(step))
 
+    def take_focus(self) -> None:
+        """Let the keyboard continue in the shown panel."""
+        panels = (self.cohort, self.groom, self.correspond, self.explore.page)
+        panels[STEPS.index(self._session.step)].take_focus()
+
     def show_job(self, *, is_further: bool = False) -> None:
         """Show the progress of the job on the page that started it."""
         job = self._session.job
@@ -108,6 +113,7 @@ class Docks(QObject):
         self._window, self._workspace, self._explore = window, workspace, inspector.explore
         self._sizes = DockSizes(window)
         self.curves = EnergyCurves(workspace.theme)
+        self.curves.files = workspace.files
         self.log = LogPane(workspace.memory)
         bottom = Qt.DockWidgetArea.BottomDockWidgetArea
         window.setCorner(Qt.Corner.BottomLeftCorner, Qt.DockWidgetArea.LeftDockWidgetArea)
@@ -257,15 +263,12 @@ class MainWindow(QMainWindow):
             available(workspace.session, workspace.project, self._state()), workspace.session.read_only
         )
         steps = steps_of(workspace.session)
-        if (
-            not steps[workspace.session.step].enabled
-            and workspace.session.is_open
-            and workspace.session.step != "cohort"
-        ):
+        step, is_open = workspace.session.step, workspace.session.is_open
+        if is_open and step != "cohort" and not steps[step].enabled:
             workspace.session.show_step("cohort")
             return
-        self.rail.show_steps(steps, workspace.session.step if workspace.session.is_open else "")
-        open_ = workspace.session.is_open and views is not None
+        self.rail.show_steps(steps, step if is_open else "")
+        open_ = is_open and views is not None
         self._middle.setCurrentIndex(1 if open_ else 0)
         self.inspector.show_job()
         self.start_page.show_busy(workspace.session.job.status if workspace.session.job.is_busy else None)
@@ -352,9 +355,7 @@ class MainWindow(QMainWindow):
 
     def _lay_out(self) -> None:
         self._middle = QStackedWidget()
-        self._first_gl = QOpenGLWidget(
-            self
-        )  # makes the window one of OpenGL before it is shown: no flash later
+        self._first_gl = QOpenGLWidget(self)  # a window of OpenGL before it is shown: no flash later
         self._first_gl.setFixedSize(1, 1)
         first = QScrollArea(widgetResizable=True)  # many recent projects do not make the window taller
         first.setFrameShape(QFrame.Shape.NoFrame)
@@ -368,6 +369,8 @@ class MainWindow(QMainWindow):
         self.commands.connect_handlers(self._handlers())
         for name, button in self.rail.buttons.items():
             button.clicked.connect(self.commands[f"view.{name}"].trigger)
+        for name in (*(f"view.{step}" for step in STEPS), *PAGE_COMMANDS):
+            self.commands[name].triggered.connect(self.inspector.take_focus)
         workspace.session.step_changed.connect(self._turn)
         session = workspace.session
         for signal in (

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtWidgets import QFileDialog, QInputDialog, QWidget
+from PySide6.QtWidgets import QInputDialog, QWidget
 
 from homolog.errors import InputError, InUseError
 from homolog.files.atomic import replace_folder
@@ -145,9 +145,9 @@ class ProjectController(Controller):
         """Ask for a folder and save there."""
         session = self._workspace.session
         near = suggested_folder(session.study, session.folder, self._workspace.home)
-        path, _ = QFileDialog.getSaveFileName(self._window, "Save project as (creates a folder)", str(near))
+        path = self._workspace.files.new(self._window, "Save project as (creates a folder)", str(near))
         if path:
-            self.save_to(Path(path))
+            self.save_to(path)
 
     @reported
     def save_to(self, folder: Path) -> None:
@@ -241,10 +241,10 @@ class ProjectController(Controller):
     @reported
     def locate(self, gone: Path) -> None:
         """Ask where a project is now."""
-        path = QFileDialog.getExistingDirectory(self._window, f"Where is {gone.name}?")
+        path = self._workspace.files.folder(self._window, f"Where is {gone.name}?")
         if path:
-            self._workspace.preferences.relocate(gone, Path(path))
-            self.open(Path(path))
+            self._workspace.preferences.relocate(gone, path)
+            self.open(path)
 
     @reported
     def offer_recovery(self) -> None:
@@ -282,26 +282,26 @@ class ProjectController(Controller):
             session.noticed.emit("Resume continues from the checkpoint of the run.")
 
     def _new(self) -> None:
-        path = QFileDialog.getExistingDirectory(self._window, "Folder of segmentations or surfaces")
+        path = self._workspace.files.folder(self._window, "Folder of segmentations or surfaces")
         if path and self.may_leave():
             self.begin()
-            self.open_paths([Path(path)])
+            self.open_paths([path])
 
     def _add(self) -> None:
-        paths, _ = QFileDialog.getOpenFileNames(self._window, "Add files", "", FILES)
+        paths = self._workspace.files.files(self._window, "Add files", FILES)
         if paths:
-            self.open_paths([Path(path) for path in paths])
+            self.open_paths(paths)
 
     def _open(self) -> None:
-        path = QFileDialog.getExistingDirectory(self._window, "Open project folder")
+        path = self._workspace.files.folder(self._window, "Open project folder")
         if path and self.may_leave():
-            self.open(Path(path))
+            self.open(path)
 
     @reported
     def _import(self) -> None:
-        path, _ = QFileDialog.getOpenFileName(self._window, "Import groups and covariates", "", _READ)
+        path = self._workspace.files.file(self._window, "Import groups and covariates", _READ)
         if path:
-            self.import_table(Path(path))
+            self.import_table(path)
 
     @reported
     def import_table(self, path: Path) -> None:
@@ -317,17 +317,14 @@ class ProjectController(Controller):
 
     @reported
     def _import_model(self) -> None:
-        path, _ = QFileDialog.getOpenFileName(
-            self._window, "Import model (choose any particle file of a folder)", "", _MODELS
-        )
+        files = self._workspace.files
+        path = files.file(self._window, "Import model (choose any particle file of a folder)", _MODELS)
         if not path or not self.may_leave():
             return
-        source = Path(path).parent if Path(path).suffix.lower() in (".particles", ".pts") else Path(path)
-        folder, _ = QFileDialog.getSaveFileName(
-            self._window, "Save project as (creates a folder)", source.stem
-        )
+        source = path.parent if path.suffix.lower() in (".particles", ".pts") else path
+        folder = files.new(self._window, "Save project as (creates a folder)", source.stem)
         if folder:
-            self.import_model(source, Path(folder))
+            self.import_model(source, folder)
 
     @reported
     def import_model(self, source: Path, folder: Path) -> None:
@@ -350,9 +347,9 @@ class ProjectController(Controller):
 
     @reported
     def _export(self) -> None:
-        path, _ = QFileDialog.getSaveFileName(self._window, "Export table", "cohort.csv", _TABLES)
+        path = self._workspace.files.new(self._window, "Export table", "cohort.csv", _TABLES)
         if path:
-            self.export_table(Path(path))
+            self.export_table(path)
 
     @reported
     def export_table(self, path: Path) -> None:
@@ -378,8 +375,7 @@ class ProjectController(Controller):
         answers = ("Locate folder…", "Continue without")
         if ask(self._window, "Files have moved", text, answers) != answers[0]:
             return None
-        path = QFileDialog.getExistingDirectory(self._window, "Folder that contains the files now")
-        return Path(path) if path else None
+        return self._workspace.files.folder(self._window, "Folder that contains the files now")
 
     def _show_as(self, view: ViewRecord) -> None:
         """Restore the view state of the saved project."""

@@ -4,7 +4,7 @@ import logging
 from dataclasses import dataclass
 
 import psutil
-from PySide6.QtCore import QObject, QRect, QSize, Qt, QTimer, Slot
+from PySide6.QtCore import QEvent, QObject, QRect, QSize, Qt, QTimer, Slot
 from PySide6.QtGui import QColor, QFont, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -20,9 +20,9 @@ from PySide6.QtWidgets import (
 from homolog_app.studies.study import outdated_text
 from homolog_app.window.actions import Actions
 from homolog_app.window.dialogs import STATUS
-from homolog_app.window.session import Session
+from homolog_app.window.session import PAGE_OF_JOB, Session
 from homolog_app.window.theme import Theme, pixmap, scaled
-from homolog_app.window.widgets import GRID, ActionButton, ProgressBar, label
+from homolog_app.window.widgets import GRID, ActionButton, ProgressBar, keep_space, label
 
 __all__ = ["STEPS", "DockSizes", "Rail", "StatusBar", "Step", "steps_of"]
 
@@ -83,6 +83,9 @@ class _StepButton(QAbstractButton):
         self.setToolTip(f"{self.text()}: {step.status}" if step.status else self.text())
         self.update()
 
+    def event(self, event: QEvent) -> bool:
+        return keep_space(event) or super().event(event)
+
     def sizeHint(self) -> QSize:
         return QSize(scaled(_WIDTH), scaled(_HEIGHT))
 
@@ -95,9 +98,14 @@ class _StepButton(QAbstractButton):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.setPen(Qt.PenStyle.NoPen)
         box = self.rect().adjusted(GRID, 2, -GRID, -2)
-        if self._current or self.underMouse() or self.hasFocus():
+        if self._current or self.underMouse():
             painter.setBrush(QColor(colours.selected if self._current else colours.hover))
             painter.drawRoundedRect(box, 8, 8)
+        if self.hasFocus():
+            painter.setPen(QPen(QColor(colours.accent), 2))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawRoundedRect(box, 8, 8)
+            painter.setPen(Qt.PenStyle.NoPen)
         if self._current:
             painter.setBrush(QColor(colours.accent))
             painter.drawRoundedRect(QRect(0, box.top() + 16, 4, box.height() - 32), 2, 2)
@@ -171,7 +179,7 @@ def steps_of(session: Session) -> dict[str, Step]:
 
 _MEMORY_MS = 2000
 _BAR_PX = 160, 8
-_ON_PAGE = ("groom", "run", "groups", "seeds", "mend")  # their pages show how far they are
+_ON_RAIL = ("groom", "run")  # their steps show how far they are
 
 
 class StatusBar(QObject):
@@ -194,7 +202,12 @@ class StatusBar(QObject):
             widget.hide()
         self._bar.addPermanentWidget(self.device)
         self._bar.addPermanentWidget(self.memory)
-        for signal in (session.job_changed, session.job_progressed):
+        for signal in (
+            session.job_changed,
+            session.job_progressed,
+            session.page_changed,
+            session.step_changed,
+        ):
             signal.connect(self._show_busy)
         session.devices_changed.connect(self._show_devices)
         self._process = psutil.Process()
@@ -211,9 +224,10 @@ class StatusBar(QObject):
 
     @Slot()
     def _show_busy(self) -> None:
-        """Show the progress of a job that no page shows."""
-        job = self._session.job
-        shown = job.is_busy and job.kind not in _ON_PAGE and self._session.is_open
+        """Show the progress of a job that is not seen elsewhere."""
+        job, session = self._session.job, self._session
+        on_page = session.step == "explore" and PAGE_OF_JOB.get(job.kind) == session.page
+        shown = job.is_busy and session.is_open and job.kind not in _ON_RAIL and not on_page
         for widget in (self.bar, self.cancel):
             widget.setVisible(shown)
         if job.status is not None:

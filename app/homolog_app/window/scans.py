@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QPoint, Qt, Signal
-from PySide6.QtWidgets import QFileDialog, QMenu, QWidget
+from PySide6.QtWidgets import QMenu, QWidget
 
 from homolog.arrays import FloatArray
 from homolog.cohort import IMAGE_SUFFIXES, dicom_files, suffix_of
@@ -60,9 +60,8 @@ class ScanController(Controller):
     @reported
     def choose(self, name: str) -> None:
         """Ask for the scan of the subject shown in slices."""
-        path, _ = QFileDialog.getOpenFileName(self._window, f"Scan of {name}", "", _FILES)
-        if path:
-            file = Path(path)
+        file = self._workspace.files.file(self._window, f"Scan of {name}", _FILES)
+        if file:
             self.give(name, file.parent if file.suffix.lower() == ".dcm" else file)
 
     def give(self, name: str, path: Path) -> None:

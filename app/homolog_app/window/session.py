@@ -21,7 +21,13 @@ from homolog_app.window.runner import Status
 if TYPE_CHECKING:
     from homolog_app.studies.file_survey import FileSurvey
 
-__all__ = ["BACKGROUND", "Job", "Session"]
+__all__ = ["BACKGROUND", "PAGE_OF_JOB", "Job", "Session"]
+
+PAGE_OF_JOB = {
+    "groups": "Groups", "seeds": "Groups", "mend": "Check", "reference": "Patient", "patient": "Patient",
+    "typical": "Patient", "follow-up": "Patient", "report": "Patient",
+}  # fmt: skip
+"""Pages of *Explore* that show how far a job is, by its kind."""
 
 
 BACKGROUND = ("read", "restore", "prepare")

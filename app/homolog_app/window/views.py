@@ -76,7 +76,7 @@ class Views(QObject):
         stage.scene.picker.menu_wanted.connect(self._open_menu, Qt.ConnectionType.QueuedConnection)
         self._session.selection_changed.connect(self._follow_selection)
         self._own_particles, self._balls, self._generation = False, False, 0
-        self._last_layout: tuple[int, tuple[int, ...], bool] = (0, (), False)
+        self._last_layout: tuple[int, tuple[int, ...], bool, int] = (0, (), False, 0)
         self.refresh()
 
     def handlers(self) -> dict[str, Callable[[], object]]:
@@ -302,11 +302,11 @@ class Views(QObject):
         page = self._page
         offered = page.layouts if page is not None else None
         count = offered[0] if offered else self.stage.scene.layout_count
-        state = (count, self.layouts, self.is_coloured)
+        state = (count, self.layouts, self.is_coloured, len(self._session.study.included))
         if state != self._last_layout:
             self._last_layout = state
             self._commands[f"view.grid{count}"].setChecked(True)
-            self.layout_changed.emit()
+            self._update_page()
 
     def _swap_balls(self) -> None:
         """Store separately whether particles are shown on subjects and on shapes of the model."""

@@ -1,15 +1,15 @@
 """Common widgets: labels, buttons, rows, panels, numbers, progress."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, Signal, Slot
 from PySide6.QtGui import QAction, QKeyEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import (
+    QAbstractButton,
     QAbstractSpinBox,
     QComboBox,
     QFrame,
     QGraphicsOpacityEffect,
-    QGridLayout,
     QHBoxLayout,
     QLabel,
     QLineEdit,
@@ -40,8 +40,8 @@ __all__ = [
     "button",
     "choice",
     "dress_table",
+    "keep_space",
     "label",
-    "named_rows",
     "progress_text",
     "rule",
     "set_dimmed",
@@ -146,19 +146,6 @@ def choice(name: str, entries: Mapping[str, object] | None = None) -> QComboBox:
     return box
 
 
-def named_rows(rows: Iterable[tuple[str, QWidget]]) -> QGridLayout:
-    """Return rows of labels at the left and widgets at the right."""
-    grid = QGridLayout()
-    grid.setHorizontalSpacing(GRID)
-    grid.setColumnStretch(1, 1)
-    for line, (text, named) in enumerate(rows):
-        name = label(text)
-        name.setBuddy(named)
-        grid.addWidget(name, line, 0)
-        grid.addWidget(named, line, 1)
-    return grid
-
-
 def dress_table(table: QTableView, name: str, least_height: int) -> None:
     """Configure a table: selection of rows, no lines or row numbers, an accessible name."""
     table.setAccessibleName(name)
@@ -177,6 +164,14 @@ def rule() -> QFrame:
     result = QFrame()
     result.setObjectName("Rule")
     return result
+
+
+def keep_space(event: QEvent) -> bool:
+    """Leave the space bar, a shortcut, to the button that has the focus; return whether it was pressed."""
+    is_over = event.type() == QEvent.Type.ShortcutOverride
+    if is_space := is_over and isinstance(event, QKeyEvent) and event.key() == Qt.Key.Key_Space:
+        event.accept()
+    return is_space
 
 
 class _Body(QWidget):
@@ -240,6 +235,10 @@ class Panel(QWidget):
             widget.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         outer.addWidget(self.base)
 
+    def take_focus(self) -> None:
+        """Let the arrow keys scroll, and Tab reach the first control."""
+        self._scroll.setFocus()
+
     def reveal(self, widget: QWidget, *, at_top: bool = False) -> None:
         """Scroll the body until a widget in it is visible, or at the top."""
         self._scroll.ensureWidgetVisible(widget, 0, GRID)
@@ -250,15 +249,19 @@ class Panel(QWidget):
     def showEvent(self, event: QShowEvent) -> None:
         """Watch the wheel over combo boxes and sliders."""
         super().showEvent(event)
-        kinds = (QComboBox, QAbstractSpinBox, QSlider)
-        for widget in (child for kind in kinds for child in self.findChildren(kind)):
+        for widget in (w for kind in (QComboBox, QAbstractSpinBox, QSlider) for w in self.findChildren(kind)):
             widget.installEventFilter(self)
             widget.setFocusPolicy(widget.focusPolicy() & Qt.FocusPolicy.StrongFocus)  # not by the wheel
+        for each in self.findChildren(QAbstractButton):
+            each.installEventFilter(self)
+            each.setFocusPolicy(each.focusPolicy() & Qt.FocusPolicy.TabFocus)  # after a click, Space plays
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Let the wheel scroll the panel instead of changing the value under the pointer."""
         if event.type() == QEvent.Type.Wheel:
             event.ignore()
+            return True
+        if isinstance(watched, QAbstractButton) and keep_space(event):
             return True
         return super().eventFilter(watched, event)
 

@@ -2,7 +2,7 @@
 
 import logging
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import wraps
 from pathlib import Path
@@ -14,6 +14,7 @@ from PySide6.QtWidgets import (
     QComboBox,
     QDialog,
     QDialogButtonBox,
+    QFileDialog,
     QVBoxLayout,
     QWidget,
 )
@@ -23,13 +24,14 @@ from homolog.files.project import ProjectFolder
 from homolog.settings import RunSettings
 from homolog_app.studies.files import Journal, JournalRecord, ViewRecord, record_of, save_view
 from homolog_app.window.dialogs import LogMemory
+from homolog_app.window.form import named_rows
 from homolog_app.window.runner import GarbageCollector
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme
-from homolog_app.window.widgets import GRID, label, named_rows
+from homolog_app.window.widgets import GRID, label
 from homolog_app.window.work import Work
 
-__all__ = ["Controller", "Preferences", "PreferencesDialog", "Workspace", "reported"]
+__all__ = ["Controller", "FileDialogs", "Preferences", "PreferencesDialog", "Workspace", "reported"]
 
 
 _log = logging.getLogger(__name__)
@@ -81,9 +83,20 @@ class Preferences:
         return [Path(path) for path in listed if path]
 
     def remember(self, folder: Path) -> None:
-        """Put a project at the top of the list."""
+        """Put a project at the top of the list; file dialogs begin next to it."""
         others = [other for other in self.recent if other != folder]
         self._put("recent", [str(path) for path in [folder, *others]][:_MOST_RECENT])
+        self.place = folder.parent
+
+    @property
+    def place(self) -> Path:
+        """Folder where file dialogs begin: that of the last file or project; else the user's."""
+        value = Path(str(self._store.value("place", "")))
+        return value if value.is_absolute() and value.is_dir() else Path.home()
+
+    @place.setter
+    def place(self, value: Path) -> None:
+        self._put("place", str(value))
 
     def relocate(self, before: Path, after: Path) -> None:
         """Replace a missing project by its new location."""
@@ -91,8 +104,9 @@ class Preferences:
         self._put("recent", [str(path) for path in dict.fromkeys(listed)])
 
     def forget(self) -> None:
-        """Clear the list: folder names may identify patients."""
+        """Clear what is known of folders: their names may identify patients."""
         self._put("recent", [])
+        self._put("place", "")
 
     def keep_geometry(self, geometry: QByteArray, state: QByteArray) -> None:
         """Store the window's position."""
@@ -105,6 +119,43 @@ class Preferences:
         geometry, state = self._store.value("geometry"), self._store.value("state")
         known = isinstance(geometry, QByteArray) and isinstance(state, QByteArray)
         return (geometry, state) if known else None
+
+
+class FileDialogs:
+    """Asks for files and folders. Each dialog begins where the last file was chosen."""
+
+    def __init__(self, preferences: Preferences) -> None:
+        self._preferences = preferences
+
+    def folder(self, parent: QWidget, title: str) -> Path | None:
+        """Ask for a folder."""
+        chosen = QFileDialog.getExistingDirectory(parent, title, str(self._preferences.place))
+        if chosen:
+            self._preferences.place = Path(chosen)
+        return Path(chosen) if chosen else None
+
+    def file(self, parent: QWidget, title: str, kinds: str) -> Path | None:
+        """Ask for a file."""
+        chosen, _ = QFileDialog.getOpenFileName(parent, title, str(self._preferences.place), kinds)
+        return self._remembered([chosen])
+
+    def files(self, parent: QWidget, title: str, kinds: str) -> list[Path]:
+        """Ask for files."""
+        chosen, _ = QFileDialog.getOpenFileNames(parent, title, str(self._preferences.place), kinds)
+        self._remembered(chosen)
+        return [Path(path) for path in chosen]
+
+    def new(self, parent: QWidget, title: str, name: str, kinds: str = "") -> Path | None:
+        """Ask for a file or folder to write; a name with a folder is suggested as it is."""
+        near = str(self._preferences.place / name)
+        chosen, _ = QFileDialog.getSaveFileName(parent, title, near, kinds)
+        return self._remembered([chosen])
+
+    def _remembered(self, paths: Sequence[str]) -> Path | None:
+        if not any(paths):
+            return None
+        self._preferences.place = Path(paths[0]).parent
+        return Path(paths[0])
 
 
 class PreferencesDialog(QDialog):
@@ -152,6 +203,7 @@ class Workspace(QObject):
         self.theme, self.memory = theme, memory
         self.home = home
         self.preferences = Preferences(home / "preferences.ini")
+        self.files = FileDialogs(self.preferences)
         self.sessions = home / "sessions"
         self.journal = Journal(self.sessions)
         self.session = Session(self)
@@ -163,6 +215,7 @@ class Workspace(QObject):
         self._autosave.timeout.connect(self.write_journal)
         self.session.study_changed.connect(self._autosave.start)
         self.session.project_changed.connect(self._autosave.start)
+        self.session.result_changed.connect(self._autosave.start)
 
     @property
     def project(self) -> ProjectFolder:

@@ -65,7 +65,9 @@ class PatientComparison:
     regions : tuple of Region
         Regions where absolute z exceeds the reference's limit.
     remarks : tuple of str
-        Remarks for the reader.
+        Remarks for the reader: the notes of grooming, then the cautions.
+    cautions : tuple of str
+        Remarks on the comparison, which may change how far it can be trusted.
     particles : (N, 3) array
         The reference's particles on the patient, in the file's frame [mm].
     own : OwnSurface
@@ -90,6 +92,7 @@ class PatientComparison:
     total_z: FloatArray
     regions: tuple[Region, ...]
     remarks: tuple[str, ...]
+    cautions: tuple[str, ...]
     particles: FloatArray
     own: OwnSurface
 
@@ -249,6 +252,7 @@ def compare_groomed(
         total_z=reference.total.standardised(total),
         regions=_regions(reference, fit, z),
         remarks=(*groomed.report.notes, *remarks, *unplaced),
+        cautions=(*remarks, *unplaced),
         particles=particles,
         own=own_surface(groomed.mesh, on_patient, fit.residual, fit.met, cut.missing),
     )

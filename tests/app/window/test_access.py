@@ -231,7 +231,8 @@ def walk(window, monkeypatch):
 
     def answer(dialog):
         dialog.show()
-        walk.look_once(dialog.windowTitle() or type(dialog).__name__, dialog)
+        question = dialog.text() if isinstance(dialog, QMessageBox) else dialog.windowTitle()
+        walk.look_once(question or type(dialog).__name__, dialog)
         dialog.reject()
         return QDialog.DialogCode.Rejected
 

@@ -10,6 +10,7 @@ import time
 import pytest
 
 from homolog.settings import OptimizeSettings
+from homolog_app.studies.files import JournalRecord
 
 pytestmark = pytest.mark.window
 
@@ -66,6 +67,8 @@ def test_a_cancelled_run_is_resumed_from_its_checkpoint(groomed, errors, wait, q
         groomed.commands["run.resume"].trigger()
         wait(lambda: not work.session.job.is_busy)
     assert groomed.workspace.session.result.result.world.shape[1] == 64
+    (record,) = groomed.workspace.sessions.glob("*/journal.json")
+    wait(lambda: not JournalRecord.model_validate_json(record.read_bytes()).running)
     assert not errors
 
 

@@ -62,6 +62,38 @@ def test_there_are_as_many_sliders_as_modes_above_chance_and_more_on_demand(page
     assert len(page.sliders.values) == max(1, kept) + 3
 
 
+def test_tab_goes_through_the_sliders_in_their_order_from_the_top_of_the_page(page, window):
+    page.sliders.choose(1)
+    page.sliders.choose(0)
+    parts = [part for row in page.sliders.rows[:2] for part in (row.name, row.slider, row.typed)]
+    window.commands["explore.modes"].trigger()
+    window.focusNextChild()
+    assert window.focusWidget() is parts[0]
+    order, widget = [], parts[0]
+    while widget is not page.sliders.more:
+        order.append(widget)
+        widget = widget.nextInFocusChain()
+    assert [widget for widget in order if widget in parts] == parts
+    assert not any(page.player.isAncestorOf(widget) for widget in order)
+
+
+def test_space_is_left_to_the_button_that_has_the_focus(page, window, qapp):
+    from PySide6.QtCore import QEvent, Qt
+    from PySide6.QtGui import QKeyEvent
+
+    def is_kept(widget):
+        event = QKeyEvent(QEvent.Type.ShortcutOverride, Qt.Key.Key_Space, Qt.KeyboardModifier.NoModifier)
+        event.ignore()
+        qapp.sendEvent(widget, event)
+        return event.isAccepted()
+
+    assert is_kept(page.arrows)
+    assert is_kept(window.rail.buttons["cohort"])
+    window.commands["explore.modes"].trigger()
+    assert not is_kept(window.focusWidget())
+    assert not page.arrows.focusPolicy() & Qt.FocusPolicy.ClickFocus
+
+
 def test_a_mode_says_how_far_it_moves_the_particles(page):
     from PySide6.QtWidgets import QLabel
 

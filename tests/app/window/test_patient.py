@@ -96,6 +96,33 @@ def test_a_dropped_file_is_compared_and_not_added_to_the_study(patient, explored
     assert not explored.commands["patient.save"].isEnabled()
 
 
+def test_the_page_shows_how_far_its_comparison_is_and_the_status_bar_does_elsewhere(
+    page, explored, ellipsoids, wait
+):
+    session = page.workspace.session
+    page.compare(ellipsoids / "a.nrrd")
+    wait(lambda: session.job.kind == "patient")
+    assert not page.progress.isHidden()
+    assert explored.status.bar.isHidden()
+    session.show_page("Overview")
+    assert not explored.status.bar.isHidden()
+    explored.commands["run.cancel"].trigger()
+    wait(lambda: not session.job.is_busy)
+    assert page.progress.isHidden()
+
+
+def test_notes_of_grooming_are_not_among_the_cautions():
+    from types import SimpleNamespace
+
+    from homolog_app.window.explore.patient_parts import remark_texts
+
+    comparison = SimpleNamespace(
+        remarks=("holes were filled", "age is extrapolated"), cautions=("age is extrapolated",)
+    )
+    assert remark_texts(comparison) == ("Holes were filled", "Age is extrapolated")
+    assert remark_texts(None) == ("", "")
+
+
 def test_views_show_the_map_and_what_leads_to_it(patient, explored):
     scene = explored.views.stage.scene
     assert [content.name for content in scene.shown] == ["a"]

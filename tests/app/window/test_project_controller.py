@@ -23,6 +23,37 @@ def test_the_window_opens_before_anything_heavy_is_imported():
     assert not set(HEAVY) & set(loaded.split())
 
 
+def test_file_dialogs_begin_where_the_last_file_was_or_next_to_the_project(tmp_path, monkeypatch):
+    from PySide6.QtWidgets import QFileDialog
+
+    from homolog_app.window.workspace import FileDialogs, Preferences
+
+    asked = []
+
+    def choose(path):
+        def answer(_parent, _title, begin, *_):
+            asked.append(begin)
+            return (str(path), "") if path else ("", "")
+
+        return answer
+
+    for folder in ("data", "studies"):
+        (tmp_path / folder).mkdir()
+    preferences = Preferences(tmp_path / "preferences.ini")
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", choose(tmp_path / "data" / "a.nrrd"))
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", choose(None))
+    dialogs = FileDialogs(preferences)
+    assert dialogs.file(None, "Open", "") == tmp_path / "data" / "a.nrrd"
+    assert dialogs.new(None, "Save", "table.csv") is None
+    assert asked[-1] == str(tmp_path / "data" / "table.csv")
+    preferences.remember(tmp_path / "studies" / "one")
+    FileDialogs(Preferences(tmp_path / "preferences.ini")).new(None, "Save", "table.csv")
+    assert asked[-1] == str(tmp_path / "studies" / "table.csv")
+    preferences.forget()
+    dialogs.new(None, "Save", "table.csv")
+    assert not asked[-1].startswith(str(tmp_path))
+
+
 @pytest.mark.window
 def test_every_edit_can_be_undone_and_made_again(beans):
     session, undo = beans.workspace.session, beans.commands["edit.undo"]
@@ -130,9 +161,7 @@ def test_a_project_that_was_moved_is_found_whole_and_its_files_are_located(
     explored, close, make_window, ellipsoids, monkeypatch, tmp_path, wait, errors
 ):
     monkeypatch.setattr("homolog_app.window.project_controller.ask", lambda *given: given[3][0])
-    monkeypatch.setattr(
-        "homolog_app.window.project_controller.QFileDialog.getExistingDirectory", lambda *_: str(ellipsoids)
-    )
+    monkeypatch.setattr("PySide6.QtWidgets.QFileDialog.getExistingDirectory", lambda *_: str(ellipsoids))
     session = explored.workspace.session
     session.select(["d"])
     explored.commands["edit.include"].trigger()
@@ -277,7 +306,7 @@ def test_closing_asks_about_unsaved_edits_and_obeys(beans, close, monkeypatch, t
         lambda *given: questions.append(given[3][0]) or next(answers),
     )
     monkeypatch.setattr(
-        "homolog_app.window.project_controller.QFileDialog.getSaveFileName",
+        "PySide6.QtWidgets.QFileDialog.getSaveFileName",
         lambda *_: (str(tmp_path / "kept"), ""),
     )
     beans.workspace.preferences.ask_on_close = True

@@ -51,15 +51,20 @@ def test_views_that_a_larger_layout_adds_look_from_where_the_first_one_does():
 
 
 def test_the_numbers_of_two_neighbours_stand_at_either_side_of_them():
-    from vtkmodules.vtkRenderingCore import vtkRenderer
+    from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
 
-    renderer, places = vtkRenderer(), np.array([[0.5, 9.0, 0.0], [0.0, 0.0, 4.0]])
+    window, renderer = vtkRenderWindow(), vtkRenderer()
+    window.SetOffScreenRendering(True)
+    window.AddRenderer(renderer)
+    renderer.GetActiveCamera().SetPosition(0.0, 0.0, 100.0)
+    places = np.array([[0.5, 9.0, 0.0], [0.0, 0.0, 4.0]])
     labels = NumberLabels(renderer)
     labels.show(Numbers(np.array([3, 7]), places, np.zeros((2, 3), np.uint8), 2.0), 12)
     for right, at in (((1.0, 0.0, 0.0), [2.5, -2.0]), ((-1.0, 0.0, 0.0), [2.5, -2.0])):
         labels.face(np.array(right))
         texts = list(renderer.GetViewProps())
         assert [text.GetPositionCoordinate().GetValue()[0] for text in texts] == at
+    window.Finalize()
 
 
 @pytest.mark.parametrize(("height", "has_room"), [(40, False), (200, True)])
@@ -84,7 +89,7 @@ def test_in_a_flat_view_the_name_stands_alone(height, has_room):
     assert any(text.endswith("mm") for text in shown) is has_room
 
 
-def test_a_number_that_would_cover_the_caption_is_left_out():
+def test_a_number_that_would_cover_the_caption_or_another_number_is_left_out():
     from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
 
     window, renderer = vtkRenderWindow(), vtkRenderer()
@@ -102,6 +107,10 @@ def test_a_number_that_would_cover_the_caption_is_left_out():
     labels.face(right, caption.caption)
     seen = {prop.GetInput().strip(): prop.GetVisibility() for prop in renderer.GetViewProps()}
     assert (seen["3"], seen["7"]) == (0, 1)
+    labels.show(Numbers(np.arange(5), np.zeros((5, 3)), np.zeros((5, 3), np.uint8), 0.0), 12)
+    labels.face(right, caption.caption)
+    seen = {prop.GetInput().strip(): prop.GetVisibility() for prop in renderer.GetViewProps()}
+    assert [seen[str(number)] for number in range(5)] == [1, 1, 0, 0, 0]  # at the right and at the left
     window.Finalize()
 
 
@@ -222,6 +231,8 @@ def test_slices_go_from_subject_to_subject_and_switch_off_what_they_do_not_show(
     commands["view.slice"].trigger()
     assert commands["view.grid4"].isEnabled()
     assert commands["view.front"].isEnabled()
+    groomed.workspace.session.toggle_included()
+    assert footer.page.text().endswith("of 3")
 
 
 @pytest.mark.window

@@ -122,7 +122,7 @@ def test_a_missing_covariate_is_named(reference, template):
 
 def test_an_age_beyond_the_controls_is_remarked(reference, template):
     comparison = compare_groomed(reference, patient(template), {"age": "95"})
-    assert any("extrapolated" in remark for remark in comparison.remarks)
+    assert any("extrapolated" in remark for remark in comparison.cautions)
 
 
 def test_a_side_that_the_reference_has_no_use_for_is_remarked(reference, template):

@@ -20,8 +20,9 @@ from homolog_app.views.check import (
     textures_of,
 )
 from homolog_app.views.view_states import CheckView
+from homolog_app.window.form import named_rows
 from homolog_app.window.theme import Theme, scaled
-from homolog_app.window.widgets import GRID, NumberBox, choice, label, named_rows
+from homolog_app.window.widgets import GRID, NumberBox, choice, label
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:

@@ -30,6 +30,7 @@ from homolog.arrays import FloatArray
 from homolog_app.rendering.text import short, typeset
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.page import ModelCache
+from homolog_app.window.form import tab_before
 from homolog_app.window.widgets import GRID, ActionButton, ValueEdit, button, choice, label
 
 if TYPE_CHECKING:
@@ -334,13 +335,13 @@ class ModeSliders(QWidget):
         if shape is None:
             return
         for mode in range(len(self.rows), min(count, shape.modes)):
-            rms = float(shape.model.standard_deviations[mode])
-            share = float(shape.model.explained_variance_ratio[mode])
-            row = _Row(mode, rms, share, above=mode < shape.parallel.n_retained)
+            rms, share = shape.model.standard_deviations[mode], shape.model.explained_variance_ratio[mode]
+            row = _Row(mode, float(rms), float(share), above=mode < shape.parallel.n_retained)
             row.slider.valueChanged.connect(lambda _, mode=mode: self._follow(mode))
             self._choice.addButton(row.name, mode)
             self._column.addWidget(row)
             self.rows.append(row)
+            tab_before(self.more, row.name, row.slider, row.typed)
         self.more.setVisible(len(self.rows) < shape.modes)
 
     def _follow(self, mode: int) -> None:

@@ -26,6 +26,7 @@ from homolog_app.window.explore.controls import CompareBox, NumbersTable, Player
 from homolog_app.window.explore.group_form import GroupForm
 from homolog_app.window.explore.group_results import GroupPlot, GroupResults, SeedAnswers, correction_sentence
 from homolog_app.window.explore.page import ExplorePage, ModelCache
+from homolog_app.window.form import named_rows
 from homolog_app.window.widgets import (
     GRID,
     PercentEdit,
@@ -33,7 +34,6 @@ from homolog_app.window.widgets import (
     button,
     choice,
     label,
-    named_rows,
     rule,
     set_dimmed,
     set_enabled,

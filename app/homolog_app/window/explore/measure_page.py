@@ -27,6 +27,7 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.explore.controls import SORTED_BY, SubjectTable
 from homolog_app.window.explore.measure_parts import MeasurePlots, SurfaceChooser
 from homolog_app.window.explore.page import ExplorePage, ModelCache
+from homolog_app.window.form import named_rows
 from homolog_app.window.theme import scaled
 from homolog_app.window.widgets import (
     ActionButton,
@@ -35,7 +36,6 @@ from homolog_app.window.widgets import (
     choice,
     dress_table,
     label,
-    named_rows,
     rule,
 )
 from homolog_app.window.workspace import Workspace
@@ -91,9 +91,11 @@ class MeasurePage(ExplorePage):
         self.mode, self.place = choice("Mode"), QSlider(Qt.Orientation.Horizontal)
         self.at = ValueEdit("Standard deviations", -_REACH, _REACH)
         model: dict[str, str | None] = {"Shape along the mode": ""}
-        self.who = SurfaceChooser("Shape shown", model)
-        self.beside = SurfaceChooser("Shape shown next to it", {"None": None} | model)
-        self.origin = SurfaceChooser("Surface from which distances are measured", {"Mean surface": MEAN})
+        self.who = SurfaceChooser(workspace.files, "Shape shown", model)
+        self.beside = SurfaceChooser(workspace.files, "Shape shown next to it", {"None": None} | model)
+        self.origin = SurfaceChooser(
+            workspace.files, "Surface from which distances are measured", {"Mean surface": MEAN}
+        )
         self.map = choice("Map", _MAPS)
         self.kind = choice("Plots", _PLOTS)
         self.map.setToolTip("Quantity shown by the colours, in mm")

@@ -10,7 +10,6 @@ import numpy as np
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import (
     QComboBox,
-    QFileDialog,
     QHBoxLayout,
     QLabel,
     QSizePolicy,
@@ -30,6 +29,7 @@ from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.explore.plot import Plot
 from homolog_app.window.theme import Theme
 from homolog_app.window.widgets import GRID
+from homolog_app.window.workspace import FileDialogs
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -64,6 +64,8 @@ class SurfaceChooser(QComboBox):
 
     Parameters
     ----------
+    dialogs : FileDialogs
+        What asks for a mesh file.
     name : str
         Accessible name.
     first : mapping of str to str or None
@@ -73,8 +75,9 @@ class SurfaceChooser(QComboBox):
     chosen = Signal()
     failed = Signal(object)
 
-    def __init__(self, name: str, first: Mapping[str, str | None]) -> None:
+    def __init__(self, dialogs: FileDialogs, name: str, first: Mapping[str, str | None]) -> None:
         super().__init__()
+        self._dialogs = dialogs
         self._first, self._files = dict(first), dict[str, str | None]()
         self.setAccessibleName(name)
         self.setToolTip(f"{name}. Mesh files are taken as they lie, in aligned coordinates (LPS, mm).")
@@ -94,10 +97,10 @@ class SurfaceChooser(QComboBox):
 
     def _choose(self) -> None:
         if self.currentData() == _FILE:
-            path, _ = QFileDialog.getOpenFileName(self, "Surface in aligned coordinates", "", _MESHES)
+            path = self._dialogs.file(self, "Surface in aligned coordinates", _MESHES)
             self.setCurrentIndex(0)
             if path:
-                self._add(Path(path))
+                self._add(path)
         self.chosen.emit()
 
     def _add(self, path: Path) -> None:

@@ -169,12 +169,11 @@ class ScatterPlot(Plot):
         """Draw the names of selected subjects, and the position of the shape shown."""
         from homolog_app.plots import draw_subjects
 
-        axes, chosen = figure.axes[0], [name in self._selected for name in self.names]
+        axes = figure.axes[0]
         mark = [self.draw_mark(axes)] if self.is_marked else []
-        if self.options[NAMES] or not any(chosen):
+        if self.options[NAMES] or not set(self.names) & set(self._selected):
             return mark
-        names = [name for name in self.names if name in self._selected]
-        named = draw_subjects(axes, self.points[chosen], names, names, self.theme.colours)
+        named = draw_subjects(axes, self.points, self.names, self._selected, self.theme.colours, others=False)
         return [*named, *mark]
 
     def draw_mark(self, axes: "Axes") -> "Artist":

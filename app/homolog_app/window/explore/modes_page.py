@@ -14,7 +14,8 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.explore.controls import CompareBox, ModeSliders, Player
 from homolog_app.window.explore.mode_plots import ModePlots
 from homolog_app.window.explore.page import ExplorePage, ModelCache
-from homolog_app.window.widgets import GRID, choice, label, named_rows
+from homolog_app.window.form import named_rows
+from homolog_app.window.widgets import GRID, choice, label
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:

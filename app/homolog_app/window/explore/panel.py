@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from PySide6.QtCore import QTimer, Signal
-from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QStackedWidget, QTabBar, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QTabBar, QVBoxLayout, QWidget
 
 from homolog.errors import InputError
 from homolog_app.report.request import StudyRequest
@@ -18,10 +18,11 @@ from homolog_app.window.explore.measure_page import MeasurePage
 from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.page import ExplorePage, ModelCache, OverviewPage
 from homolog_app.window.explore.patient_page import PatientPage
+from homolog_app.window.explore.plot import plots_of
 from homolog_app.window.widgets import GRID, button, label, set_dimmed
 from homolog_app.window.workspace import Controller, Workspace, reported
 
-__all__ = ["PAGES", "ExploreController", "ExplorePanel"]
+__all__ = ["PAGES", "PAGE_COMMANDS", "ExploreController", "ExplorePanel"]
 
 
 PAGES: tuple[type[ExplorePage], ...] = (
@@ -57,6 +58,8 @@ class ExplorePanel(QWidget):
             self.tabs.addTab(page.title)
             self._stack.addWidget(page)
             page.shown_changed.connect(lambda page=page: self._update(page))
+            for plot in (each for part in (page, page.plots) if part is not None for each in plots_of(part)):
+                plot.files = workspace.files
         self._session = workspace.session
         self._session.pages = tuple(page.title for page in PAGES)
         self._session.page = PAGES[0].title
@@ -141,6 +144,14 @@ class ExplorePanel(QWidget):
             self.shown_changed.emit()
 
 
+PAGE_COMMANDS = {
+    "explore.modes": ModesPage.title,
+    "explore.groups": GroupsPage.title,
+    "explore.measure": MeasurePage.title,
+    "explore.check": CheckPage.title,
+    "explore.patient": PatientPage.title,
+}
+"""Titles of the pages that commands open."""
 _REFERENCES = "References (*.npz)"
 
 
@@ -165,10 +176,7 @@ class ExploreController(Controller):
         """Return the handlers of the commands of *Explore*."""
         show_page = self._workspace.session.show_page
         return {
-            "explore.modes": partial(show_page, ModesPage.title, "explore"),
-            "explore.groups": partial(show_page, GroupsPage.title, "explore"),
-            "explore.measure": partial(show_page, MeasurePage.title, "explore"),
-            "explore.check": partial(show_page, CheckPage.title, "explore"),
+            **{name: partial(show_page, title, "explore") for name, title in PAGE_COMMANDS.items()},
             "check.look": self._check.checked.want,
             "check.next": self._next_suspect,
             "check.mend": self._check.repair_chosen,
@@ -181,7 +189,6 @@ class ExploreController(Controller):
             "explore.compare": self.compare,
             "explore.table": self.write_table,
             "explore.distances": self.write_distances,
-            "explore.patient": partial(show_page, PatientPage.title, "explore"),
             "patient.reference": self._patient.make_reference,
             "patient.open_reference": self.open_reference,
             "patient.keep_reference": self.save_reference,
@@ -229,34 +236,32 @@ class ExploreController(Controller):
     @reported
     def compare(self) -> None:
         """Ask for a project's folder and show its result beside the open one."""
-        folder = QFileDialog.getExistingDirectory(self._window, "Compare with the result of a project")
+        folder = self._workspace.files.folder(self._window, "Compare with the result of a project")
         if folder:
-            self._panel.fitted.compare_with(Path(folder))
+            self._panel.fitted.compare_with(folder)
 
     @reported
     def write_table(self) -> None:
         """Ask for a file and write the measures of the subjects."""
-        path, _ = QFileDialog.getSaveFileName(self._window, "Export measures", "measures.csv", "CSV (*.csv)")
+        path = self._workspace.files.new(self._window, "Export measures", "measures.csv", "CSV (*.csv)")
         if path:
-            self._measure.write(Path(path))
+            self._measure.write(path)
 
     @reported
     def write_distances(self) -> None:
         """Ask for a file and write the distances between the two surfaces of *Measure*."""
-        path, _ = QFileDialog.getSaveFileName(
-            self._window, "Export distances", "distances.vtp", "Surfaces (*.vtp *.ply)"
-        )
+        kinds = "Surfaces (*.vtp *.ply)"
+        path = self._workspace.files.new(self._window, "Export distances", "distances.vtp", kinds)
         if path:
-            self._workspace.session.noticed.emit(self._measure.write_distances(Path(path)))
+            self._workspace.session.noticed.emit(self._measure.write_distances(path))
 
     @reported
     def write_suspects(self) -> None:
         """Ask for a file and write the list of suspects."""
-        path, _ = QFileDialog.getSaveFileName(
-            self._window, "Export suspects", "suspects.csv", "CSV (*.csv);;JSON (*.json)"
-        )
+        kinds = "CSV (*.csv);;JSON (*.json)"
+        path = self._workspace.files.new(self._window, "Export suspects", "suspects.csv", kinds)
         if path:
-            self._check.checked.export(Path(path))
+            self._check.checked.export(path)
 
     def drop_files(self, paths: Sequence[Path]) -> bool:
         """Offer dropped files to the open page; return whether it accepted them."""
@@ -265,47 +270,47 @@ class ExploreController(Controller):
     @reported
     def open_reference(self) -> None:
         """Ask for a reference's file and compare with it."""
-        path, _ = QFileDialog.getOpenFileName(self._window, "Open reference", "", _REFERENCES)
+        path = self._workspace.files.file(self._window, "Open reference", _REFERENCES)
         if path:
-            self._patient.open_reference(Path(path))
+            self._patient.open_reference(path)
             self._workspace.session.page_changed.emit()
 
     @reported
     def save_reference(self) -> None:
         """Ask for a file and write the reference."""
-        path, _ = QFileDialog.getSaveFileName(self._window, "Save reference", "reference.npz", _REFERENCES)
+        path = self._workspace.files.new(self._window, "Save reference", "reference.npz", _REFERENCES)
         if path:
-            self._patient.save_reference(Path(path))
+            self._patient.save_reference(path)
 
     @reported
     def open_patient(self) -> None:
         """Ask for a patient's file and compare it."""
         self._workspace.session.show_page(PatientPage.title, "explore")
-        path, _ = QFileDialog.getOpenFileName(self._window, "Patient's segmentation or surface", "", FILES)
+        path = self._workspace.files.file(self._window, "Patient's segmentation or surface", FILES)
         if path:
-            self._patient.compare(Path(path))
+            self._patient.compare(path)
 
     @reported
     def compare_groups(self) -> None:
         """Ask for references of further groups and show how typical the patient is of each."""
-        paths, _ = QFileDialog.getOpenFileNames(self._window, "References of further groups", "", _REFERENCES)
+        paths = self._workspace.files.files(self._window, "References of further groups", _REFERENCES)
         if paths:
-            self._patient.further.compare_groups([Path(path) for path in paths])
+            self._patient.further.compare_groups(paths)
 
     @reported
     def add_time(self, *, repeats: bool) -> None:
         """Ask for the file of a later time, or for another segmentation of the first one."""
         title = "Another segmentation of the first time" if repeats else "The patient at a later time"
-        path, _ = QFileDialog.getOpenFileName(self._window, title, "", FILES)
+        path = self._workspace.files.file(self._window, title, FILES)
         if path:
-            self._patient.further.add_time(Path(path), repeats=repeats)
+            self._patient.further.add_time(path, repeats=repeats)
 
     @reported
     def save_patient(self) -> None:
         """Ask for a new folder and write the patient's report there."""
-        path, _ = QFileDialog.getSaveFileName(self._window, "Save report as (creates a folder)", "Patient")
+        path = self._workspace.files.new(self._window, "Save report as (creates a folder)", "Patient")
         if path:
-            self._patient.write(Path(path))
+            self._patient.write(path)
 
     def _next_suspect(self) -> None:
         self._workspace.session.show_page(CheckPage.title, "explore")

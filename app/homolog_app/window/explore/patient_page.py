@@ -12,10 +12,8 @@ from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
     QHBoxLayout,
-    QHeaderView,
     QLineEdit,
     QSlider,
-    QTableView,
     QVBoxLayout,
     QWidget,
 )
@@ -42,18 +40,18 @@ from homolog_app.views.patient import (
     verdict_text,
 )
 from homolog_app.window.actions import Actions
-from homolog_app.window.explore.controls import SubjectTable
 from homolog_app.window.explore.measure_parts import PercentileBars
 from homolog_app.window.explore.page import ExplorePage, ModelCache
-from homolog_app.window.explore.patient_parts import FollowUpPart, PatientForm
+from homolog_app.window.explore.patient_parts import FollowUpPart, PatientForm, region_table, remark_texts
+from homolog_app.window.form import named_rows
+from homolog_app.window.session import PAGE_OF_JOB
 from homolog_app.window.widgets import (
     GRID,
     ActionButton,
     PercentEdit,
+    Progress,
     choice,
-    dress_table,
     label,
-    named_rows,
     rule,
     set_primary,
 )
@@ -75,7 +73,6 @@ _MAPS = {
 _VIEWS = {"Map on the patient": 1, "Mean, patient, expected, map": 4}
 _PATHS = {"Straight from the mean": False, "Mode by mode from the mean": True}
 _STEPS = 400
-_HEADS = ("Region", "Area\n(mm²)", "Mean\n(mm)", "z")
 _RESEARCH = "For research use only; not for diagnosis."
 
 
@@ -105,7 +102,7 @@ class PatientPage(ExplorePage):
         self.form = PatientForm()
         self.file = ActionButton("Choose a patient's file…", actions["patient.open"], "primary")
         self.verdict = label("", wrap=True)
-        self.remarks = label("", "Problem", wrap=True)
+        self.notes, self.remarks = label("", "FieldHelp", wrap=True), label("", "Problem", wrap=True)
         self.map = choice("Map", _MAPS)
         self.views: QComboBox = choice("Views", _VIEWS)
         self.way = QSlider(Qt.Orientation.Horizontal)
@@ -116,10 +113,10 @@ class PatientPage(ExplorePage):
         self.single = QCheckBox("Save with names and scores of controls")
         self.single.setToolTip("Needed to name the nearest controls; these are data of individual subjects")
         self.bars = PercentileBars(workspace.theme)
-        self.table = SubjectTable(_HEADS, self)
-        self.regions = QTableView()
+        self.regions, self.table = region_table(self)
         self.further = FollowUpPart(workspace, actions)
         self.save = ActionButton("Save report…", actions["patient.save"])
+        self.progress = Progress(actions["run.cancel"])
         self._lay_out()
         self._connect()
         self._show_groups()
@@ -144,6 +141,7 @@ class PatientPage(ExplorePage):
         self.body.addWidget(self.answer)
         self._lay_out_answer()
         self.body.addStretch()
+        self.footer.addWidget(self.progress)
         self.footer.addWidget(self.save)
 
     def _lay_out_answer(self) -> None:
@@ -152,7 +150,9 @@ class PatientPage(ExplorePage):
         answer.setContentsMargins(0, 0, 0, 0)
         answer.setSpacing(GRID)
         answer.addWidget(self.verdict)
-        answer.addWidget(self.remarks)
+        for said in (self.notes, self.remarks):
+            said.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+            answer.addWidget(said)
         rows = (("Map", self.map), ("Views", self.views), ("Morph", self.path))
         answer.addLayout(named_rows(rows))
         self.way.setRange(0, _STEPS)
@@ -168,10 +168,6 @@ class PatientPage(ExplorePage):
             answer.addWidget(check)
         for widget in (rule(), self.bars, self.nearest):
             answer.addWidget(widget)
-        dress_table(self.regions, "Regions beyond the limit", 120)
-        self.regions.setModel(self.table)
-        self.regions.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        self.regions.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
         answer.addWidget(self.regions)
         answer.addWidget(self.further)
 
@@ -184,6 +180,12 @@ class PatientPage(ExplorePage):
         self.way.valueChanged.connect(lambda _: self.shown_changed.emit())
         for check in (self.only_beyond, self.overlaid):
             check.toggled.connect(self.shown_changed)
+
+    def show_state(self) -> None:
+        """Show the progress of the page's jobs."""
+        job = self.workspace.session.job
+        self.progress.show_status(job.status if PAGE_OF_JOB.get(job.kind) == self.title else None)
+        self.base.setVisible(not (self.progress.isHidden() and self.save.isHidden()))
 
     @property
     def layouts(self) -> tuple[int, ...] | None:
@@ -321,15 +323,17 @@ class PatientPage(ExplorePage):
         reference = self.reference
         there = comparison is not None and reference is not None
         self.verdict.setText(verdict_text(comparison, reference))
-        self.remarks.setText("\n".join(map(_sentence, comparison.remarks)) if comparison else "")
-        self.remarks.setVisible(bool(self.remarks.text()))
+        for said, text in zip((self.notes, self.remarks), remark_texts(comparison), strict=True):
+            said.setText(text)
+            said.setVisible(bool(text))
         self.bars.show_patient(comparison, reference)
         self.nearest.setText(nearest_text(comparison, reference))
         self.nearest.setVisible(bool(self.nearest.text()))
         self.further.set_patient(compared, reference, lambda: self.form.values)
         self._offer_change()
-        for widget in (self.answer, self.base):
+        for widget in (self.answer, self.save):
             widget.setVisible(there)
+        self.show_state()
         self._show_map()
         if there:
             QTimer.singleShot(0, self, lambda: self.reveal(self.verdict, at_top=True))
@@ -394,7 +398,3 @@ class PatientPage(ExplorePage):
         """Look at a region."""
         if self.comparison is not None:
             self.place_wanted.emit(self.comparison.name, *self.places[row.row()])
-
-
-def _sentence(remark: str) -> str:
-    return f"{remark[:1].upper()}{remark[1:]}"

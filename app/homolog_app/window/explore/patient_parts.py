@@ -5,14 +5,16 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
     QFormLayout,
     QHBoxLayout,
+    QHeaderView,
     QLabel,
     QLineEdit,
+    QTableView,
     QVBoxLayout,
     QWidget,
 )
@@ -22,16 +24,18 @@ from homolog.errors import InputError
 from homolog.progress import Tick
 from homolog_app.views.follow_up import PatientTimes, change_text, with_file
 from homolog_app.window.actions import Actions
-from homolog_app.window.widgets import GRID, ActionButton, choice, label
+from homolog_app.window.explore.controls import SubjectTable
+from homolog_app.window.widgets import GRID, ActionButton, choice, dress_table, label
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
-    from homolog.patient import Reference
+    from homolog.patient import PatientComparison, Reference
     from homolog_app.report.patient_texts import GroupRow
     from homolog_app.views.patient import ComparedPatient
 
-__all__ = ["FollowUpPart", "PatientForm"]
+__all__ = ["FollowUpPart", "PatientForm", "region_table", "remark_texts"]
 
+_HEADS = ("Region", "Area\n(mm²)", "Mean\n(mm)", "z")
 _SIDES = {"not given": "", LEFT: LEFT, RIGHT: RIGHT}
 
 
@@ -82,6 +86,16 @@ def _named(text: str) -> QLabel:
     name = label(text)
     name.setMinimumWidth(name.fontMetrics().horizontalAdvance("Adjust for"))
     return name
+
+
+def region_table(owner: QObject) -> tuple[QTableView, SubjectTable]:
+    """Return a table of a patient's regions beyond the limit, and its model."""
+    table, rows = QTableView(), SubjectTable(_HEADS, owner)
+    dress_table(table, "Regions beyond the limit", 120)
+    table.setModel(rows)
+    table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+    table.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+    return table, rows
 
 
 class FollowUpPart(QWidget):
@@ -152,7 +166,7 @@ class FollowUpPart(QWidget):
         self._others |= {str(path): Reference.load(path) for path in paths}
         compared, reference, values = self._patient
         work = partial(_typical, compared, reference, tuple(self._others.values()), dict(values()))
-        self.workspace.work.compute("groups", work, "comparing with groups", self._receive_groups)
+        self.workspace.work.compute("typical", work, "comparing with groups", self._receive_groups)
 
     def _receive_times(self, times: PatientTimes) -> None:
         self.times = times
@@ -174,6 +188,16 @@ class FollowUpPart(QWidget):
         self.change.setText(change_text(self.times) if self.times else "")
         for text in (self.typical, self.caution, self.change):
             text.setVisible(bool(text.text()))
+
+
+def remark_texts(comparison: "PatientComparison | None") -> tuple[str, str]:
+    """Return the notes of grooming and the cautions of a comparison, a sentence in each line."""
+    cautions = comparison.cautions if comparison else ()
+    notes = [text for text in comparison.remarks if text not in cautions] if comparison else []
+    first, second = (
+        "\n".join(f"{text[:1].upper()}{text[1:]}" for text in each) for each in (notes, cautions)
+    )
+    return first, second
 
 
 def _typical(

@@ -9,7 +9,6 @@ from PySide6.QtGui import QContextMenuEvent, QImage, QShowEvent
 from PySide6.QtWidgets import (
     QApplication,
     QDialog,
-    QFileDialog,
     QMenu,
     QMessageBox,
     QStackedLayout,
@@ -28,8 +27,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from homolog_app.window.explore.plot_canvas import PlotCanvas
+    from homolog_app.window.workspace import FileDialogs
 
-__all__ = ["EnlargedPlot", "Plot", "plot_menu", "plot_picture", "save_plot"]
+__all__ = ["EnlargedPlot", "Plot", "plot_menu", "plot_picture", "plots_of", "save_plot"]
 
 
 _SCALE = 2
@@ -89,10 +89,11 @@ def plot_menu(plot: "Plot") -> QMenu:
 def _ask_and_save(plot: "Plot") -> None:
     (stem,) = file_stems([plot.title])
     kinds = "Vector graphics (*.svg);;Pictures (*.png)"
-    path, _ = QFileDialog.getSaveFileName(plot.window(), "Save picture", f"{stem}.svg", kinds)
+    assert plot.files is not None, "plots of the window have them"
+    path = plot.files.new(plot.window(), "Save picture", f"{stem}.svg", kinds)
     if path:
         try:
-            save_plot(plot, Path(path))
+            save_plot(plot, path)
         except InputError as error:
             QMessageBox.warning(plot.window(), "Save picture", str(error))
 
@@ -114,6 +115,11 @@ class EnlargedPlot(QDialog):
         layout.addWidget(self.canvas)
 
 
+def plots_of(widget: QWidget) -> list["Plot"]:
+    """Return the plots in a widget, and itself if it is one."""
+    return [*([widget] if isinstance(widget, Plot) else []), *widget.findChildren(Plot)]
+
+
 _FOCUS_PX = 2
 
 
@@ -131,6 +137,8 @@ class Plot(QWidget):
         What the menu switches on and off, by its text.
     canvas : PlotCanvas or None
         What shows the plot; None before it is seen.
+    files : FileDialogs or None
+        What asks where to save the plot.
     """
 
     redrawn = Signal()
@@ -141,6 +149,7 @@ class Plot(QWidget):
         self.theme, self.title = theme, name
         self.options: dict[str, bool] = {}
         self.canvas: PlotCanvas | None = None
+        self.files: FileDialogs | None = None
         self.hint = label(hint, "Hint", wrap=True)
         self.hint.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self._layers = QStackedLayout(self)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtWidgets import QFileDialog, QWidget
+from PySide6.QtWidgets import QWidget
 
 from homolog.errors import InputError
 from homolog.files.names import file_stems
@@ -65,8 +65,8 @@ class ExportController(Controller):
     @reported
     def save_slices(self, picture: "QImage") -> None:
         """Ask for a file and save a picture of the slices there."""
-        path, _ = QFileDialog.getSaveFileName(self._window, "Save picture", "slices.png", "Pictures (*.png)")
-        if path and not picture.save(path):
+        path = self._workspace.files.new(self._window, "Save picture", "slices.png", "Pictures (*.png)")
+        if path and not picture.save(str(path)):
             raise InputError(f"{path}: can't be written; choose another folder, or a name that ends in .png")
         if path:
             self._workspace.session.noticed.emit(f"Picture written to {path}")
