@@ -6,6 +6,7 @@ from functools import partial
 from typing import Protocol
 
 import numpy as np
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial.transform import Rotation
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
@@ -45,6 +46,8 @@ _ODD, _LEAST_TYPICAL = 2.0, 0.06  # a subject is odd beyond this times the media
 _TURNED = 60.0  # degrees
 _DOUBTFUL = 40.0  # degrees: a turn away from the others that is looked at again
 _NEIGHBOURS = 3
+_LINKS = 4  # shapes that each is registered to where files lie in any orientation
+_NOTHING = 1e-9  # no distance; in sparse graphs 0 means that there is no edge
 _CLEARLY_BETTER, _UNLIKE = 0.6, 1.5
 """When a held shape is turned far: of its distance; and times the usual distance, which its own exceeds."""
 _KEPT = "the shapes are nearly round or symmetric; the orientation of the files, which agree, was kept"
@@ -245,25 +248,32 @@ def _by_neighbours(
 ) -> list[Fit]:
     """Register shapes whose files lie in any orientation to the middle one, by way of shapes between.
 
-    Shapes that resemble each other leave the least doubt about how they lie: each in turn is registered to
-    the nearest of those that have been, and the best fit counts. The orientation of the file does not.
+    Shapes that resemble each other leave the least doubt about how they lie: each is registered to those with
+    the most similar radii, and the closest fits that connect all of them count (the minimum spanning tree).
+    The orientation of the file does not.
     """
     radii = _radii(units)
-    apart = np.abs(radii[:, None] - radii).sum(axis=2)
+    apart = np.abs(radii[:, None] - radii).sum(axis=2) + _NOTHING
+    linked = minimum_spanning_tree(apart).toarray() > 0.0
+    nearest = np.argsort(apart, axis=1, kind="stable")[:, : _LINKS + 1]  # the first is the shape itself
+    np.put_along_axis(linked, nearest, True, axis=1)
+    first, second = np.nonzero(np.triu(linked | linked.T, 1))
+    pairs = list(zip(first.tolist(), second.tolist(), strict=True))
+
+    def fit(pair: tuple[int, int], inner: Tick) -> Fit:
+        inner(0.0, "aligning")
+        return register_pair(units[pair[0]], units[pair[1]], free=True)
+
+    fits = run_in_threads([partial(fit, pair) for pair in pairs], tick, "aligning", cores())
+    onto = {pair: item.pose for pair, item in zip(pairs, fits, strict=True)}
+    distances = np.zeros_like(apart)
+    distances[first, second] = [item.distance + _NOTHING for item in fits]
+    order, before = breadth_first_order(minimum_spanning_tree(distances), middle, directed=False)
     poses = {middle: np.eye(4)}
-    while len(poses) < len(units):
-        placed = np.array(list(poses))
-        left = np.setdiff1d(np.arange(len(units)), placed)
-        index = int(left[apart[np.ix_(left, placed)].min(axis=1).argmin()])
-        nearest = placed[np.argsort(apart[index, placed], kind="stable")[:_NEIGHBOURS]].tolist()
-
-        def fit(neighbour: int, inner: Tick, moving: OrientedPoints = units[index]) -> Fit:
-            inner(0.0, "aligning")
-            return register_pair(moving, units[neighbour], free=True)
-
-        fits = run_in_threads([partial(fit, item) for item in nearest], tick, "aligning", cores())
-        best = int(np.argmin([item.distance for item in fits]))
-        poses[index] = poses[nearest[best]] @ fits[best].pose
+    for index in order[1:].tolist():
+        nearer = int(before[index])
+        pose = onto[index, nearer] if index < nearer else np.linalg.inv(onto[nearer, index])
+        poses[index] = poses[nearer] @ pose
     return [fit_at(unit, units[middle], poses[index]) for index, unit in enumerate(units)]
 
 

@@ -8,7 +8,7 @@ from homolog.cohort import Subject
 from homolog.errors import Cancelled, InputError
 from homolog.grooming import align, groom_subject
 from homolog.grooming.align import register
-from homolog.grooming.icp import OrientedPoints, oriented_points, registered
+from homolog.grooming.icp import Fit, OrientedPoints, oriented_points, registered
 from homolog.grooming.orientation import agree
 from homolog.settings import Alignment, GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
@@ -217,6 +217,28 @@ def _round_organs(paw, egg, turns):
         own = 10.0 * ball * [1.0, 0.9, 0.8] * (1.0 + 0.03 * waves.sum(axis=1, keepdims=True))
         cohort.append(replace(paw, coarse_mesh=TriangleMesh(turn.apply(own), egg.faces)))
     return cohort
+
+
+def test_shapes_whose_files_lie_in_any_orientation_are_placed_by_the_closest_registrations(paw):
+    chain = [0, 3, 1, 4, 2]  # neighbours in it fit closely; all others are registered the wrong way round
+    turns = Rotation.from_rotvec(
+        [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0], [-2.0, 0, 0]]
+    )
+    turns = turns.as_matrix()
+    shapes = [moved(paw, turn, [1000.0 * k, 0.0, 0.0]) for k, turn in enumerate(turns)]
+
+    def register_pair(moving, fixed, *, free=False):
+        i, j = (round(item.centre[0] / 1000.0) for item in (moving, fixed))
+        is_close = abs(chain.index(i) - chain.index(j)) == 1
+        pose = np.eye(4)
+        pose[:3, :3] = (
+            turns[j] @ (np.eye(3) if is_close or not free else np.diag([-1.0, -1.0, 1.0])) @ turns[i].T
+        )
+        return Fit(pose, 0.1 if is_close else 0.2)
+
+    alignments = register(shapes, GroomSettings(), register_pair=register_pair).alignments
+    places = [placed(item, pose) for item, pose in zip(shapes, alignments, strict=True)]
+    assert np.allclose(places, places[0], atol=1e-6)
 
 
 def test_round_shapes_keep_the_orientation_of_files_that_lie_alike(paw, egg):
