@@ -45,7 +45,8 @@ def _of_answers(studies: Sequence[Study]) -> Iterator[tuple[str, str]]:
     yield (
         "Form, shape, size",
         f"Form is size and shape. {SHAPE_SIZE}, or size, is the root mean square distance of a shape's "
-        "particles from their centroid."
+        "particles from their centroid; standardized size is a difference or change of it divided by its "
+        "standard deviation within groups or about the fit (of two groups Hedges' g)."
         + (
             " For shape, all are scaled to the cohort's mean size. Only isometric scaling is removed: shape "
             "that changes with size (allometry) remains. Its mm and mm² are those of the mean size."

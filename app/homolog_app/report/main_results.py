@@ -74,8 +74,7 @@ def _role_text(studies: Sequence[Study], *, primary: bool) -> str:
         kept = f" Its p-values are corrected for {own} analyses all the same." if own > 1 else ""
         return (
             f"Study 1 was named primary.{kept} The others are secondary: their p-values are corrected "
-            f"{within} "
-            "alone, which makes them exploratory."
+            f"{within} alone, which makes them exploratory."
         )
     if count == 1:
         corrected = f" p-values are corrected for all {answers} analyses." if answers == len(studies) else ""
@@ -141,7 +140,14 @@ def _where(title: str, regions: Sequence[Region], study: Study) -> str:
     return f"{title} {region.where} ({share:.1f} % of the surface), {moves}"
 
 
+def _with_intervals(answers: Sequence[SeedAnswer]) -> Sequence[SeedAnswer]:
+    """Return the answers of all seeds; none if an earlier version stored them without intervals."""
+    effects = [effect for answer in answers for effect in answer.effects if effect is not None]
+    return answers if all(np.isfinite(effect.low) for effect in effects) else []
+
+
 def _table(page: Page, studies: Sequence[Study], seeds: Sequence[Sequence[SeedAnswer]]) -> None:
+    seeds = [_with_intervals(answers) for answers in seeds]
     rows = [
         _row(str(number), study, comparison, answers)
         for number, (study, answers) in enumerate(zip(studies, seeds, strict=True), start=1)
@@ -157,12 +163,12 @@ def _table(page: Page, studies: Sequence[Study], seeds: Sequence[Sequence[SeedAn
     )  # fmt: skip
     sentences = []
     several = [str(number) for number, answers in enumerate(seeds, start=1) if len(seed_numbers(answers)) > 1]
+    numbers = sorted({number for answers in seeds for number in seed_numbers(answers)})
     if several:
         sentences.append(
-            f"In Study {', '.join(several)} D, p, area, accuracy and bounds of intervals are each the "
-            f"median over "
-            "the seeds of the correspondence (ranges: last table; of each seed: seeds.csv). All that "
-            "follows, "
+            f"With seeds {', '.join(map(str, numbers))} particles were placed and tests made again: in Study "
+            f"{', '.join(several)} D, p, area, accuracy and bounds of intervals are each the median over the "
+            "seeds of the correspondence (ranges: last table; of each seed: seeds.csv). All that follows, "
             "maps too, is of the first seed."
         )
     if any(study.pairwise for study in studies):
@@ -219,8 +225,8 @@ def _remarks(studies: Sequence[Study]) -> Iterator[str]:
                 ]
     if apart:
         yield (
-            "The place is uncertain, as significant areas of unadjusted and adjusted studies hardly overlap: "
-            f"{', '.join(apart)}."
+            "The place is uncertain, as significant areas of unadjusted and adjusted studies hardly "
+            f"overlap: {', '.join(apart)}."
         )
     effects = [
         f"Study {number}, {text}"

@@ -23,8 +23,8 @@ def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
     shared = [text for text in sentences[0] if all(text in each for each in sentences)] if studies else []
     if (count := questions_of(studies)) > 1:
         shared.append(
-            f"The studies ask {count} questions; p-values were corrected within each question, for "
-            "pairs and for its studies of form and shape, not for the number of questions."
+            f"The studies ask {count} questions; p-values were corrected within each question, for pairs and "
+            "for its studies of form and shape, not for the number of questions."
         )
     titles = [f"Study {number}: {study.request.title}." for number, study in enumerate(studies, start=1)]
     own = _own_sentences([[text for text in each if text not in shared] for each in sentences])
@@ -56,7 +56,7 @@ def _size_of_groups(study: Study) -> list[str]:
     f = "the F of the analysis of covariance" if study.request.covariates else "Welch's F"
     return [
         f"Size of all groups together has {f}.",
-        "Its ω² is the share of the variance of size that lies between the groups, estimated from that F, "
+        "The ω² of size is the share of its variance that lies between the groups, estimated from that F, "
         "with bounds from the noncentral F distribution.",
     ]
 
@@ -91,7 +91,7 @@ def _statistics(study: Study) -> list[str]:
         f"permutation of {_SIZE_STATISTIC[request.kind]}{_OF_ALL_GROUPS if study.pairwise else ''}.",
         *_size_of_groups(study),
         f"95 % intervals of size and of displacements at particles {_intervals(study)}.",
-        "These intervals of size and displacements are not corrected over the surface or for pairs.",
+        "Intervals of size and displacements are not corrected over the surface or for pairs.",
         *_adjustments(study),
         *_further_measures(study),
         *_discriminants(study),
@@ -271,8 +271,8 @@ def _discriminants(study: Study) -> Iterator[str]:
         "repeats. The interval of accuracy joins those of both groups' shares [wilson, newcombe]; that of "
         "the AUC is Newcombe's method 5 [auc] with the variance of Hanley and McNeil [hanley] for the mean "
         "AUC and the numbers of both groups. They treat left-out subjects as independent; where interval "
-        f"and p disagree, p is the test. The p-values come from {fits[0].auc.permutations} permutations: "
-        f"before correction the least possible is {1.0 / (fits[0].auc.permutations + 1):.2g}."
+        f"and p disagree, p is the test. The p-values of both come from {fits[0].auc.permutations} "
+        f"permutations: before correction the least possible is {1.0 / (fits[0].auc.permutations + 1):.2g}."
     )
     if study.request.covariates:
         yield "The effects of covariates, too, were fitted without the left-out subjects."
@@ -285,15 +285,18 @@ _WELCH = (
     "mean of the m_g weighted by w_g, and L = Σ (1 - w_g / Σ w)² / (k (n_g - 1)). Permutations were ordered "
     "by the normal deviate [paulson] of F with k (G - 1) and (G² - 1) / (3 L) degrees of freedom."
 )
-_KEPT = "Permuted groups kept the dispersions of the real ones."
+_MODES = (
+    "Its modes, and the axes at particles, are those of the scaled data z_i of the formulas below, each "
+    "with a sum of squares of 1."
+)
 _GROUPS_SCALED = (
-    "For that, let s_g² = Σ |x_i - m_g|² / (n_g - 1) over all coordinates, divided so that the s_g have a "
-    "geometric mean of 1, c the mean of the m_g weighted by n_g / s_g², and z_i = (x_i - c) / s_g. A "
-    "subject that a permutation puts into group h has the value s_h (z_i + u) there. The same u for all "
-    "subjects stands for the mean that centring removed: u = a n^(-1/2) Σ e_j z_j with random signs e_j for "
-    "each permutation and a = n^(-1) (Σ n_g / s_g) (Σ n_g / s_g²)^(-1/2); where all permutations were "
-    "taken, each was taken with u = a z_j and u = - a z_j for every subject j. Modes and axes are those of "
-    "the z_i, scaled to a sum of squares of 1."
+    "For permuted groups to keep the dispersions of the real ones, let s_g² = Σ |x_i - m_g|² / (n_g - 1) "
+    "over all coordinates, divided so that the s_g have a geometric mean of 1, c the mean of the m_g "
+    "weighted by n_g / s_g², and z_i = (x_i - c) / s_g. A subject that a permutation puts into group h has "
+    "the value s_h (z_i + u) there. The same u for all subjects stands for the mean that centring removed: "
+    "u = a n^(-1/2) Σ e_j z_j with random signs e_j for each permutation and a = n^(-1) (Σ n_g / s_g) (Σ "
+    "n_g / s_g²)^(-1/2); where all permutations were taken, each was taken with u = a z_j and u = - a z_j "
+    "for every subject j."
 )
 _RATIO = (
     "The statistic is the tested sum of squares in standardized modes divided by its expectation without an "
@@ -302,13 +305,14 @@ _RATIO = (
     "r_i the residuals of the whole model, h_i their leverages, and w_i = Σ t_i² / (1 - h_i)."
 )
 _RESIDUALS_SCALED = (
-    "For that, let s_g² be the mean of |r_i|² / (1 - h_i) in group g over all coordinates, divided so that "
-    "log s_g has a mean of 0 over the subjects; z_i is y_i / s_g less its least squares fit by the "
-    "intercept and the covariates, each divided by s_g. A subject that a permutation puts into group h has "
-    "the value s_h (z_i + u) there, from which the permuted covariates are regressed out. The same u for "
-    "all subjects stands for the mean that this fit removed: u = a n^(-1/2) Σ e_j z_j with random signs e_j "
-    "for each permutation and a = |Q'1| / n, Q being an orthonormal basis of the divided columns; where all "
-    "permutations were taken, each was taken with u = a z_j and u = - a z_j for every subject j."
+    "For permuted groups to keep the dispersions of the real ones, let s_g² be the mean of |r_i|² / (1 - "
+    "h_i) in group g over all coordinates, divided so that log s_g has a mean of 0 over the subjects; z_i "
+    "is y_i / s_g less its least squares fit by the intercept and the covariates, each divided by s_g. A "
+    "subject that a permutation puts into group h has the value s_h (z_i + u) there, from which the "
+    "permuted covariates are regressed out. The same u for all subjects stands for the mean that this fit "
+    "removed: u = a n^(-1/2) Σ e_j z_j with random signs e_j for each permutation and a = |Q'1| / n, Q "
+    "being an orthonormal basis of the divided columns; where all permutations were taken, each was taken "
+    "with u = a z_j and u = - a z_j for every subject j."
 )
 _VARIABLE_SCALED = (
     "For the whole shape, before permutation subjects were divided by their dispersion along the variable, "
@@ -324,7 +328,7 @@ def _statistic(study: Study) -> tuple[str, ...]:
         return (_RATIO,)
     if request.kind == "regression":
         return _RATIO, _VARIABLE_SCALED
-    return (_KEPT, _RATIO, _RESIDUALS_SCALED) if request.covariates else (_KEPT, _WELCH, _GROUPS_SCALED)
+    return (_MODES, _RATIO, _RESIDUALS_SCALED) if request.covariates else (_MODES, _WELCH, _GROUPS_SCALED)
 
 
 def _permutations(study: Study) -> str:

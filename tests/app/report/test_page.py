@@ -166,7 +166,7 @@ def test_methods_that_studies_share_are_told_once(project, without_figures, anal
         assert analyze(project, "--between", "A", "C", *options) == 0
     page = api.report(project.folder).read_text(encoding="utf-8")
     paragraphs = dict(re.findall(r"<p>Study ([\d, ]+): ([^<]+)", page[page.index("Methods") :]))
-    aligned, tested = "Shapes were aligned by generalized Procrustes", "For that, let s_g² be"
+    aligned, tested = "Shapes were aligned by generalized Procrustes", "let s_g² be the mean of"
     assert [numbers for numbers, text in paragraphs.items() if aligned in text] == ["1, 3", "2, 4"]
     assert [numbers for numbers, text in paragraphs.items() if tested in text] == ["3, 4"]
     sentences = [sentence for text in paragraphs.values() for sentence in text.split(". ")]
@@ -206,9 +206,11 @@ def test_a_region_of_one_particle_or_of_one_seed_is_not_claimed(project, without
     assert "No region can be claimed" not in page
     folder = study_folder(project, read_requests(project)[0])
     fingerprint = project.read().result.fingerprint
-    answer = SeedAnswer("C - A", 0, 0.01, Effect(2.0, 1.0, 3.0), 0, 0.0, None, None, None, 199, fingerprint)
+    answer = SeedAnswer("C - A", 0, 0.01, Effect(2.22, 1.0, 3.0), 0, 0.0, None, None, None, 199, fingerprint)
     write_spread(folder, [replace(answer, seed=seed) for seed in range(3)])
-    page = api.report(project.folder).read_text(encoding="utf-8")
+    page = api.report(project.folder).read_text(encoding="utf-8").replace("\xa0", " ")
+    assert "2.22 (1.00 to 3.00)" in page
+    assert "With seeds 0, 1, 2 particles were placed" in page
     assert "Largest regions" not in page
     assert "No region can be claimed for C − A" in page
 
