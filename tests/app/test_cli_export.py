@@ -258,6 +258,9 @@ def test_points_are_the_results_particles(export, project):
     positions = [item["position"] for item in markup["controlPoints"]]
     np.testing.assert_array_equal(positions, result.world[2])
     assert markup["coordinateSystem"] == "LPS"
+    _, folder, _ = export("morphometrics", "morphometrics", "--progress", "none")
+    first = (folder / "particles.tps").read_text().splitlines()[1]
+    assert [float(value) for value in first.split()] == result.world[0, 0].tolist()
 
 
 def test_a_shapeworks_project_refers_to_its_own_files(export):

@@ -212,6 +212,19 @@ def add_markups(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type p
     add_options(parser, ParticleSettings)
 
 
+def add_morphometrics(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the kind."""
+    parser = add_kind(
+        kinds,
+        "morphometrics",
+        "points of all subjects as TPS, NTS and Morphologika",
+        "Write all subjects' particles as .tps, .nts and Morphologika files, in mm, for geomorph and Morpho "
+        "in R, MorphoJ and PAST.",
+        "FOLDER",
+    )
+    add_options(parser, ParticleSettings)
+
+
 def add_shapeworks(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
     """Declare the kind."""
     add_kind(
@@ -239,13 +252,16 @@ def run_points(arguments: argparse.Namespace) -> int:
 
 
 def _write_points(arguments: argparse.Namespace, folder: Path, tick: "Tick") -> None:
-    from homolog.exchange import write_markups
+    from homolog.exchange import write_markups, write_morphometrics
     from homolog.files.names import file_stems
     from homolog.files.particles import write_particles
     from homolog.files.results import read_result
 
     settings = with_options(ParticleSettings(), arguments)
     result = read_result(ProjectFolder(arguments.project))
+    if arguments.what == "morphometrics":
+        write_morphometrics(folder, result.names, getattr(result, settings.coordinates), result.groups)
+        return
     points = dict(zip(result.names, getattr(result, settings.coordinates), strict=True))
     if settings.coordinates == "world":  # shapes in the coordinates of their files have no common mean
         points["mean"] = result.world.mean(axis=0)
@@ -269,6 +285,7 @@ _KINDS: dict[str, tuple[Callable[[Any], None], Callable[[argparse.Namespace], in
     "distances": (add_distances, run_distances),
     "particles": (add_particles, run_points),
     "markups": (add_markups, run_points),
+    "morphometrics": (add_morphometrics, run_points),
     "shapeworks": (add_shapeworks, run_points),
     "report": (add_report, run_report),
     "patient": (add_patient_report, run_patient_report),

@@ -95,6 +95,8 @@ COMMANDS = (
             "File/Export", "", "files", "result"),
     Command("export.markups", "Slicer markups…", "A point list for each subject, for 3D Slicer.",
             "File/Export", "", "locate", "result"),
+    Command("export.morphometrics", "Morphometrics files…", "TPS, NTS and Morphologika, for R or MorphoJ.",
+            "File/Export", "", "particles", "result"),
     Command("export.report", "Report…", "The model and its studies, as HTML and PDF.",
             "File/Export", "", "explore", "result", writes=True),
     Command("file.close", "Close project", "Go back to the start page.", "File", "Ctrl+W", "", "study"),

@@ -32,7 +32,7 @@ MESH_SUFFIXES = (
     ".vtk.gz", ".ply.gz", ".stl.gz", ".obj.gz", ".off.gz", *FREESURFER_SUFFIXES,
 )  # fmt: skip
 
-_MARKUPS = ".mrk.json"
+_MARKUPS = (".mrk.json", ".fcsv")
 IMAGE_ENDING = "_image"
 """Ends the name, before the suffix, of the scan next to a subject's file."""
 _LONGEST_PATH, _LONGEST_PART = 4000, 255  # characters; bytes between two slashes
@@ -55,8 +55,8 @@ class Subject:
     columns : mapping of str to str
         The table's further columns, unchanged.
     landmarks : Path or None
-        3D Slicer markups of its landmarks: the table's ``landmarks`` column, or ``<file>.mrk.json`` next
-        to the file, where ``<file>`` is its name without suffix.
+        3D Slicer markups of its landmarks: the table's ``landmarks`` column, or ``<file>.mrk.json`` (or
+        ``.fcsv``) next to the file, where ``<file>`` is its name without suffix.
     image : Path or None
         The grey-value scan behind the segmentation: the table's ``image`` column, or ``<file>_image`` with
         the suffix of an image next to the file. It is only displayed and may be missing.
@@ -144,8 +144,8 @@ def stem_of(path: Path) -> str:
 def landmarks_beside(path: Path) -> Path | None:
     """Return the markups file that lies next to a subject's file under its name, if there is one."""
     stem = path.name[: len(path.name) - len(suffix_of(path))]
-    beside = path.parent / (stem + _MARKUPS)  # with_name knows no root
-    return beside if beside.is_file() else None
+    places = (path.parent / (stem + suffix) for suffix in _MARKUPS)  # with_name knows no root
+    return next((beside for beside in places if beside.is_file()), None)
 
 
 def image_beside(path: Path) -> Path | None:

@@ -1,7 +1,8 @@
-"""Models and landmarks to and from other programs: ShapeWorks, 3D Slicer."""
+"""Models and landmarks to and from other programs: ShapeWorks, 3D Slicer, geometric morphometrics."""
 
 from homolog.exchange.import_model import domains_of, import_model
 from homolog.exchange.landmarks import LandmarkErrors, project_landmark_errors
+from homolog.exchange.morphometrics import write_morphometrics
 from homolog.exchange.shapeworks_export import write_shapeworks
 from homolog.files.markups import Markups, read_markups, write_markups
 
@@ -13,5 +14,6 @@ __all__ = [
     "project_landmark_errors",
     "read_markups",
     "write_markups",
+    "write_morphometrics",
     "write_shapeworks",
 ]

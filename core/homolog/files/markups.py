@@ -1,6 +1,8 @@
-"""Point lists of 3D Slicer (``.mrk.json``), in LPS millimetres."""
+"""Point lists of 3D Slicer (``.mrk.json``, and ``.fcsv`` of older versions), in LPS millimetres."""
 
+import csv
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -99,28 +101,54 @@ def read_markups(path: Path) -> Markups:
         unit or coordinate system makes no sense.
     """
     path = Path(path)
-    if path.suffix.lower() == ".fcsv":
-        raise InputError(
-            f"{path}: has the format of older versions of Slicer; open it there and save it as .mrk.json"
-        )
-    markups = read_json(path, "Slicer markups file").get("markups")
-    lists = [markup for markup in markups if isinstance(markup, dict)] if isinstance(markups, list) else []
-    if len(lists) != 1:
-        raise InputError(f"{path}: contains {len(lists)} point lists, not one; save each to its own file")
-    turn = _TO_LPS.get(str(lists[0].get("coordinateSystem", "LPS")).upper())
-    if turn is None:
+    axes, placed = _fcsv_points(path) if path.suffix.lower() == ".fcsv" else _json_points(path)
+    if axes.upper() not in _TO_LPS:
         raise InputError(f"{path}: its coordinate system is neither LPS nor RAS; save it again from Slicer")
-    if lists[0].get("coordinateUnits", "mm") not in ("mm", ["mm", "UCUM", "millimeter"]):
-        raise InputError(f"{path}: its unit is not mm; save it again in millimetres")
-    control = lists[0].get("controlPoints")
-    placed = [_point(path, item) for item in control if _is_placed(item)] if isinstance(control, list) else []
     if not placed:
         raise InputError(f"{path}: contains no placed point; place the points in Slicer and save it again")
     names = tuple(name for name, _ in placed)
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"{path}: several points are called {', '.join(twice[:5])}; give each its own name")
-    return Markups(names, frozen(np.array([point for _, point in placed]) * turn))
+    return Markups(names, frozen(np.array([point for _, point in placed]) * _TO_LPS[axes.upper()]))
+
+
+def _json_points(path: Path) -> tuple[str, list[tuple[str, list[float]]]]:
+    """Return the coordinate system of a file and its placed points, with their names."""
+    markups = read_json(path, "Slicer markups file").get("markups")
+    lists = [markup for markup in markups if isinstance(markup, dict)] if isinstance(markups, list) else []
+    if len(lists) != 1:
+        raise InputError(f"{path}: contains {len(lists)} point lists, not one; save each to its own file")
+    if lists[0].get("coordinateUnits", "mm") not in ("mm", ["mm", "UCUM", "millimeter"]):
+        raise InputError(f"{path}: its unit is not mm; save it again in millimetres")
+    control = lists[0].get("controlPoints")
+    placed = [_point(path, item) for item in control if _is_placed(item)] if isinstance(control, list) else []
+    return str(lists[0].get("coordinateSystem", "LPS")), placed
+
+
+_COLUMNS = ("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label")
+_SETTING = re.compile(r"#\s*(CoordinateSystem|columns)\s*=\s*(.+)", re.IGNORECASE)
+
+
+def _fcsv_points(path: Path) -> tuple[str, list[tuple[str, list[float]]]]:
+    """Return the coordinate system of a file of older versions of Slicer and its points, with their names.
+
+    Without a line that says which, coordinates are RAS, as in versions that wrote none.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: can't be read as a point list of Slicer: {error}") from error
+    matches = [match for line in lines if (match := _SETTING.match(line))]
+    settings = {match[1].casefold(): match[2].strip() for match in matches}
+    columns = [name.strip() for name in settings.get("columns", ",".join(_COLUMNS)).split(",")]
+    rows = csv.reader(line for line in lines if line.strip() and not line.startswith("#"))
+    points = []
+    for row in rows:
+        item = dict(zip(columns, row, strict=False))
+        position = [item.get(axis) for axis in "xyz"]
+        points.append(_point(path, {**item, "position": position}))
+    return settings.get("coordinatesystem", "RAS"), points
 
 
 def _is_placed(control_point: object) -> bool:

@@ -143,7 +143,7 @@ def test_the_first_frame_is_previewed(dialog_with_preview, wait):
     [
         ("still", "out.png"), ("plot", "out.svg"), ("meshes", "out/mean.vtp"), ("table", "out/scores.csv"),
         ("particles", "out/a_world.particles"), ("shapeworks", "out/study.swproj"),
-        ("markups", "out/a.mrk.json"),
+        ("markups", "out/a.mrk.json"), ("morphometrics", "out/particles.tps"),
     ],
 )  # fmt: skip
 def test_the_command_line_that_is_shown_writes_what_the_dialog_says(dialog, tmp_path, name, made):

@@ -73,7 +73,31 @@ def test_what_is_no_markups_file_is_refused(path, text):
         read_markups(path)
 
 
-def test_a_list_of_an_older_slicer_is_refused_with_the_remedy(tmp_path):
-    (tmp_path / "a.fcsv").write_text("# Markups fiducial file version = 4.11\n")
-    with pytest.raises(InputError, match=r"a\.fcsv: .* older versions of Slicer"):
+OLD = """# Markups fiducial file version = 4.11
+# CoordinateSystem = {axes}
+# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID
+vtkMRMLMarkupsFiducialNode_0,1.5,-2,3,0,0,0,1,1,1,0,apex,,
+vtkMRMLMarkupsFiducialNode_1,4,5,6,0,0,0,1,1,1,0,"base, left",,
+"""
+
+
+@pytest.mark.parametrize(
+    ("axes", "first"), [("LPS", [1.5, -2, 3]), ("RAS", [-1.5, 2, 3]), ("0", [-1.5, 2, 3])]
+)
+def test_a_list_of_an_older_slicer_is_read(tmp_path, axes, first):
+    (tmp_path / "a.fcsv").write_text(OLD.format(axes=axes))
+    markups = read_markups(tmp_path / "a.fcsv")
+    assert markups.names == ("apex", "base, left")
+    assert markups.points[0].tolist() == first
+
+
+def test_a_list_that_does_not_say_its_axes_is_in_those_of_its_time(tmp_path):
+    (tmp_path / "a.fcsv").write_text("# columns = label,x,y,z,sel,vis\napex,1,2,3,1,1\n")
+    assert read_markups(tmp_path / "a.fcsv").points.tolist() == [[-1.0, -2.0, 3.0]]
+
+
+@pytest.mark.parametrize("text", ["", OLD.format(axes="XYZ"), "# columns = label,x,y\na,1,2\n", "a,b,c,d\n"])
+def test_a_faulty_list_of_an_older_slicer_is_refused(tmp_path, text):
+    (tmp_path / "a.fcsv").write_text(text)
+    with pytest.raises(InputError, match=r"a\.fcsv"):
         read_markups(tmp_path / "a.fcsv")

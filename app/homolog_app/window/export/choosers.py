@@ -147,6 +147,12 @@ KINDS = {
             ParticleSettings,
         ),
         ExportKind(
+            "morphometrics",
+            "Morphometrics files",
+            "All subjects' points as TPS, NTS and Morphologika, for R, MorphoJ and PAST.",
+            ParticleSettings,
+        ),
+        ExportKind(
             "report",
             "Report",
             "The model and its studies on a page of HTML and as PDF, in the project's folder.",
