@@ -81,7 +81,8 @@ class Parameter:
         """Text of the bounds: ``"4 to 65536"``, or an empty text."""
         if self.low is None or self.high is None:
             return ""
-        return f"{'above ' if self.low_excluded else ''}{self.low} to {self.high}"
+        low, high = (int(bound) if bound == int(bound) else bound for bound in (self.low, self.high))
+        return f"above {low}, at most {high}" if self.low_excluded else f"{low} to {high}"
 
 
 def parameters(model: type[BaseModel]) -> list[Parameter]:

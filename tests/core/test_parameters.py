@@ -39,7 +39,11 @@ def test_a_field_is_described_in_full():
 
     (parameter,) = parameters(Model)
     assert parameter == Parameter("some_length", float, True, None, 0.5, 2.0, True, "mm", "How long.")
-    assert (parameter.label, parameter.bounds, parameter.choices) == ("some length", "above 0.5 to 2.0", ())
+    assert (parameter.label, parameter.bounds, parameter.choices) == (
+        "some length",
+        "above 0.5, at most 2",
+        (),
+    )
 
 
 def test_closed_sets_list_their_choices():

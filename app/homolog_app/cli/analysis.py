@@ -69,8 +69,8 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
         const="",
         choices=["", *_ALIGNMENTS, "none"],
         metavar="ALIGNMENT",
-        help="name the study the primary one: reports begin with it and call all others secondary. Of "
-        "several answers that of the alignment, or the first (form); none: no study is primary any more",
+        help="make this the primary study: reports begin with it and call all others secondary. With "
+        "several alignments it is the named one, or else the first (form). none: no study is primary",
     )
     add_options(parser, ReportDetails)
     add_progress_option(parser)

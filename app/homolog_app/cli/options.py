@@ -191,10 +191,10 @@ def _metavar(parameter: Parameter) -> str:
 
 
 def _help(parameter: Parameter) -> str:
-    default = _AUTO if parameter.default is None else parameter.default
+    default = parameter.default
     if parameter.kind is bool:
         default = "on" if default else "off"
-    facts = [parameter.bounds, parameter.unit, "" if default == "" else f"default {default}"]
+    facts = [parameter.bounds, parameter.unit, "" if default in ("", None) else f"default {default}"]
     brackets = ", ".join(fact for fact in facts if fact)
     return f"{parameter.help} ({brackets})".replace(" ()", "").replace("%", "%%")
 

@@ -46,7 +46,7 @@ def test_what_is_out_of_bounds_or_no_number_changes_nothing_and_says_so(form, te
 
     type_into(form, "smoothing", text)
     assert not form.edits
-    assert any("0.0 to 5.0" in label.text() for label in form.findChildren(QLabel, "Problem"))
+    assert any("0 to 5" in label.text() for label in form.findChildren(QLabel, "Problem"))
 
 
 def test_what_is_wrong_with_a_text_is_said_until_it_is_mended(qapp):
