@@ -64,42 +64,90 @@ def wait(qapp):
 
 
 @pytest.fixture
-def make_window(qapp, tmp_path, wait, monkeypatch):
-    """Return a function that opens a window; all of them are closed and must leave nothing behind.
-
-    A question that a test doesn't answer fails it instead of waiting for ever.
-    """
+def no_questions(monkeypatch):
+    """Let a question that a test doesn't answer fail it instead of waiting for ever."""
     monkeypatch.setattr("PySide6.QtWidgets.QMessageBox.exec", lambda box: pytest.fail(box.text()))
-    from homolog_app.window.start import make_window
-
-    windows = []
-
-    def make(home=None, views=True):
-        home = home or tmp_path / "home"
-        is_new = not home.is_dir()
-        home.mkdir(exist_ok=True)
-        window = make_window(qapp, home)
-        window.workspace.preferences.ask_on_close = False
-        window.workspace.theme.choose(os.environ.get("HOMOLOG_TEST_SCHEME", "light"))
-        windows.append(window)
-        if is_new:  # else the size may be one that was kept
-            window.resize(*SIZE)
-        window.show()
-        if views:
-            window.load_views()
-            wait(lambda: window.views is not None)
-        return window
-
-    yield make
-    while windows:
-        shut(windows.pop(), qapp)
-    assert_nothing_left(qapp)
 
 
 @pytest.fixture
-def window(make_window):
-    """Return an open window with its views."""
-    return make_window()
+def make_window(qapp, tmp_path, wait, no_questions, kept_windows):
+    """Return a function that opens a window; all of them are closed and must leave nothing behind."""
+    windows = []
+
+    def make(home=None, views=True):
+        while kept_windows:
+            shut(kept_windows.pop(), qapp)
+        windows.append(opened(qapp, home or tmp_path / "home", wait, views=views))
+        return windows[-1]
+
+    yield make
+    if windows:
+        while windows:
+            shut(windows.pop(), qapp)
+        assert_nothing_left(qapp)
+
+
+def opened(qapp, home, wait, views=True):
+    """Return a window that is shown, with its views if they are wanted."""
+    from homolog_app.window.start import make_window
+
+    is_new = not home.is_dir()
+    home.mkdir(exist_ok=True)
+    window = make_window(qapp, home)
+    window.workspace.preferences.ask_on_close = False
+    window.workspace.theme.choose(os.environ.get("HOMOLOG_TEST_SCHEME", "light"))
+    if is_new:  # else the size may be one that was kept
+        window.resize(*SIZE)
+    window.show()
+    if views:
+        window.load_views()
+        wait(lambda: window.views is not None)
+    return window
+
+
+@pytest.fixture(scope="module")
+def kept_windows(qapp):
+    """Return a list for the window that the tests of a file share; it is closed after them."""
+    windows = []
+    yield windows
+    if windows:
+        shut(windows.pop(), qapp)
+        assert_nothing_left(qapp)
+
+
+@pytest.fixture
+def window(request, no_questions, kept_windows, qapp, wait, tmp_path_factory):
+    """Return an open window with its views: the one that the test before has left, its study closed.
+
+    Tests that are marked `own_window` or open windows by themselves have one that nobody has used.
+    """
+    if request.node.get_closest_marker("own_window") is not None or "make_window" in request.fixturenames:
+        yield request.getfixturevalue("make_window")()
+        return
+    if not kept_windows:
+        kept_windows.append(opened(qapp, tmp_path_factory.mktemp("home"), wait))
+    yield kept_windows[0]
+    if not left(kept_windows[0], wait):
+        shut(kept_windows.pop(), qapp)
+
+
+def left(window, wait):
+    """Close the study of a window, and put back how it looks; return whether it can be used again."""
+    from PySide6.QtWidgets import QDialog
+    from shiboken6 import isValid
+
+    if not isValid(window) or window.workspace.closed:
+        return False
+    work, session = window.workspace.work, window.workspace.session
+    for dialog in window.findChildren(QDialog):
+        dialog.close()
+    work.cancel()
+    window.projects.begin()
+    wait(lambda: not session.job.kind and not session.job.following)
+    window.workspace.theme.choose(os.environ.get("HOMOLOG_TEST_SCHEME", "light"))
+    session.show_page(0)
+    window.resize(*SIZE)
+    return True
 
 
 @pytest.fixture

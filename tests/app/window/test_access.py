@@ -11,7 +11,7 @@ from PIL import Image
 
 import homolog_app.window
 
-pytestmark = [pytest.mark.window, pytest.mark.usefixtures("plots")]
+pytestmark = pytest.mark.window
 
 TEXT = 4.5  # WCAG 2.2, level AA
 ENLARGED = 3  # texts are measured larger: their strokes are then more than blurred edges
@@ -439,6 +439,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     assert not unseen, "the walk lacks a place where these can be seen"
 
 
+@pytest.mark.own_window
 def test_the_pictures_of_the_manual_show_the_present_controls_of_each_page(window, monkeypatch):
     folder = Path(__file__).parents[3] / "docs" / "images" / "manual"
     monkeypatch.syspath_prepend(str(folder))

@@ -11,7 +11,7 @@ from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.grid import drawn
 from homolog_app.views.view_states import Snapshot, SubjectsView
 
-pytestmark = pytest.mark.window
+pytestmark = [pytest.mark.window, pytest.mark.own_window]
 
 CUT = np.array(rgb(LIGHT_SCHEME.cut)) * 255.0
 

@@ -150,6 +150,7 @@ def test_what_is_not_significant_is_grey_with_a_line_around_it_in_both_maps(comp
         assert not page.to_significant.isEnabled()
 
 
+@pytest.mark.own_window
 def test_a_button_goes_to_the_largest_significant_place(compare, bean_project, window):
     page = compare(bean_project, "slim", "wide")
     answer = page.answers[0]
@@ -262,6 +263,7 @@ def test_a_dimmed_plot_is_paler_on_the_screen(qapp, plots, wait):
     holder.close()
 
 
+@pytest.mark.own_window
 def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_p(
     explore, bean_project, window, wait
 ):

@@ -12,7 +12,7 @@ import pytest
 from homolog.settings import OptimizeSettings
 from homolog_app.studies.files import JournalRecord
 
-pytestmark = pytest.mark.window
+pytestmark = [pytest.mark.window, pytest.mark.own_window]
 
 LONG = OptimizeSettings(particles=64, split_iterations=10)  # its last stage takes much longer than a test
 PHASES = ("any", "geodesics", "splitting", "optimizing")

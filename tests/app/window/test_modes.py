@@ -283,6 +283,7 @@ def test_another_run_stands_beside_with_modes_that_go_the_same_way(page, scene, 
     assert len(scene.shown) == 9
 
 
+@pytest.mark.own_window
 def test_the_layout_buttons_show_steps_along_modes_and_never_do_nothing(page, scene, window):
     model = page.fitted.shape
     assert window.commands["view.grid1"].isChecked()

@@ -354,6 +354,7 @@ def test_work_that_is_to_be_stopped_is_stopped_before_the_next_question(groomed,
     groomed.workspace.preferences.ask_on_close = False
 
 
+@pytest.mark.own_window
 @pytest.mark.window
 def test_sizes_of_window_and_panels_and_the_open_page_come_back(explored, close, make_window, tmp_path, wait):
     from PySide6.QtCore import Qt

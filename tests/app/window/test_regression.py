@@ -5,7 +5,7 @@ import shlex
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.window
+pytestmark = [pytest.mark.window, pytest.mark.own_window]
 
 
 @pytest.fixture

@@ -13,6 +13,8 @@ from homolog_app.views.captions import Caption, NumberLabels, ScaleBar
 from homolog_app.views.content import KEPT, Content, Numbers, ViewContents, read_shown, write_shown
 from homolog_app.views.grid import Grid, drawn
 
+pytestmark = pytest.mark.own_window  # views keep layout and camera
+
 
 @pytest.mark.parametrize(
     ("direction", "letters"),

@@ -115,6 +115,7 @@ def test_a_scan_is_read_and_shown_with_the_window_that_fits_it(scanned):
     assert slices.reader.read is None
 
 
+@pytest.mark.own_window
 def test_a_scan_of_another_frame_is_refused_with_numbers_and_the_segmentation_stays(scanned):
     slices = scanned(shift=500.0)
     assert slices.reader.read is None
@@ -160,6 +161,7 @@ def test_the_views_can_be_seen_beside_the_slices(scanned):
     assert not window.views.stage.scene.isVisible()
 
 
+@pytest.mark.own_window
 def test_a_plane_can_be_seen_alone(scanned):
     slices = scanned()
     slices.canvases[1].enlarged.emit()
@@ -179,6 +181,7 @@ def test_a_picture_of_slices_has_the_planes_at_twice_the_size_and_no_controls(sc
         assert (len(shades) > 2) is shows_something
 
 
+@pytest.mark.own_window
 def test_an_image_that_is_dropped_on_a_subject_can_be_its_scan(scanned, tmp_path, wait):
     scanned()
     window = scanned.window

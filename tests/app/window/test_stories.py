@@ -12,7 +12,7 @@ from homolog.settings import OptimizeSettings
 from homolog_app.studies.study import Member, Study
 from homolog_app.window.start_page import BEANS, HEARTS, stops_for
 
-pytestmark = pytest.mark.window
+pytestmark = [pytest.mark.window, pytest.mark.own_window]
 
 
 def test_a_dropped_folder_becomes_particles_that_are_saved_and_found_again(
