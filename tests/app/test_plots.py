@@ -18,6 +18,7 @@ from homolog_app.plots import (
     group_style,
     new_figure,
 )
+from homolog_app.plots.model import fitting, width_of
 from homolog_app.rendering.colours import DARK, LIGHT, LIGHT_SCHEME, page_colours
 
 COLOURS = LIGHT_SCHEME
@@ -141,6 +142,14 @@ def test_names_do_not_cover_each_other_and_those_of_selected_subjects_are_always
         artist.remove()
     assert not axes.texts
     assert not axes.lines
+
+
+def test_a_label_is_shortened_to_its_room_only():
+    text = "Distance outside the modes"
+    assert fitting(text, width_of(text)) == text
+    short = fitting(text, 60.0)
+    assert 40.0 < width_of(short) <= 60.0
+    assert short.startswith("Dis")
 
 
 def test_the_name_of_a_selected_subject_covers_no_other_subject():

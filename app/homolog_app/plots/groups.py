@@ -15,6 +15,7 @@ from homolog_app.plots.model import (
     TICK_PT,
     draw_scores,
     dress,
+    fitting,
     group_style,
     letters,
     points_in,
@@ -235,5 +236,6 @@ def draw_percentiles(
         axes.plot(item.value, 0.0, "D", color=ink, markersize=7, mec=colours.surface)
         axes.set(ylim=(-1.0, 1.0), yticks=())
         axes.spines["left"].set_visible(False)
-        axes.set_title(name, loc="left", fontsize=TICK_PT, color=colours.dim, pad=2.0)
+        room = points_in(axes, axes.bbox.width) - width_of(text) - TICK_PT
+        axes.set_title(fitting(name, room), loc="left", fontsize=TICK_PT, color=colours.dim, pad=2.0)
         axes.set_title(text, loc="right", fontsize=TICK_PT, color=colours.text, pad=2.0)

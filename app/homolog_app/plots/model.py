@@ -22,7 +22,7 @@ from homolog_app.rendering.text import complete_text, shortened
 __all__ = [
     "DPI", "FONT_PT", "LETTER", "LINE_PT", "TICK_PT", "draw_energies", "draw_energy_curves",
     "draw_energy_frames", "draw_place", "draw_quality", "draw_scores", "draw_scree", "draw_subjects", "dress",
-    "group_order", "group_style", "legend_above", "letters", "new_figure", "points_in", "width_of",
+    "fitting", "group_order", "group_style", "legend_above", "letters", "new_figure", "points_in", "width_of",
 ]  # fmt: skip
 
 DPI = 96
@@ -99,6 +99,14 @@ def width_of(text: str) -> float:
     lines = text.splitlines()
     widths = [text_to_path.get_text_width_height_descent(line, font, ismath=False)[0] for line in lines]
     return float(max(widths, default=0.0))
+
+
+def fitting(text: str, room: float) -> str:
+    """Return a tick label, shortened to a room in points."""
+    most = len(text)
+    while most > 1 and width_of(shortened(text, most)) > room:
+        most -= 1
+    return shortened(text, most)
 
 
 def legend_above(axes: Axes, colours: Colours) -> None:
