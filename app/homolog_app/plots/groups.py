@@ -35,6 +35,7 @@ __all__ = [
 _WAVE = 2.4  # radians from subject to subject, so that neighbours don't hide each other
 _BOX = 0.28
 _LEAST_RANGE = 0.02  # of an axis of measures, relative to their size
+_WHOLE = 1.25  # width of axes without ticks at the left after the layout, of that before
 _UNUSUAL = 0.05
 _GAP_PT = 3.0  # between the texts below boxes
 _LEGIBLE = 8  # letters of a group's name below its box
@@ -236,6 +237,6 @@ def draw_percentiles(
         axes.plot(item.value, 0.0, "D", color=ink, markersize=7, mec=colours.surface)
         axes.set(ylim=(-1.0, 1.0), yticks=())
         axes.spines["left"].set_visible(False)
-        room = points_in(axes, axes.bbox.width) - width_of(text) - TICK_PT
+        room = points_in(axes, _WHOLE * axes.bbox.width) - width_of(text) - TICK_PT
         axes.set_title(fitting(name, room), loc="left", fontsize=TICK_PT, color=colours.dim, pad=2.0)
         axes.set_title(text, loc="right", fontsize=TICK_PT, color=colours.text, pad=2.0)
