@@ -147,6 +147,11 @@ def _with_intervals(answers: Sequence[SeedAnswer]) -> Sequence[SeedAnswer]:
 
 
 def _table(page: Page, studies: Sequence[Study], seeds: Sequence[Sequence[SeedAnswer]]) -> None:
+    older = [
+        str(number)
+        for number, answers in enumerate(seeds, start=1)
+        if answers and not _with_intervals(answers)
+    ]
     seeds = [_with_intervals(answers) for answers in seeds]
     rows = [
         _row(str(number), study, comparison, answers)
@@ -170,6 +175,12 @@ def _table(page: Page, studies: Sequence[Study], seeds: Sequence[Sequence[SeedAn
             f"{', '.join(several)} D, p, area, accuracy and bounds of intervals are each the median over the "
             "seeds of the correspondence (ranges: last table; of each seed: seeds.csv). All that follows, "
             "maps too, is of the first seed."
+        )
+    if older:
+        sentences.append(
+            f"Study {', '.join(older)}: of the first seed; other seeds are in the last table, and their "
+            f"intervals "
+            "after homolog analyze --seeds again."
         )
     if any(study.pairwise for study in studies):
         sentences.append("D from other numbers of modes, or of two and of all groups, can't be compared.")
