@@ -9,11 +9,12 @@ import numpy as np
 
 from homolog.analysis.comparison import Comparison, Options
 from homolog.analysis.covariates import with_covariate_effects
-from homolog.analysis.data_notes import PARTNER_MISSING, exclusion_notes, spelling_notes
+from homolog.analysis.data_notes import PARTNER_MISSING, exclusion_notes, repeated_notes, spelling_notes
 from homolog.analysis.design import covariate_columns, numbers
 from homolog.analysis.studies import compare_groups, compare_pairs, compare_two_groups, pair_members, regress
 from homolog.arrays import FloatArray, IntArray, frozen
 from homolog.cohort.column_types import CATEGORY
+from homolog.cohort.file_names import words_of_person
 from homolog.errors import InputError
 from homolog.files.results import Result
 from homolog.progress import Tick, no_tick, part_of
@@ -137,6 +138,10 @@ def run_study(result: Result, request: StudyRequest, tick: Tick = no_tick) -> St
     for index, name in enumerate(result.names):
         if index not in taken and name not in left_out:
             left_out[name] = f"{request.column} is {labels[index]!r}" if labels[index] else "no group"
+    notes = [*study_notes(result, request), *exclusion_notes(incomplete)]
+    if request.kind != "pairs":
+        compared = [result.names[index] for index in overall.subjects.tolist()]
+        notes += repeated_notes({name: words_of_person(name) for name in compared})
     return Study(
         request,
         overall,
@@ -145,7 +150,7 @@ def run_study(result: Result, request: StudyRequest, tick: Tick = no_tick) -> St
         left_out,
         _areas(result),
         tuple(result.names),
-        (*study_notes(result, request), *exclusion_notes(incomplete)),
+        tuple(notes),
     )
 
 

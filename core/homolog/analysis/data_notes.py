@@ -1,10 +1,10 @@
-"""Remarks on the data of a comparison, in sentences: excluded subjects, spellings of categories."""
+"""Remarks on the data of a comparison, in sentences: excluded subjects, spellings, repeated measurements."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 
 from homolog.analysis.design import lookalikes
 
-__all__ = ["PARTNER_MISSING", "exclusion_notes", "spelling_notes"]
+__all__ = ["PARTNER_MISSING", "exclusion_notes", "repeated_notes", "spelling_notes"]
 
 PARTNER_MISSING = "the other one of the pair is missing"
 """Reason of an exclusion, beside missing values."""
@@ -28,6 +28,27 @@ def _counted(names: Sequence[str]) -> str:
 
 def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:5]) + (", …" if len(names) > 5 else "")
+
+
+def repeated_notes(people: Mapping[str, Hashable]) -> list[str]:
+    """Return a caution if some of the compared subjects are the same person.
+
+    Parameters
+    ----------
+    people : mapping of str to hashable
+        Who each subject is. If all are one, their names tell nothing of persons.
+    """
+    of_person: dict[Hashable, list[str]] = {}
+    for name, person in people.items():
+        of_person.setdefault(person, []).append(name)
+    several = [names for names in of_person.values() if len(names) > 1]
+    if not several or len(of_person) == 1:
+        return []
+    return [
+        f"By their names, {len(people)} subjects are {len(of_person)} persons, some at several times or with "
+        f"both sides ({' and '.join(several[0][:2])}). Such subjects are not independent, so that p-values "
+        "and intervals are too small. Compare one of each person, or pairs."
+    ]
 
 
 def spelling_notes(title: str, values: Sequence[str]) -> list[str]:

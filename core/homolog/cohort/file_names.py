@@ -29,6 +29,7 @@ __all__ = [
     "structures_in_names",
     "times_among",
     "words_but_times",
+    "words_of_person",
 ]
 
 _CAPITAL = re.compile(r"(?<=[a-z])(?=[A-Z])")
@@ -229,6 +230,11 @@ def words_but_times(text: str) -> tuple[str, ...]:
     """Return the words of a name without time points: ``cc`` and ``mask`` of ``ses-01_cc_mask``."""
     joined = re.sub(r"(?<=[^\W\d_])[-_. ](?=\d)", "", text)
     return tuple(word for word in _words(joined) if not _TIME.fullmatch(word))
+
+
+def words_of_person(name: str) -> tuple[str, ...]:
+    """Return the words of a name but those for times and sides, which subjects of one person share."""
+    return tuple(word for word in words_but_times(name) if not is_side(word))
 
 
 def structures_in_names(stems: Sequence[str]) -> dict[str, int]:

@@ -8,9 +8,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 from homolog.cohort.column_types import CATEGORY, plain_name, read_typed_rows
-from homolog.cohort.file_names import words_but_times
+from homolog.cohort.file_names import words_of_person
 from homolog.cohort.manifest import OTHER_NAMES, own_columns, place_of
-from homolog.cohort.sides import is_side
 from homolog.cohort.subject import Subject, checked_path, suffix_of
 from homolog.errors import InputError
 from homolog.spreadsheets import Row, encoding_notes
@@ -237,14 +236,9 @@ def _named(subjects: Sequence[Subject], text: str) -> tuple[str, ...]:
     for fits in (_is_called, _is_file, _begins):
         matches = tuple(subject.name for subject in subjects if any(fits(subject, name) for name in said))
         if matches:
-            is_one = len(matches) == 1 or (fits is _begins and len({*map(_words_of_one, matches)}) == 1)
+            is_one = len(matches) == 1 or (fits is _begins and len({*map(words_of_person, matches)}) == 1)
             return matches if is_one else ()
     return ()
-
-
-def _words_of_one(name: str) -> tuple[str, ...]:
-    """Return the words of a name but those for times and sides, which subjects of one person share."""
-    return tuple(word for word in words_but_times(name) if not is_side(word))
 
 
 def _is_called(subject: Subject, said: str) -> bool:

@@ -220,6 +220,25 @@ def test_the_least_p_of_all_signs_is_that_of_the_observed_ones_and_their_opposit
     assert "is 0.031, before correction" in least_text(study)
 
 
+@pytest.mark.parametrize(
+    ("names", "kind", "is_raised"),
+    [
+        ([f"p{k // 2:02d}_{'RL'[k % 2]}" for k in range(18)], "groups", True),
+        ([f"p{k // 2:02d}_{'RL'[k % 2]}" for k in range(18)], "pairs", False),
+        ([f"p{k // 2:02d}_{('ED', 'ES')[k % 2]}" for k in range(18)], "groups", True),
+        ([f"p{k:02d}_ED" for k in range(18)], "groups", False),
+        ([f"scan_2020{k // 9 + 1:02d}{k % 9 + 1:02d}" for k in range(18)], "groups", False),
+    ],
+)
+def test_a_person_who_was_measured_twice_raises_a_caution_unless_pairs_are_compared(
+    project, names, kind, is_raised
+):
+    pairs = {"pairs": "couple"} if kind == "pairs" else {}
+    request = StudyRequest(kind=kind, between=("A", "B"), permutations=99, null_repeats=0, **pairs)
+    study = run_study(replace(read_result(project), names=tuple(names)), request)
+    assert any("not independent" in note for note in study.notes) is is_raised
+
+
 def test_tables_are_marked_as_soon_as_particles_are_placed_anew(project, analyze):
     assert analyze(project, "--between", "A", "C", "--size", "with") == 0
     folder = project.folder / "analysis" / "groups_group_A_C"
