@@ -178,7 +178,9 @@ def primary_of(requests: Sequence[StudyRequest], alignment: str | None) -> Study
         return None
     own = [request for request in requests if alignment in ("", request.alignment.value)]
     if not own:
-        raise InputError(f"--primary {alignment}: is not among the alignments that are compared")
+        raise InputError(
+            f"primary study: {alignment} is not among the compared alignments; add it, or choose one of them"
+        )
     return own[0]
 
 

@@ -336,6 +336,13 @@ TARGETS = {
         lambda folder: write_markups(folder / "a.mrk.json", octahedron().vertices),
         lambda folder: read_markups(folder / "a.mrk.json"),
     ),
+    ".fcsv": Target(
+        "a.fcsv",
+        lambda folder: (folder / "a.fcsv").write_text(
+            '# CoordinateSystem = LPS\n# columns = id,x,y,z,label\n1,1.5,-2,3,apex\n2,4,5,6,"base, left"\n'
+        ),
+        lambda folder: read_markups(folder / "a.fcsv"),
+    ),
     "archive .npz": Target(
         "a.npz",
         lambda folder: write_arrays(folder / "a.npz", {"points": np.eye(3), "name": "a"}),

@@ -7,6 +7,7 @@ import argparse
 import signal
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -187,42 +188,28 @@ def run_meshes(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def add_particles(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the kind."""
-    parser = add_kind(
-        kinds,
-        "particles",
+_POINTS = {
+    "particles": (
         "one .particles file per subject",
         "Write each subject's particles and the mean's: one 'x y z' per line in mm, LPS; equal line numbers "
         "correspond.",
-        "FOLDER",
-    )
-    add_options(parser, ParticleSettings)
-
-
-def add_markups(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the kind."""
-    parser = add_kind(
-        kinds,
-        "markups",
+    ),
+    "markups": (
         "point lists for 3D Slicer",
         "Write each subject's particles and the mean's as .mrk.json, in mm, LPS, labelled by their numbers.",
-        "FOLDER",
-    )
-    add_options(parser, ParticleSettings)
-
-
-def add_morphometrics(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the kind."""
-    parser = add_kind(
-        kinds,
-        "morphometrics",
+    ),
+    "morphometrics": (
         "points of all subjects as TPS, NTS and Morphologika",
         "Write all subjects' particles as .tps, .nts and Morphologika files, in mm, for geomorph and Morpho "
         "in R, MorphoJ and PAST.",
-        "FOLDER",
-    )
-    add_options(parser, ParticleSettings)
+    ),
+}
+"""Kinds of files of points: help and description."""
+
+
+def add_points(kind: str, kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare a kind of files of points."""
+    add_options(add_kind(kinds, kind, *_POINTS[kind], "FOLDER"), ParticleSettings)
 
 
 def add_shapeworks(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
@@ -283,9 +270,7 @@ _KINDS: dict[str, tuple[Callable[[Any], None], Callable[[argparse.Namespace], in
     "table": (add_table, run_table),
     "measures": (add_measures, run_measures),
     "distances": (add_distances, run_distances),
-    "particles": (add_particles, run_points),
-    "markups": (add_markups, run_points),
-    "morphometrics": (add_morphometrics, run_points),
+    **{kind: (partial(add_points, kind), run_points) for kind in _POINTS},
     "shapeworks": (add_shapeworks, run_points),
     "report": (add_report, run_report),
     "patient": (add_patient_report, run_patient_report),

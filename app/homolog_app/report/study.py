@@ -14,7 +14,7 @@ from homolog.analysis.design import covariate_columns, numbers
 from homolog.analysis.studies import compare_groups, compare_pairs, compare_two_groups, pair_members, regress
 from homolog.arrays import FloatArray, IntArray, frozen
 from homolog.cohort.column_types import CATEGORY
-from homolog.cohort.file_names import words_of_person
+from homolog.cohort.file_names import words_of_individual
 from homolog.errors import InputError
 from homolog.files.results import Result
 from homolog.progress import Tick, no_tick, part_of
@@ -141,7 +141,7 @@ def run_study(result: Result, request: StudyRequest, tick: Tick = no_tick) -> St
     notes = [*study_notes(result, request), *exclusion_notes(incomplete)]
     if request.kind != "pairs":
         compared = [result.names[index] for index in overall.subjects.tolist()]
-        notes += repeated_notes({name: words_of_person(name) for name in compared})
+        notes += repeated_notes({name: words_of_individual(name) for name in compared})
     return Study(
         request,
         overall,

@@ -125,13 +125,17 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     one_seed = any(len(seed_numbers(answers)) < 2 for answers in seeds)
     _methods(page, folder, record, studies, carrier, details, one_seed=one_seed, primary=primary)
     _files(page, project, studies, figures)
-    for figure in figures:
-        for suffix in ("svg", "pdf"):
-            with atomic_write(folder / "figures" / f"{figure.name}.{suffix}") as part_file:
-                write_picture(figure.figure, part_file)
+    _write_figures(folder / "figures", figures)
     write_text(folder / "report.html", page.html)
     write_page(folder / "report.pdf", page)
     return folder / "report.html"
+
+
+def _write_figures(folder: Path, figures: Sequence[ReportFigure]) -> None:
+    for figure in figures:
+        for suffix in ("svg", "pdf"):
+            with atomic_write(folder / f"{figure.name}.{suffix}") as part:
+                write_picture(figure.figure, part)
 
 
 def _surfaces(project: ProjectFolder, record: ResultRecord) -> list[TriangleMesh]:

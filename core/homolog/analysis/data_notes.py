@@ -30,24 +30,24 @@ def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:5]) + (", …" if len(names) > 5 else "")
 
 
-def repeated_notes(people: Mapping[str, Hashable]) -> list[str]:
-    """Return a caution if some of the compared subjects are the same person.
+def repeated_notes(individuals: Mapping[str, Hashable]) -> list[str]:
+    """Return a caution if some of the compared subjects are the same individual.
 
     Parameters
     ----------
-    people : mapping of str to hashable
-        Who each subject is. If all are one, their names tell nothing of persons.
+    individuals : mapping of str to hashable
+        Who each subject is. If all are one, their names do not identify individuals.
     """
-    of_person: dict[Hashable, list[str]] = {}
-    for name, person in people.items():
-        of_person.setdefault(person, []).append(name)
-    several = [names for names in of_person.values() if len(names) > 1]
-    if not several or len(of_person) == 1:
+    names_of: dict[Hashable, list[str]] = {}
+    for name, individual in individuals.items():
+        names_of.setdefault(individual, []).append(name)
+    several = [names for names in names_of.values() if len(names) > 1]
+    if not several or len(names_of) == 1:
         return []
     return [
-        f"By their names, {len(people)} subjects are {len(of_person)} persons, some at several times or with "
-        f"both sides ({' and '.join(several[0][:2])}). Such subjects are not independent, so that p-values "
-        "and intervals are too small. Compare one of each person, or pairs."
+        f"By their names, {len(individuals)} subjects are {len(names_of)} individuals, some at several times "
+        f"or with both sides ({' and '.join(several[0][:2])}). Such subjects are not independent, so that "
+        "p-values and intervals may be too small. Compare one of each individual, or pairs."
     ]
 
 

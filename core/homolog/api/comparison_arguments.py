@@ -146,7 +146,8 @@ def _check_length(pairs: Sequence[str | None], labels: Array) -> None:
 
 def check_values(title: str, values: Sequence[str | float] | Array, subjects: int) -> None:
     """Refuse what is not one value for each subject."""
-    if np.ndim(values) != 1:
+    is_sequence = hasattr(values, "__len__") and not isinstance(values, str)
+    if not is_sequence or getattr(values, "ndim", 1) != 1 or any(map(np.ndim, values)):
         raise InputError(f"{title!r}: must be a sequence of values, one for each subject")
     if len(values) != subjects:
         raise InputError(f"{title!r}: {len(values)} values for {subjects} subjects; give one for each")

@@ -29,7 +29,7 @@ __all__ = [
     "structures_in_names",
     "times_among",
     "words_but_times",
-    "words_of_person",
+    "words_of_individual",
 ]
 
 _CAPITAL = re.compile(r"(?<=[a-z])(?=[A-Z])")
@@ -232,8 +232,8 @@ def words_but_times(text: str) -> tuple[str, ...]:
     return tuple(word for word in _words(joined) if not _TIME.fullmatch(word))
 
 
-def words_of_person(name: str) -> tuple[str, ...]:
-    """Return the words of a name but those for times and sides, which subjects of one person share."""
+def words_of_individual(name: str) -> tuple[str, ...]:
+    """Return the words of a name but those for times and sides, which subjects of one individual share."""
     return tuple(word for word in words_but_times(name) if not is_side(word))
 
 

@@ -8,19 +8,17 @@ from pathlib import Path
 from types import MappingProxyType
 
 from homolog.cohort.column_types import CATEGORY, plain_name, read_typed_rows
-from homolog.cohort.file_names import words_of_person
+from homolog.cohort.file_names import words_of_individual
 from homolog.cohort.manifest import OTHER_NAMES, own_columns, place_of
 from homolog.cohort.subject import Subject, checked_path, suffix_of
 from homolog.errors import InputError
-from homolog.spreadsheets import Row, encoding_notes
+from homolog.spreadsheets import MISSING, Row, encoding_notes
 
 __all__ = ["Replaced", "TableChanges", "with_table", "with_values_of"]
 
 _KEYS = ("name", "subject", "id", *OTHER_NAMES["name"])
 _NOT_TAKEN = ("path", "landmarks")
 _GROUP, _IMAGE = "group", "image"
-_NOT_AVAILABLE = "n/a"
-"""What BIDS writes for a missing value."""
 _SHOWN = 5
 _COLUMNS = 20
 _SHOWN_CHARACTERS = 80
@@ -188,7 +186,7 @@ def _changes(
             was = before.get(column, "")
             if not value:
                 after.setdefault(column, "")
-            elif column == _GROUP and value.casefold() == _NOT_AVAILABLE:
+            elif column == _GROUP and value.casefold() in MISSING:
                 after[column] = was
             elif value != was:
                 after[column] = value
@@ -236,7 +234,7 @@ def _named(subjects: Sequence[Subject], text: str) -> tuple[str, ...]:
     for fits in (_is_called, _is_file, _begins):
         matches = tuple(subject.name for subject in subjects if any(fits(subject, name) for name in said))
         if matches:
-            is_one = len(matches) == 1 or (fits is _begins and len({*map(words_of_person, matches)}) == 1)
+            is_one = len(matches) == 1 or (fits is _begins and len({*map(words_of_individual, matches)}) == 1)
             return matches if is_one else ()
     return ()
 

@@ -13,6 +13,7 @@ import numpy as np
 from homolog.arrays import FloatArray, frozen
 from homolog.errors import InputError
 from homolog.files.atomic import write_text
+from homolog.files.bounded import read_bytes
 from homolog.files.json_files import read_json
 
 __all__ = ["Markups", "landmark_table", "read_markups", "write_markups"]
@@ -135,14 +136,15 @@ def _fcsv_points(path: Path) -> tuple[str, list[tuple[str, list[float]]]]:
 
     Without a line that says which, coordinates are RAS, as in versions that wrote none.
     """
+    stored = read_bytes(path, "Slicer markups file")
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: can't be read as a point list of Slicer: {error}") from error
+        lines = stored.decode("utf-8-sig").splitlines()
+        rows = list(csv.reader(line for line in lines if line.strip() and not line.startswith("#")))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: can't be read as a Slicer markups file: {error}; save it again") from error
     matches = [match for line in lines if (match := _SETTING.match(line))]
     settings = {match[1].casefold(): match[2].strip() for match in matches}
     columns = [name.strip() for name in settings.get("columns", ",".join(_COLUMNS)).split(",")]
-    rows = csv.reader(line for line in lines if line.strip() and not line.startswith("#"))
     points = []
     for row in rows:
         item = dict(zip(columns, row, strict=False))

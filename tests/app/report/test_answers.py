@@ -230,7 +230,7 @@ def test_the_least_p_of_all_signs_is_that_of_the_observed_ones_and_their_opposit
         ([f"scan_2020{k // 9 + 1:02d}{k % 9 + 1:02d}" for k in range(18)], "groups", False),
     ],
 )
-def test_a_person_who_was_measured_twice_raises_a_caution_unless_pairs_are_compared(
+def test_an_individual_that_was_measured_twice_raises_a_caution_unless_pairs_are_compared(
     project, names, kind, is_raised
 ):
     pairs = {"pairs": "couple"} if kind == "pairs" else {}

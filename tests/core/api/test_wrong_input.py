@@ -64,9 +64,10 @@ def test_groups_that_nobody_is_in_are_told_as_that():
         hl.compare_groups(SHAPES, [None] * len(SHAPES))
 
 
-def test_a_regression_takes_one_value_for_each_subject():
+@pytest.mark.parametrize("values", [np.ones((8, 2)), [[1.0], [1.0, 2.0]], "60", 60.0, np.array(60.0)])
+def test_a_regression_takes_one_value_for_each_subject(values):
     with pytest.raises(hl.InputError, match="'age'"):
-        hl.regress(SHAPES, np.ones((8, 2)), "age")
+        hl.regress(SHAPES, values, "age")
 
 
 @pytest.mark.parametrize("other", [(np.eye(3), TRIANGLE), "a.ply", None])

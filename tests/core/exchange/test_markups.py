@@ -96,7 +96,10 @@ def test_a_list_that_does_not_say_its_axes_is_in_those_of_its_time(tmp_path):
     assert read_markups(tmp_path / "a.fcsv").points.tolist() == [[-1.0, -2.0, 3.0]]
 
 
-@pytest.mark.parametrize("text", ["", OLD.format(axes="XYZ"), "# columns = label,x,y\na,1,2\n", "a,b,c,d\n"])
+@pytest.mark.parametrize(
+    "text",
+    ["", OLD.format(axes="XYZ"), "# columns = label,x,y\na,1,2\n", "a,b,c,d\n", f"a,{'1' * 200_000}\n"],
+)
 def test_a_faulty_list_of_an_older_slicer_is_refused(tmp_path, text):
     (tmp_path / "a.fcsv").write_text(text)
     with pytest.raises(InputError, match=r"a\.fcsv"):
