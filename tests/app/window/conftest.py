@@ -230,7 +230,10 @@ def explored(window, finished, tmp_path, wait):
 
 @pytest.fixture(scope="session")
 def bean_project(tmp_path_factory):
-    """Return a project of ten coffee beans, those with a wide slot in a group; not to be written to."""
+    """Return a project of ten coffee beans, those with a wide slot in a group; not to be written to.
+
+    A voxel lies apart from the first, so that grooming has a note on it.
+    """
     from dataclasses import replace
 
     import SimpleITK
@@ -242,7 +245,9 @@ def bean_project(tmp_path_factory):
     folder, beans = tmp_path_factory.mktemp("beans"), draw_beans(10)
     cohort = write_beans(folder, beans, 5)
     for subject in cohort.subjects:  # each test that opens the project reads them
-        SimpleITK.WriteImage(SimpleITK.Shrink(SimpleITK.ReadImage(subject.path), [2, 2, 2]), subject.path)
+        image = SimpleITK.Shrink(SimpleITK.ReadImage(subject.path), [2, 2, 2])
+        image[1, 1, 1] = int(subject is cohort.subjects[0])
+        SimpleITK.WriteImage(image, subject.path)
     middle = sorted(bean.width for bean in beans)[5]
     subjects = [
         replace(subject, group="wide" if bean.width >= middle else "slim")
