@@ -241,6 +241,6 @@ class RunJob:
         if frame is not None and frame is not self._last:
             self._last = frame
             if frame.iteration > 0:  # before, there are no energies
-                self.recorder.take(frame.iteration, frame.world, frame.energies)
+                self.recorder.take(frame.iteration, frame.world, frame.energies, frame.alignments)
         if not self._from_result:
             self._fits.look()

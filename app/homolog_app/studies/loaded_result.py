@@ -28,10 +28,14 @@ _MOST_FRAMES = 200
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedFrame:
-    """The (M, n, 3) particles [mm] at an iteration, in common coordinates, read-only."""
+    """The (M, n, 3) particles [mm] at an iteration, in the common coordinates of that moment, read-only.
+
+    `alignments`, (M, 4, 4) from local to these coordinates, are None in frames of version 0.1.
+    """
 
     iteration: int
     particles: FloatArray
+    alignments: FloatArray | None = None
 
 
 _Surfaces = tuple[TriangleMesh, TriangleMesh]
@@ -143,13 +147,15 @@ class Recorder:
         self._every = 1
         self._seen = 0
 
-    def take(self, iteration: int, particles: FloatArray, energies: FloatArray) -> None:
+    def take(
+        self, iteration: int, particles: FloatArray, energies: FloatArray, alignments: FloatArray
+    ) -> None:
         """Add a frame."""
         sampling, ensemble, normals = (float(energy) for energy in energies)
         self.energies.append((float(iteration), sampling, ensemble, normals))
         self._seen += 1
         if self._seen % self._every == 0:
-            self.frames.append(RecordedFrame(iteration, frozen(particles, np.float32)))
+            self.frames.append(RecordedFrame(iteration, frozen(particles, np.float32), frozen(alignments)))
         if len(self.frames) > _MOST_FRAMES:
             self.frames = self.frames[::2]
             self._every *= 2
@@ -160,7 +166,10 @@ class Recorder:
             "result": _fingerprint(project),
             "iterations": np.array([frame.iteration for frame in self.frames]),
         }
-        arrays |= {f"frame_{index:04d}": frame.particles for index, frame in enumerate(self.frames)}
+        for index, frame in enumerate(self.frames):
+            arrays[f"frame_{index:04d}"] = frame.particles
+            if frame.alignments is not None:
+                arrays[f"alignments_{index:04d}"] = frame.alignments
         write_arrays(project.folder / _FRAMES, arrays)
 
 
@@ -269,8 +278,7 @@ def _frames(project: ProjectFolder) -> tuple[RecordedFrame, ...]:
     arrays = read_arrays(path)
     if str(arrays.get("result")) != _fingerprint(project):  # another run has replaced the result since
         return ()
-    stored = [arrays[name] for name in sorted(arrays) if name.startswith("frame_")]
     return tuple(
-        RecordedFrame(int(iteration), particles)
-        for iteration, particles in zip(arrays["iterations"], stored, strict=True)
+        RecordedFrame(int(iteration), arrays[f"frame_{index:04d}"], arrays.get(f"alignments_{index:04d}"))
+        for index, iteration in enumerate(arrays["iterations"])
     )

@@ -37,6 +37,7 @@ __all__ = [
     "moment_of",
     "named_surface",
     "outward_sign",
+    "realigned",
     "region_border",
     "single_subject",
     "subject_contents",
@@ -58,12 +59,20 @@ def moment_of(loaded: LoadedResult, index: int) -> tuple[dict[str, FloatArray], 
 
     All frames with the same number of particles have the colours of the last of them.
     """
-    names, final = loaded.result.names, loaded.result.world
-    particles = loaded.frames[index].particles
-    stages = [frame.particles for frame in loaded.frames] + [final]
-    usual = next(stage for stage in reversed(stages) if stage.shape[1] == particles.shape[1])
-    shown = final if index == len(loaded.frames) - 1 else particles
+    names, final, frame = loaded.result.names, loaded.result.world, loaded.frames[index]
+    stages = [each.particles for each in loaded.frames] + [final]
+    usual = next(stage for stage in reversed(stages) if stage.shape[1] == frame.particles.shape[1])
+    shown = frame.particles
+    if index == len(loaded.frames) - 1:
+        shown = final
+    elif frame.alignments is not None:
+        shown = realigned(frame.particles, frame.alignments, loaded.result.alignments)
     return dict(zip(names, shown, strict=True)), colours_by_place(np.asarray(usual).mean(axis=0))
+
+
+def realigned(particles: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
+    """Return the particles (M, n, 3) of aligned shapes as other alignments (M, 4, 4) place the shapes."""
+    return transform_points(after @ np.linalg.inv(before), particles)
 
 
 def subject_contents(

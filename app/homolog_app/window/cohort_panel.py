@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QItemSelectionModel, QModelIndex, QPoint, QSize, QSortFilterProxyModel, Qt
 from PySide6.QtGui import QIcon, QResizeEvent
 from PySide6.QtWidgets import (
+    QAbstractItemDelegate,
     QComboBox,
     QCompleter,
     QFrame,
@@ -15,6 +16,7 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QTableView,
     QVBoxLayout,
+    QWidget,
 )
 
 from homolog.arrays import Array
@@ -32,6 +34,7 @@ __all__ = ["CohortPanel", "LabelPicker"]
 
 
 _TOOLS = ("file.add", "file.import", "file.export", "edit.group", "edit.include", "edit.remove")
+_NAMED_TOOLS = ("file.import", "edit.group")
 _GROUP_PX = (56, 120)
 _NAME_PX, _LONG_NAME_PX, _VOLUME_PX, _STATUS_PX = 140, 220, 72, 96
 _TICK_PX = 24  # of the boxes, which the hints of a styled table do not count
@@ -40,7 +43,17 @@ _MEASURED_ROWS = 100  # beyond those in sight, whose names are looked at for the
 
 
 class _Table(QTableView):
-    """A table whose names take the free width."""
+    """A table whose names take the free width, and where Enter goes on to the cell below."""
+
+    def closeEditor(self, editor: QWidget, hint: QAbstractItemDelegate.EndEditHint) -> None:
+        """Edit the cell below after Enter, unless the edit may have moved the row."""
+        super().closeEditor(editor, hint)
+        here = self.currentIndex()
+        below = here.siblingAtRow(here.row() + 1)
+        moves = self.horizontalHeader().sortIndicatorSection() == here.column()
+        if hint == QAbstractItemDelegate.EndEditHint.SubmitModelCache and below.isValid() and not moves:
+            self.setCurrentIndex(below)
+            self.edit(below)
 
     def fit_names(self) -> None:
         """Fit the column of names to its content, if there is room, and then that of the status."""
@@ -67,7 +80,9 @@ class CohortPanel(Panel):
     """The table of subjects, its filter, and the choice of a label where files hold several."""
 
     def __init__(self, session: Session, theme: Theme, actions: Actions) -> None:
-        super().__init__("Cohort", "Tick the subjects to study, and give them groups.")
+        super().__init__(
+            "Cohort", "Tick the subjects to study. Double-click a cell to type a group, or import a table."
+        )
         self._session = session
         self._following = False
         self._fitted: tuple[list[str], bool] = [], False
@@ -107,7 +122,10 @@ class CohortPanel(Panel):
         row = QHBoxLayout()
         row.setSpacing(GRID // 2)
         for identifier in _TOOLS:
-            row.addWidget(actions.button(identifier, self))
+            tool = actions.button(identifier, self)
+            if identifier in _NAMED_TOOLS:
+                tool.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
+            row.addWidget(tool)
         row.addStretch()
         return row
 
@@ -229,9 +247,7 @@ class LabelPicker(QFrame):
         self.choice.activated.connect(self._choose)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(2 * GRID, GRID, 2 * GRID, 2 * GRID)
-        layout.addWidget(
-            label("The files contain several structures. Choose one, or type part of its name.", wrap=True)
-        )
+        layout.addWidget(label(_QUESTION, wrap=True))
         layout.addWidget(self.choice)
         session.surveys_changed.connect(self._fill)
         session.study_changed.connect(self._fill)

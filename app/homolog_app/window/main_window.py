@@ -45,7 +45,7 @@ __all__ = ["Docks", "Inspector", "MainWindow"]
 
 _log = logging.getLogger(__name__)
 _INSPECTOR, _NARROWEST, _FLATTEST = 452, 376, 192  # pixels
-_WIDTH_SHARE, _HEIGHT_SHARE = 0.2, 0.22
+_WIDTH_SHARE, _HEIGHT_SHARE = 0.25, 0.22
 """Smallest share of inspector and plots in a large window."""
 _SIZE, _FRAME = QSize(1440, 900), QSize(8, 40)
 """Size at the first start, and the size of the system's frame [pixels]."""

@@ -361,8 +361,10 @@ class ProjectController(Controller):
 
     def _group(self) -> None:
         session = self._workspace.session
-        text, groups = f"Subjects: {len(session.selection)}. Group:", session.study.groups or [""]
-        name, chosen = QInputDialog.getItem(self._window, "Set group", text, groups)
+        count = len(session.selection)
+        whose = session.selection[0] if count == 1 else f"the {count} selected subjects"
+        groups = session.study.groups or [""]
+        name, chosen = QInputDialog.getItem(self._window, "Set group", f"Group of {whose}:", groups)
         if chosen:
             session.set_group(name.strip() or None)
 

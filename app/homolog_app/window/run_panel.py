@@ -8,6 +8,7 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QHeaderView,
     QLabel,
+    QSizePolicy,
     QTableWidget,
     QTableWidgetItem,
     QVBoxLayout,
@@ -80,9 +81,9 @@ class GroomPanel(Panel):
         self._show()
 
     def _go_to(self, name: str) -> None:
-        """Select a subject and scroll to what was changed on it."""
+        """Select a subject and scroll to what was changed on it, and to the button below."""
         self._session.select([name])
-        QTimer.singleShot(0, self, lambda: self.reveal(self.report))
+        QTimer.singleShot(0, self, lambda: self.reveal(self.again))
 
     def show_busy(self, status: Status | None) -> None:
         """Show the progress of grooming, or hide it."""
@@ -161,6 +162,7 @@ class GroomNotes(QWidget):
         column.setSpacing(GRID)
         for widget in (self.title, self.kinds, self.table):
             column.addWidget(widget)
+        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
         self.kinds.activated.connect(self._show_rows)
         self.table.currentCellChanged.connect(self._choose)
 
@@ -337,7 +339,8 @@ class RunPanel(Panel):
         self.resume.setVisible(idle and resumable)
         self.keep.setVisible(idle and self._actions["run.keep"].isEnabled())
         self.proceed.setVisible(idle and done)
-        ready = session.is_groomed or done or resumable or not idle
+        reading = session.folder is not None and not session.groomed
+        ready = session.is_groomed or done or resumable or not idle or reading
         text = session.result.summary if session.result else "" if ready else _FIRST
         if self.resume.isVisibleTo(self):
             text = f"{self._interrupted()}\n{text}".strip()

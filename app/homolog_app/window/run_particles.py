@@ -8,7 +8,7 @@ from PySide6.QtCore import QObject, Signal, Slot
 from PySide6.QtGui import QAction
 
 from homolog.arrays import Array, FloatArray
-from homolog_app.views.contents import moment_of
+from homolog_app.views.contents import moment_of, realigned
 from homolog_app.window.explore.controls import Pace
 from homolog_app.window.explore.plot import Plot
 from homolog_app.window.theme import Theme
@@ -114,10 +114,18 @@ class RunParticles(QObject):
         frame = job.frame if job is not None else None
         if job is not None and frame is not None and frame is not self.frame:
             self.frame = frame
-            self.particles, self.tints = dict(zip(job.names, frame.world, strict=True)), None
+            self.particles, self.tints = self._on_surfaces(job.names, frame), None
             self.moved.emit(True)
             if job.recorder.energies:  # first particles have none
                 self._curves.show_rows(list(job.recorder.energies), is_live=True)
+
+    def _on_surfaces(self, names: Sequence[str], frame: "Frame") -> dict[str, FloatArray]:
+        """Return the particles on the surfaces that are shown: a run aligns the shapes anew."""
+        result, groomed = self._session.result, self._session.groomed
+        own = dict(zip(result.result.names, result.result.alignments, strict=True)) if result else {}
+        own = {name: smooth.alignment for name, smooth in groomed.items()} | own
+        after = np.array([own.get(name, now) for name, now in zip(names, frame.alignments, strict=True)])
+        return dict(zip(names, realigned(frame.world, frame.alignments, after), strict=True))
 
     @Slot()
     def _step_on(self) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
-from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, Signal, Slot
+from PySide6.QtCore import QCoreApplication, QEvent, QObject, QPoint, QSize, Qt, Signal, Slot
 from PySide6.QtGui import QAction, QKeyEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -241,6 +241,7 @@ class Panel(QWidget):
 
     def reveal(self, widget: QWidget, *, at_top: bool = False) -> None:
         """Scroll the body until a widget in it is visible, or at the top."""
+        QCoreApplication.sendPostedEvents(self._scroll.widget(), QEvent.Type.LayoutRequest.value)
         self._scroll.ensureWidgetVisible(widget, 0, GRID)
         if at_top:
             bar = self._scroll.verticalScrollBar()
@@ -261,9 +262,8 @@ class Panel(QWidget):
         if event.type() == QEvent.Type.Wheel:
             event.ignore()
             return True
-        if isinstance(watched, QAbstractButton) and keep_space(event):
-            return True
-        return super().eventFilter(watched, event)
+        is_kept = isinstance(watched, QAbstractButton) and keep_space(event)
+        return is_kept or super().eventFilter(watched, event)
 
 
 class NumberBox(QSpinBox):

@@ -118,6 +118,26 @@ def test_ticks_groups_and_covariates_are_edited_in_the_table(beans):
 
 
 @pytest.mark.window
+def test_enter_goes_on_to_the_group_of_the_next_subject(beans, wait):
+    from PySide6.QtCore import Qt
+    from PySide6.QtTest import QTest
+    from PySide6.QtWidgets import QLineEdit
+
+    table, session = beans.inspector.cohort.table, beans.workspace.session
+    cell = table.model().index(1, 1)
+    table.setCurrentIndex(cell)
+    table.edit(cell)
+    for at, group in ((1, "sick"), (2, "well"), (3, "sick")):
+        wait(lambda at=at: table.indexWidget(table.model().index(at, 1)) is not None)
+        editor = table.indexWidget(table.model().index(at, 1))
+        assert isinstance(editor, QLineEdit)
+        QTest.keyClicks(editor, group)
+        QTest.keyClick(editor, Qt.Key.Key_Return)
+        wait(lambda at=at, group=group: session.study.members[at].subject.group == group)
+    assert table.state() == table.State.NoState
+
+
+@pytest.mark.window
 def test_the_table_is_sorted_by_number_and_filtered_by_any_column(beans):
     from PySide6.QtCore import Qt
 

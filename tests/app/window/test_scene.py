@@ -6,11 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from homolog.geometry import transform_points
 from homolog_app.rendering.camera import round_length
 from homolog_app.rendering.colours import colours_by_place
 from homolog_app.rendering.text import direction_letters, edge_letters
 from homolog_app.views.captions import Caption, NumberLabels, ScaleBar
 from homolog_app.views.content import KEPT, Content, Numbers, ViewContents, read_shown, write_shown
+from homolog_app.views.contents import moment_of
 from homolog_app.views.grid import Grid, drawn
 
 pytestmark = pytest.mark.own_window  # views keep layout and camera
@@ -193,6 +195,15 @@ class TestViews:
             scene.show_page(page)
             seen.append({tuple(item) for item in pixels(scene.picture())[::2, ::2, :3].reshape(-1, 3)})
         assert len(seen[0] & seen[1]) > 20
+
+    def test_particles_of_a_moment_lie_on_the_surfaces_of_the_result(self, explored):
+        loaded = explored.workspace.session.result
+        frame, final = loaded.frames[-1], loaded.result
+        turn = np.diag([-1.0, -1.0, 1.0, 1.0])  # the run had other alignments at that moment
+        then = replace(frame, particles=frame.particles @ turn[:3, :3], alignments=turn @ frame.alignments)
+        shown, _ = moment_of(replace(loaded, frames=(then, frame)), 0)
+        now = transform_points(np.linalg.inv(frame.alignments), frame.particles)
+        assert np.allclose(list(shown.values()), transform_points(final.alignments, now), atol=1e-3)
 
     def test_a_few_views_at_a_time_are_drawn_if_drawing_is_slow(self, explored, wait):
         scene, frames = explored.views.stage.scene, explored.workspace.session.result.frames
