@@ -31,6 +31,8 @@ __all__ = [
     "run_import", "run_info", "run_labels", "run_table",
 ]  # fmt: skip
 
+_NAMES_OF_NOTE = 5
+
 
 def add_info(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
     """Declare the command."""
@@ -98,7 +100,7 @@ def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
         ("fingerprint", result.fingerprint),
     ]
     notes = {subject.name: subject.notes for subject in result.subjects}
-    return facts + [("note", line) for line in note_lines(notes, len(notes))]
+    return facts + [("note", line) for line in note_lines(notes, _NAMES_OF_NOTE)]
 
 
 def _mirrored(result: ResultRecord) -> str:

@@ -31,6 +31,7 @@ __all__ = [
     "SIZE",
     "covariates_of",
     "effect_line",
+    "has_missing",
     "number_rows",
     "numbers_of",
     "pairings_of",
@@ -75,6 +76,11 @@ def numbers_of(study: Study, *, complete: bool = False) -> dict[str, str]:
         if values is not None and len(set(values.tolist())) >= _FEWEST_NUMBERS:
             problems[column] = "" if complete else _missing(study, column)
     return dict(sorted(problems.items(), key=lambda item: (bool(item[1]), item[0] == own)))
+
+
+def has_missing(study: Study) -> bool:
+    """Return whether an included subject lacks a value of a column."""
+    return any(_missing(study, column) for column in study.columns)
 
 
 def covariates_of(study: Study, column: str, *, complete: bool = False) -> dict[str, str]:

@@ -12,6 +12,7 @@ from homolog import __version__
 from homolog.errors import user_message
 from homolog.files.atomic import write_text
 from homolog_app.window.actions import Actions, CommandPalette, ShortcutSheet
+from homolog_app.window.commands import command
 from homolog_app.window.dialogs import ErrorDialog, problem_report
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.project_controller import ProjectController
@@ -169,6 +170,7 @@ class Tour(QObject):
         self.card.offer.clicked.connect(self._accept_offer)
         workspace.session.job_changed.connect(self._refresh)
         workspace.session.step_changed.connect(self._follow)
+        workspace.session.page_changed.connect(self._follow_page)
         offers = {stop.offer for sample in SAMPLES.values() for stop in sample.stops if stop.offer}
         for offer in sorted(offers):
             commands[offer].changed.connect(self._refresh)
@@ -222,8 +224,15 @@ class Tour(QObject):
         """Go to the card of a step that was opened otherwise."""
         step = self._workspace.session.step
         if not self.card.isHidden() and self._stops[self._at].step != step:
-            self._at = next(index for index, stop in enumerate(self._stops) if stop.step == step)
-            self._refresh()
+            self.show_stop(next(index for index, stop in enumerate(self._stops) if stop.step == step))
+
+    def _follow_page(self) -> None:
+        """Go to the card of a page of *Explore* that was opened otherwise."""
+        page, step = self._workspace.session.page, self._workspace.session.step
+        for index, stop in enumerate(self._stops):
+            if stop.opens and command(stop.opens).title == page and step == stop.step:
+                self._at = index
+                self._refresh()
 
     def _refresh(self) -> None:
         if self.card.isHidden():

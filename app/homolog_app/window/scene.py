@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from PySide6.QtCore import QTimer, Signal
+from PySide6.QtCore import QTimer, Signal, Slot
 from PySide6.QtGui import QImage, QResizeEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
@@ -54,6 +54,7 @@ class Scene(QWidget):
         self._reported = (-1, 0, 0)
         self._clip: Clip | None = None
         self._uncovering: Clip | None = None
+        self._is_close = False
         self._left_at = 0  # the page of subjects to come back to from shapes of the model
         self.share, self._turn, self._partial = MOST, 0, False
         self._size: object = None
@@ -114,7 +115,6 @@ class Scene(QWidget):
         """
         had, before = self.grid.contents, self.grid.shape
         stays = shown.stays and self.displayed.stays and self.fitted != self.looks
-        left = self.displayed.stays and not shown.stays
         if not self.grid.columns:
             self._left_at = self.grid.page
         self.displayed = shown
@@ -126,8 +126,6 @@ class Scene(QWidget):
         elif self.grid.shape != before:
             if not stays:
                 self.fit()
-        elif left:  # a close-up, that is
-            self.fit()
         elif len(shown.contents) != len(had):
             self._keep_whole()
         elif self.fitted == self.looks:
@@ -226,7 +224,7 @@ class Scene(QWidget):
 
     def fit(self) -> None:
         """Zoom to the whole shapes."""
-        self._uncovering = None
+        self._uncovering, self._is_close = None, False
         self._apply_clips()
         self._fitted = self.grid.fit(self.plot.width(), self.plot.height()) or self._fitted
         self.fitted = self.looks
@@ -267,9 +265,15 @@ class Scene(QWidget):
                 height = min(height, _CLOSE_UP_BALLS * self.grid.radius)
             for camera in self.grid.cameras.each:
                 aim(camera, place, normal, height)
-            self._uncovering = self._plane_before(name, place, normal, bounds)
+            self._uncovering, self._is_close = self._plane_before(name, place, normal, bounds), True
             self._apply_clips()
             self.plot.update()
+
+    @Slot()
+    def leave_close_up(self) -> None:
+        """Show whole shapes again after a close-up."""
+        if self._is_close:
+            self.fit()
 
     def _plane_before(self, name: str, place: FloatArray, normal: FloatArray, box: Box) -> Clip | None:
         """Return the plane facing the camera in front of a point, if a surface hides the point."""

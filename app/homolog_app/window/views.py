@@ -65,7 +65,9 @@ class Views(QObject):
             session.study_changed, session.surveys_changed, session.groomed_changed, session.result_changed,
         ):  # fmt: skip
             signal.connect(self.refresh)
-        for signal in (explore.shown_changed, session.page_changed, session.step_changed):
+        explore.shown_changed.connect(self._display)
+        for signal in (session.page_changed, session.step_changed):
+            signal.connect(stage.scene.leave_close_up)
             signal.connect(self._display)
         for page in self._explore.pages:
             page.place_wanted.connect(stage.scene.go_to)
@@ -82,7 +84,6 @@ class Views(QObject):
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return the handlers of the views' commands."""
         commands, scene = self._commands, self.stage.scene
-
         return {
             **{f"view.grid{count}": partial(self.choose_layout, count) for count in LAYOUTS},
             **{f"view.{view}": partial(scene.look, view) for view in VIEWS},
@@ -332,9 +333,8 @@ class Views(QObject):
 
     def play_or_stop(self) -> None:
         """Play the run from its first frame, or the animation of the open page of *Explore*, or pause."""
-        if self._page is not None and self._page.play_or_stop():
-            return
-        self.run.play_or_stop()
+        if self._page is None or not self._page.play_or_stop():
+            self.run.play_or_stop()
 
     def rest(self, minimized: bool) -> None:
         """Stop playing while the views are hidden."""

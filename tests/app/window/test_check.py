@@ -164,10 +164,14 @@ def test_the_close_up_on_a_suspect_stays_when_something_else_is_shown_or_undone(
 
 
 def test_the_close_up_ends_with_the_page(checking):
-    scene = checking.views.stage.scene
+    scene, session = checking.views.stage.scene, checking.workspace.session
     checking.commands["check.next"].trigger()
     assert scene.fitted != scene.looks
-    checking.workspace.session.show_page("Overview")
+    session.show_page("Overview")
+    assert scene.fitted == scene.looks
+    scene.go_to(scene.shown[0].name, np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    assert scene.fitted != scene.looks
+    session.show_step("cohort")
     assert scene.fitted == scene.looks
 
 

@@ -342,6 +342,12 @@ def test_pairs_of_subjects_are_compared_as_the_command_line_does(explore, bean_p
     expected = run_study(replace(result, groups=labels, columns=columns), request).overall
     assert answer.pair.p_adjusted == expected.p_adjusted
     np.testing.assert_array_equal(answer.pair.p_fwe, expected.p_fwe)
+    assert not page.form.complete.isVisible()  # nothing is missing
+    first = next(iter(changed.values()))
+    unweighed = replace(first, subject=replace(first.subject, columns={"patient": "p0"}))
+    session.edit("Weight", session.study.with_members({first.name: unweighed}))
+    assert page.form.complete.isVisible()
+    window.commands["edit.undo"].trigger()
     assert page.verdict.text().startswith("wide − slim (5 pairs)")
     assert dict(page.numbers.texts)["Subjects"] == "5 pairs"
     second = np.array(labels)[answer.subjects] == "wide"

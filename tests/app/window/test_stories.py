@@ -143,6 +143,12 @@ def test_a_tour_leads_from_the_sample_to_a_result(
         card.go_on.click()
         assert window.workspace.session.step == "explore"
         assert window.inspector.explore.page.title == page
+    last = card.title.text()
+    if len(pages) > 1:
+        window.commands["explore.modes"].trigger()
+        assert card.title.text() != last
+        window.commands["explore.groups"].trigger()
+        assert card.title.text() == last
     card.go_on.click()
     assert not card.isVisible()
     assert not errors

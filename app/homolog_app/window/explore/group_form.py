@@ -10,6 +10,7 @@ from homolog_app.report.request import StudyRequest
 from homolog_app.studies.questions import (
     SIZE,
     covariates_of,
+    has_missing,
     numbers_of,
     pairings_of,
     size_name,
@@ -186,6 +187,7 @@ class GroupForm(QWidget):
     def offer(self) -> None:
         """Offer the columns of groups, then those of numbers."""
         study = self._session.study
+        self.complete.setVisible(self.complete.isChecked() or has_missing(study))
         groups = {
             column: (column, "groups")
             for column in ("group", *study.columns)

@@ -25,8 +25,17 @@ if TYPE_CHECKING:
     from homolog_app.report.study import Study
     from homolog_app.studies.answers import Answers, GroupAnswer
 
-__all__ = ["AnswerTable", "GroupPlot", "GroupResults", "SeedAnswers", "StoredAnswers", "correction_sentence"]
+__all__ = [
+    "STORED",
+    "AnswerTable",
+    "GroupPlot",
+    "GroupResults",
+    "SeedAnswers",
+    "StoredAnswers",
+    "correction_sentence",
+]
 
+STORED = "Stored in the project; Export > Report includes it."
 
 _HEADS = ("Comparison", "D (95 % CI)", "p", "Surface")
 _STORED_HEADS = ("Question", "Effect (95 % CI)", "p")
@@ -259,8 +268,7 @@ class SeedAnswers(QLabel):
 
     def show_sentences(self, sentences: Sequence[str], reveal: Callable[[QWidget], None]) -> None:
         """Show the sentences, and bring them into view once there is room for them."""
-        stored = "Stored in the project; Export > Report includes it."
-        self.setText(typeset("\n".join([*sentences, stored])))
+        self.setText(typeset("\n".join([*sentences, STORED])))
         self.show()
         QTimer.singleShot(0, self, lambda: reveal(self))
 

@@ -24,7 +24,13 @@ from homolog_app.views.view_states import GroupsView
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.controls import CompareBox, NumbersTable, Player
 from homolog_app.window.explore.group_form import GroupForm
-from homolog_app.window.explore.group_results import GroupPlot, GroupResults, SeedAnswers, correction_sentence
+from homolog_app.window.explore.group_results import (
+    STORED,
+    GroupPlot,
+    GroupResults,
+    SeedAnswers,
+    correction_sentence,
+)
 from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.form import named_rows
 from homolog_app.window.widgets import (
@@ -213,13 +219,9 @@ class GroupsPage(ExplorePage):
             return
         project, cohort = self.workspace.project, self.workspace.session.study
         self.workspace.work.compute(
-            "study",
-            lambda tick: save_answers(project, answers, cohort, tick),
-            "storing the answer",
-            lambda folders: self._show_kept(
-                f"Stored in {', '.join(str(folder) for folder in folders)}; Export > Report includes it."
-            ),
-        )
+            "study", lambda tick: save_answers(project, answers, cohort, tick),
+            "storing the answer", lambda _: self._show_kept(STORED),
+        )  # fmt: skip
 
     def repeat(self) -> None:
         """Answer the question with other seeds of the correspondence too, as ``--seeds`` does; keep it."""
