@@ -3,6 +3,7 @@
 import gc
 import os
 import shutil
+import sys
 import threading
 import time
 from functools import partial
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("PySide6.QtWidgets")
+sys.path.insert(0, str(Path(__file__).parent))  # for accessibility.py
 
 SIZE = (960, 640)  # pixels of a window: drawing takes time by the pixel
 
