@@ -116,7 +116,7 @@ class GroomSettings(_Settings):
             min_length=1,
             max_length=200,
             description="Name of the structure in the files (.seg.nrrd, DICOM SEG), in a table next to them "
-            "or in a public list (FreeSurfer); case, dashes and order of words do not matter.",
+            "or in FreeSurfer's list; case, dashes and the order of words do not matter.",
         ),
     ] = None
     pieces: Annotated[
@@ -147,7 +147,7 @@ class GroomSettings(_Settings):
             ge=0.0,
             le=10.0,
             json_schema_extra=_unit("voxels"),
-            description="Fill tunnels narrower than this, which are noise of the labels; 0 keeps all.",
+            description="Fill tunnels narrower than this: most come from noise in the labels. 0 keeps all.",
         ),
     ] = 3.0
     alignment: Annotated[
@@ -157,13 +157,15 @@ class GroomSettings(_Settings):
     mirror: Annotated[
         Mirror,
         Field(
-            description="Mirror the subjects of one body side: left, right, or off. Auto mirrors the rarer "
-            "side (left if equal) if a column side or all file names give the sides."
+            description="Which body side is mirrored onto the other: left, right or off. Auto mirrors the "
+            "rarer side (left if equal) if a column side or all file names give the sides."
         ),
     ] = Mirror.AUTO
     scaling: Annotated[
         bool,
-        Field(description="Also scale to a common size; the factor is stored, files keep their size."),
+        Field(
+            description="Also scale the shapes to one size. The factors are stored; files keep their size."
+        ),
     ] = False
     mesh_edge: Annotated[
         float | None,
@@ -202,8 +204,9 @@ class OptimizeSettings(_Settings):
     procrustes: Annotated[
         Procrustes,
         Field(
-            description="Alignment by particles: off, rigid (with size), form (compared at one size, results "
-            "keep sizes) or similarity (one size). Auto: form after ICP, similarity with scaling, else off."
+            description="Alignment of the particles: off, rigid (sizes kept), form (optimized at one size, "
+            "sizes kept in results) or similarity (one size). Auto: form with ICP, similarity with scaling, "
+            "else off."
         ),
     ] = Procrustes.AUTO
     core_set: Annotated[
@@ -212,7 +215,7 @@ class OptimizeSettings(_Settings):
             ge=3,
             le=100000,
             description="Number of subjects that are optimized jointly, chosen to span shapes and groups; "
-            "the others are fitted to them one by one. All are optimized jointly if not given.",
+            "the others are fitted to them one by one. If not given, all are optimized jointly.",
         ),
     ] = None
     landmarks: Annotated[
@@ -260,13 +263,15 @@ class OptimizeSettings(_Settings):
         Field(
             ge=5,
             le=100000,
-            description="Iterations of annealing: two thirds before the first split, then a third.",
+            description="Iterations of annealing: two thirds before the particles are split, the rest after.",
         ),
     ] = 450
     settle_iterations: Annotated[
         int,
         Field(
-            ge=5, le=100000, description="Maximum number of iterations after annealing, until convergence."
+            ge=5,
+            le=100000,
+            description="Maximum number of iterations after annealing if the run does not converge.",
         ),
     ] = 1000
     tolerance: Annotated[
@@ -274,7 +279,8 @@ class OptimizeSettings(_Settings):
         Field(
             gt=0.0,
             le=1.0,
-            description="Convergence: 20 iterations change the objective per particle by less than this.",
+            description="A run has converged when 20 iterations change the objective per particle by less "
+            "than this.",
         ),
     ] = 2e-4
 
@@ -287,8 +293,8 @@ class RunSettings(_Settings):
     device: Annotated[
         str,
         Field(
-            description="Compute device: auto, cpu, cuda:0 …; auto takes the first GPU. Several, such as "
-            "cuda:0,cuda:1, share the shapes of a run.",
+            description="Compute device: auto, cpu, cuda:0 …; auto takes the first GPU. Several devices, "
+            "such as cuda:0,cuda:1, share the shapes.",
         ),
         _form(
             r"auto|(cpu|cuda(:\d+)?)(,(cpu|cuda(:\d+)?))*",
@@ -309,8 +315,8 @@ class RunSettings(_Settings):
             ge=0.1,
             le=100000.0,
             json_schema_extra=_unit("GB"),
-            description="Memory budget of the optimization; data beyond it are kept in memory-mapped files "
-            "of the project. Unlimited if not given.",
+            description="Memory limit of the optimization. Data beyond it are kept in memory-mapped files of "
+            "the project. Unlimited if not given.",
         ),
     ] = None
     cluster: Annotated[
@@ -318,8 +324,8 @@ class RunSettings(_Settings):
         Field(
             max_length=300,
             description="Dask cluster that grooms and fits subjects: local, slurm, or the address of a "
-            "scheduler (tcp://host:8786) whose workers see the same files; processes of this machine if none "
-            "or not given.",
+            "scheduler (tcp://host:8786) whose workers see the same files. none or not given: processes of "
+            "this machine.",
         ),
         _form(
             r"local|slurm|(tcp|tls|ucx)://\S+",

@@ -90,9 +90,9 @@ def add_measures(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
         kinds,
         "measures",
         "distances, volume, surface area and wall thickness of each subject as CSV",
-        "Write the Euclidean distance between two particles; volume, surface area and mean wall thickness "
-        "of each subject's groomed surface at its original size; also the mean distance of the aligned "
-        "particles from the mean surface. Print mean, standard deviation and Welch's test by group.",
+        "Write measures of each subject: the Euclidean distance between two particles; volume, surface area "
+        "and mean wall thickness of the groomed surface at its original size; mean distance of the aligned "
+        "particles from the mean surface. Print means, standard deviations and Welch's test by group.",
         "FILE.csv",
     )
     parser.add_argument(
@@ -135,8 +135,16 @@ def add_distances(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type
         "is a subject's name, mean, 'mean of GROUP', or a mesh file in aligned coordinates (LPS mm).",
         "FILE (.vtp or .ply)",
     )
-    parser.add_argument("--surface", required=True, help="at whose vertices distances are taken")
-    parser.add_argument("--from", dest="other", required=True, metavar="SURFACE", help="the other surface")
+    parser.add_argument(
+        "--surface", required=True, help="surface that is written, with a distance at each vertex"
+    )
+    parser.add_argument(
+        "--from",
+        dest="other",
+        required=True,
+        metavar="SURFACE",
+        help="surface from which distances are measured",
+    )
 
 
 def run_distances(arguments: argparse.Namespace) -> int:
@@ -166,8 +174,8 @@ def add_meshes(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
         kinds,
         "meshes",
         "surfaces as VTP, PLY, STL or GLB",
-        "Write the mean, modes at both ends, and on request group means and subjects, in aligned LPS "
-        "millimetres. VTP, PLY and GLB also contain outward displacement [mm], VTP and PLY p and q; "
+        "Write the mean and both ends of the modes, and on request group means and subjects, aligned, in LPS "
+        "and mm. VTP, PLY and GLB also contain the outward displacement [mm]; VTP and PLY also p and q. "
         "meshes.csv describes the files.",
         "FOLDER",
     )
@@ -282,7 +290,7 @@ def add_export(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command and its kinds."""
     parser = subparsers.add_parser(
         "export",
-        description="Export a project's result. Ctrl-C removes partial files.",
+        description="Export a project's result. If you press Ctrl-C, partial files are removed.",
     )
     kinds = parser.add_subparsers(dest="what", metavar="WHAT", title="what to export", required=True)
     for add, _ in _KINDS.values():

@@ -202,9 +202,8 @@ def add_screenshot(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
         kinds,
         "screenshot",
         "the window's views as PNG",
-        "Draw the views like the window's Screenshot. SCENE is JSON with page, shapes and cameras, as shown "
-        "in the window's "
-        'dialog. The shortest is \'{"view": {"page": "modes"}}\'; pages are subjects, '
+        "Draw the views as Screenshot does in the window. SCENE is JSON with page, shapes and cameras, as "
+        'the dialog shows it. The shortest is \'{"view": {"page": "modes"}}\'; pages are subjects, '
         "modes, groups, measure and check. SCENE may also be a file NAME.views.npz, which the window writes "
         "with pictures of views that a project does not contain, such as those of a run in progress.",
         "FILE (.png)",

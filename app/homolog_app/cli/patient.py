@@ -28,7 +28,7 @@ def add_reference(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the
         help="freeze a project's controls as a reference for single patients",
         description="Freeze the model of a finished project's controls in one file, for homolog patient. "
         "Each control is fitted as a patient to the model of the others, so that limits and percentiles "
-        "hold for new subjects. The file contains no control's surface, particles or file.",
+        "hold for new subjects. The file contains no surfaces, particles or files of the controls.",
     )
     parser.add_argument("project", type=Path, help="project folder")
     parser.add_argument("--group", metavar="VALUE", help="group of the controls (default: all subjects)")

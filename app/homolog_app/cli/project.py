@@ -257,8 +257,8 @@ def add_batch(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
     parser = subparsers.add_parser(
         "batch",
         description="Compute a shape model of each structure in a cohort's label maps, each in its own "
-        "project, and an index.html of them. A model contains the subjects that have the structure. If one "
-        "structure fails, the others continue. After Ctrl-C the same command continues.",
+        "project, and an index.html that lists them. A model contains the subjects that have the structure. "
+        "If one structure fails, the others continue. After Ctrl-C the same command continues.",
     )
     parser.add_argument("cohort", type=Path, help="folder of label maps, cohort.csv, or project")
     parser.add_argument("--out", type=Path, required=True, help="folder for the projects and the index")

@@ -97,7 +97,7 @@ class CutSettings(BaseModel):
         float,
         Field(
             ge=0.0, le=1.0, title="position of the cut",
-            description="0 at the feet, front, right or viewer, 1 at the other end of the mean shape.",
+            description="Position of the plane: 0 at the feet, front, right or viewer, 1 at the other end.",
         ),
     ] = 0.5  # fmt: skip
     clip_flip: Annotated[
@@ -157,7 +157,7 @@ class PictureSettings(CutSettings):
     caption: Annotated[bool, Field(description="Show a caption with content and position.")] = True
     scale_bar: Annotated[bool, Field(description="Draw a scale bar in mm.")] = True
     directions: Annotated[
-        bool, Field(description="Letters of the patient's directions: R, L, A, P, S, I.")
+        bool, Field(description="Show the patient's directions as letters: R, L, A, P, S, I.")
     ] = True
 
 
@@ -204,11 +204,11 @@ class StillSettings(PictureSettings):
             ge=-6.0,
             le=6.0,
             title="position",
-            description="Position in SD along a mode, or from 0 (first) to 1 (second group); upper end if "
-            "not given.",
+            description="Position along a mode in SD, or between groups from 0 (first) to 1 (second). If not "
+            "given, the upper end.",
         ),
     ] = None
-    transparent: Annotated[bool, Field(description="Transparent background.")] = False
+    transparent: Annotated[bool, Field(description="Make the background transparent.")] = False
 
 
 _Permutations = Annotated[
@@ -282,7 +282,7 @@ class PlotSettings(_Settings):
         Plot,
         Field(
             description="scree: eigenvalues with parallel analysis; scores: subjects in two modes; quality: "
-            "compactness, generalization, specificity; energies: the run; modes: mean and both ends; "
+            "compactness, generalization, specificity; energies: of the run; modes: mean and both ends; "
             "difference and discriminant: two groups."
         ),
     ] = Plot.SCREE
@@ -316,4 +316,4 @@ class ScreenshotSettings(_Settings):
     """Screenshot."""
 
     scale: Annotated[int, Field(ge=1, le=4, description="Magnification relative to the screen.")] = 2
-    transparent: Annotated[bool, Field(description="Transparent background.")] = False
+    transparent: Annotated[bool, Field(description="Make the background transparent.")] = False

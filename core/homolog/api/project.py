@@ -113,12 +113,12 @@ class Project(HasMeanShape):
         cohort : str, optional
             Who the subjects are: recruitment, criteria, what the groups mean, scanner.
         axes : {"auto", "patient", "file"}, optional
-            Whether the axes of the files are those of the patient, so that places are called left, anterior
-            or superior, or the file's own, so that they are called +x or -z. ``"auto"``: those of the patient
-            if all files are images whose headers say so.
+            How places are named. ``"patient"``: by the patient's directions (left, anterior, superior);
+            ``"file"``: by the axes of the files (+x, -z); ``"auto"``: patient if all files are images with
+            these directions in their headers.
         places : str, optional
-            What the sides of the structure are called instead, such as ``"septal/lateral anterior/inferior
-            basal/apical"``: two names for each axis, towards smaller and larger x, y and z.
+            Your own names of the structure's sides, such as ``"septal/lateral anterior/inferior
+            basal/apical"``. Two for each axis: towards smaller and towards larger x, y and z.
 
         Raises
         ------

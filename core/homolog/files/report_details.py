@@ -47,10 +47,10 @@ class ReportDetails(BaseModel):
     cohort : str
         Who the subjects are.
     axes : Axes
-        Whether the axes of the files are those of the patient.
+        How places are named: by the patient's directions or by the axes of the files.
     places : str
-        What the sides of the structure are called instead, such as ``"septal/lateral anterior/inferior
-        basal/apical"``: two names for each axis, towards smaller and larger coordinates.
+        Own names of the structure's sides, such as ``"septal/lateral anterior/inferior basal/apical"``. Two
+        for each axis: towards smaller and towards larger coordinates.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -75,18 +75,17 @@ class ReportDetails(BaseModel):
     axes: Annotated[
         Axes,
         Field(
-            description="Whether the axes of the files are those of the patient, so that places are called "
-            "left, anterior or superior, or the file's own, so that they are called +x or -z; auto: those of "
-            "the patient if all files are images whose headers say so."
+            description="How places are named. patient: by the patient's directions (left, anterior, "
+            "superior); file: by the axes of the files (+x, -z); auto: patient if all files are images with "
+            "these directions in their headers."
         ),
     ] = Axes.AUTO
     places: Annotated[
         str,
         Field(
             max_length=200,
-            description="What the sides of the structure are called, instead of by the axes, such as: "
-            "septal/lateral anterior/inferior basal/apical. Two names for each axis, towards smaller and "
-            "larger x, y and z.",
+            description="Your own names of the structure's sides, such as: septal/lateral anterior/inferior "
+            "basal/apical. Two for each axis: towards smaller and towards larger x, y and z.",
             examples=["septal/lateral anterior/inferior basal/apical"],
         ),
         AfterValidator(_checked_places),
