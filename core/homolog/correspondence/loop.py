@@ -334,14 +334,12 @@ class OptimizationLoop:
     def _relocate_lost(self) -> None:
         """Move particles that have left their surfaces back onto them, unless surface and field disagree."""
         distances = self.engine.surface_distances()
-        if not ((distances >= LOST_DISTANCE) & self.free).any():
-            return
         # Particles lie on the zero level, from which a coarse mesh deviates.
         limits = [[max(LOST_DISTANCE, 2.0 * mesh.mean_edge)] for mesh in self.engine.surface_set.meshes]
-        lost = (distances >= limits) & self.free
-        if lost.any():
-            self.engine.find_faces()  # the walk over the mesh may have been trapped
-            lost = (self.engine.surface_distances() >= limits) & self.free
+        if not ((distances >= limits) & self.free).any():
+            return
+        self.engine.find_faces()  # the walk over the mesh may have been trapped
+        lost = (self.engine.surface_distances() >= limits) & self.free
         if not lost.any():
             return
         if (too_many := lost.mean(axis=1) > MAX_LOST_FRACTION).any():
@@ -350,8 +348,12 @@ class OptimizationLoop:
                 f"{', '.join(names)}: particles can't be kept on the surface, because it and its distance "
                 "field disagree; groom the subject again, or exclude it"
             )
-        relocate(self.engine, lost)
+        self._relocate(lost)
         self.repaired[lost] = max(self.log.iteration, 1)
+
+    def _relocate(self, misplaced: BoolArray) -> None:
+        """Move particles (M, N) to where the other shapes predict them."""
+        relocate(self.engine, misplaced)
 
     def _report(self, index: int, done: int) -> None:
         """Emit a frame, a checkpoint and the progress, when they are due."""
@@ -362,10 +364,8 @@ class OptimizationLoop:
         if plan.until_converged and done >= 2 * RECORD_INTERVAL:
             left = self.log.records_to_convergence(self.tolerance)
             expected = RECORD_INTERVAL * (done // RECORD_INTERVAL + left)
-        self._progress = (
-            self._done(index, done / expected),
-            f"{plan.stage.value}: {plan.count} particles{repairs_text(self.repaired)}",
-        )
+        text = f"{plan.stage.value}: {plan.count} particles{repairs_text(self.repaired)}"
+        self._progress = self._done(index, done / expected), text
         try:
             self.tick(*self._progress)
         except Cancelled:

@@ -152,6 +152,15 @@ def test_an_isolated_particle_does_not_outweigh_the_objective(placed):
     assert abs(engine.energy()[0] - even) < 0.1
 
 
+def test_a_lost_particle_is_moved_to_where_the_ensemble_expects_it(placed, monkeypatch):
+    shapes, states, unit = placed
+    ensemble = ensemble_of([states[index] for index in (0, 1, 3, 4)], unit)
+    monkeypatch.setattr(FitEngine, "surface_distances", lambda engine: 1e3 * (np.arange(64) == 7)[None])
+    fitted = fit_shape_from(shapes[2], SETTINGS, ensemble, [states[2].local])
+    spacing = np.sqrt(shapes[2].mesh.area / 64)
+    assert np.linalg.norm(fitted.local - states[2].local, axis=1)[7] < 0.5 * spacing
+
+
 def test_the_generalization_error_is_what_other_subjects_do_not_explain():
     generator = np.random.default_rng(0)
     modes = generator.normal(size=(3, 40, 3))
