@@ -21,7 +21,7 @@ _MOST_COMPARED = 40
 """Shapes whose orientations are compared."""
 _DIRECTIONS, _TURNS = 150, 60
 """In which shapes are compared; by which they are turned to see what chance would give."""
-_CHANCE, _LARGEST_SHARE, _DEVIATIONS = 0.5, 0.4, 1.8
+_CHANCE, _LARGEST_SHARE, _DEVIATIONS = 0.5, 0.4, 2.8
 """Share of random turns that fit better than the files' orientations: by chance; the largest one of a cohort
 whose files agree; and how many standard deviations it must be smaller than chance."""
 _SOFT = 0.5

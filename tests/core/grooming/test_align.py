@@ -266,6 +266,14 @@ def test_files_agree_only_if_shapes_are_more_alike_in_them_than_turned_at_random
         assert agree([shape.scaled(1.0 / shape.size) for shape in shapes]) == expected
 
 
+def test_files_of_rods_do_not_agree_because_some_lie_alike_by_chance():
+    ball = np.random.default_rng(0).normal(size=(400, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    rod = OrientedPoints(ball * [0.4, 0.5, 1.5], ball, np.zeros(3))
+    turns = [turn.as_matrix() for turn in Rotation.random(8, random_state=2)]
+    assert not agree([replace(rod, points=rod.points @ turn.T) for turn in turns])
+
+
 @pytest.mark.parametrize("degrees", [60.0, 70.0])
 def test_a_symmetric_shape_is_turned_the_short_way(degrees):
     """Its given orientation settles slowly; three others fit as well."""
