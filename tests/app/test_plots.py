@@ -125,7 +125,7 @@ def test_the_discriminant_plot_keeps_the_groups_apart():
     assert heights[:2].min() > 0.5 > heights[2:].max()
 
 
-def test_names_do_not_cover_each_other_and_those_of_selected_subjects_are_always_there():
+def test_names_do_not_cover_each_other_and_those_of_selected_subjects_go_first():
     axes, points = _axes(), np.array([[0.01 * k, 0.0] for k in range(6)] + [[2.0, 2.0]])
     axes.set(xlim=(-3.0, 3.0), ylim=(-3.0, 3.0))
     names = ["subject a", "subject b", "subject c", "subject d", "subject e", "subject f", "alone"]
@@ -142,6 +142,9 @@ def test_names_do_not_cover_each_other_and_those_of_selected_subjects_are_always
         artist.remove()
     assert not axes.texts
     assert not axes.lines
+    draw_subjects(axes, points, names, names, COLOURS)
+    assert len(axes.texts) == 5
+    assert len(axes.lines) == len(names)  # each has its ring
 
 
 def test_a_label_is_shortened_to_its_room_only():

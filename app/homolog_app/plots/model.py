@@ -217,8 +217,7 @@ def draw_subjects(
     """Write names next to subjects' points (n, 2), and draw a ring around selected ones.
 
     `others` names also those that are not selected. A name stands in the corner of its point where it covers
-    fewest points. A name that would cover another in every corner is left out, unless its subject is
-    selected. The axes keep their limits.
+    fewest points. A name that would cover another in every corner is left out. The axes keep their limits.
     """
     drawn: list[Artist] = []
     covered: list[Bbox] = []
@@ -231,13 +230,13 @@ def draw_subjects(
         size = FONT_PT if is_selected else TICK_PT
         boxes = _name_boxes(axes, marks, index, LETTER * size * len(name), 1.3 * size)
         free = [corner for corner, box in boxes.items() if not box.count_overlaps(covered)]
-        if not (free or is_selected):
-            continue
-        is_left, is_below = free[0] if free else next(iter(boxes))
-        covered.append(boxes[is_left, is_below])
         if is_selected:
             ring = Line2D([x], [y], marker="o", markersize=13, mfc="none", mec=colours.text, mew=1.5)
             drawn.append(axes.add_artist(ring))
+        if not free:
+            continue
+        is_left, is_below = free[0]
+        covered.append(boxes[is_left, is_below])
         text = axes.annotate(
             name, (x, y), (-_ASIDE if is_left else _ASIDE, -_ABOVE if is_below else _ABOVE),
             textcoords="offset points", ha="right" if is_left else "left",

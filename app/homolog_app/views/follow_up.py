@@ -13,7 +13,7 @@ from homolog.progress import Tick, part_of
 from homolog_app.rendering.colours import displacement_scale
 from homolog_app.rendering.text import signed
 from homolog_app.views.content import ViewContents
-from homolog_app.views.patient import on_own_surface
+from homolog_app.views.patient import on_own_surface, region_place
 
 if TYPE_CHECKING:
     from homolog.patient import FollowUp, PatientComparison, Reference, Region
@@ -137,16 +137,9 @@ def change_scene(follow_up: "FollowUp", only_beyond: bool) -> ViewContents:
 
 def change_regions(follow_up: "FollowUp") -> Sequence[ChangeRegion]:
     """Return the regions of all later times, in their order."""
-    from homolog_app.pictures.layout import view_of_region
-
-    surface = follow_up.surface
+    first = follow_up.comparisons[0]
     return [
-        ChangeRegion(
-            change.name,
-            region,
-            surface.vertices[region.centre],
-            view_of_region(surface, region.vertices, region.centre).axes[2],
-        )
+        ChangeRegion(change.name, region, *region_place(first, region))
         for change in follow_up.changes
         for region in (change.regions if change.expected is None else change.expected.regions)
     ]

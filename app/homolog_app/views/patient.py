@@ -20,7 +20,7 @@ from homolog_app.views.contents import region_border
 
 if TYPE_CHECKING:
     from homolog.grooming.images import Segmentation
-    from homolog.patient import PatientComparison, Reference
+    from homolog.patient import PatientComparison, Reference, Region
     from homolog_app.views.slices import SliceScene
 
 __all__ = [
@@ -36,7 +36,7 @@ __all__ = [
     "on_patient",
     "patient_scene",
     "patient_slices",
-    "place_of",
+    "region_place",
     "verdict_text",
 ]
 
@@ -171,10 +171,24 @@ def _point_on_path(start: FloatArray, steps: Sequence[_Step], way: float) -> _St
     return f"{100.0 * share:.0f} % {title}", before + share * (there - before)
 
 
-def place_of(comparison: "PatientComparison", vertex: int) -> FloatArray:
-    """Return the place of a vertex on the patient, in the coordinates that are shown."""
-    place: FloatArray = comparison.matched.vertices[vertex]
-    return place
+def region_place(comparison: "PatientComparison", region: "Region") -> tuple[FloatArray, FloatArray]:
+    """Return a place in a region on the patient's own surface, as shown, and from where it is seen.
+
+    Where the patient's surface is far from the expected one, it is the nearest place.
+    """
+    from homolog_app.pictures.layout import view_of_region
+
+    own, shape = comparison.own, comparison.own.mesh.placed(comparison.placement)
+    marks = np.zeros(len(comparison.matched.vertices))
+    marks[region.vertices], marks[region.centre] = 0.5, 1.0
+    shares = own.carried(marks)
+    there = int(shares.argmax())
+    if not shares[there]:
+        there = int(
+            np.linalg.norm(shape.vertices - comparison.matched.vertices[region.centre], axis=1).argmin()
+        )
+    inside = np.union1d(np.flatnonzero(shares), there)
+    return shape.vertices[there], np.array(view_of_region(shape, inside, there).axes[2])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,8 +200,8 @@ class ComparedPatient:
     comparison : PatientComparison
     subject : Subject
         Its file.
-    seen_from : sequence of (3,) arrays
-        From where each region is seen: other walls may hide it.
+    places : sequence of ((3,) array, (3,) array)
+        Of each region: where it is, and from where it is seen, since other walls may hide it.
     image : Path or None
         The scan behind the segmentation.
     voxels : Segmentation or None
@@ -196,7 +210,7 @@ class ComparedPatient:
 
     comparison: "PatientComparison"
     subject: Subject
-    seen_from: Sequence[FloatArray]
+    places: Sequence[tuple[FloatArray, FloatArray]]
     image: Path | None
     voxels: "Segmentation | None"
 
@@ -206,7 +220,6 @@ def compared(
 ) -> ComparedPatient:
     """Compare a patient's file with a reference; raises InputError if it can't be compared."""
     from homolog.patient import compare_patient
-    from homolog_app.pictures.layout import view_of_region
     from homolog_app.report.patient import patients_of
     from homolog_app.studies.file_survey import survey_subject
 
@@ -214,13 +227,10 @@ def compared(
     if len(subjects) != 1:
         raise InputError(f"{path}: contains {len(subjects)} subjects; choose one file")
     comparison = compare_patient(reference, subjects[0], values, cut_off=cut_off, tick=tick)
-    shape = comparison.matched
-    views = [view_of_region(shape, region.vertices, region.centre) for region in comparison.regions]
+    places = [region_place(comparison, region) for region in comparison.regions]
     groom = reference.provenance.groom
     survey = survey_subject(subjects[0], groom.label, groom.segment)
-    return ComparedPatient(
-        comparison, subjects[0], [view.axes[2] for view in views], subjects[0].image, survey.voxels
-    )
+    return ComparedPatient(comparison, subjects[0], places, subjects[0].image, survey.voxels)
 
 
 def patient_slices(compared: ComparedPatient, reference: "Reference") -> "SliceScene":

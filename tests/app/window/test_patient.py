@@ -123,6 +123,27 @@ def test_notes_of_grooming_are_not_among_the_cautions():
     assert remark_texts(None) == ("", "")
 
 
+def test_a_region_is_looked_at_on_the_surface_of_the_patient(ball):
+    from types import SimpleNamespace
+
+    from scipy.sparse import csr_array, eye_array
+
+    from homolog.patient.own_surface import OwnSurface
+    from homolog.surfaces.mesh import TriangleMesh
+    from homolog_app.views.patient import region_place
+
+    expected = ball
+    middle, count = expected.vertices.mean(axis=0), len(expected.vertices)
+    mesh = TriangleMesh(middle + 0.98 * (expected.vertices - middle), expected.faces)
+    region = SimpleNamespace(vertices=np.array([5, 7]), centre=7)
+    for weights in (csr_array(eye_array(count)), csr_array((count, count))):  # without any, the nearest
+        own = OwnSurface(mesh, weights)
+        comparison = SimpleNamespace(own=own, matched=expected, placement=np.eye(4))
+        place, seen_from = region_place(comparison, region)
+        np.testing.assert_allclose(place, mesh.vertices[7])
+        assert seen_from @ (place - middle) > 0.0
+
+
 def test_views_show_the_map_and_what_leads_to_it(patient, explored):
     scene = explored.views.stage.scene
     assert [content.name for content in scene.shown] == ["a"]

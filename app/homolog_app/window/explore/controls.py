@@ -117,7 +117,8 @@ class SubjectTable(QAbstractTableModel):
         """Return the text, sort value or alignment of a cell."""
         value = self._rows[index.row()][index.column()]
         if role == Qt.ItemDataRole.DisplayRole:
-            return f"{value:.{self._digits[index.column()]}f}" if isinstance(value, float) else value
+            digits = self._digits[index.column()]
+            return typeset(f"{value:.{digits}f}") if isinstance(value, float) else value
         if role == SORTED_BY:
             return value
         if role == Qt.ItemDataRole.TextAlignmentRole and isinstance(value, float):

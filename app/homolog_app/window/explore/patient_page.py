@@ -36,7 +36,6 @@ from homolog_app.views.patient import (
     nearest_text,
     patient_scene,
     patient_slices,
-    place_of,
     verdict_text,
 )
 from homolog_app.window.actions import Actions
@@ -368,8 +367,7 @@ class PatientPage(ExplorePage):
             for number, region in enumerate(comparison.regions, start=1):
                 place = f"{number} {comparison.place(region)}".strip()
                 rows.append((place, region.area, region.mean, region.z))
-                seen_from = self._compared.seen_from[number - 1]
-                self.places.append((place_of(comparison, region.centre), seen_from))
+                self.places.append(self._compared.places[number - 1])
         self.table.show_rows(rows)
         self.regions.setVisible(bool(rows))
         self.shown_changed.emit()
