@@ -7,6 +7,7 @@ from PySide6.QtCore import QAbstractTableModel, QModelIndex, QObject, QPersisten
 from PySide6.QtGui import QColor, QImage, QPixmap
 
 from homolog.arrays import Array
+from homolog.files.records import note_kinds
 from homolog_app.rendering.colours import rgb
 from homolog_app.rendering.text import millilitres
 from homolog_app.studies.study import Member
@@ -45,6 +46,7 @@ class CohortModel(QAbstractTableModel):
         self._members: tuple[Member, ...] = ()
         self._columns: list[str] = []
         self._pictures: dict[tuple[str, str], QPixmap] = {}
+        self._remarkable: set[str] | None = None
         session.study_changed.connect(self._receive)
         for changed in (session.surveys_changed, session.groomed_changed, session.result_changed):
             changed.connect(self._refresh)
@@ -132,6 +134,7 @@ class CohortModel(QAbstractTableModel):
         self.endResetModel()
 
     def _refresh(self) -> None:
+        self._remarkable = None
         if self._members:
             self.dataChanged.emit(self.index(0, 0), self.index(self.rowCount() - 1, self.columnCount() - 1))
 
@@ -174,8 +177,20 @@ class CohortModel(QAbstractTableModel):
             return "Settings changed", "redo_one"
         notes = groomed.subject.report.notes
         if notes:
-            return ("1 note" if len(notes) == 1 else f"{len(notes)} notes"), "warning"
+            picture = "warning" if member.name in self.remarkable else "log"
+            return ("1 note" if len(notes) == 1 else f"{len(notes)} notes"), picture
         return "Groomed", "done"
+
+    @property
+    def remarkable(self) -> set[str]:
+        """The subjects with a note of a kind that fewer than half of the groomed subjects have."""
+        if self._remarkable is None:
+            notes = {name: groomed.subject.report.notes for name, groomed in self._session.groomed.items()}
+            kinds = note_kinds(notes)
+            self._remarkable = {
+                name for kind in kinds if 2 * len(kind.names) < len(notes) for name in kind.names
+            }
+        return self._remarkable
 
     def _tip(self, member: Member) -> str:
         survey, groomed = self._session.surveys.get(member.name), self._session.groomed.get(member.name)

@@ -60,6 +60,9 @@ class _Table(QTableView):
         head = self.horizontalHeader()
         head.setResizeContentsPrecision(_MEASURED_ROWS)
         head.resizeSection(VOLUME, max(scaled(_VOLUME_PX), self.sizeHintForColumn(VOLUME)))
+        for column in range(STATUS + 1, self.model().columnCount()):
+            wanted = max(self.sizeHintForColumn(column), head.sectionSizeHint(column))
+            head.resizeSection(column, min(wanted, scaled(_GROUP_PX[1])))
         least = scaled(_ICON_PX)
         others = sum(head.sectionSize(column) for column in (GROUP, VOLUME)) + least
         free = self.viewport().width() - others

@@ -484,6 +484,10 @@ def test_subjects_with_notes_are_listed_in_groom_all_or_those_with_one_kind_of_n
     table.setCurrentCell(0, 0)
     assert session.selection == ("b",)
     assert "Was rotated by 90°" in panel.report.text()
+    item = session.groomed["c"]
+    report = replace(item.subject.report, notes=("3 pieces came loose",))
+    session.add_groomed({"c": replace(item, subject=replace(item.subject, report=report))})
+    assert groomed.inspector.cohort.model.remarkable == {"b"}  # most have loose pieces
 
 
 @pytest.mark.window

@@ -116,14 +116,12 @@ class SubjectTable(QAbstractTableModel):
     def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> object:
         """Return the text, sort value or alignment of a cell."""
         value = self._rows[index.row()][index.column()]
+        is_number = isinstance(value, float)
         if role == Qt.ItemDataRole.DisplayRole:
-            digits = self._digits[index.column()]
-            return typeset(f"{value:.{digits}f}") if isinstance(value, float) else value
-        if role == SORTED_BY:
-            return value
-        if role == Qt.ItemDataRole.TextAlignmentRole and isinstance(value, float):
+            return f"{value:.{self._digits[index.column()]}f}".replace("-", "−") if is_number else value
+        if role == Qt.ItemDataRole.TextAlignmentRole and is_number:
             return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-        return None
+        return value if role == SORTED_BY else None
 
 
 def _digits(values: Sequence[float]) -> int:
