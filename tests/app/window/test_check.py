@@ -163,6 +163,18 @@ def test_the_close_up_on_a_suspect_stays_when_something_else_is_shown_or_undone(
     assert not errors
 
 
+def test_a_result_is_inspected_only_when_the_page_is_seen(window, swapped, wait):
+    session = window.workspace.session
+    window.projects.open_paths([swapped])
+    wait(lambda: session.result is not None and not session.job.is_busy)
+    session.show_step("cohort")
+    session.show_page("Check")  # as a project opens that was closed so
+    assert not session.job.is_busy
+    session.show_step("explore")
+    assert session.job.is_busy
+    wait(lambda: page_of(window).checked.inspection is not None and not session.job.is_busy)
+
+
 def test_the_close_up_ends_with_the_page(checking):
     scene, session = checking.views.stage.scene, checking.workspace.session
     checking.commands["check.next"].trigger()

@@ -48,7 +48,8 @@ class InspectionState(QObject):
         self._requested: LoadedResult | None = None
         self._seen: LoadedResult | None = None
         self._versions: list[_Version] = []
-        for signal in (workspace.session.result_changed, workspace.session.page_changed):
+        session = workspace.session
+        for signal in (session.result_changed, session.page_changed, session.step_changed):
             signal.connect(self._look)
         workspace.session.undo.cleanChanged.connect(self._follow_save)
         workspace.session.job_changed.connect(self._follow_job)
@@ -192,7 +193,7 @@ class InspectionState(QObject):
             if not known:
                 self._versions = []
             self.changed.emit()
-        if session.page != self._page:
+        if session.page != self._page or session.step != "explore":
             self._requested = None
             return
         if known or result is None or result is self._requested or busy or not self.is_possible:
