@@ -25,17 +25,8 @@ if TYPE_CHECKING:
     from homolog_app.report.study import Study
     from homolog_app.studies.answers import Answers, GroupAnswer
 
-__all__ = [
-    "STORED",
-    "AnswerTable",
-    "GroupPlot",
-    "GroupResults",
-    "SeedAnswers",
-    "StoredAnswers",
-    "correction_sentence",
-]
+__all__ = ["AnswerTable", "GroupPlot", "GroupResults", "SeedAnswers", "StoredAnswers", "correction_sentence"]
 
-STORED = "Stored in the project; Export > Report includes it."
 
 _HEADS = ("Comparison", "D (95 % CI)", "p", "Surface")
 _STORED_HEADS = ("Question", "Effect (95 % CI)", "p")
@@ -259,6 +250,8 @@ def _line(answer: "GroupAnswer") -> str:
 class SeedAnswers(QLabel):
     """How the answers vary with the seed of the correspondence; hidden until that is known."""
 
+    STORED = "Stored in the project; Export > Report includes it."
+
     def __init__(self) -> None:
         super().__init__()
         self.setWordWrap(True)
@@ -268,7 +261,7 @@ class SeedAnswers(QLabel):
 
     def show_sentences(self, sentences: Sequence[str], reveal: Callable[[QWidget], None]) -> None:
         """Show the sentences, and bring them into view once there is room for them."""
-        self.setText(typeset("\n".join([*sentences, STORED])))
+        self.setText(typeset("\n".join([*sentences, self.STORED])))
         self.show()
         QTimer.singleShot(0, self, lambda: reveal(self))
 

@@ -24,15 +24,10 @@ from homolog_app.views.view_states import GroupsView
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.controls import CompareBox, NumbersTable, Player
 from homolog_app.window.explore.group_form import GroupForm
-from homolog_app.window.explore.group_results import (
-    STORED,
-    GroupPlot,
-    GroupResults,
-    SeedAnswers,
-    correction_sentence,
-)
+from homolog_app.window.explore.group_results import GroupPlot, GroupResults, SeedAnswers, correction_sentence
 from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.form import named_rows
+from homolog_app.window.session import PAGE_OF_JOB
 from homolog_app.window.widgets import (
     GRID,
     PercentEdit,
@@ -220,7 +215,7 @@ class GroupsPage(ExplorePage):
         project, cohort = self.workspace.project, self.workspace.session.study
         self.workspace.work.compute(
             "study", lambda tick: save_answers(project, answers, cohort, tick),
-            "storing the answer", lambda _: self._show_kept(STORED),
+            "storing the answer", lambda _: self._show_kept(SeedAnswers.STORED),
         )  # fmt: skip
 
     def repeat(self) -> None:
@@ -338,16 +333,16 @@ class GroupsPage(ExplorePage):
     def show_state(self) -> None:
         """Update status and buttons."""
         job = self.workspace.session.job
-        own = job.kind in ("groups", "model", "compare", "study", "seeds")
         for widget in (self.keep, self.seeds):
             widget.setEnabled(not job.is_busy and self._current and not self.workspace.session.read_only)
         self.results.setEnabled(not job.is_busy)
-        self.progress.show_status(job.status if own else None)
+        status = job.status if PAGE_OF_JOB.get(job.kind) == self.title else None
+        self.progress.show_status(status)
         compares = "Compare pairs" if self.form.pairs else "Compare groups"
         self.go.setText("Test the effect" if self.form.is_regression else compares)
         has_result = self.workspace.session.result is not None and self.fitted.shape is not None
         set_enabled(self.go, has_result and self.form.is_possible and not job.is_busy)
-        self.go.setVisible(not (own and job.status is not None))
+        self.go.setVisible(status is None)
         set_primary(self.go, not (self.answers and self._current))
 
     def show_answers(self) -> None:
