@@ -138,6 +138,23 @@ def test_enter_goes_on_to_the_group_of_the_next_subject(beans, wait):
 
 
 @pytest.mark.window
+def test_the_question_for_a_group_begins_with_the_present_one(beans, monkeypatch):
+    session, offered = beans.workspace.session, []
+
+    def answer(parent, title, text, groups, now):
+        offered.append(groups[now])
+        return "new", True
+
+    monkeypatch.setattr("PySide6.QtWidgets.QInputDialog.getItem", answer)
+    for name, group in (("a", "ill"), ("b", "well")):
+        session.select([name])
+        session.set_group(group)
+    beans.commands["edit.group"].trigger()
+    assert offered == ["well"]
+    assert session.study.members[1].subject.group == "new"
+
+
+@pytest.mark.window
 def test_the_table_is_sorted_by_number_and_filtered_by_any_column(beans):
     from PySide6.QtCore import Qt
 
