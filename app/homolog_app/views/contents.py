@@ -105,13 +105,14 @@ def subject_contents(
         mirrored = turned.get(subject.name, smooth is not None and bool(mirrors(alignment)))
         notes = [subject.group or "", "mirrored" if mirrored else ""]
         if fine is None and survey is not None and survey.every > 1:
-            notes.append(f"every {survey.every}. voxel")
+            notes.append(f"every {_ORDINALS.get(survey.every, f'{survey.every}th')} voxel")
         note = " · ".join(note for note in notes if note)
         return Content(subject.name, raw, fine, coarse, alignment, note)
 
     return SubjectContents([subject.name for subject in subjects], made)
 
 
+_ORDINALS = {2: "second", 3: "third"}
 _ARROW_SHARE = 0.09
 _FACTORS = (1.0, 2.0, 5.0)
 

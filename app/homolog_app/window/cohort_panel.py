@@ -326,7 +326,8 @@ def _text(structure: "Structure", subjects: int) -> str:
     """Return the list entry of a structure."""
     median = structure.volumes[1]
     parts = [structure.title, *([millilitres(median)] if median else [])]
-    parts.append(f"in {len(structure.by_subject)} of {subjects} subjects")
+    if len(structure.by_subject) < subjects:
+        parts.append(f"in {len(structure.by_subject)} of {subjects} subjects")
     if structure.at_border:
         parts.append(f"at the border in {len(structure.at_border)}")
     return " · ".join(parts)
