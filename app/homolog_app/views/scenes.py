@@ -298,7 +298,8 @@ def measured_scene(
     for name in [view.subject] if view.beside in (None, view.subject) else [view.subject, view.beside or ""]:
         if name and name not in subjects:
             mesh, points = named_surface(name, shape, aligned, groups)
-            content = _with_line(Content(Path(name).name, None, mesh, None, _STAY), points, view)
+            note = "" if points is None else _distance_text(points, view)
+            content = _with_line(Content(Path(name).name, None, mesh, None, _STAY, note), points, view)
         else:
             content, points = _measured(view, shape, subjects.get(name))
         contents.append(content)
@@ -317,13 +318,16 @@ def _measured(view: MeasureView, shape: "ModelShape", subject: Content | None) -
     if subject is None:
         deviations = deviations_of(view)
         particles = shape.model.instance(deviations)
-        ends = particles[list(view.particles)]
-        distance = short(float(np.linalg.norm(ends[1] - ends[0])))
-        text = f"mode {view.mode + 1}: {signed(view.at)} SD · distance {distance} mm"
+        text = f"mode {view.mode + 1}: {signed(view.at)} SD · {_distance_text(particles, view)}"
         content = model_content(shape, shape.title, text, shape.moved(deviations), DisplayOptions())
-        return _with_pins(untitled(content, [shape]), ends), particles
+        return _with_pins(untitled(content, [shape]), particles[list(view.particles)]), particles
     particles = shape.result.world[shape.result.names.index(subject.name)]
     return _with_line(subject, particles, view), particles
+
+
+def _distance_text(particles: FloatArray, view: MeasureView) -> str:
+    first, second = particles[list(view.particles)]
+    return f"distance {short(float(np.linalg.norm(second - first)))} mm"
 
 
 def _with_line(content: Content, particles: FloatArray | None, view: MeasureView) -> Content:

@@ -243,6 +243,7 @@ def test_the_means_of_two_groups_can_be_compared(page, window):
         session.select(names)
         session.set_group(group)
     choose(page.who, "mean of large")
+    assert window.views.stage.scene.shown[0].note.startswith("distance ")  # of the two particles
     choose(page.map, "distance")
     choose(page.origin, "mean of small")
     (content,) = window.views.stage.scene.shown
