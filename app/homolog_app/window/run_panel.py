@@ -76,7 +76,9 @@ class GroomPanel(Panel):
         self.proceed = ActionButton("Next: Correspond", actions["view.correspond"], "primary")
         for below in (self.form.help, self.progress, self.go, self.proceed):
             self.footer.addWidget(below)
-        for signal in (session.study_changed, session.groomed_changed, session.selection_changed):
+        for signal in (
+            session.study_changed, session.groomed_changed, session.result_changed, session.selection_changed,
+        ):  # fmt: skip
             signal.connect(self._show)
         self._show()
 
@@ -98,9 +100,11 @@ class GroomPanel(Panel):
         self.form.show_values(session.study.settings.groom)
         idle = not self.progress.isVisibleTo(self)
         count = len(session.study.included)
-        self.go.setText(f"Groom {count} subjects" if not session.is_groomed else "Groom all again")
-        set_primary(self.go, not session.is_groomed)
-        self.proceed.setVisible(idle and session.is_groomed)
+        # A project that is being opened has its result before its groomed surfaces.
+        done = session.is_groomed or (session.result is not None and not session.groomed)
+        self.go.setText("Groom all again" if done else f"Groom {count} subjects")
+        set_primary(self.go, not done)
+        self.proceed.setVisible(idle and done)
         turned = [name for name, groomed in session.groomed.items() if mirrors(groomed.alignment)]
         self.mirrored.setText(f"Mirrored to the other side: {', '.join(turned)}")
         self.mirrored.setVisible(bool(turned))
