@@ -4,6 +4,7 @@ import csv
 import signal
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -119,6 +120,19 @@ def test_a_file_that_is_no_shape_leaves_nothing(reference, tmp_path, capsys):
     assert main(["patient", str(reference), str(tmp_path / "x.nrrd"), "--out", str(out)]) == INPUT_ERROR
     assert not out.exists()
     assert "x.nrrd" in capsys.readouterr().err
+
+
+def test_a_control_that_is_unlike_the_others_is_cautioned_about(reference):
+    from homolog.patient import Reference
+    from homolog_app.report.patient_texts import reference_text
+
+    usual = Reference.load(reference)
+    distances = np.array([0.5, 0.6, 0.6, 2.7])
+    cautions = [
+        set(reference_text(replace(usual, outside=values))) for values in (distances[[0, 1, 2, 2]], distances)
+    ]
+    (caution,) = cautions[1] - cautions[0]
+    assert "2.70 mm" in caution
 
 
 def test_a_few_controls_are_refused(finished_run, tmp_path, capsys):

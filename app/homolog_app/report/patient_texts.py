@@ -34,6 +34,8 @@ _USUALLY_NEAR = 0.95
 """Share of particles in place above which there is no caution."""
 _COARSE = 0.12
 """Of the size (root mean square radius): a limit above it finds gross changes only."""
+_UNLIKE = 2.5
+"""Distance of a left-out control from its fit, over the median, above which it is unlike the others."""
 
 REGION_COLUMNS = ("region", "area (mm²)", "mean (mm)", "peak (mm)", "z at peak", "place", "particles")
 
@@ -91,6 +93,14 @@ def reference_text(reference: Reference) -> list[str]:
         lines.append(
             f"caution: controls vary much where the modes do not explain it; only differences of about "
             f"{quality.limit_mm:.1f} mm are found (size {size:.0f} mm); more controls or particles may help"
+        )
+    usual = float(np.median(reference.outside))
+    if unlike := int((reference.outside > _UNLIKE * usual).sum()):
+        lines.append(
+            f"caution: {unlike} control{' is' if unlike == 1 else 's are'} unlike the others (up to "
+            f"{reference.outside.max():.2f} mm from the fitted model, usually {usual:.2f} mm): limits are wide, "
+            "and another structure may not be recognized; see the run's notes, and exclude subjects that are "
+            "not controls"
         )
     if reference.mirrored is not None and reference.side_limit is None:
         lines.append("the side can't be told from the shape: controls fit about as well mirrored")
