@@ -98,9 +98,9 @@ def reference_text(reference: Reference) -> list[str]:
     if unlike := int((reference.outside > _UNLIKE * usual).sum()):
         lines.append(
             f"caution: {unlike} control{' is' if unlike == 1 else 's are'} unlike the others (up to "
-            f"{reference.outside.max():.2f} mm from the fitted model, usually {usual:.2f} mm): limits are wide, "
-            "and another structure may not be recognized; see the run's notes, and exclude subjects that are "
-            "not controls"
+            f"{reference.outside.max():.2f} mm from the fitted model, usually {usual:.2f} mm): limits are "
+            "wide, and another structure may not be recognized; see the run's notes, and exclude subjects "
+            "that are not controls"
         )
     if reference.mirrored is not None and reference.side_limit is None:
         lines.append("the side can't be told from the shape: controls fit about as well mirrored")

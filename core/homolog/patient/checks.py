@@ -122,7 +122,7 @@ def _checked(
     if measures.gap <= usual:
         return remarks
     percent = f"{100.0 * measures.gap:.1f} %"
-    if measures.gap > max(_OTHER_SHAPE, _ODD_SHAPE * usual):
+    if measures.gap > _largest_gap(reference):
         raise InputError(
             f"{name}: does not look like the reference: {percent} of its size away after fitting, controls "
             f"at most {100.0 * usual:.1f} %; check that it shows the same structure (label) as a whole"
@@ -132,6 +132,11 @@ def _checked(
         f"fits worse than every control: half of its surface is more than {percent} of its size away, of "
         f"controls' at most {100.0 * usual:.1f} %; look at its segmentation",
     ]
+
+
+def _largest_gap(reference: Reference) -> float:
+    """Return the median distance from the fit, over the size, above which a structure is another."""
+    return max(_OTHER_SHAPE, _ODD_SHAPE * float(reference.gap[-1]))
 
 
 def _check_structure(
@@ -167,6 +172,8 @@ def _side_remarks(
     """Raise InputError if the mirror image fits far better; return a remark if it fits about as well."""
     limit, percent = reference.side_limit, f"{100.0 * measures.gap:.1f} %"
     other = gap_of_image(reference.model, mesh, columns, reference.modes, tick)
+    if other > _largest_gap(reference):
+        return []  # neither is like the controls
     is_clear = limit is not None and other < limit * measures.gap
     fits_worse = measures.gap > float(reference.gap[-1])
     if is_clear or (fits_worse and other < _MIRRORED_BETTER * measures.gap):

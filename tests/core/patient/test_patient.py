@@ -8,8 +8,9 @@ import pytest
 
 from homolog.errors import InputError
 from homolog.geometry import transform_points
-from homolog.patient import Reference, compare_groomed, typicality
+from homolog.patient import Reference, checks, compare_groomed, typicality
 from homolog.patient.build import scores_of_points
+from homolog.patient.checks import check_fit
 from homolog.patient.own_surface import own_surface
 from homolog.patient.surface_model import SurfaceModel
 from homolog.surfaces.mesh import TriangleMesh
@@ -113,6 +114,14 @@ def test_another_structure_is_refused(reference, template, axes):
     rod = groomed("rod", TriangleMesh(directions * axes, faces))
     with pytest.raises(InputError, match=r"rod: .* not look like"):
         compare_groomed(reference, rod, AGE)
+
+
+def test_a_structure_that_fits_badly_is_not_called_mirrored(reference, template, bumped, monkeypatch):
+    far = replace(bumped.measures, gap=0.5)
+    columns = reference.coding.columns(bumped.covariates)[0]
+    monkeypatch.setattr(checks, "gap_of_image", lambda *_: 0.25)
+    with pytest.raises(InputError, match="does not look like"):
+        check_fit("p", reference, bumped.mesh, bumped.fit, far, columns)
 
 
 def test_a_missing_covariate_is_named(reference, template):
