@@ -142,7 +142,8 @@ def deviation(surface: TriangleMesh, groomed: TriangleMesh) -> str:
     back = distances_to(groomed, surface.vertices[surface.faces].mean(axis=1))
     return (
         f"the groomed surface is {there.mean():.2g} mm from the repaired one on average and "
-        f"{there.max():.2g} mm at most; the repaired one is {back.mean():.2g} and {back.max():.2g} mm from it"
+        f"{there.max():.2g} mm at most; measured from the repaired one, {back.mean():.2g} and "
+        f"{back.max():.2g} mm"
     )
 
 
