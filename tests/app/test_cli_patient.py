@@ -122,6 +122,24 @@ def test_a_file_that_is_no_shape_leaves_nothing(reference, tmp_path, capsys):
     assert "x.nrrd" in capsys.readouterr().err
 
 
+def test_cautions_are_on_the_first_page_and_other_remarks_on_the_second(reference, ellipsoids):
+    from homolog.cohort import Subject
+    from homolog.patient import Reference, compare_patient
+    from homolog_app.report.patient_pages import MapPictures, Panel, first_sheet, second_sheet
+
+    controls = Reference.load(reference)
+    plain = compare_patient(controls, Subject("a", ellipsoids / "a.nrrd"))
+    comparison = replace(plain, cautions=("is cut",), remarks=("is repaired", "is cut"))
+    row = (Panel(np.ones((9, 9, 3)), "anterior"),)
+    sheets = (
+        first_sheet(comparison, controls, MapPictures(row, row, 1.0, 1.0)),
+        second_sheet(comparison, controls),
+    )
+    first, second = (" ".join(text.get_text() for text in sheet.figure.texts) for sheet in sheets)
+    assert ("is cut" in first, "is repaired" in first) == (True, False)
+    assert ("is cut" in second, "is repaired" in second) == (False, True)
+
+
 def test_a_control_that_is_unlike_the_others_is_cautioned_about(reference):
     from homolog.patient import Reference
     from homolog_app.report.patient_texts import reference_text

@@ -33,7 +33,15 @@ from homolog_app.report.patient_texts import (
 )
 from homolog_app.report.sheets import BOTTOM, EDGE, HIGH, WIDE, Sheet, write_sheets
 
-__all__ = ["MapPictures", "change_pictures", "map_pictures", "percentiles_figure", "write_pdf"]
+__all__ = [
+    "MapPictures",
+    "change_pictures",
+    "first_sheet",
+    "map_pictures",
+    "percentiles_figure",
+    "second_sheet",
+    "write_pdf",
+]
 
 _ANATOMICAL = ("anterior", "posterior", "superior")
 
@@ -145,7 +153,7 @@ def _row(solid: Surface, views: Sequence[View], width: int) -> tuple[Panel, ...]
     return tuple(panels)
 
 
-_MOST_REGIONS = 12
+_MOST_REGIONS, _MOST_CAUTIONS = 12, 3
 _BESIDE_MAPS = 4.4
 """Height of the first page's other content below the finding [inches]."""
 
@@ -164,7 +172,7 @@ def write_pdf(
     InputError
         If the file can't be written.
     """
-    sheets = [_first(comparison, reference, maps), _second(comparison, reference, groups)]
+    sheets = [first_sheet(comparison, reference, maps), second_sheet(comparison, reference, groups)]
     write_sheets(path, f"Shape of {comparison.name}", sheets)
 
 
@@ -172,12 +180,15 @@ def _title(comparison: PatientComparison) -> str:
     return f"Shape of {comparison.name} against a reference"
 
 
-def _first(comparison: PatientComparison, reference: Reference, maps: MapPictures) -> Sheet:
+def first_sheet(comparison: PatientComparison, reference: Reference, maps: MapPictures) -> Sheet:
+    """Return the page with finding, cautions, maps and place among the controls."""
     sheet = Sheet(_title(comparison))
     sheet.text(who_text(comparison, reference))
     sheet.heading("Finding")
     sheet.text(verdict(comparison, reference), 9.0)
     sheet.text(detectable_text(reference))
+    for text in comparison.cautions[:_MOST_CAUTIONS]:
+        sheet.text(f"Caution: {text}.")
     most = (BOTTOM - sheet.y - _BESIDE_MAPS) / 2.0
     sheet.heading("Difference from the shape that the reference expects of this subject (mm)")
     sheet.panels(maps.local, maps.limit, most)
@@ -191,7 +202,8 @@ def _first(comparison: PatientComparison, reference: Reference, maps: MapPicture
     return sheet
 
 
-def _second(comparison: PatientComparison, reference: Reference, groups: Sequence[str]) -> Sheet:
+def second_sheet(comparison: PatientComparison, reference: Reference, groups: Sequence[str] = ()) -> Sheet:
+    """Return the page with regions, numbers, remarks, method and reference."""
     sheet = Sheet(_title(comparison))
     sheet.heading("Regions beyond the limit")
     rows = region_rows(comparison, reference)
@@ -210,9 +222,10 @@ def _second(comparison: PatientComparison, reference: Reference, groups: Sequenc
         sheet.heading("Groups")
         for line in (GROUP_CAUTION, *groups):
             sheet.text(line)
-    if comparison.remarks:
+    before = comparison.cautions[:_MOST_CAUTIONS]
+    if remarks := [text for text in comparison.remarks if text not in before]:
         sheet.heading("Remarks")
-        for text in comparison.remarks:
+        for text in remarks:
             sheet.text(f"• {text}")
     sheet.heading("Method")
     for text in METHOD:
