@@ -121,7 +121,7 @@ def test_twenty_good_files_load_and_five_bad_ones_are_listed_with_their_reason(
     ids=["beans", "hearts"],
 )
 def test_a_tour_leads_from_the_sample_to_a_result(
-    window, monkeypatch, errors, wait, ellipsoids, groomed_cache, quick, sample, pages
+    window, monkeypatch, errors, wait, ellipsoids, groomed_cache, coarse, quick, sample, pages
 ):
     monkeypatch.setattr("homolog_app.window.start_page.Sample.make", lambda *_: ellipsoids)
     window.commands[sample].trigger()
@@ -129,6 +129,7 @@ def test_a_tour_leads_from_the_sample_to_a_result(
     session, card = window.workspace.session, window.tour.card
     wait(lambda: len(session.surveys) == 4 and card.go_on.isEnabled())
     shutil.copytree(groomed_cache, window.workspace.project.groomed)
+    window.workspace.edit_settings("groom", "mesh_edge", coarse)
     window.workspace.edit_settings("optimize", "particles", quick(16))
     title = card.title.text()
     window.inspector.cohort.proceed.click()
