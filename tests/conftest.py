@@ -6,6 +6,8 @@ import secrets
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +93,33 @@ def finished_run(ellipsoids, short_settings):
     project = ProjectFolder(ellipsoids.parent / "project")
     Run(project, read_cohort(ellipsoids), short_settings).execute()
     return project
+
+
+@pytest.fixture(scope="session")
+def one_thread():
+    """Return what yields a thread in place of `worker_processes`, which take seconds to start."""
+
+    @contextmanager
+    def executor_of(_count):
+        with ThreadPoolExecutor(1) as executor:
+            yield executor
+
+    return executor_of
+
+
+@pytest.fixture(scope="session")
+def small_references(one_thread):
+    """Return a context in which references are made of as few as four controls, fitted in a thread."""
+    from homolog.patient import build, left_out
+
+    @contextmanager
+    def patched():
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(left_out, "worker_processes", one_thread)
+            patch.setattr(build, "FEWEST", 4)
+            yield
+
+    return patched
 
 
 def pytest_configure(config):

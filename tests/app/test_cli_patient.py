@@ -2,8 +2,6 @@
 
 import csv
 import signal
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -14,19 +12,10 @@ from homolog_app.cli import CANCELLED, INPUT_ERROR, OK, main
 
 
 @pytest.fixture(scope="module")
-def reference(finished_run, tmp_path_factory):
+def reference(finished_run, small_references, tmp_path_factory):
     """Return a reference of four ellipsoids, which are too few for anything but a test."""
-    from homolog.patient import build, left_out
-
-    @contextmanager
-    def threads(_):
-        with ThreadPoolExecutor(1) as executor:
-            yield executor
-
     path = tmp_path_factory.mktemp("reference") / "ref.npz"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(left_out, "worker_processes", threads)
-        patch.setattr(build, "FEWEST", 4)
+    with small_references():
         assert main(["reference", str(finished_run.folder), "--out", str(path), "--progress", "none"]) == OK
     return path
 

@@ -1,8 +1,5 @@
 """The Patient page: a reference of the open result, a file that is dropped, and what is seen of it."""
 
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-
 import numpy as np
 import pytest
 
@@ -16,17 +13,14 @@ def made():
 
 
 @pytest.fixture
-def page(explored, wait, monkeypatch, made):
+def _small_references(small_references):
+    with small_references():
+        yield
+
+
+@pytest.fixture
+def page(explored, wait, _small_references, made):
     """Return the page with a reference of four ellipsoids, fitted in a thread."""
-    from homolog.patient import build, left_out
-
-    @contextmanager
-    def threads(_):
-        with ThreadPoolExecutor(1) as executor:
-            yield executor
-
-    monkeypatch.setattr(left_out, "worker_processes", threads)
-    monkeypatch.setattr(build, "FEWEST", 4)
     explored.commands["explore.patient"].trigger()
     page = explored.inspector.explore.page
     wait(lambda: not page.workspace.session.job.is_busy)

@@ -4,8 +4,6 @@ import re
 import runpy
 import sys
 import tomllib
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -55,17 +53,11 @@ def test_a_project_is_opened(example, finished_run):
     assert re.search(r"a: group None, 1\.\d\d ml", printed)
 
 
-def test_a_control_is_compared_with_all_controls(example, finished_run, ellipsoids, monkeypatch, tmp_path):
-    from homolog.patient import build, left_out
-
-    @contextmanager
-    def threads(_):
-        with ThreadPoolExecutor(1) as executor:
-            yield executor
-
-    monkeypatch.setattr(left_out, "worker_processes", threads)
-    monkeypatch.setattr(build, "FEWEST", 4)
-    printed = example("one_patient.py", finished_run.folder, ellipsoids / "a.nrrd")
+def test_a_control_is_compared_with_all_controls(
+    example, finished_run, ellipsoids, small_references, tmp_path
+):
+    with small_references():
+        printed = example("one_patient.py", finished_run.folder, ellipsoids / "a.nrrd")
     values = re.search(r"largest \|z\| ([\d.]+), limit ([\d.]+)", printed)
     assert float(values[1]) < float(values[2])
     assert (tmp_path / "reference.npz").is_file()
