@@ -42,7 +42,7 @@ def add_main_results(
     *,
     primary: bool,
 ) -> None:
-    """Add the verdicts of all studies, the table of their main results, remarks and cautions.
+    """Add the verdicts of all studies, cautions, the table of their main results, and remarks.
 
     The first study may be the primary one.
     """
@@ -55,11 +55,11 @@ def add_main_results(
         sentences = [text, *_sentences(study, shown, answers, carrier)]
         role = "" if not primary or len(studies) < 2 else "primary; " if number == 1 else "secondary; "
         page.paragraph(f"Study {number} ({role}{_answer(study)}). {' '.join(sentences)}")
+    for text in _cautions(studies, correspondence):  # before the table: they belong on the first page
+        page.caution(text)
     _table(page, studies, seeds)
     for text in _remarks(studies):
         page.paragraph(text)
-    for text in _cautions(studies, correspondence):
-        page.caution(text)
 
 
 def _role_text(studies: Sequence[Study], *, primary: bool) -> str:
