@@ -47,9 +47,11 @@ _TURNED = 60.0  # degrees
 _DOUBTFUL = 40.0  # degrees: a turn away from the others that is looked at again
 _NEIGHBOURS = 3
 _LINKS = 4  # shapes that each is registered to where files lie in any orientation
-_NOTHING = 1e-9  # no distance; in sparse graphs 0 means that there is no edge
+_NOTHING = 1e-6  # no distance; in graphs, up to 1e-8 means that there is no edge
 _CLEARLY_BETTER, _UNLIKE = 0.6, 1.5
 """When a held shape is turned far: of its distance; and times the usual distance, which its own exceeds."""
+_CLOSER = 0.75
+"""Of the distances: when the orientations of files that do not agree are ignored."""
 _KEPT = "the shapes are nearly round or symmetric; the orientation of the files, which agree, was kept"
 _QUANTILES = np.linspace(0.02, 0.98, 25)
 
@@ -182,17 +184,26 @@ def _fits(
     fits = run_in_threads([partial(fit, unit) for unit in units], tick, "aligning", cores())
     if len(units) < _FEWEST:
         return _Fits(fits)
-    holds, turns = are_soft(units, reference, fits) and agree(units), {}
+    alike, turns = agree(units), {}
+    holds = alike and are_soft(units, reference, fits)
     if holds:
         fits = _held(units, middle, fits, tick)
         turns = better_turned(
             units, fits, by_typicality(units).tolist(), partial(register_pair, free=True), tick
         )
     doubtful = _turns(np.array([fit.pose for fit in fits])) > _DOUBTFUL
-    if holds or 2 * np.count_nonzero(doubtful) < len(units):
-        fits = _reconsidered(units, reference, fits, doubtful, register_pair, tick)
-        return _Fits(fits, holds, turns)
-    return _Fits(_by_neighbours(units, middle, register_pair, tick))
+    if not holds and 2 * np.count_nonzero(doubtful) >= len(units):
+        return _Fits(_by_neighbours(units, middle, register_pair, tick))
+    fits = _reconsidered(units, reference, fits, doubtful, register_pair, tick)
+    if not alike and _distance(others := _by_neighbours(units, middle, register_pair, tick)) < (
+        _CLOSER * _distance(fits)
+    ):
+        return _Fits(others)
+    return _Fits(fits, holds, turns)
+
+
+def _distance(fits: Sequence[Fit]) -> float:
+    return sum(fit.distance for fit in fits)
 
 
 def _held(units: Sequence[OrientedPoints], middle: int, fits: Sequence[Fit], tick: Tick) -> list[Fit]:

@@ -8,7 +8,7 @@ from homolog.cohort import Subject
 from homolog.errors import Cancelled, InputError
 from homolog.grooming import align, groom_subject
 from homolog.grooming.align import register
-from homolog.grooming.icp import Fit, OrientedPoints, oriented_points, registered
+from homolog.grooming.icp import Fit, OrientedPoints, fit_at, oriented_points, registered
 from homolog.grooming.orientation import agree
 from homolog.settings import Alignment, GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
@@ -235,6 +235,21 @@ def test_shapes_whose_files_lie_in_any_orientation_are_placed_by_the_closest_reg
             turns[j] @ (np.eye(3) if is_close or not free else np.diag([-1.0, -1.0, 1.0])) @ turns[i].T
         )
         return Fit(pose, 0.1 if is_close else 0.2)
+
+    alignments = register(shapes, GroomSettings(), register_pair=register_pair).alignments
+    places = [placed(item, pose) for item, pose in zip(shapes, alignments, strict=True)]
+    assert np.allclose(places, places[0], atol=1e-6)
+
+
+def test_orientations_of_files_that_do_not_agree_are_ignored_where_shapes_fit_clearly_better(paw):
+    turns = Rotation.random(5, random_state=0).as_matrix()
+    shapes = [moved(paw, turn, [1000.0 * k, 0.0, 0.0]) for k, turn in enumerate(turns)]
+
+    def register_pair(moving, fixed, *, free=False):
+        i, j = (round(item.centre[0] / 1000.0) for item in (moving, fixed))
+        pose = np.eye(4)
+        pose[:3, :3] = turns[j] @ turns[i].T if free else np.eye(3)
+        return fit_at(moving, fixed, pose)
 
     alignments = register(shapes, GroomSettings(), register_pair=register_pair).alignments
     places = [placed(item, pose) for item, pose in zip(shapes, alignments, strict=True)]
