@@ -13,11 +13,11 @@ def _follow(curve, fractions):
     return np.stack([np.interp(fractions * length[-1], length, side) for side in curve.T], axis=1)
 
 
-def _slice(bean, x, start):
-    """Outer and slot curves (n, 2) of the section at x; outside the slot zone, one curve from `start`."""
+def _slice(bean, x, start, reach):
+    """Outer and slot curves (n, 2) of the section at x; beyond the slot, one curve from `start`."""
     big = bean.body_axes[1:] * np.sqrt(1.0 - (x / bean.body_axes[0]) ** 2)
     turn = np.linspace(0.0, 2.0 * np.pi, 8001)
-    if abs(x) >= rim(bean)[:, 0].max():
+    if abs(x) >= reach:
         return np.stack([np.sin(start + turn), np.cos(start + turn)], axis=1) * big, None
     small = bean.slot_axes[1:] * np.sqrt(1.0 - (x / bean.slot_axes[0]) ** 2)
     centre = bean.slot_centre[1:]
@@ -39,7 +39,7 @@ def _girth_map(bean, rows):
     for u, outer_at, slot_at in rows:
         inner = min(abs(u) / 0.6, 1.0) * reach
         x = np.sign(u) * (inner + max(abs(u) - 0.6, 0.0) / 0.4 * (bean.body_axes[0] - reach))
-        outer, slot = _slice(bean, x, start)
+        outer, slot = _slice(bean, x, start, reach)
         section = [_follow(outer, outer_at)] + ([_follow(slot, slot_at)] if slot is not None else [])
         section = np.concatenate(section)
         points.append(np.column_stack([np.full(len(section), x), section]))
