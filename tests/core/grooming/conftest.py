@@ -47,9 +47,19 @@ def sphere_volume(grid, save):
 @pytest.fixture(scope="session")
 def egg():
     """Return an ellipsoid of 20 x 14 x 10 mm half axes, 2562 vertices."""
+    return _ellipsoid(4)
+
+
+@pytest.fixture(scope="session")
+def coarse_egg():
+    """Return the same ellipsoid with 642 vertices, for tests that register it many times."""
+    return _ellipsoid(3)
+
+
+def _ellipsoid(subdivisions):
     import trimesh
 
     from homolog.surfaces.mesh import TriangleMesh
 
-    ball = trimesh.creation.icosphere(subdivisions=4)
+    ball = trimesh.creation.icosphere(subdivisions=subdivisions)
     return TriangleMesh(np.asarray(ball.vertices) * [20.0, 14.0, 10.0], np.asarray(ball.faces))

@@ -194,14 +194,16 @@ def test_a_shape_that_differs_much_from_the_typical_one_keeps_the_orientation_of
     assert np.degrees((turns * turns[2].inv()).magnitude()).max() < 45.0
 
 
-def test_shapes_whose_files_lie_in_any_orientation_are_matched_by_the_little_that_is_not_symmetric(paw, egg):
+def test_shapes_whose_files_lie_in_any_orientation_are_matched_by_the_little_that_is_not_symmetric(
+    paw, coarse_egg
+):
     random = np.random.default_rng(0)
-    bump = np.exp(-np.square(np.linalg.norm(egg.vertices - [15.0, 7.0, 4.0], axis=1) / 6.0) / 2.0)
-    shape = egg.vertices + 2.5 * bump[:, None] * egg.vertex_normals
+    bump = np.exp(-np.square(np.linalg.norm(coarse_egg.vertices - [15.0, 7.0, 4.0], axis=1) / 6.0) / 2.0)
+    shape = coarse_egg.vertices + 2.5 * bump[:, None] * coarse_egg.vertex_normals
     cohort, turns = [], Rotation.random(6, rng=random)
     for turn in turns:
         own = turn.apply(shape * np.exp(random.normal(scale=0.05, size=3)))
-        cohort.append(replace(paw, coarse_mesh=TriangleMesh(own, egg.faces)))
+        cohort.append(replace(paw, coarse_mesh=TriangleMesh(own, coarse_egg.faces)))
     registration = register(cohort, GroomSettings())
     back = Rotation.from_matrix(registration.alignments[:, :3, :3]) * turns
     assert np.degrees((back * back[0].inv()).magnitude()).max() < 25.0
@@ -256,9 +258,9 @@ def test_orientations_of_files_that_do_not_agree_are_ignored_where_shapes_fit_cl
     assert np.allclose(places, places[0], atol=1e-6)
 
 
-def test_round_shapes_keep_the_orientation_of_files_that_lie_alike(paw, egg):
+def test_round_shapes_keep_the_orientation_of_files_that_lie_alike(paw, coarse_egg):
     turns = Rotation.from_rotvec(np.random.default_rng(1).normal(scale=np.radians(4.0), size=(8, 3)))
-    linear = register(_round_organs(paw, egg, turns), GroomSettings()).alignments[:, :3, :3]
+    linear = register(_round_organs(paw, coarse_egg, turns), GroomSettings()).alignments[:, :3, :3]
     assert np.degrees(Rotation.from_matrix(linear).magnitude()).max() < 25.0
 
 
@@ -275,9 +277,9 @@ def test_a_round_shape_that_is_turned_in_its_file_is_noted(paw, egg):
     assert "round" in (notes[0] or "")
 
 
-def test_files_agree_only_if_shapes_are_more_alike_in_them_than_turned_at_random(paw, egg):
+def test_files_agree_only_if_shapes_are_more_alike_in_them_than_turned_at_random(paw, coarse_egg):
     for turns, expected in ((Rotation.identity(8), True), (Rotation.random(8, random_state=3), False)):
-        shapes = [oriented_points(item.coarse_mesh) for item in _round_organs(paw, egg, turns)]
+        shapes = [oriented_points(item.coarse_mesh) for item in _round_organs(paw, coarse_egg, turns)]
         assert agree([shape.scaled(1.0 / shape.size) for shape in shapes]) == expected
 
 
