@@ -14,6 +14,8 @@ __all__ = ["capped", "sides_of"]
 
 _FLAT = 0.05
 """Of a rim's width: how far it may be from its plane if it is to be closed flat."""
+_JAGGED = 0.1
+"""The same where faces were deleted on one side of a plane: the rim is within a side's length of it."""
 _PARALLEL = 0.98
 """Cosine: rims of which one lies within the other are in one plane if their normals are so near."""
 _CRACK = 1e-4
@@ -112,14 +114,16 @@ def _rims(vertices: FloatArray, faces: IntArray, patches: IntArray) -> tuple[lis
         spokes = vertices[rim] - middle
         across = np.cross(spokes[:, 1], spokes[:, 0])
         area = 0.5 * float(np.linalg.norm(across.sum(axis=0)))
-        length = float(np.linalg.norm(spokes[:, 0] - spokes[:, 1], axis=1).sum())
+        lengths = np.linalg.norm(spokes[:, 0] - spokes[:, 1], axis=1)
+        length = float(lengths.sum())
         one_patch = (patch[chosen] == patch[chosen[0]]).all()
         if 0.5 * np.linalg.norm(across, axis=1).sum() <= _CRACK * length**2:
             continue
         normal = across.sum(axis=0) / max(2.0 * area, 1e-300)
         width = 2.0 * float(np.linalg.norm(spokes[:, 0], axis=1).max())
         off = float(np.abs(spokes[:, 0] @ normal).max())
-        is_flat = is_simple[chosen].all() and one_patch and (off <= _FLAT * width or len(rim) <= 4)
+        most = max(_FLAT * width, min(_JAGGED * width, float(np.median(lengths))))
+        is_flat = is_simple[chosen].all() and one_patch and (off <= most or len(rim) <= 4)
         own = members[first[patch[chosen[0]]] : first[patch[chosen[0]] + 1]]
         if is_flat and len(own) <= _FEW * len(rim):  # and the patch is more than the rim's own plane
             is_flat = np.abs((vertices[faces[own]] - middle) @ normal).max() > _FLAT * width

@@ -179,6 +179,20 @@ def test_a_shaft_cut_off_is_closed_flat_at_its_rim_and_noted(egg, tmp_path):
     assert np.abs(result.mesh.vertices[inner, 0] - 7.0).max() < 0.3
 
 
+@pytest.mark.parametrize(("depth", "openings"), [(3.0, 1), (6.0, 0)])
+def test_a_rim_that_is_jagged_by_less_than_a_face_is_closed_flat(depth, openings):
+    turns = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+    heights = np.array([np.zeros(16), np.full(16, 10.0), 20.0 + np.arange(16) % 2 * depth])
+    rings = np.stack(np.broadcast_arrays(10.0 * np.cos(turns), 10.0 * np.sin(turns), heights), axis=-1)
+    first = np.arange(32).reshape(2, 16)
+    second, above = np.roll(first, -1, axis=1), first + 16
+    wall = [np.stack([first, second, above], -1), np.stack([second, np.roll(above, -1, axis=1), above], -1)]
+    floor = np.column_stack([np.full(16, 48), second[0], first[0]])
+    faces = np.concatenate([*(item.reshape(-1, 3) for item in wall), floor]).astype(np.int32)
+    cup = TriangleMesh(np.concatenate([rings.reshape(-1, 3), np.zeros((1, 3))]), faces)
+    assert len(solid_of(cup).rims) == openings
+
+
 @pytest.mark.parametrize("is_turned", [True, False])
 def test_a_shell_cut_open_is_closed_by_a_ring(egg, tmp_path, is_turned):
     lower = egg.vertices[egg.faces][..., 0].max(axis=1) < 8.0
