@@ -362,11 +362,11 @@ class ProjectController(Controller):
     def _group(self) -> None:
         session = self._workspace.session
         count = len(session.selection)
-        whose = session.selection[0] if count == 1 else f"the {count} selected subjects"
+        text = f"Group of {session.selection[0] if count == 1 else f'the {count} selected subjects'}:"
         groups = session.study.groups or [""]
         own = {member.subject.group for member in session.study.members if member.name in session.selection}
-        now = next((at for at, group in enumerate(groups) if own == {group}), 0)
-        name, chosen = QInputDialog.getItem(self._window, "Set group", f"Group of {whose}:", groups, now)
+        present = next((at for at, group in enumerate(groups) if own == {group}), 0)
+        name, chosen = QInputDialog.getItem(self._window, "Set group", text, groups, present)
         if chosen:
             session.set_group(name.strip() or None)
 

@@ -184,14 +184,15 @@ def _fits(
     fits = run_in_threads([partial(fit, unit) for unit in units], tick, "aligning", cores())
     if len(units) < _FEWEST:
         return _Fits(fits)
-    alike, turns = agree(units), {}
-    holds = alike and are_soft(units, reference, fits)
+    is_soft, doubtful, turns = are_soft(units, reference, fits), _doubtful(fits), {}
+    alike = agree(units) if is_soft or doubtful.any() else True  # registration itself turned no shape far
+    holds = is_soft and alike
     if holds:
         fits = _held(units, middle, fits, tick)
+        doubtful = _doubtful(fits)
         turns = better_turned(
             units, fits, by_typicality(units).tolist(), partial(register_pair, free=True), tick
         )
-    doubtful = _turns(np.array([fit.pose for fit in fits])) > _DOUBTFUL
     if not holds and 2 * np.count_nonzero(doubtful) >= len(units):
         return _Fits(_by_neighbours(units, middle, register_pair, tick))
     fits = _reconsidered(units, reference, fits, doubtful, register_pair, tick)
@@ -200,6 +201,11 @@ def _fits(
     ):
         return _Fits(others)
     return _Fits(fits, holds, turns)
+
+
+def _doubtful(fits: Sequence[Fit]) -> BoolArray:
+    """Return which shapes are turned far from most others."""
+    return _turns(np.array([fit.pose for fit in fits])) > _DOUBTFUL
 
 
 def _distance(fits: Sequence[Fit]) -> float:
