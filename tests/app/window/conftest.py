@@ -223,10 +223,11 @@ def finished(ellipsoids, groomed_cache, tmp_path_factory):
 
 @pytest.fixture
 def explored(window, finished, tmp_path, wait):
-    """Return the window with a copy of the finished project open."""
+    """Return the window with a copy of the finished project open, its model fitted if a page wants it."""
+    session = window.workspace.session
     shutil.copytree(finished, tmp_path / "copy")
     window.projects.open_paths([tmp_path / "copy"])
-    wait(lambda: window.workspace.session.result is not None and window.workspace.session.step == "explore")
+    wait(lambda: session.result is not None and session.step == "explore" and not session.job.is_busy)
     return window
 
 
