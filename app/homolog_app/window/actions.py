@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from homolog_app.window.commands import COMMANDS, MENUS, REASONS, Command, command
+from homolog_app.window.commands import COMMANDS, MENUS, Command, command
 from homolog_app.window.theme import Theme, icon
 from homolog_app.window.widgets import GRID, button, keep_space, label
 
@@ -120,23 +120,22 @@ class Actions(QObject):
         for identifier, handler in handlers.items():
             self._actions[identifier].triggered.connect(lambda _, handler=handler: handler())
 
-    def enable(self, available: Mapping[str, bool], read_only: str = "") -> None:
+    def enable(self, obstacles: Mapping[str, str], read_only: str = "") -> None:
         """Enable exactly the commands whose requirements are met; tooltips of the others give the reason.
 
         Parameters
         ----------
-        available : mapping of str to bool
-            Whether each need is met.
+        obstacles : mapping of str to str
+            Why each requirement is not met; empty if it is.
         read_only : str
             Why nothing can be written into the project; empty if it can.
         """
         for entry in COMMANDS:
-            against = read_only if entry.writes else ""
-            action, possible = self._actions[entry.id], available[entry.needs] and not against
-            reason = "" if possible else against or REASONS[entry.needs]
+            reason = (read_only if entry.writes else "") or obstacles[entry.needs]
             if self._reasons.get(entry.id) != reason:
                 self._reasons[entry.id] = reason
-                action.setEnabled(possible)
+                action = self._actions[entry.id]
+                action.setEnabled(not reason)
                 action.setToolTip(self._tip(entry, reason))
 
     def offer(self, widget: QWidget, *identifiers: str) -> None:

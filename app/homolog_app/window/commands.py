@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from homolog.files.project import ProjectFolder
 from homolog_app.window.session import Session
 
-__all__ = ["COMMANDS", "LAYOUTS", "MENUS", "REASONS", "Command", "WindowState", "available", "command"]
+__all__ = ["COMMANDS", "LAYOUTS", "MENUS", "Command", "WindowState", "command", "obstacles"]
 
 
 MENUS = ("File", "Edit", "View", "Run", "Explore", "Help")
@@ -31,7 +31,7 @@ class Command:
     icon : str
         File name without suffix in the resources, or nothing.
     needs : str
-        Requirement: a name that `available` returns.
+        Requirement: a name that `obstacles` returns.
     checkable : bool
         Whether it switches something on and off.
     choice : str
@@ -266,11 +266,9 @@ _NO_RESULT = "there is no result yet; run first"
 _BUSY = "something is being computed; wait for it or cancel it"
 _SELECT = "select subjects in Cohort first"
 _TWO = "two included subjects are needed"
-REASONS: Mapping[str, str] = {
-    "idle": _BUSY,
-    "study": _NO_STUDY,
-    "unsaved": "everything is saved, or something is being computed",
-    "cohort": "no subject is included, or something is being computed",
+_REASONS: Mapping[str, str] = {
+    "unsaved": "everything is saved",
+    "cohort": "no subject is included",
     "undo": "there is nothing to undo",
     "redo": "nothing was undone",
     "selection": _SELECT,
@@ -279,7 +277,7 @@ REASONS: Mapping[str, str] = {
     "views": "slices are shown; switch them off (4)",
     "groomed_selection": "the selected subject is not groomed yet",
     "two": _TWO,
-    "ready": "the shapes are not groomed yet, or something is being computed",
+    "ready": "the shapes are not groomed yet",
     "busy": "nothing is being computed",
     "running": "no run is in progress",
     "resumable": "there is no unfinished run",
@@ -287,7 +285,7 @@ REASONS: Mapping[str, str] = {
     "result": _NO_RESULT,
     "model": _NO_RESULT,
     "particles": _NO_RESULT,
-    "idle_result": f"{_NO_RESULT}, or wait for the present computation",
+    "idle_result": _NO_RESULT,
     "fit": "include new subjects in addition to those of the result, with its settings; save it first",
     "more": "set more particles than the result has, with the same subjects and settings; save it first",
     "answer": "compare groups first",
@@ -297,11 +295,10 @@ REASONS: Mapping[str, str] = {
     "previous_page": "this is the first page",
     "next_page": "this is the last page",
     "raw": "a shape of the model has no input surface",
-    "picture": _NO_STUDY,
     "coloured": "the views show no colours of a model",
     **{f"grid{count}": "the open page has no such number of views" for count in LAYOUTS},
 }
-"""Reasons why a command is disabled, by requirement: the end of the sentence "Not now: …"."""
+"""Reasons why a command is disabled, by requirement, apart from those that all of a kind share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,30 +322,34 @@ class WindowState:
     preliminary: bool  # there is a model of a run that has not finished
 
 
-def available(session: Session, project: ProjectFolder, state: WindowState) -> Mapping[str, bool]:
-    """Return whether each requirement of the command table is met, for an open project or a draft."""
-    study = session.is_open and state.ready
+def obstacles(session: Session, project: ProjectFolder, state: WindowState) -> Mapping[str, str]:
+    """Return why each requirement of the command table is not met, for an open project or a draft.
+
+    Empty texts are requirements that are met; others end the sentence "Not now: …".
+    """
+    unopened = "" if session.is_open and state.ready else _NO_STUDY
+    busy = _BUSY if state.busy else ""
+    undo = {"undo": session.undo.canUndo(), "redo": session.undo.canRedo()}
     return {
-        "always": True,
-        "idle": not state.busy,
-        "busy": state.busy,
-        "study": study,
-        "undo": not state.busy and session.undo.canUndo(),
-        "redo": not state.busy and session.undo.canRedo(),
-        **{name: study and met for name, met in _of_views(state).items()},
-        **{name: study and met for name, met in _of_result(session, state).items()},
-        **{
-            name: study and not state.busy and met
-            for name, met in _of_idle_study(session, project, state).items()
-        },
-        "running": state.running,
+        "always": "",
+        "idle": busy,
+        "study": unopened,
+        "picture": unopened,
+        **_unmet({"busy": state.busy, "running": state.running}, ""),
+        **_unmet(undo, busy),
+        **_unmet(_of_views(state) | _of_result(session, state), unopened),
+        **_unmet(_of_idle_study(session, project, state), unopened or busy),
     }
+
+
+def _unmet(requirements: Mapping[str, bool], first: str) -> dict[str, str]:
+    """Return what each requirement lacks: what all of them do, or its own reason."""
+    return {name: first or ("" if met else _REASONS[name]) for name, met in requirements.items()}
 
 
 def _of_views(state: WindowState) -> dict[str, bool]:
     """Return which requirements the views meet, if a study is open."""
     return {
-        "picture": True,
         "views": not state.slices,
         "raw": state.slices or not state.model,
         "coloured": state.coloured and not state.slices,

@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
 
 from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_panel import CohortPanel
-from homolog_app.window.commands import WindowState, available
+from homolog_app.window.commands import WindowState, obstacles
 from homolog_app.window.dialogs import LogPane
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.explore.page import OverviewPage
@@ -260,7 +260,7 @@ class MainWindow(QMainWindow):
         """Update enabled states."""
         workspace, views = self.workspace, self.views
         self.commands.enable(
-            available(workspace.session, workspace.project, self._state()), workspace.session.read_only
+            obstacles(workspace.session, workspace.project, self._state()), workspace.session.read_only
         )
         steps = steps_of(workspace.session)
         step, is_open = workspace.session.step, workspace.session.is_open

@@ -155,11 +155,26 @@ def test_live_energies_are_drawn_in_frames_that_stay_until_they_leave_them(windo
     curves.close()
 
 
-def test_whatever_may_be_impossible_has_a_reason():
-    from homolog_app.window.commands import REASONS
+@pytest.mark.window
+def test_a_command_that_is_impossible_says_why_and_whether_a_computation_is_the_cause(beans, wait):
+    from threading import Event
 
-    assert {command.needs for command in COMMANDS} - {"always"} <= set(REASONS)
-    assert all(text and not text.endswith(".") for text in REASONS.values())
+    def reason(name):
+        return beans.commands[name].toolTip().splitlines()[-1]
+
+    def impossible():
+        return {command.id for command in COMMANDS if not beans.commands[command.id].isEnabled()}
+
+    assert {"run.start", "edit.redo"} <= impossible()
+    assert all(reason(name).startswith("Not now: ") for name in impossible())
+    own = reason("edit.redo")
+    end = Event()
+    beans.workspace.work.compute("test", lambda tick: end.wait(), "waiting", lambda _: None)
+    assert reason("edit.include") == reason("edit.redo") == reason("file.open") != own
+    end.set()
+    wait(lambda: not beans.workspace.session.job.is_busy)
+    assert "edit.include" not in impossible()
+    assert reason("edit.redo") == own
 
 
 @pytest.mark.window
