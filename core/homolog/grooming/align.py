@@ -217,10 +217,12 @@ def _held(units: Sequence[OrientedPoints], middle: int, fits: Sequence[Fit], tic
 
     A shape is turned far only if it fits less well than others do as its file lies, and clearly better so.
     """
-    result = []
-    for unit in units:
-        tick(1.0, "aligning")
-        result.append(Fit(np.eye(4), 0.0) if unit is units[middle] else held(unit, units[middle]))
+
+    def fit(unit: OrientedPoints, inner: Tick) -> Fit:
+        inner(0.0, "aligning")
+        return Fit(np.eye(4), 0.0) if unit is units[middle] else held(unit, units[middle])
+
+    result = run_in_threads([partial(fit, unit) for unit in units], tick, "aligning", cores())
     usual = float(np.median([fit.distance for fit in result]))
     return [
         other

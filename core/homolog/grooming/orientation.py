@@ -6,14 +6,16 @@ files agree, as medical images in patient coordinates do, their common orientati
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from homolog.arrays import FloatArray
+from homolog.device import cores
 from homolog.geometry import rotation_of
 from homolog.grooming.icp import Fit, OrientedPoints, held, softness_of_fit
-from homolog.progress import Tick
+from homolog.progress import Tick, run_in_threads
 
 __all__ = ["agree", "are_soft", "better_turned"]
 
@@ -104,20 +106,26 @@ def better_turned(
         index for index, fit in enumerate(fits) if fit.distance > _DISTANT * usual and _angle(fit.pose) < _FAR
     }
     references = [shapes[k] for k in order if k not in distant][:_REFERENCES]
-    turns: dict[int, float] = {}
-    for index in sorted(distant):
+
+    def turn(index: int, inner: Tick) -> float:
+        """Return by what angle a shape fits best, 0 where it does as its file lies."""
         kept = np.array([held(shapes[index], reference).distance for reference in references])
-        best = _GAIN
+        best, angle = _GAIN, 0.0
         for reference in references:
-            tick(1.0, "aligning")
+            inner(0.0, "aligning")
             pose = register_freely(shapes[index], reference).pose
             if _angle(pose) < _FAR:
                 continue
             turned = _turned(shapes[index], rotation_of(pose))
             other = np.array([held(turned, item).distance for item in references])
             if (gain := float(np.log(kept / other).mean())) > best:
-                best, turns[index] = gain, _angle(pose)
-    return turns
+                best, angle = gain, _angle(pose)
+        return angle
+
+    looked_at = sorted(distant)
+    works = [partial(turn, index) for index in looked_at]
+    angles = run_in_threads(works, tick, "aligning", cores())
+    return {index: angle for index, angle in zip(looked_at, angles, strict=True) if angle}
 
 
 def _angle(pose: FloatArray) -> float:

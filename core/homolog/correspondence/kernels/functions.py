@@ -268,7 +268,7 @@ def log_factor(cosine: float) -> float:
 
 @wp.func
 def log_map(mean: wp.vec3, normal: wp.vec3) -> wp.vec3:
-    """Log of a unit normal at the mean normal (the paper's Eq. 4, its root and projector put right)."""
+    """Log of a unit normal at the mean normal (the paper's Eq. 4 with root and projector corrected)."""
     c = wp.dot(mean, normal)
     return log_factor(c) * (normal - c * mean)
 
