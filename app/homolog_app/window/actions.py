@@ -1,9 +1,20 @@
 """Menus, actions, command palette and list of shortcuts: all made from the command table."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, QTimer, Slot
-from PySide6.QtGui import QAction, QActionGroup, QCursor, QEnterEvent, QIcon, QKeyEvent, QKeySequence, QPixmap
+from PySide6.QtGui import (
+    QAction,
+    QActionGroup,
+    QCursor,
+    QEnterEvent,
+    QIcon,
+    QKeyEvent,
+    QKeySequence,
+    QPixmap,
+    QUndoStack,
+)
 from PySide6.QtWidgets import (
     QAbstractScrollArea,
     QDialog,
@@ -120,6 +131,12 @@ class Actions(QObject):
         for identifier, handler in handlers.items():
             self._actions[identifier].triggered.connect(lambda _, handler=handler: handler())
 
+    def name_edits(self, undo: QUndoStack) -> None:
+        """Let *Undo* and *Redo* name the edit, as in "Undo Set group"."""
+        for identifier, signal in (("edit.undo", undo.undoTextChanged), ("edit.redo", undo.redoTextChanged)):
+            action = self._actions[identifier]
+            signal.connect(partial(_name_edit, action, action.text()))
+
     def enable(self, obstacles: Mapping[str, str], read_only: str = "") -> None:
         """Enable exactly the commands whose requirements are met; tooltips of the others give the reason.
 
@@ -184,6 +201,10 @@ class Actions(QObject):
             if entry.icon:
                 picture = icon(entry.icon, colours.text, colours.faint, colours.accent)
                 self._actions[entry.id].setIcon(picture)
+
+
+def _name_edit(action: QAction, title: str, edit: str) -> None:
+    action.setText(f"{title} {edit}".rstrip())
 
 
 def _add_mnemonics(entries: Sequence[QAction]) -> None:

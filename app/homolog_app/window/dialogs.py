@@ -298,7 +298,7 @@ class ErrorDialog(QDialog):
         self, save: Callable[[], None], remedies: Mapping[str, Callable[[], object]], close: QPushButton
     ) -> QHBoxLayout:
         """Return the row of buttons; Enter closes the dialog, whatever has the focus."""
-        unfold, report = button("Details", "flat"), button("Save report…")
+        unfold, report = button("Details", "flat"), button("Save problem report…")
         unfold.setCheckable(True)
         unfold.toggled.connect(self._unfold)
         report.clicked.connect(save)

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
-from PySide6.QtGui import QEnterEvent
+from PySide6.QtGui import QEnterEvent, QKeyEvent, QKeySequence
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -231,10 +231,23 @@ class _Row(QWidget):
         self.helped.emit(_help(self._parameter))
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Show the help of the setting with focus."""
+        """Show the help of the setting with focus, and leave Undo and Redo to the study."""
         if event.type() == QEvent.Type.FocusIn:
             self.helped.emit(_help(self._parameter))
+        elif event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
+            undoes = event.matches(QKeySequence.StandardKey.Undo) or event.matches(
+                QKeySequence.StandardKey.Redo
+            )
+            if undoes and not self._is_half_typed:
+                event.ignore()
+                return True
         return super().eventFilter(watched, event)
+
+    @property
+    def _is_half_typed(self) -> bool:
+        """Whether the editor has text that is no value yet."""
+        editor = self._editor
+        return isinstance(editor, QSpinBox) and editor.text() != editor.textFromValue(editor.value())
 
     def show_value(self, value: object) -> None:
         """Show a value without reporting it."""
@@ -246,11 +259,19 @@ class _Row(QWidget):
             editor.setCurrentIndex(editor.findData(value.value if isinstance(value, Enum) else value))
         elif isinstance(editor, QSpinBox):
             editor.setValue(int(str(value)))
-        elif isinstance(editor, QLineEdit) and not editor.hasFocus():
+        elif isinstance(editor, QLineEdit) and not (editor.hasFocus() and self._stands_for(value)):
             editor.setText("" if value is None else f"{value:g}" if isinstance(value, float) else str(value))
             editor.setCursorPosition(0)
         editor.blockSignals(False)
         self.accept()
+
+    def _stands_for(self, value: object) -> bool:
+        """Whether the text that is being typed, such as "2.", already means the value."""
+        assert isinstance(self._editor, QLineEdit), "other editors show their values always"
+        try:
+            return self._parsed(self._editor.text()) == value
+        except ValueError:
+            return False
 
     @property
     def problem(self) -> str:
@@ -316,18 +337,21 @@ class _Row(QWidget):
         self.entered.emit(self._parameter.name, value)
 
     def _report_text(self, text: str) -> None:
-        if not text.strip() and self._parameter.automatic:
-            self._report(None)
-            return
-        if self._parameter.kind is str:
-            self._report(text)
-            return
         try:
-            number = parse_number(text)
+            value = self._parsed(text)
         except ValueError:
             self.refuse()
             return
-        self._report(int(number) if self._parameter.kind is int and number.is_integer() else number)
+        self._report(value)
+
+    def _parsed(self, text: str) -> object:
+        """Return the value of a text; raises ValueError if it is none."""
+        if not text.strip() and self._parameter.automatic:
+            return None
+        if self._parameter.kind is str:
+            return text
+        number = parse_number(text)
+        return int(number) if self._parameter.kind is int and number.is_integer() else number
 
 
 def _help(parameter: Parameter) -> str:

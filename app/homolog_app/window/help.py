@@ -131,7 +131,7 @@ class HelpController(Controller):
     def save_report(self, details: str = "") -> None:
         """Ask for a file and write the problem report."""
         kinds = "Text files (*.txt)"
-        path = self._workspace.files.new(self._window, "Save report", "homolog-report.txt", kinds)
+        path = self._workspace.files.new(self._window, "Save problem report", "homolog-problem.txt", kinds)
         if path:
             write_text(path, problem_report(self._workspace.session, self._workspace.memory, details or ""))
 

@@ -365,14 +365,14 @@ class MainWindow(QMainWindow):
         self.setCentralWidget(self._middle)
 
     def _connect(self) -> None:
-        workspace = self.workspace
+        workspace, session = self.workspace, self.workspace.session
         self.commands.connect_handlers(self._handlers())
+        self.commands.name_edits(session.undo)
         for name, button in self.rail.buttons.items():
             button.clicked.connect(self.commands[f"view.{name}"].trigger)
         for name in (*(f"view.{step}" for step in STEPS), *PAGE_COMMANDS):
             self.commands[name].triggered.connect(self.inspector.take_focus)
-        workspace.session.step_changed.connect(self._turn)
-        session = workspace.session
+        session.step_changed.connect(self._turn)
         for signal in (
             session.study_changed, session.surveys_changed, session.groomed_changed, session.result_changed,
             session.selection_changed, session.project_changed, session.step_changed, session.page_changed,

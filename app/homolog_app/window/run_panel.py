@@ -21,6 +21,7 @@ from homolog.settings import GroomSettings, OptimizeSettings
 from homolog.surfaces.mirroring import mirrors
 from homolog_app.rendering.text import millilitres, signed
 from homolog_app.studies.files import interrupted_text
+from homolog_app.studies.study import outdated_text
 from homolog_app.views.contents import Groomed
 from homolog_app.window.actions import Actions
 from homolog_app.window.form import SettingsPair
@@ -334,11 +335,14 @@ class RunPanel(Panel):
         idle = not self.progress.isVisibleTo(self)
         self.form.show_values(session.study.settings.optimize)
         self.refresh_device()
-        done = session.result is not None
+        result = session.result
+        done = result is not None
+        current = result is not None and not outdated_text(session.study, result.record)
         resumable = self._actions["run.resume"].isEnabled()
         self.go.setText("Run again" if done or resumable else "Run")
         self._show_further()
-        set_primary(self.go, not done and not resumable)
+        set_primary(self.go, not current and not resumable)
+        set_primary(self.proceed, current)
         set_primary(self.resume, not done)
         self.resume.setVisible(idle and resumable)
         self.keep.setVisible(idle and self._actions["run.keep"].isEnabled())

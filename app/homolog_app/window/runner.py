@@ -16,7 +16,7 @@ from homolog.cancellation import CancelToken
 from homolog.errors import Cancelled
 from homolog.progress import Tick
 
-__all__ = ["GarbageCollector", "Job", "JobOutcome", "Runner", "Status", "Task"]
+__all__ = ["GarbageCollector", "Job", "JobOutcome", "Runner", "Status", "Task", "TaskStatus"]
 
 
 POLL_MS = 33

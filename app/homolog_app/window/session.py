@@ -41,7 +41,7 @@ class Job:
     Attributes
     ----------
     kind : str
-        Kind of the job; empty without a job.
+        Kind of the job, or of the one that is queued next; empty without a job.
     following : str
         The job that is queued next.
     status : Status or None

@@ -25,7 +25,7 @@ from homolog_app.studies.jobs import (
 )
 from homolog_app.studies.loaded_result import LoadedResult, load_result
 from homolog_app.views.contents import Groomed
-from homolog_app.window.runner import JobOutcome, Runner, Status, Task
+from homolog_app.window.runner import JobOutcome, Runner, Status, Task, TaskStatus
 from homolog_app.window.session import BACKGROUND, Job, Session
 from homolog_app.window.start_page import Sample
 
@@ -70,12 +70,14 @@ class Work(QObject):
         session.study_changed.connect(self.go_on)
 
     def _update_job(self, background: str = "") -> None:
-        """Update the session's job."""
-        run, following = self.runner.job, self._next
+        """Update the session's job; one that waits for background work to end is shown already."""
+        run, kind, following, status = self.runner.job, self._kind, "", self._status
+        if self._next is not None:
+            kind = following = self._next[0]
+            status = TaskStatus(message=self._next[2] or "starting")
         self.session.job = Job(
-            self._kind, following[0] if following is not None else "", self._status, background,
-            run if isinstance(run, RunJob) else None, self._kept,
-        )  # fmt: skip
+            kind, following, status, background, run if isinstance(run, RunJob) else None, self._kept
+        )
 
     def _publish(self) -> None:
         self._update_job()
@@ -259,7 +261,7 @@ class Work(QObject):
     @Slot(object)
     def _progressed(self, status: Status) -> None:
         self._drain()
-        if self.session.job.is_busy:
+        if self.session.job.is_busy and self._next is None:
             self._status = status
         self._update_job(status.message if self._kind not in ("groom", "run") else "")
         state = (self.runner.job, self._status is None, status.paused, self.session.preliminary)

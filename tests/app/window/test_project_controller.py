@@ -55,29 +55,6 @@ def test_file_dialogs_begin_where_the_last_file_was_or_next_to_the_project(tmp_p
 
 
 @pytest.mark.window
-def test_every_edit_can_be_undone_and_made_again(beans):
-    session, undo = beans.workspace.session, beans.commands["edit.undo"]
-    states = [session.study]
-    session.select(["a", "b"])
-    session.set_group("left")
-    states.append(session.study)
-    beans.commands["edit.include"].trigger()
-    states.append(session.study)
-    beans.commands["edit.remove"].trigger()
-    states.append(session.study)
-    groom = session.study.settings.groom.model_copy(update={"smoothing": 2.0})
-    beans.workspace.edit_settings("groom", "smoothing", groom)
-    states.append(session.study)
-    assert len(set(map(id, states))) == 5
-    for before in reversed(states[:-1]):
-        undo.trigger()
-        assert session.study == before
-    for after in states[1:]:
-        beans.commands["edit.redo"].trigger()
-        assert session.study == after
-
-
-@pytest.mark.window
 def test_undo_stops_at_the_folder_that_was_opened(beans, ellipsoids):
     session = beans.workspace.session
     session.undo.setIndex(0)

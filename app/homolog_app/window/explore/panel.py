@@ -1,6 +1,7 @@
 """The panel *Explore*: its tabs, and the handlers of its commands."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -9,7 +10,8 @@ from PySide6.QtCore import QTimer, Signal
 from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QTabBar, QVBoxLayout, QWidget
 
 from homolog.errors import InputError
-from homolog_app.report.request import StudyRequest
+from homolog_app.report.request import StudyRequest, kept_studies
+from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.studies.study import FILES, outdated_text
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.check_page import CheckPage
@@ -171,6 +173,10 @@ class ExploreController(Controller):
         self._panel.page_of(OverviewPage).kept.chosen.connect(self.open_stored)
         self._groups.answered.connect(lambda: QTimer.singleShot(0, self, self._show_wanted))
         self._panel.fitted.changed.connect(self._ask_wanted)  # a project that was just opened has no model
+        session = workspace.session
+        self._asked_of: LoadedResult | None = None
+        for signal in (session.page_changed, session.step_changed, session.job_changed, panel.fitted.changed):
+            signal.connect(self._show_stored)
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return the handlers of the commands of *Explore*."""
@@ -216,6 +222,27 @@ class ExploreController(Controller):
             self._show_wanted()
         else:
             self._ask_wanted()
+
+    def _show_stored(self) -> None:
+        """Show the first stored answer when *Groups* is opened with a result for the first time."""
+        session, groups = self._workspace.session, self._groups
+        is_open = session.step == "explore" and session.page == groups.title
+        if not is_open or session.job.is_busy or self._panel.fitted.shape is None:
+            return
+        if self._asked_of is session.result:
+            return
+        self._asked_of = session.result
+        if (
+            groups.answers
+            or self._wanted is not None
+            or session.folder is None
+            or not session.is_result_written
+        ):
+            return
+        with suppress(InputError):  # *Overview* says what is wrong with it
+            kept = [study for study in kept_studies(self._workspace.project) if not study.is_outdated]
+            if kept and groups.form.ask(kept[0].request):
+                groups.test(turns=False)
 
     def _ask_wanted(self) -> None:
         """Ask the chosen question if it still is in the form."""
