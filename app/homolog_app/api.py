@@ -25,8 +25,9 @@ from homolog.files.results import Result, read_result
 from homolog.parameters import fault_text
 from homolog.progress import Tick, no_tick, part_of, tick_of
 from homolog_app.report.findings import Finding, cautions, findings
-from homolog_app.report.request import StudyRequest, column_of, name_primary
+from homolog_app.report.request import StudyRequest, column_of
 from homolog_app.report.seeds import SeedAnswer, answer_by_seed, spread_text, stored_seeds, write_spread
+from homolog_app.report.stored_studies import name_primary
 from homolog_app.report.study import run_study
 from homolog_app.report.surface_maps import SurfaceCarrier, directions_of
 from homolog_app.report.tables import save_study

@@ -152,7 +152,8 @@ def read_preferences(folder: Path) -> object:
 
 
 def good_study(folder: Path) -> None:
-    from homolog_app.report.request import Answered, StudyRequest, write_request
+    from homolog_app.report.request import StudyRequest
+    from homolog_app.report.stored_studies import Answered, write_request
 
     study = folder / "project" / "analysis" / "study"
     study.mkdir(parents=True)
@@ -160,7 +161,7 @@ def good_study(folder: Path) -> None:
 
 
 def read_inputs(folder: Path) -> object:
-    from homolog_app.report.request import read_requests
+    from homolog_app.report.stored_studies import read_requests
 
     return read_requests(ProjectFolder(folder / "project"))
 

@@ -18,6 +18,7 @@ from homolog_app.cli.options import (
     with_options,
 )
 from homolog_app.exports.settings import CutSettings
+from homolog_app.report.study_settings import AnalysisSettings
 
 if TYPE_CHECKING:
     from homolog.files.results import Result
@@ -49,20 +50,8 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
     )
     parser.add_argument("project", type=Path, help="project folder")
     _add_question(parser)
-    parser.add_argument("--modes", type=int, help="number of modes to test (default: by parallel analysis)")
-    parser.add_argument("--permutations", type=int, default=10_000, help="permutations (default 10000)")
-    repeats = parser.add_argument(
-        "--null-repeats", type=int, default=1000, help="repeats of the null simulation (default 1000)"
-    )
-    add_former_name(parser, "--null", repeats)
-    parser.add_argument("--seed", type=int, default=0, help="random seed (default 0)")
-    parser.add_argument(
-        "--seeds",
-        type=int,
-        metavar="N",
-        help="repeat correspondence and tests with N seeds in all, and report how the answers vary; the runs "
-        "are stored in PROJECT/seeds, and later questions are repeated with them (default: those stored)",
-    )
+    actions = add_options(parser, AnalysisSettings)
+    add_former_name(parser, "--null", actions["null_repeats"])
     parser.add_argument(
         "--primary",
         nargs="?",
@@ -122,10 +111,11 @@ def run_analyze(arguments: argparse.Namespace) -> int:
     """Run the tests; return the exit code."""
     from homolog.files.results import read_result
     from homolog_app.api import answer_requests, primary_of, requests_of
-    from homolog_app.report.request import name_primary
+    from homolog_app.report.stored_studies import name_primary
 
     project = ProjectFolder(arguments.project)
     alignments = _alignments(arguments)
+    settings = with_options(AnalysisSettings(), arguments)
     lines = []
     if arguments.size == "with":
         lines.append(
@@ -143,14 +133,11 @@ def run_analyze(arguments: argparse.Namespace) -> int:
             pairs=arguments.pairs,
             covariates=arguments.covariates,
             complete_cases=arguments.complete_cases,
-            modes=arguments.modes,
-            permutations=arguments.permutations,
-            null_repeats=arguments.null_repeats,
-            seed=arguments.seed,
+            **settings.model_dump(exclude={"seeds"}),
         )
         write_details(project, with_options(read_details(project), arguments))
         chosen = primary_of(requests, arguments.primary)
-        answers = answer_requests(project, result, requests, arguments.seeds, progress.tick)
+        answers = answer_requests(project, result, requests, settings.seeds, progress.tick)
         if arguments.primary is not None:
             name_primary(project, chosen)
     stream = sys.stderr if arguments.progress == "json" else sys.stdout

@@ -41,14 +41,18 @@ _LABEL_HELP = (
 
 def add_options(
     parser: argparse.ArgumentParser, model: type[BaseModel], leaving_out: Sequence[str] = ()
-) -> None:
-    """Declare an option for each setting of the model; options not given are absent from the result."""
+) -> dict[str, argparse.Action]:
+    """Declare an option for each setting of the model, and return them by the settings' names.
+
+    Options not given are absent from the parsed arguments.
+    """
+    actions: dict[str, argparse.Action] = {}
     group = parser.add_argument_group(_title(model))
     for parameter in parameters(model):
         if parameter.name in leaving_out:
             continue
         if parameter.kind is bool:
-            group.add_argument(
+            actions[parameter.name] = group.add_argument(
                 _option(parameter),
                 action=argparse.BooleanOptionalAction,
                 default=argparse.SUPPRESS,
@@ -56,12 +60,13 @@ def add_options(
             )
         else:
             is_label = model is GroomSettings and parameter.name == "label"
-            group.add_argument(
+            actions[parameter.name] = group.add_argument(
                 _option(parameter),
                 default=argparse.SUPPRESS,
                 metavar=_metavar(parameter) if not is_label else "LABEL",
                 help=_help(parameter) if not is_label else _LABEL_HELP,
             )
+    return actions
 
 
 class _FormerName(argparse.Action):

@@ -103,7 +103,7 @@ def group_means(result: Result, column: str, groups: Sequence[str]) -> list[Floa
     InputError
         If there is no such column or nobody is in one of the groups.
     """
-    from homolog_app.report.request import column_of, levels  # brings slow imports along
+    from homolog_app.report.request import column_of, levels
 
     labels = np.array(column_of(result, column))
     for group in groups:

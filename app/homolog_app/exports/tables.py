@@ -25,7 +25,8 @@ from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.exports.settings import TableSettings
-from homolog_app.report.request import Answered, KeptStudy, StudyRequest, kept_studies, study_folder
+from homolog_app.report.request import StudyRequest
+from homolog_app.report.stored_studies import Answered, KeptStudy, is_primary, kept_studies, study_folder
 from homolog_app.report.study import Study, run_study
 from homolog_app.report.surface_maps import SurfaceCarrier, directions_of
 from homolog_app.report.tables import data_digest, write_study_tables
@@ -125,7 +126,10 @@ def _copied(project: ProjectFolder, study: KeptStudy, result: Result, folder: Pa
 
 def _write_study(project: ProjectFolder, folder: Path, study: Study, result: Result) -> None:
     directions = directions_of(read_details(project), project.read().result)
-    write_study_tables(folder, study, result, SurfaceCarrier.of(result, directions), Answered.now(project))
+    write_study_tables(
+        folder, study, result, SurfaceCarrier.of(result, directions), Answered.now(project),
+        is_primary=is_primary(study_folder(project, study.request)),
+    )  # fmt: skip
 
 
 def _columns(result: Result) -> list[str]:

@@ -68,7 +68,7 @@ def _of_answers(studies: Sequence[Study]) -> Iterator[tuple[str, str]]:
     yield (
         "Significant area",
         f"Area of the particles with p ≤ {LEVEL:g}, corrected over the surface (family-wise error), pairs "
-        "and analyses. A particle stands for the part of the mean surface of all subjects that is nearest "
+        "and answers. A particle stands for the part of the mean surface of all subjects that is nearest "
         "to it, on the same side of a wall. The whole surface counts, of hollow shapes the inner and the "
         "outer side.",
     )

@@ -73,13 +73,13 @@ def dispersion_text(dispersion: Dispersion) -> str:
 
 
 def correction_text(study: Study, *, size: bool = False, overall: bool = False) -> str:
-    """Return the corrections of p-values, such as ``"corrected for 2 analyses"``, or nothing.
+    """Return the corrections of p-values, such as ``"corrected for 2 answers"``, or nothing.
 
-    Those of size are corrected for pairs only, those of all groups together (`overall`) for analyses only.
+    Those of size are corrected for pairs only, those of all groups together (`overall`) for answers only.
     """
     parts = [f"{len(study.pairwise)} pairs of groups (Holm)"] if study.pairwise and not overall else []
     if study.request.answers > 1 and not size:
-        parts.append(f"{study.request.answers} analyses (form and shape; Bonferroni)")
+        parts.append(f"{study.request.answers} answers (form and shape; Bonferroni)")
     return f"corrected for {' and '.join(parts)}" if parts else ""
 
 
@@ -216,7 +216,8 @@ def covariate_area(study: Study, effect: Comparison) -> float:
 
 def covariate_interval(effect: Effect, unit: str) -> str:
     """Return a covariate's effect with its interval, in three digits."""
-    value, low, high = (f"{item:.3g}" for item in (effect.value, effect.low, effect.high))
+    bounds = (effect.value, effect.low, effect.high)
+    value, low, high = ("0" if bound == 0.0 else f"{bound:#.3g}".rstrip(".") for bound in bounds)
     if not unit:
         return f"{value} ({low} to {high})"
     return f"{value}{unit} (95 % CI {low} to {high})"
@@ -307,7 +308,7 @@ def _local_correction(study: Study, comparison: Comparison) -> str:
     if comparison in study.pairwise:
         parts.append(f"{len(study.pairwise)} pairs")
     if study.request.answers > 1:
-        parts.append(f"{study.request.answers} analyses")
+        parts.append(f"{study.request.answers} answers")
     return (
         f"corrected over {', '.join(parts[:-1])} and {parts[-1]}"
         if len(parts) > 1
@@ -329,7 +330,7 @@ def _details(study: Study, comparison: Comparison) -> tuple[str, ...]:
     if comparison.discriminant is not None:
         tested = "whole shape, of particles and of the discriminant"
     size = ""
-    if shows_size(study):
+    if shows_size(study) and comparison.size_p_adjusted is not None:
         size = f"; that of size is {correction_text(study, size=True, overall=overall) or 'not corrected'}"
     return (*statistics, f"p values of the {tested} are {correction}{size}.")
 

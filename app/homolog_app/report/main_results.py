@@ -71,13 +71,13 @@ def _role_text(studies: Sequence[Study], *, primary: bool) -> str:
     answers = max(study.request.answers for study in studies)
     if primary:
         own = studies[0].request.answers
-        kept = f" Its p-values are corrected for {own} analyses all the same." if own > 1 else ""
+        kept = f" Its p-values are corrected for {own} answers all the same." if own > 1 else ""
         return (
             f"Study 1 was named primary.{kept} The others are secondary: their p-values are corrected "
             f"{within} alone, which makes them exploratory."
         )
     if count == 1:
-        corrected = f" p-values are corrected for all {answers} analyses." if answers == len(studies) else ""
+        corrected = f" p-values are corrected for all {answers} answers." if answers == len(studies) else ""
         return f"No study was named primary (homolog analyze --primary).{corrected}"
     return (
         f"No study was named primary (homolog analyze --primary). p-values are corrected {within}, not for "

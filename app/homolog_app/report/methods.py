@@ -170,7 +170,7 @@ def _adjustments(study: Study) -> Iterator[str]:
         yield (
             f"Shapes were adjusted for {', '.join(request.covariates)} by a linear model of each coordinate; "
             "residuals were permuted [freedman]. Each covariate was tested in the same way, adjusted for "
-            "the study's own effect and the other covariates; its p-values were corrected for analyses, "
+            "the study's own effect and the other covariates; its p-values were corrected for answers, "
             "that of size and the number of covariates were not."
         )
     if request.complete_cases:

@@ -1,32 +1,25 @@
 """The question of a study, stored in the project so that the report can be generated again."""
 
-import csv
-import json
 import re
-from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from homolog.analysis.design import is_missing
-from homolog.analysis.effects import Effect
 from homolog.analysis.procrustes import Alignment, rms_radii
 from homolog.arrays import FloatArray
 from homolog.cohort.column_types import CATEGORY, plain_name
 from homolog.errors import InputError
-from homolog.files.atomic import write_text
-from homolog.files.project import OUT_OF_DATE, ProjectFolder
 from homolog.files.results import Result
 from homolog.geometry import scale_of
+from homolog.parameters import parameters
+from homolog_app.report.study_settings import StudySettings
 
 __all__ = [
-    "SHAPE_SIZE", "SIZE", "Answered", "KeptStudy", "StoredTest", "StudyRequest", "category_of", "column_of",
-    "columns_of", "compared_shapes", "kept_studies", "levels", "name_primary", "read_requests",
-    "study_folder", "write_request",
+    "SHAPE_SIZE", "SIZE", "StudyRequest", "category_of", "column_of", "columns_of", "compared_shapes",
+    "levels",
 ]  # fmt: skip
 
 SIZE = "size"
@@ -84,8 +77,6 @@ def columns_of(result: Result) -> set[str]:
     return {name for columns in result.columns for name in columns}
 
 
-_RECORD, _TESTS = "study.json", "tests.csv"
-_DISTANCE = "mahalanobis_d_corrected"
 _LONGEST = 90
 SIZE_TEXTS = {
     Alignment.AS_IT_LIES: "as the shapes lie",
@@ -94,7 +85,7 @@ SIZE_TEXTS = {
 }
 
 
-class StudyRequest(BaseModel):
+class StudyRequest(StudySettings):
     """One question to a project's result.
 
     Attributes
@@ -115,15 +106,11 @@ class StudyRequest(BaseModel):
         How shapes are aligned before they are compared.
     complete_cases : bool
         Whether subjects without a value in a column that is used are left out.
-    modes : int or None
-        Number of modes; by parallel analysis if not given.
-    permutations, null_repeats, seed, answers : int
-        See `homolog.analysis.comparison.Options`.
+    answers : int
+        Answers to the same question, on form and shape, that p-values are corrected for.
     earlier : bool
         Whether an earlier version kept the question, which did not align shapes rigidly.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     kind: Literal["groups", "regression", "pairs"] = "groups"
     column: str = "group"
@@ -132,10 +119,6 @@ class StudyRequest(BaseModel):
     covariates: tuple[str, ...] = ()
     alignment: Alignment = Alignment.RIGID
     complete_cases: bool = False
-    modes: Annotated[int, Field(ge=1)] | None = None
-    permutations: Annotated[int, Field(ge=99, le=1_000_000)] = 10_000
-    null_repeats: Annotated[int, Field(ge=0, le=100_000)] = 1000
-    seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 0
     answers: Annotated[int, Field(ge=1, le=3)] = 1
     earlier: bool = False
 
@@ -168,6 +151,10 @@ class StudyRequest(BaseModel):
         options += ["--pairs", self.pairs] if self.pairs else []
         options += ["--covariates", *self.covariates] if self.covariates else []
         options += ["--complete-cases"] if self.complete_cases else []
+        for parameter in parameters(StudySettings):
+            value = getattr(self, parameter.name)
+            if value != parameter.default:
+                options += [f"--{parameter.name.replace('_', '-')}", str(value)]
         return [*options, "--alignment", self.alignment.value]
 
     @property
@@ -191,34 +178,6 @@ class StudyRequest(BaseModel):
         return self.model_dump_json(exclude={"permutations", "null_repeats", "answers", "earlier"})
 
 
-class Answered(BaseModel):
-    """Result, date, version and digest of the data of an answer."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
-    fingerprint: str = ""
-    result_finished: str = ""
-    homolog: str = ""
-    date: str = ""
-    data: str = ""
-
-    @classmethod
-    def now(cls, project: ProjectFolder, data: str = "") -> "Answered":
-        """Describe an answer about a project's present result."""
-        record = project.read().result
-        try:
-            number = version("homolog")
-        except PackageNotFoundError:
-            number = ""
-        return cls(
-            fingerprint=record.fingerprint if record else "",
-            result_finished=record.finished if record else "",
-            homolog=number,
-            date=datetime.now(UTC).isoformat(timespec="seconds"),
-            data=data,
-        )
-
-
 def category_of(column: str, known: "set[str]") -> tuple[str, bool]:
     """Return a covariate's column, and whether its numbers are declared codes of categories.
 
@@ -229,172 +188,3 @@ def category_of(column: str, known: "set[str]") -> tuple[str, bool]:
     if column not in known and column.endswith(CATEGORY):
         return plain_name(column), True
     return column, column.endswith(CATEGORY)
-
-
-def study_folder(project: ProjectFolder, request: StudyRequest) -> Path:
-    """Return the folder of a study's tables: the one that holds this question, or a free one."""
-    return _folder_in(project.folder / "analysis", request)
-
-
-def _folder_in(root: Path, request: StudyRequest) -> Path:
-    there = {path.name.casefold(): path for path in root.iterdir()} if root.is_dir() else {}
-    number = 1
-    while True:
-        name = request.name if number == 1 else f"{request.name}_{number}"
-        taken = there.get(name.casefold())
-        record = taken / _RECORD if taken else None
-        if record is None or not record.is_file():
-            return taken or root / name
-        if _read(record).request.question == request.question:
-            return record.parent
-        number += 1
-
-
-def write_request(request: StudyRequest, folder: Path, answered: Answered) -> None:
-    """Store a question with the record of its answer; raises InputError if it can't be written.
-
-    A primary study stays so.
-    """
-    path = folder / _RECORD
-    _write(path, _Record(request, answered, path.is_file() and _read(path).is_primary))
-    (folder / OUT_OF_DATE).unlink(missing_ok=True)
-
-
-def name_primary(project: ProjectFolder, request: StudyRequest | None) -> None:
-    """Make the stored study of a question the primary one, and no other; none if no question is given.
-
-    Raises
-    ------
-    InputError
-        If a stored question is damaged, or the project can't be written to.
-    """
-    for path in _records(project):
-        kept = _read(path)
-        is_primary = request is not None and kept.request.question == request.question
-        if is_primary != kept.is_primary:
-            _write(path, kept._replace(is_primary=is_primary))
-
-
-def read_requests(project: ProjectFolder) -> list[StudyRequest]:
-    """Return the questions stored in a project, the primary one first, answers to each next to each other.
-
-    Raises
-    ------
-    InputError
-        If one of them is damaged.
-    """
-    return [study.request for study in kept_studies(project)]
-
-
-class StoredTest(NamedTuple):
-    """The test of one comparison: corrected p, its permutations, and the effect in SD, if it has one."""
-
-    p: float
-    permutations: int
-    distance: Effect | None
-
-
-class KeptStudy(NamedTuple):
-    """A request that is stored in a project.
-
-    Attributes
-    ----------
-    is_outdated : bool
-        Whether its tables belong to earlier particles.
-    tests : dict of str to StoredTest
-        The test of each comparison; empty if the table can't be read.
-    is_primary : bool
-        Whether it was named the primary study.
-    answered : Answered
-        What its tables belong to.
-    """
-
-    request: StudyRequest
-    is_outdated: bool
-    tests: Mapping[str, StoredTest]
-    is_primary: bool = False
-    answered: Answered = Answered()
-
-
-def kept_studies(project: ProjectFolder) -> list[KeptStudy]:
-    """Return the questions as `read_requests` does, with their answers.
-
-    Raises
-    ------
-    InputError
-        If one of them is damaged.
-    """
-    kept = []
-    for path in _records(project):
-        request, answered, is_primary = _read(path)
-        old = (path.parent / OUT_OF_DATE).is_file()
-        kept.append(KeptStudy(request, old, _stored_tests(path.parent / _TESTS), is_primary, answered))
-    first = next((_name(study.request) for study in kept if study.is_primary), None)
-    return sorted(
-        kept,
-        key=lambda study: (_name(study.request) != first, not study.is_primary, *_place(study.request)),
-    )
-
-
-def _records(project: ProjectFolder) -> list[Path]:
-    return sorted((project.folder / "analysis").glob(f"*/{_RECORD}"))
-
-
-def _stored_tests(path: Path) -> dict[str, StoredTest]:
-    low, high = f"{_DISTANCE}_low_95", f"{_DISTANCE}_high_95"
-    try:
-        with path.open(encoding="utf-8", newline="") as stream:
-            rows = list(csv.DictReader(stream))
-        return {
-            row["comparison"]: StoredTest(
-                float(row["p_permutation_corrected"]),
-                int(row["permutations"]),
-                Effect(float(row[_DISTANCE]), float(row[low]), float(row[high])) if row[_DISTANCE] else None,
-            )
-            for row in rows
-        }
-    except (OSError, ValueError, KeyError, TypeError):
-        return {}
-
-
-def _name(request: StudyRequest) -> str:
-    """Return the name of a question, whatever the alignment."""
-    return request.model_copy(update={"alignment": Alignment.RIGID}).name
-
-
-def _place(request: StudyRequest) -> tuple[str, int]:
-    """Return the sort key of questions: form before shape."""
-    return _name(request), list(Alignment).index(request.alignment)
-
-
-class _Record(NamedTuple):
-    """A stored question, what its answer belongs to, and whether its study is the primary one."""
-
-    request: StudyRequest
-    answered: Answered
-    is_primary: bool
-
-
-def _write(path: Path, record: _Record) -> None:
-    content = {
-        "question": record.request.model_dump(mode="json", exclude={"earlier"}),
-        "answered": record.answered.model_dump(mode="json"),
-        "primary": record.is_primary,
-    }
-    write_text(path, json.dumps(content, indent=2) + "\n")
-
-
-def _read(path: Path) -> _Record:
-    try:
-        content = json.loads(path.read_bytes())
-        if not isinstance(content, dict):
-            raise ValueError("contains no question")
-        if "question" in content:
-            return _Record(
-                StudyRequest.model_validate(content["question"]),
-                Answered.model_validate(content.get("answered", {})),
-                content.get("primary") is True,
-            )
-        return _Record(StudyRequest.model_validate(content), Answered(), False)
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is damaged; delete its folder and analyze again") from error

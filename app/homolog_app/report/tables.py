@@ -18,18 +18,11 @@ from homolog.files.project import ProjectFolder
 from homolog.files.report_details import read_details
 from homolog.files.results import Result
 from homolog.files.tables import write_table
-from homolog_app.report.findings import LEVEL
-from homolog_app.report.request import (
-    SHAPE_SIZE,
-    Answered,
-    StudyRequest,
-    column_of,
-    compared_shapes,
-    study_folder,
-    write_request,
-)
+from homolog_app.report.findings import LEVEL, covariate_unit
+from homolog_app.report.request import SHAPE_SIZE, StudyRequest, column_of, compared_shapes
 from homolog_app.report.sample import sample_rows
 from homolog_app.report.seeds import COLUMNS, FILE
+from homolog_app.report.stored_studies import PRIMARY, Answered, is_primary, study_folder, write_request
 from homolog_app.report.study import Study, study_options
 from homolog_app.report.surface_maps import Directions, SurfaceCarrier, directions_of, significant_regions
 
@@ -62,7 +55,7 @@ def save_study(
     if carrier is None:
         carrier = SurfaceCarrier.of(result, directions_of(read_details(project), project.read().result))
     answered = Answered.now(project, data_digest(result, carrier.directions))
-    write_study_tables(folder, study, result, carrier, answered)
+    write_study_tables(folder, study, result, carrier, answered, is_primary=is_primary(folder))
     write_request(study.request, folder, answered)
     return folder
 
@@ -76,7 +69,13 @@ def data_digest(result: Result, directions: Directions) -> str:
 
 
 def write_study_tables(
-    folder: Path, study: Study, result: Result, carrier: SurfaceCarrier, answered: Answered
+    folder: Path,
+    study: Study,
+    result: Result,
+    carrier: SurfaceCarrier,
+    answered: Answered,
+    *,
+    is_primary: bool = False,
 ) -> None:
     """Write the tables of a study; ``columns.csv`` says what each column holds.
 
@@ -92,6 +91,8 @@ def write_study_tables(
         Of that result.
     answered : Answered
         Of what result, when and by which version.
+    is_primary : bool
+        Whether it is the primary study.
 
     Raises
     ------
@@ -99,7 +100,8 @@ def write_study_tables(
         If the folder can't be written to.
     """
     written: dict[str, list[str]] = {}
-    for name, columns, lines in _tables(study, result, carrier, answered):
+    provenance = _provenance(study.request, answered, is_primary)
+    for name, columns, lines in _tables(study, result, carrier, provenance):
         write_table(folder / name, columns, lines)
         written[name] = list(columns)
     if (folder / FILE).is_file():
@@ -116,10 +118,12 @@ def write_study_tables(
     )
 
 
-def _tables(study: Study, result: Result, carrier: SurfaceCarrier, answered: Answered) -> Iterator[_Table]:
+def _tables(
+    study: Study, result: Result, carrier: SurfaceCarrier, provenance: dict[str, _Cell]
+) -> Iterator[_Table]:
     """Yield the tables of a study: name, columns, rows."""
-    yield from _tests(study, answered)
-    covariates = [_test_row(study, item) | {"unit": ""} for item in study.overall.covariates]
+    yield from _tests(study, provenance)
+    covariates = [_test_row(study, item) | _unit(item) for item in study.overall.covariates]
     if covariates:
         yield "covariates.csv", list(covariates[0]), (list(row.values()) for row in covariates)
     yield (
@@ -139,12 +143,13 @@ def _tables(study: Study, result: Result, carrier: SurfaceCarrier, answered: Ans
         ],
         (
             [
-                comparison.title, group, comparison.counts[group], distance,
-                *_bounds(comparison.dispersion.intervals.get(group)),
+                comparison.title, group, count,
+                None if spread is None else spread.by_group.get(group),
+                *_bounds(None if spread is None else spread.intervals.get(group)),
             ]
             for comparison in study.comparisons
-            if comparison.dispersion is not None
-            for group, distance in comparison.dispersion.by_group.items()
+            for spread in [comparison.dispersion]
+            for group, count in comparison.counts.items()
         ),
     )  # fmt: skip
     yield (
@@ -159,12 +164,9 @@ def _tables(study: Study, result: Result, carrier: SurfaceCarrier, answered: Ans
     yield "subjects.csv", *_subjects(study, result)
 
 
-def _tests(study: Study, answered: Answered) -> Iterator[_Table]:
+def _tests(study: Study, provenance: dict[str, _Cell]) -> Iterator[_Table]:
     """Yield the tests of each comparison, and the same without outliers."""
-    rows = [
-        _test_row(study, comparison) | _provenance(study.request, answered)
-        for comparison in study.comparisons
-    ]
+    rows = [_test_row(study, comparison) | provenance for comparison in study.comparisons]
     yield "tests.csv", list(rows[0]), (list(row.values()) for row in rows)
     without = (
         own
@@ -177,9 +179,14 @@ def _tests(study: Study, answered: Answered) -> Iterator[_Table]:
     yield "tests_without_outliers.csv", [*rows[0], "without"], (list(row.values()) for row in without)
 
 
-def _provenance(request: StudyRequest, answered: Answered) -> dict[str, _Cell]:
+def _unit(covariate: Comparison) -> dict[str, _Cell]:
+    return {"unit": f"per unit of {covariate.title}" if covariate_unit(covariate) else "difference"}
+
+
+def _provenance(request: StudyRequest, answered: Answered, is_primary: bool) -> dict[str, _Cell]:
     return {
         "question": request.title,
+        PRIMARY: int(is_primary),
         "alignment": request.alignment.value,
         "covariates": "; ".join(request.covariates),
         "complete_cases": int(request.complete_cases),
@@ -201,7 +208,6 @@ def _test_row(study: Study, comparison: Comparison) -> dict[str, _Cell]:
     return {
         "comparison": comparison.title,
         "n": sum(comparison.counts.values()),
-        "n_by_group": "; ".join(f"{name} {count}" for name, count in comparison.counts.items()),
         "unit": f"per unit of {study.request.column}" if regression else "difference",
         "modes": test.modes,
         "modes_chosen_by": "option" if study.request.modes is not None else "parallel analysis",
@@ -221,8 +227,9 @@ def _test_row(study: Study, comparison: Comparison) -> dict[str, _Cell]:
         "f_dof_numerator": test.dof[0],
         "f_dof_denominator": test.dof[1],
         "p_f": test.p,
-        "dispersion_ratio": None if spread is None else spread.ratio,
-        **_effect("dispersion_effect", None if spread is None else spread.effect),
+        "dispersion_largest_to_smallest": None if spread is None else spread.ratio,
+        **_effect("dispersion_second_to_first", spread.effect if spread and spread.by_group else None),
+        **_effect("dispersion_per_unit_mm", spread.effect if spread and not spread.by_group else None),
         "dispersion_f": None if spread is None else spread.f,
         "dispersion_p": None if spread is None else spread.p,
         "particles": len(comparison.p_fwe),

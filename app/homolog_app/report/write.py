@@ -36,10 +36,10 @@ from homolog_app.report.model_section import (
     settings_rows,
 )
 from homolog_app.report.page import Page
-from homolog_app.report.request import kept_studies, study_folder
 from homolog_app.report.sample import add_measures, add_missing, add_samples, measures_of
 from homolog_app.report.seeds import add_seeds, read_spread, seed_numbers
 from homolog_app.report.sheets import write_page
+from homolog_app.report.stored_studies import kept_studies, study_folder
 from homolog_app.report.study import Study, run_study
 from homolog_app.report.study_section import add_assumptions, add_statistics, add_study
 from homolog_app.report.surface_maps import SurfaceCarrier, directions_of

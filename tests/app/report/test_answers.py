@@ -17,10 +17,7 @@ from homolog_app.exports.settings import TableSettings
 from homolog_app.exports.tables import write_tables
 from homolog_app.report.findings import p_text
 from homolog_app.report.methods import least_text
-from homolog_app.report.request import (
-    StudyRequest,
-    column_of,
-)
+from homolog_app.report.request import StudyRequest, column_of
 from homolog_app.report.sample import sample_rows
 from homolog_app.report.study import run_study
 from homolog_app.report.surface_maps import EDGE, INNER, OUTER, Region, SurfaceCarrier, directions_of
@@ -156,9 +153,9 @@ def test_a_group_that_scatters_more_raises_a_caution_where_answers_are_read(
     assert "assume equal dispersion" in said
     (row,) = rows_of(project.folder / "analysis" / "groups_group_A_B_as_it_lies" / "tests.csv")
     assert float(row["dispersion_p"]) <= 0.05
-    assert float(row["dispersion_ratio"]) > 1.5
-    low, high = (float(row[f"dispersion_effect_{end}_95"]) for end in ("low", "high"))
-    assert low < float(row["dispersion_effect"]) < high
+    assert float(row["dispersion_largest_to_smallest"]) > 1.5
+    low, high = (float(row[f"dispersion_second_to_first_{end}_95"]) for end in ("low", "high"))
+    assert low < float(row["dispersion_second_to_first"]) < high
     assert not low < 1.0 < high
     assert 0.0 <= float(row["omega_squared_low_95"]) <= float(row["omega_squared"]) <= 1.0
 

@@ -18,13 +18,9 @@ from homolog.files.report_details import Axes, ReportDetails, read_details
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app import api
 from homolog_app.cli import main
-from homolog_app.report.request import (
-    kept_studies,
-    read_requests,
-    study_folder,
-)
 from homolog_app.report.sample import measures_of
 from homolog_app.report.seeds import SeedAnswer, write_spread
+from homolog_app.report.stored_studies import kept_studies, read_requests, study_folder
 
 HOSTILE = "<script>alert('x')</script> & co"
 
@@ -174,7 +170,7 @@ def test_methods_that_studies_share_are_told_once(project, without_figures, anal
     assert page.count("residuals were permuted [") == 1
 
 
-def test_the_primary_study_leads_and_the_others_are_secondary(project, without_figures, analyze):
+def test_the_primary_study_leads_and_the_others_are_secondary(project, without_figures, analyze, rows_of):
     def first_page():
         page = re.sub(r"<[^>]+>", " ", api.report(project.folder).read_text(encoding="utf-8"))
         return page[page.index("Main results") : page.index("Sample")]
@@ -192,11 +188,15 @@ def test_the_primary_study_leads_and_the_others_are_secondary(project, without_f
     assert "Study 1 was named primary" in text
     assert "Study 1 (primary; shape; allometry remains). C − B" in text
     assert "Study 2 (secondary; form). C − B" in text
-    assert [study.is_primary for study in kept_studies(project)] == [True, False, False, False]
+    kept = kept_studies(project)
+    assert [study.is_primary for study in kept] == [True, False, False, False]
+    tables = [study_folder(project, study.request) / "tests.csv" for study in kept]
+    assert [rows_of(table)[0]["primary"] for table in tables] == ["1", "0", "0", "0"]
     assert analyze(project, "--between", "A", "C", "--primary") == 0
     assert read_requests(project)[0].name == "groups_group_A_C"
     assert analyze(project, "--between", "A", "C", "--primary", "none") == 0
     assert not any(study.is_primary for study in kept_studies(project))
+    assert {row["primary"] for table in tables for row in rows_of(table)} == {"0"}
 
 
 def test_a_region_of_one_particle_or_of_one_seed_is_not_claimed(project, without_figures, analyze):

@@ -3,13 +3,8 @@
 import pytest
 
 from homolog.files.records import ProjectRecord
-from homolog_app.report.request import (
-    Answered,
-    StudyRequest,
-    read_requests,
-    study_folder,
-    write_request,
-)
+from homolog_app.report.request import StudyRequest
+from homolog_app.report.stored_studies import Answered, read_requests, study_folder, write_request
 
 
 def test_regression_and_pairs_are_analyzed(project, capsys, analyze, rows_of):

@@ -6,7 +6,6 @@ import shutil
 import sys
 import threading
 import time
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -340,7 +339,9 @@ def _few_permutations(request, monkeypatch):
     if "own_permutations" not in request.fixturenames:
         from homolog_app.report.request import StudyRequest
 
-        quick = partial(StudyRequest, permutations=499, null_repeats=20)
+        def quick(**question):
+            return StudyRequest(**(question | {"permutations": 499, "null_repeats": 20}))
+
         monkeypatch.setattr("homolog_app.window.explore.group_form.StudyRequest", quick)
 
 

@@ -144,7 +144,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     from PySide6.QtWidgets import QWidget
 
     from homolog.errors import InputError
-    from homolog_app.report.request import KeptStudy, StoredTest
+    from homolog_app.report.stored_studies import KeptStudy, StoredTest
     from homolog_app.window.commands import COMMANDS
     from homolog_app.window.dialogs import ask
     from homolog_app.window.explore.groups_page import GroupsPage

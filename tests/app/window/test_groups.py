@@ -267,7 +267,7 @@ def test_a_dimmed_plot_is_paler_on_the_screen(qapp, plots, wait):
 def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_p(
     explore, bean_project, window, wait
 ):
-    from homolog_app.report.request import KeptStudy, StoredTest
+    from homolog_app.report.stored_studies import KeptStudy, StoredTest
 
     page, session = explore(bean_project, "groups"), window.workspace.session
     names = [member.name for member in session.study.members]
@@ -285,7 +285,7 @@ def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_
     assert dict(page.numbers.texts)["Size of all groups"].startswith("F(2, ")
     assert (
         page.others.text()
-        == "p is corrected for 3 pairs of groups (Holm) and 2 analyses (form and shape; Bonferroni)."
+        == "p is corrected for 3 pairs of groups (Holm) and 2 answers (form and shape; Bonferroni)."
     )
     top = page.results.topLevelItem(1)
     page.results.setCurrentItem(top.child(2))

@@ -92,6 +92,31 @@ def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait)
     np.testing.assert_array_equal(same.overall.pointwise.effect, answer.pair.pointwise.effect)
 
 
+def test_settings_of_the_tests_are_those_of_the_command_line_and_of_stored_answers(page):
+    from PySide6.QtWidgets import QWidget
+
+    from homolog.parameters import parameters
+    from homolog_app.api import analyze
+    from homolog_app.cli import command_parser
+    from homolog_app.report.request import StudyRequest
+    from homolog_app.report.study_settings import AnalysisSettings
+
+    options = command_parser()[0].parse_args(["analyze", "PROJECT", "--modes=3", "--null-repeats=0"])
+    assert (options.modes, options.null_repeats) == ("3", "0")
+    names = {parameter.name for parameter in parameters(AnalysisSettings)}
+    assert names <= set(analyze.__kwdefaults__)
+    settings = AnalysisSettings()
+    assert {name: analyze.__kwdefaults__[name] for name in names} == settings.model_dump()
+    shown = {row.accessibleName() for row in page.form.tests.more.findChildren(QWidget)}
+    assert {parameter.label for parameter in parameters(AnalysisSettings)} <= shown
+    stored = StudyRequest(between=("slim", "wide"), modes=3, seed=4)
+    assert page.form.ask(stored)
+    assert (page.form.request.modes, page.form.request.seed) == (3, 4)
+    assert {"--modes", "--seed"} <= set(page.form.request.arguments)
+    assert page.form.ask(StudyRequest(between=("slim", "wide")))
+    assert page.form.request.modes is None
+
+
 def test_an_answer_is_kept_as_the_command_line_keeps_it(
     page, window, wait, tmp_path, capsys, own_permutations
 ):
@@ -113,14 +138,16 @@ def test_an_answer_is_kept_as_the_command_line_keeps_it(
     assert {file.name: file.read_bytes() for file in folder.iterdir() if file.name not in dated} == mine
 
 
-def test_the_answers_of_other_seeds_can_be_cancelled_and_are_shown_where_they_are_read(
-    page, window, wait, monkeypatch
-):
+def test_the_answers_of_other_seeds_can_be_cancelled_and_are_shown_where_they_are_read(page, window, wait):
     from PySide6.QtCore import Qt
     from PySide6.QtTest import QTest
-    from PySide6.QtWidgets import QAbstractButton
+    from PySide6.QtWidgets import QAbstractButton, QLineEdit
 
-    monkeypatch.setattr("homolog_app.window.explore.groups_page.N_SEEDS", 2)
+    (seeds,) = (editor for editor in page.form.findChildren(QLineEdit) if editor.accessibleName() == "seeds")
+    seeds.clear()
+    seeds.insert("2")
+    seeds.textEdited.emit("2")
+    assert page.seeds.text() == "Repeat with 2 seeds"
     window.projects.save()
     ask(page, window, wait, "group")
     job = window.workspace.session

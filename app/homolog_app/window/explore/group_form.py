@@ -1,4 +1,4 @@
-"""The question: column, groups or number, and covariates."""
+"""The question: column, groups or number, covariates, and how it is tested."""
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction, QStandardItemModel
@@ -7,6 +7,7 @@ from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QMenu, QWidget
 from homolog.analysis.design import reference_first
 from homolog.analysis.procrustes import Alignment
 from homolog_app.report.request import StudyRequest
+from homolog_app.report.study_settings import AnalysisSettings, StudySettings
 from homolog_app.studies.questions import (
     SIZE,
     covariates_of,
@@ -16,10 +17,13 @@ from homolog_app.studies.questions import (
     size_name,
     values_of,
 )
+from homolog_app.window.form import SettingsPair
 from homolog_app.window.session import Session
 from homolog_app.window.widgets import GRID, button, choice, label
 
 __all__ = ["GroupForm"]
+
+_SEEDS = 5
 
 _MOST_VALUES = 12
 _LONG = 48
@@ -63,8 +67,8 @@ class GroupForm(QWidget):
             "How shapes are aligned before they are compared; size is always tested separately. Both "
             "asks two questions at once; p-values are corrected for two answers (Bonferroni)"
         )
-        self.complete = QCheckBox("Exclude subjects with missing values")
-        self.complete.setToolTip("Complete cases: exclude subjects with missing values in the columns used")
+        self.complete = QCheckBox("Complete cases: exclude subjects with missing values")
+        self.complete.setToolTip("Exclude subjects with missing values in the columns used, and count them")
         self.slope = label("Does shape change with this number? (linear regression)", "Hint", wrap=True)
         self.allow = button("")
         self.allow.setAccessibleName("Covariates adjusted for")
@@ -72,7 +76,12 @@ class GroupForm(QWidget):
         self.covariate_menu = QMenu(self.allow)
         self.covariate_menu.setToolTipsVisible(True)
         self.allow.setMenu(self.covariate_menu)
+        self.tests = SettingsPair(AnalysisSettings, main=())
+        self._settings = AnalysisSettings()
+        self.tests.show_values(self._settings)
         self._lay_out()
+        self.tests.edited.connect(self._set)
+        self.tests.marked.connect(self.edited)
         self.column.activated.connect(lambda _: self._offer_values())
         for box in (self.first, self.second, self.pairing):
             box.activated.connect(lambda _: self._offer_pairings())
@@ -98,23 +107,32 @@ class GroupForm(QWidget):
             grid.addWidget(box, row, at + 1, 1, span)
         grid.addWidget(self.swap, 1, 4)
         for row, widget in enumerate(
-            (self.slope, self.pairing, self.allow, self.complete, self.every, self.alignment), start=2
-        ):
+            (
+                self.slope, self.pairing, self.allow, self.complete, self.every, self.alignment, self.tests,
+            ),
+            start=2,
+        ):  # fmt: skip
             grid.addWidget(widget, row, 0, 1, 5)
         for column in (1, 3):
             grid.setColumnStretch(column, 1)
 
     @property
     def is_possible(self) -> bool:
-        """Whether a number or two different groups are chosen."""
-        return self.is_regression or (
-            self.first.count() > 1 and self.first.currentText() != self.second.currentText()
+        """Whether a number or two different groups are chosen, and all settings are valid."""
+        return not self.tests.problem and (
+            self.is_regression
+            or (self.first.count() > 1 and self.first.currentText() != self.second.currentText())
         )
 
     @property
     def is_regression(self) -> bool:
         """Whether the column is used as a number."""
         return bool(self.column.count()) and self.column.currentData()[1] == _NUMBER
+
+    @property
+    def seeds(self) -> int:
+        """Number of seeds of the correspondence in all."""
+        return self._settings.seeds or _SEEDS
 
     @property
     def pairs(self) -> str | None:
@@ -139,6 +157,7 @@ class GroupForm(QWidget):
                 column=column, between=() if self.is_regression else self.between, pairs=self.pairs,
                 covariates=() if self.pairs else self.covariates,
                 alignment=alignment, complete_cases=self.complete.isChecked(), answers=len(alignments),
+                **self._settings.model_dump(exclude={"seeds"}),
             )
             for alignment in alignments
         )  # fmt: skip
@@ -162,8 +181,15 @@ class GroupForm(QWidget):
         self.alignment.setCurrentIndex(self.alignment.findData(alignment))
         for action in self.covariate_menu.actions():
             action.setChecked(action.isEnabled() and action.data() in request.covariates)
+        kept = request.model_dump(include=set(StudySettings.model_fields))
+        self._settings = self._settings.model_copy(update=kept)
+        self.tests.show_values(self._settings)
         self.edited.emit()
         return self.is_possible
+
+    def _set(self, _: str, settings: AnalysisSettings) -> None:
+        self._settings = settings
+        self.edited.emit()
 
     def choose_alignment(self, alignment: Alignment) -> None:
         """Choose the alignment of the comparison."""

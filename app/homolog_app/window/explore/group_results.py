@@ -11,7 +11,8 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QTreeWidge
 from homolog.analysis.cautions import p_number
 from homolog_app.rendering.text import short, signed, typeset
 from homolog_app.report.findings import LEVEL, correction_text, p_text
-from homolog_app.report.request import SIZE_TEXTS, KeptStudy, StudyRequest
+from homolog_app.report.request import SIZE_TEXTS, StudyRequest
+from homolog_app.report.stored_studies import KeptStudy
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.theme import Theme
 from homolog_app.window.widgets import GRID

@@ -51,7 +51,6 @@ _MAPS = {"Mean difference": "difference", "Discriminant": "discriminant"}
 _LAYOUTS = {"The map": 1, "Group means and maps": 4}
 _WHOLE = 100
 _END = 14  # letters of a group's name next to the slider
-N_SEEDS = 5
 
 
 class GroupsPage(ExplorePage):
@@ -104,7 +103,7 @@ class GroupsPage(ExplorePage):
         self.progress = Progress(actions["run.cancel"])
         self.go = button("Compare groups", "primary")
         self.keep = button("Add to report")
-        self.seeds = button(f"Repeat with {N_SEEDS} seeds")
+        self.seeds = button("")
         self.seeds.setToolTip(
             "Place the particles again with other seeds, store the runs in the project, and report how the "
             "answer varies; takes as long as that many runs"
@@ -223,11 +222,11 @@ class GroupsPage(ExplorePage):
         answers = self.all
         if answers is None or not self._current:
             return
-        project, cohort = self.workspace.project, self.workspace.session.study
+        project, cohort, seeds = self.workspace.project, self.workspace.session.study, self.form.seeds
         self.workspace.work.compute(
             "seeds",
-            lambda tick: repeat_by_seed(project, answers, cohort, N_SEEDS, tick),
-            f"answers of {N_SEEDS} seeds",
+            lambda tick: repeat_by_seed(project, answers, cohort, seeds, tick),
+            f"answers of {seeds} seeds",
             lambda sentences: self.by_seed.show_sentences(sentences, self.reveal),
         )
 
@@ -340,6 +339,7 @@ class GroupsPage(ExplorePage):
         self.progress.show_status(status)
         compares = "Compare pairs" if self.form.pairs else "Compare groups"
         self.go.setText("Test the effect" if self.form.is_regression else compares)
+        self.seeds.setText(f"Repeat with {self.form.seeds} seeds")
         has_result = self.workspace.session.result is not None and self.fitted.shape is not None
         set_enabled(self.go, has_result and self.form.is_possible and not job.is_busy)
         self.go.setVisible(status is None)

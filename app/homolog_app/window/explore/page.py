@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QComboBox, QWidget
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.progress import Tick
-from homolog_app.report.request import kept_studies, name_primary
+from homolog_app.report.stored_studies import kept_studies, name_primary
 from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.studies.model_shape import ModelShape, PreliminaryModel, fit_model_shape
 from homolog_app.views.content import SubjectContents, ViewContents
