@@ -11,7 +11,8 @@ pytestmark = pytest.mark.window
 def answered(bean_project, tmp_path):
     """Return a project in which the answer to a question about its groups is stored."""
     from homolog.files.project import ProjectFolder
-    from homolog_app.report.request import Answered, StudyRequest, study_folder, write_request
+    from homolog_app.report.request import StudyRequest
+    from homolog_app.report.stored_studies import Answered, study_folder, write_request
 
     folder = tmp_path / "stored" / "answered"
     shutil.copytree(bean_project, folder)

@@ -10,7 +10,8 @@ from PySide6.QtCore import QTimer, Signal
 from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QTabBar, QVBoxLayout, QWidget
 
 from homolog.errors import InputError
-from homolog_app.report.request import StudyRequest, kept_studies
+from homolog_app.report.request import StudyRequest
+from homolog_app.report.stored_studies import kept_studies
 from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.studies.study import FILES, outdated_text
 from homolog_app.window.actions import Actions
