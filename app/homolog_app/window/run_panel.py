@@ -8,7 +8,6 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QHeaderView,
     QLabel,
-    QSizePolicy,
     QTableWidget,
     QTableWidgetItem,
     QVBoxLayout,
@@ -44,6 +43,7 @@ __all__ = ["GroomNotes", "GroomPanel", "RunPanel"]
 
 
 _NOTES_PX, _ROW_PX, _NAME_PX = 168, 28, 160
+_FIRST_SHARE = 100  # of the room that is left, nearly all goes to the table of notes
 _GROOM_MAIN = ("label", "smoothing", "alignment", "pieces")
 
 
@@ -69,9 +69,10 @@ class GroomPanel(Panel):
         self.body.addWidget(self.form)
         self.body.addWidget(self.mirrored)
         self.body.addWidget(rule())
-        for widget in (self.notes, self.subject, self.report, self.again):
+        self.body.addWidget(self.notes, _FIRST_SHARE)
+        for widget in (self.subject, self.report, self.again):
             self.body.addWidget(widget)
-        self.body.addStretch()
+        self.body.addStretch(1)
         self.progress = Progress(actions["run.cancel"])
         self.go = ActionButton("Groom", actions["run.groom"], "primary")
         self.proceed = ActionButton("Next: Correspond", actions["view.correspond"], "primary")
@@ -167,7 +168,6 @@ class GroomNotes(QWidget):
         column.setSpacing(GRID)
         for widget in (self.title, self.kinds, self.table):
             column.addWidget(widget)
-        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
         self.kinds.activated.connect(self._show_rows)
         self.table.currentCellChanged.connect(self._choose)
 
@@ -209,7 +209,9 @@ class GroomNotes(QWidget):
                     self.table.setItem(row, column, item)
             self.table.setCurrentCell(-1, -1)
         rows = self.table.horizontalHeader().sizeHint().height() + len(shown) * scaled(_ROW_PX) + GRID // 2
-        self.table.setFixedHeight(min(rows, scaled(_NOTES_PX)))
+        self.table.setMinimumHeight(min(rows, scaled(_NOTES_PX)))
+        above = self.title.sizeHint().height() + self.kinds.sizeHint().height() + 2 * GRID
+        self.setMaximumHeight(above + rows)
 
     def _mark(self, name: str) -> None:
         """Select the row of a subject, or none."""

@@ -128,6 +128,24 @@ def test_a_planted_swap_heads_the_list_and_is_mended_undone_and_kept(
     assert not errors
 
 
+def test_a_suspect_is_chosen_by_a_click_and_not_by_the_keyboard_that_comes_to_the_table(checking, wait):
+    from PySide6.QtCore import Qt
+    from PySide6.QtTest import QTest
+
+    page, places = page_of(checking), []
+    page.place_wanted.connect(lambda *place: places.append(place))
+    checking.activateWindow()
+    page.table.setFocus()
+    wait(page.table.hasFocus)
+    assert (page.message.text(), places) == ("", [])
+    at = page.table.visualRect(page.table.model().index(0, 0)).center()
+    for _ in range(2):  # the second double click goes back to the place
+        QTest.mouseClick(page.table.viewport(), Qt.MouseButton.LeftButton, pos=at)
+        QTest.mouseDClick(page.table.viewport(), Qt.MouseButton.LeftButton, pos=at)
+    assert "exchanged" in page.message.text()
+    assert len(places) == 3
+
+
 def test_all_suspects_are_optimized_again_in_one_step_that_can_be_undone(checking, errors, wait):
     page, session = page_of(checking), checking.workspace.session
     before, count = session.result, len(page.rows.suspects)

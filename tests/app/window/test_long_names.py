@@ -77,3 +77,34 @@ def test_a_folder_opened_after_a_project_shows_its_input(explored, ellipsoids, w
     wait(lambda: len(explored.workspace.session.surveys) == 4)
     assert explored.commands["view.raw"].isChecked()
     assert explored.views.stage.scene.grid.raw
+
+
+def test_names_of_compared_groups_wrap_instead_of_being_cut(qapp, wait):
+    from homolog_app.window.explore.group_results import AnswerTable
+
+    table = AnswerTable("Results", ("Comparison", "D (95 % CI)", "p", "Surface"), ("",) * 4)
+    table.resize(420, 300)
+    table.show()
+    heights = []
+    for row in (("b − a", "0", "0", "0"), ("fracture − healthy", "5.12 (3.42 to 7.49) " * 2, "0.01", "43 %")):
+        table.show_rows([("Form", [row])])
+        for _ in range(5):
+            qapp.processEvents()
+        heights.append(table.visualItemRect(table.topLevelItem(0).child(0)).height())
+    assert heights[1] > 1.5 * heights[0]
+    table.close()
+
+
+def test_notes_of_grooming_take_the_room_that_a_large_window_has(qapp):
+    from homolog_app.window.run_panel import GroomNotes
+
+    notes = GroomNotes()
+    notes.show_notes({f"subject {number}": ["was mirrored"] for number in range(12)}, "")
+    notes.show()
+    scrolls = []
+    for height in (1000, 250):
+        notes.resize(400, height)
+        qapp.processEvents()
+        scrolls.append(notes.table.verticalScrollBar().isVisible())
+    assert scrolls == [False, True]
+    notes.close()

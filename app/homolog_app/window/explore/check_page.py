@@ -166,9 +166,11 @@ class CheckPage(ExplorePage):
 
     def go_to_next(self) -> None:
         """Choose the next suspect in the list, after the last one the first."""
-        count = len(self.rows.suspects)
-        if count:
-            self.table.selectRow((self.table.currentIndex().row() + 1) % count)
+        count, row = len(self.rows.suspects), self._row
+        if count == 1 and row == 0:
+            self._choose(row)
+        elif count:
+            self.table.selectRow((row + 1) % count)
 
     def repair_chosen(self) -> None:
         """Optimize the particles around the chosen suspect again."""
@@ -189,8 +191,13 @@ class CheckPage(ExplorePage):
 
     @property
     def _suspect(self) -> "Suspect | None":
-        row = self.table.currentIndex().row()
-        return self.rows.suspects[row] if 0 <= row < len(self.rows.suspects) else None
+        return self.rows.suspects[self._row] if 0 <= self._row < len(self.rows.suspects) else None
+
+    @property
+    def _row(self) -> int:
+        """The selected row; the current one may be where the keyboard came to the table."""
+        rows = self.table.selectionModel().selectedRows()
+        return rows[0].row() if rows else -1
 
     def _lay_out(self) -> None:
         self.body.addWidget(self.state)
@@ -211,7 +218,8 @@ class CheckPage(ExplorePage):
         session = self.workspace.session
         self.checked.changed.connect(self._show_inspection)
         self.checked.repaired.connect(self._show_repaired)
-        self.table.selectionModel().currentRowChanged.connect(lambda now, _: self._choose(now.row()))
+        self.table.selectionModel().selectionChanged.connect(lambda *_: self._choose(self._row))
+        self.table.activated.connect(lambda index: self._choose(index.row()))  # back to its place
         for widget, command in (
             (self.again, "check.look"), (self.export, "check.export"), (self.repair, "check.mend"),
             (self.mend_all_button, "check.mend_all"),

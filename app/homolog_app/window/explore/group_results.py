@@ -4,8 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtGui import QResizeEvent
+from PySide6.QtCore import QMargins, QRect, Qt, QTimer, Signal
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QTreeWidget, QTreeWidgetItem, QWidget
 
 from homolog.analysis.cautions import p_number
@@ -38,6 +37,7 @@ _TIPS = (
     f"Share of the surface with p ≤ {LEVEL:g}, corrected over the surface, pairs and answers",
 )
 _MOST_ROWS = 8
+_MARGIN, _TALL = 11, 10_000  # pixels beside the text of a cell (the style sheet and Qt), and of no limit
 _PLACE = Qt.ItemDataRole.UserRole
 
 
@@ -70,6 +70,7 @@ class AnswerTable(QTreeWidget):
         self.header().setStretchLastSection(False)
         self.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.header().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+        self.header().sectionResized.connect(self._wrap)
 
     def show_rows(
         self, parts: "Sequence[tuple[str, Sequence[tuple[str, ...]]]]", chosen: tuple[int, int] | None = None
@@ -91,25 +92,39 @@ class AnswerTable(QTreeWidget):
                 top.addChild(item)
                 if (number, line) == chosen:
                     self.setCurrentItem(item)
-        self.texts = [self._texts(item) for top in tops for item in (top, *_children(top))]
+        self.texts = [self._texts(item) for item in self._rows()]
         self.expandAll()
         self.blockSignals(False)
+        self._wrap(0)
         self._fit_height()
 
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        """Wrap names at the new width, and take the height that they need."""
-        super().resizeEvent(event)
+    def _wrap(self, column: int) -> None:
+        """Wrap names at the new width of their column, and take the height that they need."""
+        if column:
+            return
+        metrics, room = self.fontMetrics(), self.columnWidth(0) - self.indentation() - 2 * _MARGIN
+        for row in self._rows():
+            row.setData(0, Qt.ItemDataRole.SizeHintRole, None)
+            wrapped = metrics.boundingRect(
+                QRect(0, 0, room, _TALL), Qt.TextFlag.TextWordWrap.value, row.text(0)
+            ).height()
+            if row.parent() is not None and wrapped > metrics.height():  # Qt's own hint is of one line
+                hint = self.sizeHintForIndex(self.indexFromItem(row))
+                row.setSizeHint(0, hint.grownBy(QMargins(0, 0, 0, wrapped - metrics.height())))
         self.scheduleDelayedItemsLayout()
         QTimer.singleShot(0, self, self._fit_height)  # a layout that is at work would not notice
 
     def _fit_height(self) -> None:
         """Take the height of the first rows."""
-        tops = [self.topLevelItem(row) for row in range(self.topLevelItemCount())]
-        rows = [row for top in tops if top is not None for row in (top, *_children(top))]
-        heights = [self.visualItemRect(row).height() for row in rows[:_MOST_ROWS]]
+        heights = [self.visualItemRect(row).height() for row in self._rows()[:_MOST_ROWS]]
         height = self.header().sizeHint().height() + sum(heights) + 2 * self.frameWidth() + GRID
         if height != self.height():
             self.setFixedHeight(height)
+
+    def _rows(self) -> list[QTreeWidgetItem]:
+        """Return headings and comparisons from top to bottom."""
+        tops = [self.topLevelItem(row) for row in range(self.topLevelItemCount())]
+        return [row for top in tops if top is not None for row in (top, *_children(top))]
 
     def _texts(self, item: QTreeWidgetItem) -> tuple[str, ...]:
         return tuple(item.text(column) for column in range(self.columnCount()))
