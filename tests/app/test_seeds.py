@@ -72,6 +72,13 @@ def test_other_seeds_are_run_once_and_their_answers_reported(project, capsys):
         assert float(row["surface_mean_mm"]) < float(row["surface_p95_mm"]) < 1.5
         assert 1.0 < float(row["farthest_mm"]) < 9.0
 
+    seeds = project.folder / "analysis" / "groups_group_a_b" / "seeds.csv"
+    assert float(read_rows(seeds)[0]["p_permutation_corrected"]) < 1.0
+    assert main([*question[:-2], "--seeds", "1"]) == 0
+    assert seeds.is_file()
+    assert main([*question[:-2], "--seeds", "1", "--alignment", "rigid", "similarity"]) == 0
+    assert not seeds.exists()  # its p was corrected for one answer
+
 
 ANSWER = SeedAnswer(
     "b - a", 0, 0.011, Effect(1.3, 0.4, 2.2), 6, 4.7, Effect(0.8, 0.6, 0.9, 0.02),

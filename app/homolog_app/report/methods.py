@@ -86,6 +86,7 @@ def _statistics(study: Study) -> list[str]:
         "of squares of 1; p-values were corrected over the surface by the permutation distribution of the "
         "largest statistic (family-wise error [westfall]); false discovery rates [benjamini] are in the "
         "tables.",
+        _exchangeable(study),
         f"The level was alpha = {LEVEL:g}; tests are two-sided{_one_sided(study)}.",
         "Size is the root mean square distance of a shape's particles from their centroid; it was tested by "
         f"permutation of {_SIZE_STATISTIC[request.kind]}{_OF_ALL_GROUPS if study.pairwise else ''}.",
@@ -121,6 +122,15 @@ _EXCHANGED = {
     "regression": "Values were permuted",
     "pairs": "Signs of the differences were drawn",
 }
+
+
+def _exchangeable(study: Study) -> str:
+    """Return what the permutation tests take for granted."""
+    what = "residuals" if study.request.covariates or study.request.kind == "regression" else "subjects"
+    scaled = ", once scaled to one dispersion," if study.request.kind == "groups" else ""
+    others = f"subjects and, without an effect, {what} that{scaled} could be exchanged"
+    pairs = "pairs and, without an effect, differences that are symmetric about zero"
+    return f"The permutation tests assume independent {pairs if study.request.kind == 'pairs' else others}."
 
 
 def _f_verdict(study: Study) -> str:

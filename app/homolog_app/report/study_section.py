@@ -366,11 +366,17 @@ def _assumptions_row(study: Study, comparison: Comparison) -> tuple[str, ...]:
         "–" if skewness is None else f"{skewness.value:.2f} ({p_text(skewness.p)})",
         "–" if skewness is None else p_number(skewness.shape_p),
         ", ".join(
-            f"{study.names[index]} (r {far:.2f}; limit {comparison.outlier_limit:.2f})"
+            f"{study.names[index]} ({_group_of(study, index)}r {far:.2f}; limit "
+            f"{comparison.outlier_limit:.2f})"
             for index, far in zip(comparison.outliers, comparison.outlier_distances, strict=True)
         )
         or "none",
     )
+
+
+def _group_of(study: Study, subject: int) -> str:
+    """Return the group of an outlier, with a comma; nothing of pairs and regressions."""
+    return f"{study.labels[subject]}, " if study.request.kind == "groups" else ""
 
 
 def _ratio_cell(study: Study, dispersion: Dispersion) -> str:

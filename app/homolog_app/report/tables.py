@@ -21,7 +21,7 @@ from homolog.files.tables import write_table
 from homolog_app.report.findings import LEVEL, covariate_unit
 from homolog_app.report.request import SHAPE_SIZE, StudyRequest, column_of, compared_shapes
 from homolog_app.report.sample import sample_rows
-from homolog_app.report.seeds import COLUMNS, FILE
+from homolog_app.report.seeds import COLUMNS, FILE, read_spread
 from homolog_app.report.stored_studies import PRIMARY, Answered, is_primary, study_folder, write_request
 from homolog_app.report.study import Study, study_options
 from homolog_app.report.surface_maps import Directions, SurfaceCarrier, directions_of, significant_regions
@@ -36,6 +36,8 @@ def save_study(
     project: ProjectFolder, study: Study, result: Result, carrier: SurfaceCarrier | None = None
 ) -> Path:
     """Write a study's tables and its question into the project; returns their folder.
+
+    Stored answers of other seeds go if the result's own is not this one.
 
     Parameters
     ----------
@@ -55,6 +57,10 @@ def save_study(
     if carrier is None:
         carrier = SurfaceCarrier.of(result, directions_of(read_details(project), project.read().result))
     answered = Answered.now(project, data_digest(result, carrier.directions))
+    spread = read_spread(folder, answered.fingerprint)
+    own = {comparison.title: comparison.p_adjusted for comparison in study.comparisons}
+    if any(own.get(answer.comparison) != answer.p for answer in spread if answer.seed == spread[0].seed):
+        (folder / FILE).unlink()  # answers of other settings or data
     write_study_tables(folder, study, result, carrier, answered, is_primary=is_primary(folder))
     write_request(study.request, folder, answered)
     return folder

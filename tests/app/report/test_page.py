@@ -131,6 +131,7 @@ def test_the_report_says_what_was_found_how_and_that_it_is_for_research(report):
         "Where",
         "smoothing 1.0 voxels",
         "one-sided",
+        "could be exchanged",
         "Excluded before the run: 1. scan.nrrd: is empty",
         "sex: f",
     ):
