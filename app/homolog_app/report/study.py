@@ -8,7 +8,7 @@ from typing import TypedDict
 import numpy as np
 
 from homolog.analysis.comparison import Comparison, Options
-from homolog.analysis.covariates import with_covariate_effects
+from homolog.analysis.covariates import with_covariate_effects, with_unadjusted
 from homolog.analysis.data_notes import PARTNER_MISSING, exclusion_notes, repeated_notes, spelling_notes
 from homolog.analysis.design import covariate_columns, numbers
 from homolog.analysis.studies import compare_groups, compare_pairs, compare_two_groups, pair_members, regress
@@ -127,6 +127,7 @@ def run_study(result: Result, request: StudyRequest, tick: Tick = no_tick) -> St
         overall, pairwise = compare_groups(
             question.shapes, question.labels, request.between, **_details(question)
         )
+        pairwise = with_unadjusted(pairwise, _table(question, np.arange(len(labels)))[0])
     else:
         two = request.between[0], request.between[1]
         overall = compare_two_groups(question.shapes, question.labels, two, **_details(question))

@@ -10,7 +10,31 @@ from homolog.analysis.design import adjusted_design, covariate_columns, indicato
 from homolog.arrays import FloatArray
 from homolog.progress import Tick, no_tick, part_of
 
-__all__ = ["with_covariate_effects"]
+__all__ = ["with_covariate_effects", "with_unadjusted"]
+
+
+def with_unadjusted(
+    pairs: Sequence[Comparison], table: Mapping[str, Sequence[str | float]]
+) -> tuple[Comparison, ...]:
+    """Return comparisons of two of several groups with a note on covariates that are constant among these.
+
+    Parameters
+    ----------
+    pairs : sequence of Comparison
+        Their `subjects` are indices into the values of `table`.
+    table : mapping of str to sequences
+        Values of each covariate.
+    """
+    noted = []
+    for pair in pairs:
+        same = [
+            title
+            for title, values in table.items()
+            if len({str(values[index]).strip() for index in pair.subjects.tolist()}) == 1
+        ]
+        note = f"{' and '.join(same)}: the same for all subjects of these two groups, not adjusted for here."
+        noted.append(replace(pair, notes=(*pair.notes, note)) if same else pair)
+    return tuple(noted)
 
 
 def with_covariate_effects(

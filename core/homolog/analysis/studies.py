@@ -149,11 +149,12 @@ def compare_groups(
     each = []
     for index, pair in enumerate(pairs):
         tick_of_pair = part_of(tick, (index + 1) * share, (index + 2) * share)
-        columns, notes = _varying(covariates, np.isin(labels, pair))
-        comparison = compare_two_groups(
-            shapes, groups, pair, covariates=columns, options=options, names=names, tick=tick_of_pair
+        columns = _independent(covariates, np.isin(labels, pair))
+        each.append(
+            compare_two_groups(
+                shapes, groups, pair, covariates=columns, options=options, names=names, tick=tick_of_pair
+            )
         )
-        each.append(replace(comparison, notes=notes))
     rests = _corrected([pair.without_outliers or pair for pair in each])
     return overall, tuple(
         replace(pair, without_outliers=None if pair.without_outliers is None else rest)
@@ -161,15 +162,17 @@ def compare_groups(
     )
 
 
-def _varying(covariates: FloatArray | None, members: BoolArray) -> tuple[FloatArray | None, tuple[str, ...]]:
-    """Omit covariates that are the same for all of some subjects."""
+def _independent(covariates: FloatArray | None, members: BoolArray) -> FloatArray | None:
+    """Omit columns that are constant among some subjects, or combinations of those before them."""
     if covariates is None:
-        return None, ()
-    varies = np.ptp(covariates[members], axis=0) > 0.0
-    if varies.all():
-        return covariates, ()
-    note = "a covariate is the same for all subjects of these two groups and is not adjusted for here."
-    return (covariates[:, varies] if varies.any() else None), (note,)
+        return None
+    kept, base = [], np.ones((np.count_nonzero(members), 1))
+    for index, column in enumerate(covariates[members].T):
+        wider = np.column_stack([base, column])
+        if np.linalg.matrix_rank(wider) > len(base.T):
+            kept.append(index)
+            base = wider
+    return covariates[:, kept] if kept else None
 
 
 def _corrected(pairs: Sequence[Comparison]) -> tuple[Comparison, ...]:

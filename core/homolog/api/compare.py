@@ -11,7 +11,7 @@ import numpy as np
 
 from homolog.analysis.checks import checked_particles
 from homolog.analysis.comparison import Comparison, Options
-from homolog.analysis.covariates import with_covariate_effects
+from homolog.analysis.covariates import with_covariate_effects, with_unadjusted
 from homolog.analysis.design import is_missing, numbers
 from homolog.analysis.procrustes import Alignment
 from homolog.analysis.studies import compare_groups as compare_several
@@ -26,6 +26,7 @@ from homolog.api.comparison_arguments import (
     incomplete,
     notes_on,
     pairs_of,
+    table_of,
     unpaired,
 )
 from homolog.arrays import Array, ArrayLike, FloatArray, IntArray
@@ -201,6 +202,7 @@ def compare_groups(
         question = partial(_two_or_more, here, own, order, comparisons)
         overall, each = question(covariates=columns, options=options, names=called, tick=tick)
         overall = _with_covariates(overall, here, own, covariates, chosen, options, later)
+        each = with_unadjusted(each, table_of(covariates, chosen.tolist()))
         pairwise = tuple(pair.renumbered(chosen) for pair in each)
         return replace(overall.renumbered(chosen), pairwise=pairwise, notes=notes)
 
@@ -373,11 +375,10 @@ def _with_covariates(
     """Return a comparison of the chosen subjects with the effects of its covariates."""
     if not covariates:
         return comparison
-    table = {title: [values[index] for index in chosen.tolist()] for title, values in covariates.items()}
-    categories = [title for title in table if title.endswith(CATEGORY)]
     return with_covariate_effects(
-        comparison, shapes, tested, table, categories=categories, options=options, tick=tick
-    )
+        comparison, shapes, tested, table_of(covariates, chosen.tolist()),
+        categories=[title for title in covariates if title.endswith(CATEGORY)], options=options, tick=tick,
+    )  # fmt: skip
 
 
 def _answers(

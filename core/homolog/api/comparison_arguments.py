@@ -21,6 +21,7 @@ __all__ = [
     "incomplete",
     "notes_on",
     "pairs_of",
+    "table_of",
     "unpaired",
 ]
 
@@ -84,8 +85,13 @@ def columns_of(
         return None
     for title, values in covariates.items():
         check_values(title, values, subjects)
-    table = {title: [values[index] for index in chosen] for title, values in covariates.items()}
+    table = table_of(covariates, chosen)
     return covariate_columns(table, names, categories=[title for title in table if title.endswith(CATEGORY)])
+
+
+def table_of(covariates: Covariates | None, chosen: Sequence[int]) -> dict[str, list[str | float]]:
+    """Return the values of each covariate for the compared subjects."""
+    return {title: [values[index] for index in chosen] for title, values in (covariates or {}).items()}
 
 
 def incomplete(subjects: int, covariates: Covariates | None, members: BoolArray) -> dict[int, str]:

@@ -103,7 +103,7 @@ def test_numbers_that_are_declared_categories_become_columns(project, analyze, r
 
 def test_a_covariate_that_is_the_same_within_one_pair_of_groups_is_told_not_refused(project, capsys, analyze):
     assert analyze(project, "--covariates", "half", "--size", "with") == 0
-    assert "B - A: a covariate" in capsys.readouterr().out
+    assert "B - A: half: the same" in capsys.readouterr().out
 
 
 def test_a_column_called_size_is_the_users_own(project, capsys, analyze):

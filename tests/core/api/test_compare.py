@@ -94,6 +94,24 @@ def test_pairs_name_the_pair_of_each_subject_as_on_the_command_line(shapes):
     np.testing.assert_array_equal(result.pointwise.effect, same.pointwise.effect)
 
 
+def test_a_pair_of_groups_may_lack_categories_that_others_have():
+    generator = np.random.default_rng(0)
+    shapes = 10.0 * generator.normal(size=(30, 3)) + generator.normal(size=(18, 30, 3))
+    groups, site = 6 * ["a"] + 6 * ["b"] + 6 * ["c"], 6 * ["s2", "s3"] + 3 * ["s1", "s2"]
+    covariates = {"site": site}
+    how = {"alignment": "rigid", "modes": 2, "permutations": 99}
+    pair = hl.compare_groups(shapes, groups, covariates=covariates, **how).pairwise[0]
+    alone = hl.compare_groups(shapes[:12], groups[:12], covariates={"site": site[:12]}, **how)
+    assert pair.title == alone.title == "b - a"
+    assert pair.test.f == pytest.approx(alone.test.f)
+    assert pair.notes == ()
+    covariates["year"] = 12 * [1] + [1, 1, 2, 2, 1, 2]
+    pair, *others = hl.compare_groups(shapes, groups, covariates=covariates, **how).pairwise
+    assert pair.test.f == pytest.approx(alone.test.f)
+    assert [len(item.notes) for item in (pair, *others)] == [1, 0, 0]
+    assert pair.notes[0].startswith("year: ")
+
+
 @pytest.mark.parametrize(
     ("arguments", "fault"),
     [
