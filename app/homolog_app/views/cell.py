@@ -176,7 +176,7 @@ class ViewCell:
         self.overview.hide()
 
     def fill(self, content: Content | None) -> None:
-        """Show a content, or nothing; moved surfaces are updated in place."""
+        """Hold a content, or nothing; moved surfaces are updated in place. `show_particles` draws it."""
         if content is self.content:
             return
         before, self.content = self.content, content
@@ -195,10 +195,11 @@ class ViewCell:
                 self._surfaces.pop(name, None)
         if before is None or content is None or before.name != content.name:
             self._balls = None
-        self._update()
+        if content is None:
+            self._update()
 
     def show(self, raw: bool, groomed: bool, quick: bool, opacity: float) -> None:
-        """Show or hide the surfaces; the raw one is drawn as a shell if both are shown.
+        """Show or hide the surfaces, from `show_particles` on; both are drawn with the raw one as a shell.
 
         Fast drawing uses the light surface, unless colours belong to the vertices of the full one.
         """
@@ -211,7 +212,6 @@ class ViewCell:
         self._shown |= (
             {"coarse" if light else "groomed": (_OVER if overlaid else 1.0) * opacity} if groomed else {}
         )
-        self._update()
 
     def cut(self, clip: Clip | None, box: Box) -> None:
         """Before each drawing: cut the shapes open for the present camera, or leave them whole."""
@@ -225,7 +225,7 @@ class ViewCell:
             self._update()
 
     def show_particles(self, points: FloatArray | None, colours: Array | None, radius: float) -> None:
-        """Move the particles, or hide them."""
+        """Move the particles, or hide them, and draw the content as it now is."""
         none = points is None or colours is None
         self._balls = None if none else Balls(np.asarray(points), radius, np.asarray(colours))
         self._update()

@@ -27,6 +27,7 @@ __all__ = ["SettingsForm", "SettingsPair", "named_rows", "tab_before"]
 _HINT = "Point at a setting for its help."
 _LINES = 3
 _EDITOR, _TEXT_EDITOR = 112, 280
+_NOTHING = object()
 _NO_BOUND = 2**31 - 1  # as many as an editor of whole numbers takes
 _LABELS = {
     "geodesic-normals": "Geodesics and normals",
@@ -207,6 +208,7 @@ class _Row(QWidget):
         self._parameter = parameter
         self._problem = label("", "Problem", wrap=True)
         self._problem.hide()
+        self._shown: object = _NOTHING
         self._editor = self._make_editor()
         self._editor.installEventFilter(self)
         self._editor.setAccessibleName(parameter.label)
@@ -251,7 +253,10 @@ class _Row(QWidget):
 
     def show_value(self, value: object) -> None:
         """Show a value without reporting it."""
+        if value == self._shown:
+            return
         editor = self._editor
+        self._shown = value
         editor.blockSignals(True)
         if isinstance(editor, QCheckBox):
             editor.setChecked(bool(value))
@@ -259,7 +264,9 @@ class _Row(QWidget):
             editor.setCurrentIndex(editor.findData(value.value if isinstance(value, Enum) else value))
         elif isinstance(editor, QSpinBox):
             editor.setValue(int(str(value)))
-        elif isinstance(editor, QLineEdit) and not (editor.hasFocus() and self._stands_for(value)):
+        elif isinstance(editor, QLineEdit) and editor.hasFocus() and self._stands_for(value):
+            self._shown = _NOTHING  # the text is put in order later
+        elif isinstance(editor, QLineEdit):
             editor.setText("" if value is None else f"{value:g}" if isinstance(value, float) else str(value))
             editor.setCursorPosition(0)
         editor.blockSignals(False)
@@ -281,6 +288,7 @@ class _Row(QWidget):
 
     def refuse(self, fault: str = "must be a number") -> None:
         """Mark the text as invalid, and show the bounds, or the fault."""
+        self._shown = _NOTHING
         bounds = self._parameter.bounds
         text = f"must be {bounds} {self._parameter.unit}".strip() if bounds else fault
         self._mark(f"{text[0].upper()}{text[1:]}")
@@ -334,6 +342,7 @@ class _Row(QWidget):
         return text
 
     def _report(self, value: Any) -> None:  # noqa: ANN401 - whatever the editor holds
+        self._shown = _NOTHING
         self.entered.emit(self._parameter.name, value)
 
     def _report_text(self, text: str) -> None:

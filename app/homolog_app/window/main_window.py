@@ -1,6 +1,5 @@
 """The main window: its parts, docks, and handlers of commands."""
 
-import logging
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -43,12 +42,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Docks", "Inspector", "MainWindow"]
 
-_log = logging.getLogger(__name__)
 _INSPECTOR, _NARROWEST, _FLATTEST = 452, 376, 192  # pixels
 _WIDTH_SHARE, _HEIGHT_SHARE = 0.25, 0.22
 """Smallest share of inspector and plots in a large window."""
-_SIZE, _FRAME = QSize(1440, 900), QSize(8, 40)
-"""Size at the first start, and the size of the system's frame [pixels]."""
+_SIZE, _FRAME = QSize(1440, 900), QSize(8, 40)  # at the first start, and of the system's frame [pixels]
 
 
 class Inspector(QFrame):
@@ -258,21 +255,23 @@ class MainWindow(QMainWindow):
     @Slot()
     def refresh(self) -> None:
         """Update enabled states."""
-        workspace, views = self.workspace, self.views
-        self.commands.enable(
-            obstacles(workspace.session, workspace.project, self._state()), workspace.session.read_only
-        )
-        steps = steps_of(workspace.session)
-        step, is_open = workspace.session.step, workspace.session.is_open
-        if is_open and step != "cohort" and not steps[step].enabled:
-            workspace.session.show_step("cohort")
+        workspace, session = self.workspace, self.workspace.session
+        if session.is_opening:
             return
-        self.rail.show_steps(steps, step if is_open else "")
-        open_ = is_open and views is not None
-        self._middle.setCurrentIndex(1 if open_ else 0)
+        self.commands.enable(obstacles(session, workspace.project, self._state()), session.read_only)
+        steps, is_open = steps_of(session), session.is_open
+        if is_open and session.step != "cohort" and not steps[session.step].enabled:
+            session.show_step("cohort")
+            return
+        self.rail.show_steps(steps, session.step if is_open else "")
         self.inspector.show_job()
-        self.start_page.show_busy(workspace.session.job.status if workspace.session.job.is_busy else None)
-        self.docks.show_for(open_)
+        self.start_page.show_busy(session.job.status if session.job.is_busy else None)
+        opened = is_open and self.views is not None
+        if not opened:
+            self._middle.setCurrentIndex(0)
+        self.docks.show_for(opened)
+        if opened:  # last, since views are drawn each time that a dock takes some of their room
+            self._middle.setCurrentIndex(1)
         self._name_window()
 
     def _state(self) -> WindowState:
@@ -397,4 +396,5 @@ class MainWindow(QMainWindow):
         changed = session.is_open and (session.folder is None or self.workspace.is_changed)
         aside = " (read-only)" if session.read_only else ""
         self.setWindowTitle(f"{session.title}{aside}[*] — Homolog" if session.is_open else "Homolog")
-        self.setWindowModified(changed)
+        if changed != self.isWindowModified():
+            self.setWindowModified(changed)

@@ -74,8 +74,11 @@ class _StepButton(QAbstractButton):
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setCursor(Qt.CursorShape.PointingHandCursor)
         theme.changed.connect(self.update)
+        self.hide()
 
     def show_step(self, step: Step, current: bool) -> None:
+        if (step, current) == (self._step, self._current):
+            return
         self._step, self._current = step, current
         self.setVisible(step.enabled)
         state = "done" if step.done else "next" if step.following else ""

@@ -101,6 +101,8 @@ class Session(QObject):
         self.seen: dict[tuple[object, ...], Subject] = {}
         self.generation = 0
         self.folder: Path | None = None
+        self.is_opening = False
+        """Whether signals of an opened study follow, of which `selection_changed` is the last."""
         self.read_only = ""
         """Why the folder is read-only; empty if it is not."""
         self.surveys: dict[str, FileSurvey] = {}
@@ -205,13 +207,13 @@ class Session(QObject):
         self.surveys, self.groomed, self.result, self.written, self.selection = {}, {}, None, None, ()
         self.study, self.folder, self.read_only = study, folder, read_only
         self._remember()
+        self.is_opening = True
         self.undo.clear()
         self.project_changed.emit()
-        for changed in (
-            self.study_changed, self.surveys_changed, self.groomed_changed, self.result_changed,
-            self.selection_changed,
-        ):  # fmt: skip
+        for changed in (self.study_changed, self.surveys_changed, self.groomed_changed, self.result_changed):
             changed.emit()
+        self.is_opening = False
+        self.selection_changed.emit()
 
     @property
     def is_result_written(self) -> bool:

@@ -250,7 +250,7 @@ class Views(QObject):
             smooth = bool(session.groomed or session.result)
             if smooth is not had_smooth:  # there must be something to see, and not the input behind it
                 self._commands["view.raw"].setChecked(not smooth)
-                stage.scene.switch(raw=not smooth)
+                stage.scene.grid.raw = not smooth
             self._shown = key
             self.subjects = subject_contents(
                 session.study.included, session.surveys, session.groomed, session.result

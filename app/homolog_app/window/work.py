@@ -208,12 +208,12 @@ class Work(QObject):
             if not self.session.job.is_busy:
                 self._next = (kind, work, message, take)
                 self.runner.cancel()
+            self._publish()
         else:
             self._kind, self._then, self._generation = kind, take, self.session.generation
             if kind not in BACKGROUND:
                 _log.info("%s: started", message or kind)
-            self.runner.start(work if isinstance(work, RunJob) else Task(work, message))
-        self._publish()
+            self.runner.start(work if isinstance(work, RunJob) else Task(work, message))  # publishes it
 
     def open_result(self, project: ProjectFolder, then: Callable[[], None]) -> None:
         """Read the result of a project, then call a function."""
@@ -296,7 +296,8 @@ class Work(QObject):
             self.compute(*following)
         else:
             self.go_on()
-        self._publish()
+        if self.runner.job is None:
+            self._publish()
 
     def _drain(self) -> None:
         """Add previews to the session; subjects with unusable files are excluded until ticked again."""

@@ -53,7 +53,7 @@ def wait(qapp):
 
     from PySide6.QtCore import QEvent
 
-    def until(condition, seconds=60.0, what=""):
+    def until(condition, seconds=240.0, what=""):
         end = time.monotonic() + seconds
         while not condition():
             assert time.monotonic() < end, f"waited {seconds} s in vain {what}"
