@@ -34,6 +34,9 @@ def test_three_groups_are_analyzed_with_and_without_size_and_written_as_tables(
     assert "C - A (6 A, 6 C): they differ in form" in said
     assert "B - A (6 A, 6 B): no difference in shape can be shown" in said
     assert "none of 60 particles" in said
+    assert "mm², " in said
+    assert "balanced accuracy" in said
+    assert "of 6 A" in said  # how many of each group were classified correctly
     folder = project.folder / "analysis" / "groups_group_A_B_C"
     tests = rows_of(folder / "tests.csv")
     assert [row["comparison"] for row in tests] == ["A, B, C", "B - A", "C - A", "C - B"]

@@ -158,6 +158,24 @@ def test_the_page_lies_beside_as_pdf_with_its_figures_and_tables(report):
     assert content.count(b"/Subtype /Image") >= len(list((report.parent / "figures").glob("*.svg")))
 
 
+def test_methods_are_those_of_each_study(project, without_figures, analyze):
+    assert analyze(project, "--between", "A", "C", "--alignment", "rigid") == 0
+    own = ["--alignment", "rigid", "--modes", "2", "--permutations", "299"]
+    assert analyze(project, "--between", "A", "B", *own) == 0
+    page = api.report(project.folder).read_text(encoding="utf-8")
+    paragraphs = dict(re.findall(r"<p>Study ([\d, ]+): ([^<]+)", page[page.index("Methods") :]))
+    studies = [request.modes for request in read_requests(project)]
+    first, second = (paragraphs[str(studies.index(modes) + 1)] for modes in (None, 2))
+    assert "parallel analysis" in first
+    assert "199 random permutations" in first
+    assert "chosen beforehand" in second
+    assert "299 random permutations" in second
+    quality = project.folder / "report" / "quality.csv"
+    assert {"compactness", "generalization", "specificity"} <= set(
+        re.findall("[a-z]+", quality.read_text("utf-8").splitlines()[0])
+    )
+
+
 def test_methods_that_studies_share_are_told_once(project, without_figures, analyze):
     for options in ([], ["--covariates", "age"]):
         assert analyze(project, "--between", "A", "C", *options) == 0

@@ -95,7 +95,7 @@ def test_a_click_passes_the_functions_that_the_architecture_names(
         assert passed[place] == [name.split(".")[-1] for name in re.findall(r"`([^`]+)`", cell)]
 
 
-def test_the_table_says_what_the_analysis_found(compare, bean_project, own_permutations):
+def test_the_table_says_what_the_analysis_found(compare, bean_project, own_permutations, monkeypatch):
     page = compare(bean_project, "slim", "wide")
     (answer,) = page.answers
     test, texts = answer.pair.test, dict(page.numbers.texts)
@@ -109,6 +109,10 @@ def test_the_table_says_what_the_analysis_found(compare, bean_project, own_permu
     assert any(name.startswith("Type I error (F test)") for name in texts)
     assert "slim" in page.verdict.text()
     assert "permutation" in page.summary.text().lower()
+    monkeypatch.setattr("homolog_app.report.findings.cautions", lambda study: (f"look at {study.names[0]}",))
+    page.show_answers()
+    assert page.cautions.isVisible()
+    assert answer.study.names[0] in page.cautions.text()
 
 
 def test_the_slider_goes_from_one_groups_mean_to_the_others(compare, bean_project, window):

@@ -4,6 +4,7 @@ import pytest
 from homolog.analysis.design import (
     covariate_columns,
     group_design,
+    is_missing,
     lookalikes,
     numbers,
     paired_design,
@@ -102,6 +103,13 @@ def test_too_many_covariates_for_the_subjects_are_refused():
     table = {f"c{index}": np.random.default_rng(index).normal(size=6).tolist() for index in range(4)}
     with pytest.raises(InputError, match=r"6 subjects .* 6 columns"):
         group_design(["a", "b"] * 3, ["a", "b"], covariate_columns(table))
+
+
+@pytest.mark.parametrize("cell", ["", " ", "NA", "na", "N/A", "n/a", "nan", "NaN", "None", "null", np.nan])
+def test_missing_values_have_many_spellings(cell):
+    assert is_missing(cell)
+    with pytest.raises(InputError, match="no value for"):
+        covariate_columns({"age": [1.0, 2.0, cell, 3.0]})
 
 
 @pytest.mark.parametrize(

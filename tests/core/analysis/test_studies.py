@@ -47,6 +47,25 @@ def test_size_is_tested_apart_and_taken_out_of_the_shapes(ellipsoids):
     assert with_size.test.p < 1e-4
 
 
+def test_pose_size_and_shape_are_compared_as_the_alignment_keeps_them(ellipsoids):
+    shapes = ellipsoids(subjects=20, noise=0.3)
+    shifted, larger = shapes.copy(), shapes.copy()
+    shifted[10:] += [30.0, 0.0, 0.0]
+    larger[10:] *= 1.3
+
+    def found(particles, alignment):
+        options = replace(QUICK, alignment=alignment, modes=2)
+        result = compare_two_groups(particles, ["a"] * 10 + ["b"] * 10, ("a", "b"), options=options)
+        return result.test.p_permutation <= 0.01
+
+    kept = {
+        Alignment.AS_IT_LIES: (True, True), Alignment.RIGID: (False, True),
+        Alignment.SIMILARITY: (False, False),
+    }  # fmt: skip
+    for alignment, expected in kept.items():
+        assert (found(shifted, alignment), found(larger, alignment)) == expected, alignment
+
+
 def test_three_groups_are_tested_together_and_each_two_with_holms_correction(correlated):
     shapes = correlated(subjects=30)
     groups = ["n", "h", "d"] * 10
