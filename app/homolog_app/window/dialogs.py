@@ -34,7 +34,16 @@ from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme, pixmap
 from homolog_app.window.widgets import GRID, button, label, set_primary
 
-__all__ = ["STATUS", "ErrorDialog", "LogMemory", "LogPane", "ask", "problem_report", "waited"]
+__all__ = [
+    "STATUS",
+    "ErrorDialog",
+    "LogMemory",
+    "LogPane",
+    "ask",
+    "problem_report",
+    "wait_until",
+    "waited",
+]
 
 
 _log = logging.getLogger(__name__)
@@ -102,20 +111,27 @@ def waited(parent: QWidget, text: str, work: Callable[[], _Result]) -> _Result:
 
     Returns or raises as `work` does.
     """
+    with ThreadPoolExecutor(1, thread_name_prefix="homolog-files") as pool:
+        future = pool.submit(work)
+        wait_until(parent, text, future.done)
+    return future.result()
+
+
+def wait_until(parent: QWidget, text: str, holds: Callable[[], bool]) -> None:
+    """Show a busy dialog until a condition holds."""
+    if holds():
+        return
     dialog = QProgressDialog(text, "", 0, 0, parent)
     dialog.setCancelButton(None)
     dialog.setWindowModality(Qt.WindowModality.WindowModal)
     dialog.setMinimumDuration(300)
     loop, timer = QEventLoop(), QTimer(dialog, interval=20)
-    with ThreadPoolExecutor(1, thread_name_prefix="homolog-files") as pool:
-        future = pool.submit(work)
-        timer.timeout.connect(lambda: loop.quit() if future.done() else dialog.setValue(0))
-        timer.start()
-        loop.exec(QEventLoop.ProcessEventsFlag.AllEvents)
+    timer.timeout.connect(lambda: loop.quit() if holds() else dialog.setValue(0))
+    timer.start()
+    loop.exec(QEventLoop.ProcessEventsFlag.AllEvents)
     timer.stop()
     dialog.close()
     dialog.deleteLater()
-    return future.result()
 
 
 _KEPT = 2000

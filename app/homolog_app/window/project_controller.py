@@ -24,7 +24,7 @@ from homolog_app.studies.files import (
 from homolog_app.studies.loaded_result import write_from_memory
 from homolog_app.studies.study import FILES, Study, is_there, read_subjects, with_table
 from homolog_app.window.actions import Actions
-from homolog_app.window.dialogs import ask, waited
+from homolog_app.window.dialogs import ask, wait_until, waited
 from homolog_app.window.explore.panel import ExplorePanel
 from homolog_app.window.start_page import StartPage
 from homolog_app.window.workspace import Controller, Workspace, reported
@@ -177,7 +177,7 @@ class ProjectController(Controller):
         self._workspace.preferences.remember(folder)
         self.show_recent()
         session.project_changed.emit()
-        self._workspace.session.noticed.emit(f"Saved to {folder}")
+        session.noticed.emit(f"Saved to {folder}")
         if gone or in_use:
             why = "is gone" if gone else "is in use"
             ask(self._window, "Saved from memory", f"{before.folder} {why}. {_NOT_HELD}", ("Close",))
@@ -221,7 +221,10 @@ class ProjectController(Controller):
         question = f"Save {title if saved else 'the study'}?"
         answer = ask(self._window, question, lost, ("Save", "Don't save", "Cancel"))
         if answer == "Save":
+            session, said = workspace.session, f"Saving {title}…"
+            wait_until(self._window, said, lambda: not session.job.is_busy)  # one that was stopped must end
             self.save()
+            wait_until(self._window, said, lambda: not session.job.is_saving)
             return not workspace.is_changed
         return answer == "Don't save"
 
@@ -252,11 +255,9 @@ class ProjectController(Controller):
         for lost in find_lost(self._workspace.sessions):
             name = Path(lost.record.folder).name if lost.record.folder else "a study that was never saved"
             what = "a run was in progress" if lost.record.running else "unsaved edits"
-            text = f"{len(lost.record.study.subjects)} subjects, {what}"
-            answer = ask(
-                self._window, f"Recover {name}?", f"The program ended without closing it: {text}.",
-                ("Recover", "Discard", "Later"),
-            )  # fmt: skip
+            count = len(lost.record.study.subjects)
+            text = f"The program ended without closing it: {count} subjects, {what}."
+            answer = ask(self._window, f"Recover {name}?", text, ("Recover", "Discard", "Later"))
             if answer == "Discard":
                 lost.discard()
             elif answer == "Recover":
@@ -311,9 +312,8 @@ class ProjectController(Controller):
         if ask(self._window, f"Import {path.name}?", "\n".join(changes.lines), answers) != "Import":
             return
         self._workspace.session.edit("Import table", study)
-        self._workspace.session.noticed.emit(
-            f"Rows for {len(changes.matched)} subjects read from {path.name}"
-        )
+        said = f"Rows for {len(changes.matched)} subjects read from {path.name}"
+        self._workspace.session.noticed.emit(said)
 
     @reported
     def _import_model(self) -> None:

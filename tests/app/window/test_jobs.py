@@ -1,5 +1,6 @@
 """Jobs as the window shows them."""
 
+import shutil
 import threading
 
 import pytest
@@ -26,3 +27,42 @@ def test_a_run_is_offered_first_when_settings_have_changed_since(explored):
     explored.workspace.edit_settings("optimize", "particles", particles)
     is_primary.append([button.property("primary") for button in (panel.go, panel.proceed)])
     assert is_primary == [["false", "true"], ["true", "false"]]
+
+
+def test_a_job_has_one_progress_bar_on_its_page_and_at_most_one_elsewhere(explored, wait):
+    from PySide6.QtWidgets import QProgressBar
+
+    from homolog_app.window.session import PAGE_OF_JOB
+
+    session, work, seen = explored.workspace.session, explored.workspace.work, {}
+    on_rail = {"groom": "groom", "run": "correspond"}
+    for kind in (*on_rail, "groups", "seeds", "mend", "patient", "model", "study"):
+        wait(lambda: not session.job.is_busy)
+        stopped = threading.Event()
+        work.compute(kind, lambda _, stopped=stopped: stopped.wait(30.0), "counting", lambda _: None)
+        wait(lambda: session.job.status is not None)
+        places = (PAGE_OF_JOB.get(kind, "Overview"), on_rail.get(kind, "explore")), ("Overview", "explore")
+        seen[kind] = []
+        for page, step in places:
+            session.show_page(page, step)
+            seen[kind].append(sum(bar.isVisible() for bar in explored.findChildren(QProgressBar)))
+        stopped.set()
+    wait(lambda: not session.job.is_busy)
+    assert seen == {kind: [1, 0 if kind in on_rail else 1] for kind in seen}
+
+
+def test_a_project_that_is_being_opened_can_be_groomed_only_when_its_result_is_there(
+    window, finished, tmp_path, wait
+):
+    shutil.copytree(finished, tmp_path / "copy")
+    window.projects.open_paths([tmp_path / "copy"])
+    session, commands = window.workspace.session, window.commands
+    for command in ("run.groom", "run.start"):
+        assert not commands[command].isEnabled()
+        commands[command].trigger()
+    wait(lambda: session.result is not None and not session.job.is_busy)
+    result = session.result
+    commands["run.groom"].trigger()  # perhaps while groomed shapes are still looked for
+    wait(lambda: not session.job.is_busy)
+    assert session.is_groomed
+    assert session.result is result
