@@ -2,6 +2,7 @@
 
 import csv
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -86,6 +87,11 @@ ANSWER = SeedAnswer(
 )  # fmt: skip
 
 
+def study_of(p):
+    """Return a stand-in for a study with this p."""
+    return SimpleNamespace(comparisons=[SimpleNamespace(title=ANSWER.comparison, p_adjusted=p)])
+
+
 def test_the_median_over_seeds_takes_each_number_by_itself():
     seeds = [replace(ANSWER, seed=seed, p=p, accuracy=None) for seed, p in enumerate((0.03, 0.2, 0.01))]
     seeds[1] = replace(seeds[1], distance=None)
@@ -102,8 +108,9 @@ def test_the_median_over_seeds_takes_each_number_by_itself():
 def test_the_spread_is_between_the_smallest_and_the_largest(tmp_path):
     answers = [ANSWER, replace(ANSWER, seed=1, p=0.08, percent=3.1, distance=None)]
     write_spread(tmp_path, answers)
-    assert read_spread(tmp_path, "abc") == answers
-    assert read_spread(tmp_path, "another result") == []
+    assert read_spread(tmp_path, "abc", study_of(ANSWER.p)) == answers
+    assert read_spread(tmp_path, "another result", study_of(ANSWER.p)) == []
+    assert read_spread(tmp_path, "abc", study_of(0.5)) == []  # of other settings or data
     (text,) = spread_text(answers)
     assert "p = 0.011 to 0.080 (1 of 2 significant)" in text
     assert "3.1 to 4.7 % of the surface" in text
@@ -119,7 +126,7 @@ def test_answers_that_version_0_2_wrote_are_read(tmp_path):
     }
     names = [name.replace("p_fwe", "p_family") for name in kept]
     table.write_text(f"{','.join(names)}\n{','.join(kept.values())}\n", "utf-8")
-    (answer,) = read_spread(tmp_path, "abc")
+    (answer,) = read_spread(tmp_path, "abc", study_of(ANSWER.p))
     assert (answer.distance.value, answer.auc.value, answer.auc.p) == (1.3, 0.9, None)
     assert np.isnan(answer.distance.low)
     assert interval_cell(answer.distance) == "1.30"

@@ -150,8 +150,8 @@ def write_spread(folder: Path, answers: Sequence[SeedAnswer]) -> None:
     )  # fmt: skip
 
 
-def read_spread(folder: Path, fingerprint: str) -> list[SeedAnswer]:
-    """Return the answers of all seeds that lie in a study's folder; none if they are of another result."""
+def read_spread(folder: Path, fingerprint: str, study: Study) -> list[SeedAnswer]:
+    """Return the answers of all seeds in a study's folder; none if of other particles, data or settings."""
     path = folder / FILE
     if not path.is_file():
         return []
@@ -175,7 +175,10 @@ def read_spread(folder: Path, fingerprint: str) -> list[SeedAnswer]:
         raise InputError(
             f"{path}: can't be read: {error}; delete it and analyze again with --seeds"
         ) from error
-    return repeats if all(item.fingerprint == fingerprint for item in repeats) else []
+    first = {(item.comparison, item.p) for item in repeats if item.seed == repeats[0].seed}
+    own = {(item.title, item.p_adjusted) for item in study.comparisons}
+    is_current = first <= own and all(item.fingerprint == fingerprint for item in repeats)
+    return repeats if is_current else []
 
 
 def seed_numbers(answers: Sequence[SeedAnswer]) -> list[int]:

@@ -57,10 +57,8 @@ def save_study(
     if carrier is None:
         carrier = SurfaceCarrier.of(result, directions_of(read_details(project), project.read().result))
     answered = Answered.now(project, data_digest(result, carrier.directions))
-    spread = read_spread(folder, answered.fingerprint)
-    own = {comparison.title: comparison.p_adjusted for comparison in study.comparisons}
-    if any(own.get(answer.comparison) != answer.p for answer in spread if answer.seed == spread[0].seed):
-        (folder / FILE).unlink()  # answers of other settings or data
+    if not read_spread(folder, answered.fingerprint, study):
+        (folder / FILE).unlink(missing_ok=True)
     write_study_tables(folder, study, result, carrier, answered, is_primary=is_primary(folder))
     write_request(study.request, folder, answered)
     return folder

@@ -82,7 +82,9 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     for index, request in enumerate(requests):
         share = 0.5 / len(requests)
         studies.append(run_study(result, request, part_of(tick, index * share, (index + 1) * share)))
-    seeds = [read_spread(study_folder(project, request), record.fingerprint) for request in requests]
+    seeds = [
+        read_spread(study_folder(project, study.request), record.fingerprint, study) for study in studies
+    ]
     details = read_details(project)
     carrier = SurfaceCarrier.of(result, directions_of(details, record))
     model = ShapeModel.fit(result.world, names=result.names)
