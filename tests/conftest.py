@@ -128,6 +128,7 @@ def pytest_configure(config):
         os.environ["CUDA_VISIBLE_DEVICES"] = ""
     # Before pytest-xdist starts its processes, which inherit it; each of them has its core.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault("LP_NUM_THREADS", "1")  # those that draw where OpenGL is emulated
     os.environ.setdefault("HOMOLOG_ANATOMY_SEED", str(secrets.randbelow(10**6)))
     if shutil.which("Xvfb") and (hasattr(config, "workerinput") or not _has_display()):
         config.add_cleanup(_open_display())
