@@ -58,7 +58,7 @@ def add_main_results(
     for text in _cautions(studies, correspondence):  # before the table: they belong on the first page
         page.caution(text)
     _table(page, studies, seeds)
-    for text in _remarks(studies):
+    for text in _remarks(studies, [_with_intervals(answers) for answers in seeds]):
         page.paragraph(text)
 
 
@@ -72,9 +72,10 @@ def _role_text(studies: Sequence[Study], *, primary: bool) -> str:
     if primary:
         own = studies[0].request.answers
         kept = f" Its p-values are corrected for {own} answers all the same." if own > 1 else ""
+        others, them = ("The others are", "them") if len(studies) > 2 else ("Study 2 is", "it")
         return (
-            f"Study 1 was named primary.{kept} The others are secondary: their p-values are corrected "
-            f"{within} alone, which makes them exploratory."
+            f"Study 1 was named primary.{kept} {others} secondary: p-values are corrected {within} alone, "
+            f"which makes {them} exploratory."
         )
     if count == 1:
         corrected = f" p-values are corrected for all {answers} answers." if answers == len(studies) else ""
@@ -110,8 +111,10 @@ def _sentences(
     elif pairs:
         rest = ", ".join(pair.title for pair in pairs if pair.title not in differ)
         yield f"Of the pairs {', '.join(differ) or 'none'} differ; no difference can be shown of {rest}."
-    where, unsure = [], []
-    for comparison in study.comparisons:
+    where, unsure, nowhere = [], [], []
+    for comparison, seen in zip(study.comparisons, shown, strict=True):
+        if seen.p_adjusted <= LEVEL and not (comparison.p_fwe <= LEVEL).any():
+            nowhere.append(comparison.title)
         regions = significant_regions(study, comparison, carrier)
         median = median_answer(answers, comparison.title)
         if regions and (len(regions[0].particles) == 1 or (median is not None and not median.percent > 0.0)):
@@ -125,6 +128,8 @@ def _sentences(
             f"No region can be claimed for {', '.join(unsure)}: significant are single particles, or none "
             "with most seeds."
         )
+    if nowhere:
+        yield f"No particle is significant for {', '.join(nowhere)}."
 
 
 def _where(title: str, regions: Sequence[Region], study: Study) -> str:
@@ -173,8 +178,8 @@ def _table(page: Page, studies: Sequence[Study], seeds: Sequence[Sequence[SeedAn
         sentences.append(
             f"With seeds {', '.join(map(str, numbers))} particles were placed and tests made again: in Study "
             f"{', '.join(several)} D, p, area, accuracy and bounds of intervals are each the median over the "
-            "seeds of the correspondence (ranges: last table; of each seed: seeds.csv). All that follows, "
-            "maps too, is of the first seed."
+            "seeds of the correspondence (ranges: last table; of each seed: seeds.csv). Numbers of modes and "
+            "all that follows, maps too, are of the first seed."
         )
     if older:
         sentences.append(
@@ -194,13 +199,12 @@ def _row(name: str, study: Study, comparison: Comparison, answers: Sequence[Seed
     test, line, distance = comparison.test, comparison.discriminant, comparison.distance
     significant = comparison.p_fwe <= LEVEL
     area = 100.0 * float(study.areas[significant].sum()) / max(float(study.areas.sum()), 1e-300)
-    p, accuracy, tested = comparison.p_adjusted, None, comparison.accuracy_p_adjusted
+    p, accuracy, tested = comparison.p_adjusted, None, _accuracy_p(comparison, answers)
     permutations = 0 if line is None else line.accuracy.permutations
     if line is not None:
         accuracy = line.accuracy
     if (median := median_answer(answers, comparison.title)) is not None:
         distance, p, area, accuracy = median.distance, median.p, median.percent, median.accuracy
-        tested = None if accuracy is None else accuracy.p
     mark = f" {_MARK}" if dispersion_caution(comparison.dispersion, comparison.counts) else ""
     return (
         name,
@@ -214,14 +218,22 @@ def _row(name: str, study: Study, comparison: Comparison, answers: Sequence[Seed
     )
 
 
-def _remarks(studies: Sequence[Study]) -> Iterator[str]:
+def _accuracy_p(comparison: Comparison, answers: Sequence[SeedAnswer]) -> float | None:
+    """Return the corrected p of the accuracy: the median over the seeds, if there are several."""
+    median = median_answer(answers, comparison.title)
+    if median is None:
+        return comparison.accuracy_p_adjusted
+    return None if median.accuracy is None else median.accuracy.p
+
+
+def _remarks(studies: Sequence[Study], seeds: Sequence[Sequence[SeedAnswer]]) -> Iterator[str]:
     """Yield what the table does not show at once."""
     alike = [
-        f"{comparison.title} (Study {number}, p = {p_number(comparison.accuracy_p_adjusted)})"
-        for number, study in enumerate(studies, start=1)
+        f"{comparison.title} (Study {number}, {p_text(tested)})"
+        for number, (study, answers) in enumerate(zip(studies, seeds, strict=True), start=1)
         for comparison in study.comparisons
-        if comparison.accuracy_p_adjusted is not None
-        and comparison.p_adjusted <= LEVEL < comparison.accuracy_p_adjusted
+        for tested in [_accuracy_p(comparison, answers)]
+        if tested is not None and _shown(comparison, answers).p_adjusted <= LEVEL < tested
     ]
     if alike:
         yield f"Means differ, but balanced accuracy is not shown to exceed chance: {', '.join(alike)}."

@@ -116,7 +116,7 @@ _SIZE_STATISTIC = {
     "regression": "its studentized slope",
     "pairs": "the signs of the studentized mean difference of the pairs",
 }
-_OF_ALL_GROUPS = ", that of all groups together by permutation of Welch's F"
+_OF_ALL_GROUPS = ", that of all groups together by permutation of its F"
 _EXCHANGED = {
     "groups": "Labels were permuted",
     "regression": "Values were permuted",

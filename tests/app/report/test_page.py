@@ -227,7 +227,8 @@ def test_a_region_of_one_particle_or_of_one_seed_is_not_claimed(project, without
     fingerprint = project.read().result.fingerprint
     (test,) = rows_of(folder / "tests.csv")
     p = float(test["p_permutation_corrected"])
-    answer = SeedAnswer("C - A", 0, p, Effect(2.22, 1.0, 3.0), 0, 0.0, None, None, None, 199, fingerprint)
+    accuracy = Effect(0.6, 0.4, 0.8, 0.3)
+    answer = SeedAnswer("C - A", 0, p, Effect(2.22, 1.0, 3.0), 0, 0.0, accuracy, None, None, 199, fingerprint)
     write_spread(folder, [replace(answer, seed=seed) for seed in range(3)])
     page = api.report(project.folder).read_text(encoding="utf-8").replace("\xa0", " ")
     assert "2.22 (1.00 to 3.00)" in page
@@ -235,6 +236,7 @@ def test_a_region_of_one_particle_or_of_one_seed_is_not_claimed(project, without
     assert "of the first seed; other seeds" not in page
     assert "Largest regions" not in page
     assert "No region can be claimed for C − A" in page
+    assert "not shown to exceed chance: C − A (Study 1, p = 0.30)" in page  # medians, as in the table
 
 
 def test_the_first_page_says_which_pairs_differ(project, without_figures, analyze):
