@@ -34,7 +34,9 @@ __all__ = ["RegisterPair", "Registration", "align", "by_typicality", "medoid", "
 class RegisterPair(Protocol):
     """A registration of one shape to another: `registered`, or its cached form."""
 
-    def __call__(self, moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False) -> Fit:
+    def __call__(
+        self, moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False, bends: bool = False
+    ) -> Fit:
         """Return what `registered` does."""
 
 
@@ -281,7 +283,7 @@ def _by_neighbours(
 
     def fit(pair: tuple[int, int], inner: Tick) -> Fit:
         inner(0.0, "aligning")
-        return register_pair(units[pair[0]], units[pair[1]], free=True)
+        return register_pair(units[pair[0]], units[pair[1]], bends=True)
 
     fits = run_in_threads([partial(fit, pair) for pair in pairs], tick, "aligning", cores())
     onto = {pair: item.pose for pair, item in zip(pairs, fits, strict=True)}

@@ -197,14 +197,18 @@ class RegistrationCache:
         self._before = {} if path is None else _registrations(path)
         self._used: dict[str, Fit] = {}
 
-    def registered(self, moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False) -> Fit:
+    def registered(
+        self, moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False, bends: bool = False
+    ) -> Fit:
         """Return what `icp.registered` returns, computed if it is not here; may be called from any thread."""
-        digest = hashlib.blake2b(f"{_REGISTRATION_VERSION} {free}".encode(), digest_size=16)
+        way = "bends" if bends else free
+        digest = hashlib.blake2b(f"{_REGISTRATION_VERSION} {way}".encode(), digest_size=16)
         for array in (moving.points, moving.normals, fixed.points, fixed.normals):
             digest.update(f"{array.shape}".encode())
             digest.update(np.ascontiguousarray(array).tobytes())
         key = digest.hexdigest()
-        fit = self._used.get(key) or self._before.get(key) or registered(moving, fixed, free=free)
+        fit = self._used.get(key) or self._before.get(key)
+        fit = fit or registered(moving, fixed, free=free, bends=bends)
         self._used[key] = fit
         return fit
 

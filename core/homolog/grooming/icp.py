@@ -4,11 +4,13 @@ from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial import KDTree
+from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.geometry import fit_rotation, scale_of
+from homolog.geometry import farthest_point_sampling, fit_rotation, rotation_of, scale_of
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.orientation import prior_weights, softness
 
@@ -25,6 +27,11 @@ _NORMAL_WEIGHT = 0.5  # of the size: how far apart a wall's two sides seem
 _TOLERANT = 2.0  # times the median distance of matches: from where on a match counts little
 _CLEARLY_BETTER = 0.6  # of the distance: when another orientation replaces the given one
 _LIMIT = 1.5  # by how much a registration may change the size
+_WAYS, _APART = 6, 30.0  # orientations that may be bent, and by how many degrees they differ
+_RIVAL = 2.0  # of the closest distance: up to where another orientation is bent, too
+_HANDLES, _REACH = 40, 0.7  # Gaussians by which a surface is bent, and their width, of the size
+_STIFFNESSES = np.geomspace(0.1, 0.003, 10).tolist()  # of the rounds: cost of bending
+_LINEAR_STIFFNESS = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +95,9 @@ def axes_rotation(moving: OrientedPoints, fixed: OrientedPoints) -> FloatArray:
     return min(turns, key=lambda turn: float(np.mean(tree.query(moving.points[::5] @ turn.T)[0])))
 
 
-def registered(moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False) -> Fit:
+def registered(
+    moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False, bends: bool = False
+) -> Fit:
     """Return the similarity of one point set to another, both centred and of about one size.
 
     Matches are closest points in position and normal, in both directions; those farther apart than usual have
@@ -101,6 +110,10 @@ def registered(moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = Fa
     free : bool
         Whether to ignore the given orientation. Otherwise it is kept unless another fits clearly better,
         so that near-symmetric shapes keep theirs.
+    bends : bool
+        Whether to ignore the given orientation, and to choose of those that fit about as well the one from
+        which the surface comes nearest once it is bent: where shapes differ much, a wrong orientation may fit
+        more closely, but then their details do not. The distance is then that of the bent surface.
     """
     own, other = _Half(moving), _Half(fixed)
     looks = _iterated(own, other, np.array(_starts(moving, fixed)), _GLANCE, _GLANCE_ROUNDS)
@@ -108,11 +121,35 @@ def registered(moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = Fa
     starts = np.array([np.eye(4), *(look.pose for look in looks[:_TRIALS])])
     given, *trials = _iterated(own, other, starts, _FEW, _TRIAL_ROUNDS)
     best = min(trials, key=lambda fit: fit.distance)
+    free = free or bends
     if not free and best.distance <= _CLEARLY_BETTER * given.distance:  # which may not have settled yet
         given = _iterated(own, other, given.pose[None], _FEW, _ROUNDS)[0]
     if best.distance > (1.0 if free else _CLEARLY_BETTER) * given.distance:
         best = given
-    return _iterated(own, other, best.pose[None], _MANY, _ROUNDS)[0]
+    if bends:
+        best = _nearest_bent(own, other, best, looks)
+    fit = _iterated(own, other, best.pose[None], _MANY, _ROUNDS)[0]
+    return replace(fit, distance=best.distance) if bends else fit
+
+
+def _nearest_bent(own: "_Half", other: "_Half", closest: Fit, looks: list[Fit]) -> Fit:
+    """Return the closest fit, or a rival, from which the surface comes nearest once bent, and how near."""
+    starts = np.array([look.pose for look in _different(looks)[:_WAYS]])
+    trials = sorted(_iterated(own, other, starts, _FEW, _TRIAL_ROUNDS), key=lambda fit: fit.distance)
+    rivals = [fit for fit in _different([closest, *trials]) if fit.distance <= _RIVAL * closest.distance]
+    surface = _Bending(own)
+    bent = [Fit(fit.pose, surface.distance(other, fit.pose)) for fit in rivals]
+    return min(bent, key=lambda fit: fit.distance)
+
+
+def _different(fits: list[Fit]) -> list[Fit]:
+    """Return the fits without those that hardly turn relative to an earlier one."""
+    chosen: list[Fit] = []
+    for fit in fits:
+        turns = [rotation_of(fit.pose) @ rotation_of(earlier.pose).T for earlier in chosen]
+        if all(Rotation.from_matrix(turn).magnitude() > np.deg2rad(_APART) for turn in turns):
+            chosen.append(fit)
+    return chosen
 
 
 def refined(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
@@ -168,6 +205,53 @@ class _Half:
         """Return distances to the nearest points in position and normal, and their indices, (..., N)."""
         distances, indices = self.tree.query(np.concatenate([points, _NORMAL_WEIGHT * normals], axis=-1))
         return np.asarray(distances), np.asarray(indices)
+
+
+class _Bending:
+    """A surface that is moved by a sum of Gaussians and a linear map, at a cost by its stiffness."""
+
+    def __init__(self, half: _Half) -> None:
+        some = half.some(_FEW)
+        self._points, self._normals = half.points[some], half.normals[some]
+        handles = self._points[farthest_point_sampling(self._points, _HANDLES)]
+        values, self._cost = (
+            np.exp(-0.5 * cdist(points, handles, "sqeuclidean") / _REACH**2)
+            for points in (self._points, handles)
+        )
+        slopes = (handles - self._points[:, None]) / _REACH**2 * values[..., None]
+        linear = np.broadcast_to(np.eye(3), (len(slopes), 3, 3))
+        self._values = np.concatenate([values, self._points], axis=1)
+        self._slopes = np.concatenate([slopes, linear], axis=1)  # (N, functions, 3)
+
+    def distance(self, other: _Half, pose: FloatArray) -> float:
+        """Return the mean distance of the matches, in both directions, once bent from a pose (4, 4)."""
+        theirs, linear = other.some(_FEW), np.full(3, _LINEAR_STIFFNESS)
+        placed = self._points @ pose[:3, :3].T + pose[:3, 3]
+        points, normals = placed, self._normals @ rotation_of(pose).T
+        for stiffness in _STIFFNESSES:
+            gaps, onto, back = self._matches(other, theirs, points, normals)
+            weights = _weights(gaps[None])[0]
+            functions = np.concatenate([self._values, self._values[back]])
+            offsets = np.concatenate([other.points[onto] - placed, other.points[theirs] - placed[back]])
+            weighted = (functions * (weights / weights.sum())[:, None]).T
+            cost = block_diag(stiffness * self._cost, np.diag(linear))
+            by = np.linalg.solve(weighted @ functions + cost, weighted @ offsets)
+            points = placed + self._values @ by
+            slopes = pose[:3, :3] + np.einsum("nfi,fj->nji", self._slopes, by)
+            normals = np.linalg.solve(slopes.transpose(0, 2, 1), self._normals[..., None])[..., 0]
+            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        return float(self._matches(other, theirs, points, normals)[0].mean())
+
+    @staticmethod
+    def _matches(
+        other: _Half, theirs: slice, points: FloatArray, normals: FloatArray
+    ) -> tuple[FloatArray, IntArray, IntArray]:
+        """Return distances of matches in both directions, and the indices of either surface's points."""
+        there, onto = other.nearest(points, normals)
+        tree = KDTree(np.concatenate([points, _NORMAL_WEIGHT * normals], axis=1))
+        wanted = np.concatenate([other.points[theirs], _NORMAL_WEIGHT * other.normals[theirs]], axis=1)
+        back, from_ = tree.query(wanted)
+        return np.concatenate([there, back]), onto, np.asarray(from_)
 
 
 def _axes(shape: OrientedPoints) -> FloatArray:

@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from homolog.cohort import Subject
 from homolog.errors import Cancelled, InputError
+from homolog.geometry import rotation_of
 from homolog.grooming import align, groom_subject
 from homolog.grooming.align import register
 from homolog.grooming.icp import Fit, OrientedPoints, fit_at, oriented_points, registered
@@ -229,12 +230,12 @@ def test_shapes_whose_files_lie_in_any_orientation_are_placed_by_the_closest_reg
     turns = turns.as_matrix()
     shapes = [moved(paw, turn, [1000.0 * k, 0.0, 0.0]) for k, turn in enumerate(turns)]
 
-    def register_pair(moving, fixed, *, free=False):
+    def register_pair(moving, fixed, *, free=False, bends=False):
         i, j = (round(item.centre[0] / 1000.0) for item in (moving, fixed))
         is_close = abs(chain.index(i) - chain.index(j)) == 1
         pose = np.eye(4)
         pose[:3, :3] = (
-            turns[j] @ (np.eye(3) if is_close or not free else np.diag([-1.0, -1.0, 1.0])) @ turns[i].T
+            turns[j] @ (np.eye(3) if is_close or not bends else np.diag([-1.0, -1.0, 1.0])) @ turns[i].T
         )
         return Fit(pose, 0.1 if is_close else 0.2)
 
@@ -243,14 +244,29 @@ def test_shapes_whose_files_lie_in_any_orientation_are_placed_by_the_closest_reg
     assert np.allclose(places, places[0], atol=1e-6)
 
 
+@pytest.mark.parametrize(("bends", "degrees"), [(False, 180.0), (True, 0.0)])
+def test_a_rod_that_widens_towards_its_other_end_is_told_by_its_hook_once_bent(coarse_egg, bends, degrees):
+    rod = coarse_egg.vertices * [1.5, 0.5, 0.6]
+    hook = np.exp(-np.square(np.linalg.norm(rod - [22.0, 4.0, 0.0], axis=1) / 4.0) / 2.0)
+    shapes = []
+    for widening in (0.2, -0.2):
+        wide = 1.0 + widening * rod[:, :1] / 30.0
+        vertices = rod * np.hstack([np.ones_like(wide), wide, wide]) + 4.0 * np.outer(hook, [0.0, 1.0, 0.0])
+        points = oriented_points(TriangleMesh(vertices, coarse_egg.faces))
+        shapes.append(points.scaled(1.0 / points.size))
+    pose = registered(*shapes, free=True, bends=bends).pose
+    turn = Rotation.from_matrix(rotation_of(pose)).magnitude()
+    assert np.degrees(turn) == pytest.approx(degrees, abs=5.0)
+
+
 def test_orientations_of_files_that_do_not_agree_are_ignored_where_shapes_fit_clearly_better(paw):
     turns = Rotation.random(5, random_state=0).as_matrix()
     shapes = [moved(paw, turn, [1000.0 * k, 0.0, 0.0]) for k, turn in enumerate(turns)]
 
-    def register_pair(moving, fixed, *, free=False):
+    def register_pair(moving, fixed, *, free=False, bends=False):
         i, j = (round(item.centre[0] / 1000.0) for item in (moving, fixed))
         pose = np.eye(4)
-        pose[:3, :3] = turns[j] @ turns[i].T if free else np.eye(3)
+        pose[:3, :3] = turns[j] @ turns[i].T if bends else np.eye(3)
         return fit_at(moving, fixed, pose)
 
     alignments = register(shapes, GroomSettings(), register_pair=register_pair).alignments
