@@ -19,7 +19,7 @@ from homolog.files.results import Result
 from homolog.files.tables import write_table
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.report.page import Page
-from homolog_app.report.request import SHAPE_SIZE, category_of, column_of
+from homolog_app.report.request import SHAPE_SIZE, SIZE, category_of, column_of
 from homolog_app.report.study import Study
 from homolog_app.report.study_section import decimals_of, interval_cell, mean_text
 
@@ -46,6 +46,8 @@ class SampleRow:
         Subjects that are counted, or have a value.
     mean, spread, least, largest : float or None
         None where subjects are counted; the spread also for one subject.
+    unit : str
+        Of the variable; empty if the cohort's table gives none.
     """
 
     group: str
@@ -56,6 +58,7 @@ class SampleRow:
     spread: float | None = None
     least: float | None = None
     largest: float | None = None
+    unit: str = ""
 
 
 def sample_rows(study: Study, result: Result) -> list[SampleRow]:
@@ -93,9 +96,10 @@ def sample_rows(study: Study, result: Result) -> list[SampleRow]:
             if own is not None and len(own):
                 spread = float(own.std(ddof=1)) if len(own) > 1 else None
                 ends = float(own.min()), float(own.max())
-                rows.append(SampleRow(group, column, "", len(own), float(own.mean()), spread, *ends))
+                unit = "mm" if column in {SHAPE_SIZE, SIZE} - known else ""
+                rows.append(SampleRow(group, column, "", len(own), float(own.mean()), spread, *ends, unit))
         for edges, count in _voxels(result, members, taking):
-            rows.append(SampleRow(group, VOXEL, edges, count))
+            rows.append(SampleRow(group, VOXEL, edges, count, unit="mm"))
     return rows
 
 
@@ -184,8 +188,15 @@ def _sample_text(row: SampleRow, of: int) -> str:
         return str(row.count)
     value = f"{row.mean:.3g}"
     if row.spread is not None:
-        value = f"{mean_text(row.mean, row.spread)} ({row.least:.4g} to {row.largest:.4g})"
+        value = f"{mean_text(row.mean, row.spread)} ({_range_text(row.least, row.largest)})"
     return value if row.count == of else f"{value}, of {row.count}"
+
+
+def _range_text(least: float, largest: float) -> str:
+    """Return a range in four digits, both ends with the same decimals."""
+    ends = (f"{least:.4g}", f"{largest:.4g}")
+    decimals = max(0 if "e" in end else len(end.partition(".")[2]) for end in ends)
+    return f"{least:.{decimals}f} to {largest:.{decimals}f}"
 
 
 def _sample_of(study: Study, result: Result) -> tuple[list[SampleRow], dict[str, str]]:

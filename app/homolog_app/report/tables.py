@@ -158,9 +158,12 @@ def _tables(
     )  # fmt: skip
     yield (
         "sample.csv",
-        ["group", "variable", "category", "n", "mean", "standard_deviation", "minimum", "maximum"],
+        [
+            "group", "variable", "category", "n", "mean", "standard_deviation", "minimum", "maximum",
+            "unit_of_variable",
+        ],
         (astuple(row) for row in sample_rows(study, result)),
-    )
+    )  # fmt: skip
     yield "regions.csv", _REGION_COLUMNS, _regions(study, carrier)
     stems = file_stems([comparison.title for comparison in study.comparisons])
     for item, stem in zip(study.comparisons, stems, strict=True):

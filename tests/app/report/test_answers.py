@@ -273,6 +273,7 @@ def test_voxels_of_the_files_are_told_by_group_and_ranges_where_there_are_many_s
         ("A", "0.5 x 0.5 x 2", 6), ("A", "0.5 x 0.5 x 3", 0),
         ("B", "0.5 x 0.5 x 2", 0), ("B", "0.5 x 0.5 x 3", 6),
     ]  # fmt: skip
+    assert {row.variable: row.unit for row in rows if row.unit} == {"shape-size": "mm", "voxel": "mm"}
     many = tuple((0.5, 0.5, 1.0 + 0.1 * index) for index in range(len(edges)))
     rows = sample_rows(study, replace(result, voxels=many))
     texts = {row.category for row in rows if row.variable == "voxel"}
