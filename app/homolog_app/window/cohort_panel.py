@@ -14,6 +14,7 @@ from PySide6.QtWidgets import (
     QHeaderView,
     QLabel,
     QLineEdit,
+    QSizePolicy,
     QTableView,
     QVBoxLayout,
     QWidget,
@@ -30,7 +31,7 @@ from homolog_app.window.widgets import GRID, Panel, button, dress_table, label
 if TYPE_CHECKING:
     from homolog.grooming.structures import Structure
 
-__all__ = ["CohortPanel", "LabelPicker"]
+__all__ = ["CohortPanel", "CohortTools", "LabelPicker"]
 
 
 _TOOLS = ("file.add", "file.import", "file.export", "edit.group", "edit.include", "edit.remove")
@@ -79,6 +80,32 @@ class _Table(QTableView):
             self.fit_names()
 
 
+class CohortTools(QWidget):
+    """A row of buttons; those of frequent commands have names where there is room for all of them."""
+
+    def __init__(self, actions: Actions) -> None:
+        super().__init__()
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # not wider than the panel
+        self._row = QHBoxLayout(self)
+        self._row.setContentsMargins(0, 0, 0, 0)
+        self._row.setSpacing(GRID // 2)
+        self._tools = {identifier: actions.button(identifier, self) for identifier in _TOOLS}
+        for tool in self._tools.values():
+            self._row.addWidget(tool)
+        self._row.addStretch()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Show the names if they fit."""
+        super().resizeEvent(event)
+        self._set_style(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
+        if self._row.sizeHint().width() > event.size().width():
+            self._set_style(Qt.ToolButtonStyle.ToolButtonIconOnly)
+
+    def _set_style(self, style: Qt.ToolButtonStyle) -> None:
+        for identifier in _NAMED_TOOLS:
+            self._tools[identifier].setToolButtonStyle(style)
+
+
 class CohortPanel(Panel):
     """The table of subjects, its filter, and the choice of a label where files hold several."""
 
@@ -101,7 +128,7 @@ class CohortPanel(Panel):
         self.table = self._table()
         actions.offer(self.table, "edit.group", "edit.include", "run.regroom", "edit.remove")
         self.labels = LabelPicker(session, theme)
-        self.body.addLayout(self._tools(actions))
+        self.body.addWidget(CohortTools(actions))
         self.body.addWidget(self.labels)
         self.body.addWidget(self.filter)
         self.body.addWidget(self.table, 1)
@@ -120,17 +147,6 @@ class CohortPanel(Panel):
         for changed in (session.surveys_changed, session.groomed_changed):
             changed.connect(self.table.fit_names)
         self._count()
-
-    def _tools(self, actions: Actions) -> QHBoxLayout:
-        row = QHBoxLayout()
-        row.setSpacing(GRID // 2)
-        for identifier in _TOOLS:
-            tool = actions.button(identifier, self)
-            if identifier in _NAMED_TOOLS:
-                tool.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
-            row.addWidget(tool)
-        row.addStretch()
-        return row
 
     def _table(self) -> "_Table":
         table = _Table()

@@ -108,3 +108,21 @@ def test_notes_of_grooming_take_the_room_that_a_large_window_has(qapp):
         scrolls.append(notes.table.verticalScrollBar().isVisible())
     assert scrolls == [False, True]
     notes.close()
+
+
+def test_buttons_of_the_cohort_have_whole_names_or_none(window, qapp):
+    from PySide6.QtWidgets import QToolButton, QWidget
+
+    from homolog_app.window.cohort_panel import CohortTools
+
+    holder, tools, named = QWidget(), CohortTools(window.commands), []
+    tools.setParent(holder)
+    holder.show()
+    for width in (600, 250):
+        tools.resize(width, 40)
+        qapp.processEvents()
+        buttons = tools.findChildren(QToolButton)
+        assert all(button.width() >= button.sizeHint().width() for button in buttons)
+        named.append(sum("Text" in button.toolButtonStyle().name for button in buttons))
+    assert named == [2, 0]
+    holder.close()
