@@ -61,6 +61,7 @@ def test_other_seeds_are_run_once_and_their_answers_reported(project, capsys):
     page = (project.folder / "report" / "report.html").read_text("utf-8")
     assert "seeds.csv" in page[: page.index("Sample")]
     assert "--seeds 5" not in page
+    assert f"with seeds {own}, {own + 1} of the optimization" in page[page.index("Methods") :]
     assert "homolog check finds" in page
     assert "wall thickness" not in page  # of solid shapes
     volumes = [float(row["volume_ml"]) for row in read_rows(project.folder / "report" / "measures.csv")]

@@ -37,7 +37,7 @@ from homolog_app.report.model_section import (
 )
 from homolog_app.report.page import Page
 from homolog_app.report.sample import add_measures, add_missing, add_samples, measures_of
-from homolog_app.report.seeds import add_seeds, read_spread, seed_numbers
+from homolog_app.report.seeds import SeedAnswer, add_seeds, read_spread, seed_numbers
 from homolog_app.report.sheets import write_page
 from homolog_app.report.stored_studies import kept_studies, study_folder
 from homolog_app.report.study import Study, run_study
@@ -124,8 +124,7 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
         add_statistics(page, studies)
         add_assumptions(page, studies)
         add_seeds(page, seeds)
-    one_seed = any(len(seed_numbers(answers)) < 2 for answers in seeds)
-    _methods(page, folder, record, studies, carrier, details, one_seed=one_seed, primary=primary)
+    _methods(page, folder, record, studies, seeds, carrier, details, primary=primary)
     _files(page, project, studies, figures)
     _write_figures(folder / "figures", figures)
     write_text(folder / "report.html", page.html)
@@ -252,8 +251,8 @@ def _model_section(
 
 
 def _methods(
-    page: Page, folder: Path, record: ResultRecord, studies: list[Study], carrier: SurfaceCarrier,
-    details: ReportDetails, *, one_seed: bool, primary: bool,
+    page: Page, folder: Path, record: ResultRecord, studies: list[Study],
+    seeds: Sequence[Sequence[SeedAnswer]], carrier: SurfaceCarrier, details: ReportDetails, *, primary: bool,
 ) -> None:  # fmt: skip
     """Add methods, definitions, what the authors have to add, and references; settings as a table."""
     page.heading("Methods")
@@ -263,6 +262,13 @@ def _methods(
     )
     for text in texts[: len(texts) - len(terms)]:
         page.paragraph(text)
+    repeated = [str(number) for number, own in enumerate(seeds, start=1) if len(seed_numbers(own)) > 1]
+    if repeated:
+        numbers = sorted({number for own in seeds for number in seed_numbers(own)})
+        page.paragraph(
+            f"Study {', '.join(repeated)}: optimization and tests were repeated on the same surfaces with "
+            f"seeds {', '.join(map(str, numbers))} of the optimization; the main results are medians."
+        )
     write_table(folder / "settings.csv", ["part", "setting", "value"], settings_rows(record, studies))
     page.paragraph("All settings and versions are in settings.csv.")
     if terms:
@@ -270,6 +276,7 @@ def _methods(
         for (term, _), text in zip(terms, texts[len(texts) - len(terms) :], strict=True):
             page.paragraph(f"{term}: {text}")
     page.heading("For the authors to add", 3)
+    one_seed = len(repeated) < len(seeds)
     add_missing(page, record, details, one_seed=one_seed, primary=primary if len(studies) > 1 else None)
     page.heading("References", 3)
     for text in references:
