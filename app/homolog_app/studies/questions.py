@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from homolog.analysis.data_notes import PARTNER_MISSING
 from homolog.analysis.design import is_missing, numbers
 from homolog.cohort.column_types import CATEGORY
 from homolog.errors import InputError
@@ -228,7 +229,9 @@ def _subject_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     rows = [("Subjects", ", ".join(f"{count}{'' if slope else f' {name}'}" for name, count in counts))]
     if study.left_out and study.request.complete_cases:
         gone = sum(why.startswith("no value") for why in study.left_out.values())
-        rows.append(("Left out", f"{gone} with missing values"))
+        alone = sum(why == PARTNER_MISSING for why in study.left_out.values())
+        partners = f", {alone} whose partner is missing" if alone else ""
+        rows.append(("Excluded", f"{gone} with missing values{partners} (complete cases)"))
     return rows
 
 

@@ -72,9 +72,16 @@ def test_shape_moves_with_the_number_as_the_beans_were_made(page, window, wait):
 
 
 def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait):
+    from dataclasses import replace
+
     from homolog_app.report.request import StudyRequest
     from homolog_app.report.study import run_study
 
+    session = window.workspace.session
+    member = session.study.members[0]
+    blank = replace(member.subject, columns={**member.subject.columns, "slot": "NA"})
+    session.edit("Table", session.study.with_members({member.name: replace(member, subject=blank)}))
+    page.form.complete.setChecked(True)
     actions = {action.text(): action for action in page.form.covariate_menu.actions()}
     assert not actions["site"].isEnabled()
     assert actions["site"].toolTip() == "The same for all subjects"
@@ -82,11 +89,14 @@ def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait)
     assert page.form.allow.text() == "Adjust for slot"
     answer = ask(page, window, wait, "group")
     assert answer.study.request.covariates == ("slot",)
-    assert dict(page.numbers.texts)["Adjusted for"] == "slot"
+    texts = dict(page.numbers.texts)
+    assert texts["Adjusted for"] == "slot"
+    assert texts["Excluded"] == "1 with missing values (complete cases)"
     from homolog_app.studies.study import with_present_table
 
     result = with_present_table(answer.shape.result, window.workspace.session.study)
     question = StudyRequest(between=("slim", "wide"), covariates=("slot",), permutations=499, null_repeats=0)
+    question = question.model_copy(update={"complete_cases": True})
     same = run_study(result, question)
     assert same.overall.test.p_permutation == answer.pair.test.p_permutation
     np.testing.assert_array_equal(same.overall.pointwise.effect, answer.pair.pointwise.effect)
