@@ -1,13 +1,15 @@
 """Cohorts of invented anatomies, run from the command line as a new user runs them.
 
     python tests/benchmarks/invented_anatomies.py FOLDER [COHORT…] [--particles 128] [--seed 0] [--only-write]
+                                                [--poses]
 
 An anatomy is a solid of smoothly joined ellipsoids and tubes with handles, thin walls or slits. Its eight
 subjects are images of one mesh under smooth random deformations: three ways to vary in common, individual
 differences, proportions, sizes up to 1.5-fold, poses; some are left and some right. They are written as
 noisy label maps or as meshes, clean or damaged. FOLDER/COHORT gets the files and FOLDER/COHORT.project the
 result. Printed is a row a cohort: how the run ended, suspects of `homolog check`, the errors of particles
-against the known correspondence (in spacings), and processor time.
+against the known correspondence (in spacings), and processor time. With --poses the undamaged surfaces are
+registered only: printed is by what angles shapes are turned against the true correspondence [degrees].
 """
 
 import argparse
@@ -20,6 +22,7 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 from scipy import ndimage
@@ -32,8 +35,12 @@ from cohort import carried
 
 from anatomy import LabelMap, write_label_map
 from homolog.files.meshes import write_mesh
+from homolog.geometry import rotation_of
+from homolog.grooming.align import register
+from homolog.settings import GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mesh_level import mesh_level
+from homolog.surfaces.simplify import simplified
 
 
 @dataclass(frozen=True)
@@ -201,6 +208,23 @@ def command(*words):
     return done.returncode, done.stdout + done.stderr, seconds
 
 
+def wrong_turns(name, seed):
+    """Return by what angles registration alone turns shapes against most others [degrees]."""
+    kind, rng = COHORTS[name], np.random.default_rng([seed, zlib.crc32(name.encode())])
+    meshes = [
+        solids.flipped(TriangleMesh(mesh.vertices * [-1.0, 1.0, 1.0], mesh.faces))
+        if subject.endswith("_L")
+        else mesh
+        for subject, mesh in subjects(kind, rng)
+    ]
+    groomed = [SimpleNamespace(name="", coarse_mesh=simplified(mesh, 1500)) for mesh in meshes]
+    poses = register(groomed, GroomSettings()).alignments
+    placed = [mesh.vertices[::7] @ rotation_of(pose).T for mesh, pose in zip(meshes, poses, strict=True)]
+    placed = [points - points.mean(axis=0) for points in placed]
+    turns = np.degrees([[Rotation.align_vectors(a, b)[0].magnitude() for a in placed] for b in placed])
+    return turns[np.argmin(np.median(turns, axis=1))]
+
+
 def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -210,8 +234,13 @@ def main():
     parser.add_argument("--particles", type=int, default=128)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only-write", action="store_true")
+    parser.add_argument("--poses", action="store_true")
     options = parser.parse_args()
     for name in options.cohorts:
+        if options.poses:
+            turns = wrong_turns(name, options.seed)
+            print(f"{name}: {np.sum(turns > 40.0)} turned by more than 40°;", *turns.round(), flush=True)
+            continue
         folder = options.folder / name
         make(name, folder, options.seed)
         if options.only_write:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial.transform import Rotation
 
-from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.arrays import BoolArray, FloatArray
 from homolog.device import cores
 from homolog.errors import InputError
 from homolog.geometry import rotation_of, scale_of
@@ -24,6 +24,7 @@ from homolog.grooming.icp import (
 )
 from homolog.grooming.orientation import agree, are_soft, better_turned
 from homolog.grooming.subject import GroomedSubject
+from homolog.grooming.typicality import by_typicality, medoid, odd_ones, radii_of
 from homolog.progress import Tick, no_tick, run_in_threads
 from homolog.settings import Alignment, GroomSettings
 from homolog.threads import on_one_thread
@@ -44,7 +45,6 @@ _OTHER_UNIT = 100.0
 _OTHER_SIZE = 5.0  # times the median: a file in cm among files in mm is ten times smaller
 _RARE_SIZE = 2.2  # times the median: rare in one structure, of children and adults too
 _FEWEST = 3  # subjects that it takes to say which is the odd one
-_ODD, _LEAST_TYPICAL = 2.0, 0.06  # a subject is odd beyond this times the median distance, or this one
 _TURNED = 60.0  # degrees
 _DOUBTFUL = 40.0  # degrees: a turn away from the others that is looked at again
 _NEIGHBOURS = 3
@@ -55,7 +55,6 @@ _CLEARLY_BETTER, _UNLIKE = 0.6, 1.5
 _CLOSER = 0.75
 """Of the distances: when the orientations of files that do not agree are ignored."""
 _KEPT = "the shapes are nearly round or symmetric; the orientation of the files, which agree, was kept"
-_QUANTILES = np.linspace(0.02, 0.98, 25)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,7 +162,9 @@ def register(
         if settings.alignment is Alignment.NONE:
             pose[:3, 3] += unit.centre
         result[index] = pose
-    return Registration(result, _notes(result, distances, sizes, registrations))
+    freely = partial(register_pair, free=True)
+    odd = odd_ones(units, distances, freely, tick) if len(units) >= _FEWEST else set()
+    return Registration(result, _notes(result, distances, odd, sizes, registrations))
 
 
 def _fits(
@@ -251,7 +252,7 @@ def _reconsidered(
     result = list(fits)
     poses = np.array([fit.pose for fit in fits])
     alike = np.flatnonzero(~doubtful)
-    radii = _radii(units)
+    radii = radii_of(units)
     for index in np.flatnonzero(doubtful).tolist():
         nearest = np.argsort(np.abs(radii[alike] - radii[index]).sum(axis=1), kind="stable")[:_NEIGHBOURS]
         best = np.inf
@@ -273,7 +274,7 @@ def _by_neighbours(
     the most similar radii, and the closest fits that connect all of them count (the minimum spanning tree).
     The orientation of the file does not.
     """
-    radii = _radii(units)
+    radii = radii_of(units)
     apart = np.abs(radii[:, None] - radii).sum(axis=2) + _NOTHING
     linked = minimum_spanning_tree(apart).toarray() > 0.0
     nearest = np.argsort(apart, axis=1, kind="stable")[:, : _LINKS + 1]  # the first is the shape itself
@@ -306,15 +307,8 @@ def _turns(alignments: FloatArray) -> FloatArray:
     return angles
 
 
-def _radii(oriented_shapes: Sequence[OrientedPoints]) -> FloatArray:
-    """Return quantiles of the distances from the centre, which no turn changes (Osada et al. 2002)."""
-    return np.array(
-        [np.quantile(np.linalg.norm(shape.points, axis=1), _QUANTILES) for shape in oriented_shapes]
-    )
-
-
 def _notes(
-    alignments: FloatArray, distances: FloatArray, sizes: FloatArray, registrations: _Fits
+    alignments: FloatArray, distances: FloatArray, odd: set[int], sizes: FloatArray, registrations: _Fits
 ) -> tuple[str | None, ...]:
     """Return notes on the registrations, by subject."""
     if len(distances) < _FEWEST:
@@ -336,7 +330,7 @@ def _notes(
                 f"fits the others clearly better turned by {registrations.turns[index]:.0f}°, but was kept "
                 "as its file lies: check its orientation, and turn the file or exclude it"
             )
-        elif distance > _ODD * max(typical, _LEAST_TYPICAL):
+        elif index in odd:
             note = (
                 f"does not look like the others: {100.0 * distance:.0f} % of its size away from the most "
                 f"typical subject, usually {100.0 * typical:.0f} %; check that it shows the same structure"
@@ -378,14 +372,3 @@ def of_other_units(names: Sequence[str], sizes: Sequence[float]) -> dict[str, st
                 "it in mm, or exclude it"
             )
     return messages
-
-
-def medoid(oriented_shapes: Sequence[OrientedPoints]) -> int:
-    """Return the index of the shape whose radii are distributed most like all others' (Osada et al. 2002)."""
-    return int(by_typicality(oriented_shapes)[0])
-
-
-def by_typicality(oriented_shapes: Sequence[OrientedPoints]) -> IntArray:
-    """Return the indices of shapes, those first whose radii are distributed most like all others'."""
-    radii = _radii(oriented_shapes)
-    return np.argsort(np.abs(radii[:, None] - radii).sum(axis=(1, 2)), kind="stable")

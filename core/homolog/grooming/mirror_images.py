@@ -38,6 +38,10 @@ largest share of the subjects that have them."""
 _MOST, _FAR = 0.7, 5.0
 """Share of the subjects whose preferences exceed `_NOTABLE`; spreads between usual ones and mirror images."""
 
+_RARE, _DISTINCT = 0.25, 0.5
+"""Largest share of mirror images where the usual preference is below this one: wrong files are rare, and
+where both sides are mixed, they differ clearly."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pair:
@@ -170,7 +174,8 @@ def reversed_ones(preferences: FloatArray, *, majority: bool = True) -> list[boo
     standard deviation) and most preferences exceed half of it: otherwise shapes are too symmetric, or differ
     too much. A negative preference is a mirror image's if it is a hundred times likelier about minus the
     median than about the median, and farther from it than five spreads. Where more than a few preferences
-    lie between, subjects differ in chance asymmetries, and none is a mirror image.
+    lie between, or many seem to be mirror images by small preferences, subjects differ in chance asymmetries,
+    and none is a mirror image.
 
     Parameters
     ----------
@@ -191,7 +196,7 @@ def reversed_ones(preferences: FloatArray, *, majority: bool = True) -> list[boo
     is_image = (-values >= _LEAST * middle) & (-2.0 * middle * values >= _LIKELY * spread**2)
     is_image &= middle - values >= _FAR * spread
     between = np.sum((values < -_SLIGHT * middle) & ~is_image)
-    if between > _FEW * len(values):
+    if between > _FEW * len(values) or (is_image.mean() > _RARE and middle < _DISTINCT):
         return [False] * len(values)
     return [bool(item) for item in is_image]
 

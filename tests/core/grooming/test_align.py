@@ -11,6 +11,8 @@ from homolog.grooming import align, groom_subject
 from homolog.grooming.align import register
 from homolog.grooming.icp import Fit, OrientedPoints, fit_at, oriented_points, registered
 from homolog.grooming.orientation import agree
+from homolog.grooming.typicality import odd_ones
+from homolog.progress import no_tick
 from homolog.settings import Alignment, GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -168,6 +170,20 @@ def test_who_does_not_look_like_the_others_or_lay_otherwise_has_a_note(paw):
     assert notes[:4] == (None,) * 4
     assert "180°" in notes[4]
     assert "not look like" in notes[5]
+
+
+def test_a_shape_that_is_far_from_the_typical_one_but_near_others_is_not_odd(coarse_egg):
+    shapes = []
+    for stretch in (1.0, 1.0, 1.05, 0.95, 1.02, 2.2, 2.1, 2.15):
+        points = oriented_points(TriangleMesh(coarse_egg.vertices * [stretch, 1.0, 1.0], coarse_egg.faces))
+        shapes.append(points.scaled(1.0 / points.size))
+    distances = np.array([registered(shape, shapes[0]).distance for shape in shapes])
+
+    def odd(chosen):
+        return odd_ones([shapes[k] for k in chosen], distances[chosen], registered, no_tick)
+
+    assert odd([0, 1, 2, 3, 4, 5]) == {5}
+    assert odd([0, 1, 2, 3, 4, 5, 6, 7]) == set()
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,9 @@ def test_symmetric_shapes_are_not_flagged(seed):
         (0.03, -0.14, -0.19, -0.07, -0.13, -0.14, 0.04, 0.08),
         (0.21, 0.26, 0.27, 0.19, 0.28, 0.19, 0.08, -0.15),  # ribs that drop less or more
         (0.48, 0.41, 0.13, -0.18, -0.27, 0.29, -0.45, 0.6),  # twisted rings
+        (-0.64, -0.57, -0.47, 0.14, 0.23, 0.39, 0.52, 0.52),  # mandibles
+        (-0.23, -0.22, -0.18, -0.18, 0.1, 0.14, 0.17, 0.21),  # caudate nuclei
+        (-0.43, -0.31, -0.26, 0.14, 0.3, 0.33, 0.34, 0.41),  # menisci
     ],
 )
 def test_chance_asymmetries_of_few_subjects_are_no_sides(measured):

@@ -1,0 +1,67 @@
+"""Which shapes of a cohort are typical, and which do not look like the others."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from homolog.arrays import FloatArray, IntArray
+from homolog.grooming.icp import Fit, OrientedPoints
+from homolog.progress import Tick
+
+__all__ = ["by_typicality", "medoid", "odd_ones", "radii_of"]
+
+_QUANTILES = np.linspace(0.02, 0.98, 25)
+_ODD, _LEAST_TYPICAL = 1.5, 0.06
+"""Times the median distance from the most typical shape, or times this one: from where on a shape is far."""
+_ALIKE = 3
+"""Shapes that one is compared with before it is odd."""
+
+
+def radii_of(oriented_shapes: Sequence[OrientedPoints]) -> FloatArray:
+    """Return quantiles of the distances from the centre, which no turn changes (Osada et al. 2002)."""
+    return np.array(
+        [np.quantile(np.linalg.norm(shape.points, axis=1), _QUANTILES) for shape in oriented_shapes]
+    )
+
+
+def medoid(oriented_shapes: Sequence[OrientedPoints]) -> int:
+    """Return the index of the shape whose radii are distributed most like all others' (Osada et al. 2002)."""
+    return int(by_typicality(oriented_shapes)[0])
+
+
+def by_typicality(oriented_shapes: Sequence[OrientedPoints]) -> IntArray:
+    """Return the indices of shapes, those first whose radii are distributed most like all others'."""
+    radii = radii_of(oriented_shapes)
+    return np.argsort(np.abs(radii[:, None] - radii).sum(axis=(1, 2)), kind="stable")
+
+
+def odd_ones(
+    shapes: Sequence[OrientedPoints],
+    distances: FloatArray,
+    register_freely: Callable[[OrientedPoints, OrientedPoints], Fit],
+    tick: Tick,
+) -> set[int]:
+    """Return the indices of shapes far from the most typical one and from most of those they resemble most.
+
+    A shape that merely varies much is close to some others.
+
+    Parameters
+    ----------
+    shapes : sequence of OrientedPoints
+        Sizes about 1.
+    distances : (M,) float64 array
+        From the most typical shape, once registered.
+    register_freely : callable
+        Registers one to another, whatever the orientation of its file.
+    tick : Tick
+        Progress and cancelling.
+    """
+    far, radii, odd = _ODD * max(float(np.median(distances)), _LEAST_TYPICAL), radii_of(shapes), set()
+    for index in np.flatnonzero(distances > far).tolist():
+        alike = np.argsort(np.abs(radii - radii[index]).sum(axis=1), kind="stable").tolist()
+        alike.remove(index)
+        tick(1.0, "aligning")
+        near = [register_freely(shapes[index], shapes[k]).distance for k in alike[:_ALIKE]]
+        if np.median(near) > far:
+            odd.add(index)
+    return odd
