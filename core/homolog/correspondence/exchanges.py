@@ -15,7 +15,7 @@ from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.correspondence.entropy.dual import covariance
 from homolog.correspondence.near_pairs import PlacedParticles, Survey, promising_pairs
 
-__all__ = ["EnsembleRows", "Exchanges"]
+__all__ = ["LEAST_GAIN", "EnsembleRows", "Exchanges"]
 
 LEAST_GAIN = 0.05
 """Smallest decrease of the objective by an exchange, summed over all particles."""
@@ -81,9 +81,9 @@ class Exchanges:
         changed = [part.change(shape, pairs, step) for part, step in steps]
         return -np.stack(changed, axis=1) * self._rows.weights
 
-    def lower(self, shape: int, pair: IntArray) -> bool:
-        """Return whether an exchange lowers H(Z) and the objective clearly."""
-        return bool(_sums(self.gains(shape, pair[None]))[0] > LEAST_GAIN)
+    def lower(self, shape: int, pair: IntArray, least: float = LEAST_GAIN) -> bool:
+        """Return whether an exchange lowers H(Z), and the objective by more than `least`."""
+        return bool(_sums(self.gains(shape, pair[None]))[0] > least)
 
     def make_all(
         self, allowed: BoolArray, poll_cancel: Callable[[], None] = lambda: None, device: str = "cpu"

@@ -72,13 +72,16 @@ def particle_energies(
 
 
 def rows_of(located: LocatedParticles, consensus: Neighbourhood) -> EnsembleRows:
-    """Return particles as the entropies across shapes see them at the end of a run with default weights.
+    """Return particles as the entropies across shapes see them at the end of a run with default settings.
 
-    Without opening angles, which only a run has.
+    That is at one size, about their centres, but without opening angles, which only a run has.
     """
     settings = OptimizeSettings()
+    areas = _areas(located)
+    factors = np.exp(0.5 * (np.log(areas).mean() - np.log(areas)))[:, None, None]
+    centred = located.world - located.world.mean(axis=1, keepdims=True)
     return EnsembleRows(
-        located.world / _length(located),
+        factors * centred / _length(located),
         located.normals,
         consensus.normals,
         np.zeros(located.world.shape[:2]),
@@ -87,10 +90,14 @@ def rows_of(located: LocatedParticles, consensus: Neighbourhood) -> EnsembleRows
     )
 
 
+def _areas(located: LocatedParticles) -> FloatArray:
+    """Return the areas of the aligned surfaces [mm²], (M,)."""
+    return np.array([mesh.area for mesh in located.meshes]) * scale_of(located.alignments) ** 2
+
+
 def _length(located: LocatedParticles) -> float:
     """Return the optimizer's length [mm]."""
-    areas = np.array([mesh.area for mesh in located.meshes]) * scale_of(located.alignments) ** 2
-    return 0.01 * float(np.sqrt(areas.mean()))
+    return 0.01 * float(np.sqrt(_areas(located).mean()))
 
 
 def shared_entropy(rows: FloatArray, regularization: float) -> FloatArray:

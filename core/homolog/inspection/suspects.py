@@ -7,7 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
-from homolog.correspondence.exchanges import Exchanges
+from homolog.correspondence.exchanges import LEAST_GAIN, Exchanges
 from homolog.inspection import indicators as signs
 from homolog.inspection.energies import rows_of
 from homolog.inspection.located_particles import LocatedParticles
@@ -22,6 +22,11 @@ _CANDIDATE = 0.6
 
 _MOST = 200
 """Largest number of candidates for exchanged pairs per subject; the worst are tried."""
+
+
+_CLEAR_GAIN = 2.0 * LEAST_GAIN
+"""Smallest decrease of the objective by an exchange: more than in a run, whose normals are those of the
+distance field and whose objective includes opening angles."""
 
 
 class SuspectCollector:
@@ -52,7 +57,7 @@ class SuspectCollector:
         suspects = []
         candidates = np.argsort(-worst, kind="stable")[: min(_MOST, int((worst > _CANDIDATE).sum()))]
         for pair in swapped_pairs(m, candidates, self._located, self._consensus):
-            if not self._exchanges.lower(m, pair):
+            if not self._exchanges.lower(m, pair, _CLEAR_GAIN):
                 continue
             touched = np.isin(corners, pair).any(axis=1)
             bad = self._triangles[m][touched & (self._triangles[m] >= 1.0)]
