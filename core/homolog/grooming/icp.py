@@ -213,7 +213,8 @@ class _Bending:
     def __init__(self, half: _Half) -> None:
         some = half.some(_FEW)
         self._points, self._normals = half.points[some], half.normals[some]
-        handles = self._points[farthest_point_sampling(self._points, _HANDLES)]
+        count = min(_HANDLES, len(self._points))
+        handles = self._points[farthest_point_sampling(self._points, count)]
         values, self._cost = (
             np.exp(-0.5 * cdist(points, handles, "sqeuclidean") / _REACH**2)
             for points in (self._points, handles)

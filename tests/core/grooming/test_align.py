@@ -275,6 +275,15 @@ def test_a_rod_that_widens_towards_its_other_end_is_told_by_its_hook_once_bent(c
     assert np.degrees(turn) == pytest.approx(degrees, abs=5.0)
 
 
+@pytest.mark.parametrize("count", [4, 39])
+def test_a_surface_of_few_points_can_be_bent(count):
+    normals = np.random.default_rng(0).normal(size=(2, count, 3))
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    moving, fixed = (OrientedPoints(item - item.mean(axis=0), item, np.zeros(3)) for item in normals)
+    assert registered(moving, moving, bends=True).distance == pytest.approx(0.0, abs=1e-6)
+    assert np.isfinite(registered(moving, fixed, bends=True).pose).all()
+
+
 def test_orientations_of_files_that_do_not_agree_are_ignored_where_shapes_fit_clearly_better(paw):
     turns = Rotation.random(5, random_state=0).as_matrix()
     shapes = [moved(paw, turn, [1000.0 * k, 0.0, 0.0]) for k, turn in enumerate(turns)]
