@@ -108,7 +108,6 @@ def compare_groups(
     groups: Sequence[str],
     order: Sequence[str],
     *,
-    comparisons: Sequence[tuple[str, str]] | None = None,
     covariates: FloatArray | None = None,
     options: Options = DEFAULT,
     names: Sequence[str] | None = None,
@@ -122,8 +121,6 @@ def compare_groups(
         As in `compare_two_groups`.
     order : sequence of str
         The groups.
-    comparisons : sequence of (str, str), optional
-        The pairs of groups that are compared; by default each two groups.
 
     Returns
     -------
@@ -139,7 +136,7 @@ def compare_groups(
     own = None if covariates is None else covariates[subjects]
     design = group_design(list(labels[subjects]), order, own)
     counts = {item: int(np.count_nonzero(labels == item)) for item in order}
-    pairs = list(combinations(order, 2)) if comparisons is None else comparisons
+    pairs = list(combinations(order, 2))
     share = 1.0 / (len(pairs) + 1)
     title = ", ".join(order)
     members = {item: labels[subjects] == item for item in order}

@@ -19,7 +19,6 @@ from homolog.analysis.studies import compare_pairs, compare_two_groups
 from homolog.analysis.studies import regress as regress_shapes
 from homolog.api.comparison_arguments import (
     Covariates,
-    check_comparisons,
     check_options,
     check_values,
     columns_of,
@@ -48,7 +47,6 @@ def compare_groups(
     between: Sequence[str] | None = None,
     *,
     pairs: Sequence[str | None] | None = None,
-    comparisons: Sequence[tuple[str, str]] | None = None,
     covariates: Covariates | None = None,
     complete_cases: bool = False,
     alignment: _Alignment,
@@ -68,7 +66,6 @@ def compare_groups(
     between: Sequence[str] | None = None,
     *,
     pairs: Sequence[str | None] | None = None,
-    comparisons: Sequence[tuple[str, str]] | None = None,
     covariates: Covariates | None = None,
     complete_cases: bool = False,
     alignment: tuple[_Alignment, ...] | list[_Alignment] = _BOTH,
@@ -87,7 +84,6 @@ def compare_groups(
     between: Sequence[str] | None = None,
     *,
     pairs: Sequence[str | None] | None = None,
-    comparisons: Sequence[tuple[str, str]] | None = None,
     covariates: Covariates | None = None,
     complete_cases: bool = False,
     alignment: _Alignment | Sequence[_Alignment] = _BOTH,
@@ -112,9 +108,6 @@ def compare_groups(
     pairs : sequence of str or None, optional
         For two groups, the pair of each of the M subjects, such as the patient of a left and a right bone:
         tests the differences within pairs, as ``homolog analyze --pairs``. Unpaired subjects are excluded.
-    comparisons : sequence of (str, str), optional
-        For three or more groups, the pairs of groups to compare, such as each with the controls;
-        differences are the second minus the first. By default all pairs.
     covariates : mapping of str to sequence, optional
         Covariates to adjust for, with M numbers or texts each, such as ``{"age": ages}``. If a name ends in
         ``:c``, such as ``site:c``, its numbers are codes of categories.
@@ -187,8 +180,6 @@ def compare_groups(
     if not len(chosen):
         raise InputError("groups: no subject is in one of the compared groups; give each subject its group")
     called = None if names is None else [names[index] for index in chosen.tolist()]
-    if comparisons is not None:
-        check_comparisons(comparisons, order)
     both = None if pairs is None else pairs_of(pairs, labels, order, covariates, names)
     columns = columns_of(covariates, chosen.tolist(), len(shapes), called)
     own, here = labels[chosen].tolist(), shapes[chosen]
@@ -199,7 +190,7 @@ def compare_groups(
             title = " - ".join(order[::-1])
             paired = compare_pairs(shapes, *both, title, options=options, names=names, tick=tick)
             return replace(paired, notes=notes)
-        question = partial(_two_or_more, here, own, order, comparisons)
+        question = partial(_two_or_more, here, own, order)
         overall, each = question(covariates=columns, options=options, names=called, tick=tick)
         overall = _with_covariates(overall, here, own, covariates, chosen, options, later)
         each = with_unadjusted(each, table_of(covariates, chosen.tolist()))
@@ -214,13 +205,12 @@ def _two_or_more(
     shapes: FloatArray,
     groups: list[str],
     order: tuple[str, ...],
-    comparisons: Sequence[tuple[str, str]] | None,
     **how: Any,  # noqa: ANN401 - passed on
 ) -> tuple[Comparison, tuple[Comparison, ...]]:
     """Compare all groups; return the overall comparison, and those of pairs if there are three or more."""
     if len(order) == 2:
         return compare_two_groups(shapes, groups, (order[0], order[1]), **how), ()
-    return compare_several(shapes, groups, order, comparisons=comparisons, **how)
+    return compare_several(shapes, groups, order, **how)
 
 
 @overload

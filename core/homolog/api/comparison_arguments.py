@@ -14,7 +14,6 @@ from homolog.errors import InputError
 
 __all__ = [
     "Covariates",
-    "check_comparisons",
     "check_options",
     "check_values",
     "columns_of",
@@ -40,17 +39,6 @@ def check_options(alignments: Sequence[str], permutations: int) -> None:
         raise InputError(f"permutations={permutations}: a permutation test needs at least one")
 
 
-def check_comparisons(comparisons: Sequence[tuple[str, str]], order: Sequence[str]) -> None:
-    """Refuse comparisons that are not pairs of different groups, each once."""
-    if len(order) < 3:
-        raise InputError("comparisons need three or more groups; for two groups use `between`")
-    if not comparisons or len({frozenset(pair) for pair in comparisons}) < len(comparisons):
-        raise InputError("comparisons: give one or more, each once")
-    for pair in comparisons:
-        if len(set(pair)) != 2 or not set(pair) <= set(order):
-            raise InputError(f"comparisons: {tuple(pair)} are not two of the groups {', '.join(order)}")
-
-
 def pairs_of(
     pairs: Sequence[str | None],
     labels: Array,
@@ -60,10 +48,7 @@ def pairs_of(
 ) -> tuple[IntArray, IntArray]:
     """Return the first and the second of each pair of subjects."""
     if any(isinstance(pair, tuple | list) for pair in pairs):
-        raise InputError(
-            "pairs: give the name of each subject's pair; to choose which groups to compare, use "
-            f"comparisons={list(pairs)!r}"
-        )
+        raise InputError("pairs: give the name of each subject's pair; `between` chooses the groups")
     _check_length(pairs, labels)
     if len(order) != 2 or covariates:
         raise InputError("pairs: a paired comparison is between two groups and takes no covariates")

@@ -127,6 +127,31 @@ def test_settings_of_the_tests_are_those_of_the_command_line_and_of_stored_answe
     assert page.form.request.modes is None
 
 
+def test_three_of_four_groups_can_be_chosen_and_are_chosen_by_a_stored_answer(page, window):
+    from dataclasses import replace
+
+    from homolog_app.report.request import StudyRequest
+
+    session, form = window.workspace.session, page.form
+    members = {
+        member.name: replace(member, subject=replace(member.subject, columns={"centre": "ABCD"[index % 4]}))
+        for index, member in enumerate(session.study.members)
+    }
+    session.edit("Table", session.study.with_members(members))
+    form.column.setCurrentText("centre")
+    form.column.activated.emit(form.column.currentIndex())
+    assert form.between == ("A", "B")
+    assert not form.further.isVisible()
+    form.every.click()
+    assert form.further.isVisible()
+    assert form.between == ("A", "B", "C", "D")
+    form.further_menu.actions()[0].trigger()
+    assert form.request.between == ("A", "B", "D")
+    assert form.further.text() == "Further groups: D"
+    assert form.ask(StudyRequest(column="centre", between=("B", "C", "D")))
+    assert set(form.request.between) == {"B", "C", "D"}
+
+
 def test_an_answer_is_kept_as_the_command_line_keeps_it(
     page, window, wait, tmp_path, capsys, own_permutations
 ):

@@ -57,6 +57,11 @@ class GroupForm(QWidget):
             "Test for any difference, then each two groups; p-values of the whole shape, of particles, of "
             "size and of the discriminant are corrected for their number"
         )
+        self.further = button("")
+        self.further.setAccessibleName("Further groups")
+        self.further.setToolTip("Groups that are compared with each other and with the two above")
+        self.further_menu = QMenu(self.further)
+        self.further.setMenu(self.further_menu)
         self.pairing = choice("Pairs")
         self.pairing.setToolTip(
             "Column that identifies the pairs, such as the patient of two scans; tests the differences "
@@ -88,6 +93,7 @@ class GroupForm(QWidget):
         for box in (self.column, self.first, self.second, self.pairing, self.alignment):
             box.activated.connect(lambda _: self.edited.emit())
         self.complete.toggled.connect(self.offer)
+        self.every.toggled.connect(self._offer_further)
         for tick in (self.every, self.complete):
             tick.toggled.connect(self.edited)
         session.study_changed.connect(self.offer)
@@ -108,7 +114,8 @@ class GroupForm(QWidget):
         grid.addWidget(self.swap, 1, 4)
         for row, widget in enumerate(
             (
-                self.slope, self.pairing, self.allow, self.complete, self.every, self.alignment, self.tests,
+                self.slope, self.pairing, self.allow, self.complete, self.every, self.further,
+                self.alignment, self.tests,
             ),
             start=2,
         ):  # fmt: skip
@@ -181,6 +188,8 @@ class GroupForm(QWidget):
         self.alignment.setCurrentIndex(self.alignment.findData(alignment))
         for action in self.covariate_menu.actions():
             action.setChecked(action.isEnabled() and action.data() in request.covariates)
+        for action in self.further_menu.actions():
+            action.setChecked(action.data() in request.between or len(request.between) < 3)
         kept = request.model_dump(include=set(StudySettings.model_fields))
         self._settings = self._settings.model_copy(update=kept)
         self.tests.show_values(self._settings)
@@ -198,12 +207,14 @@ class GroupForm(QWidget):
 
     @property
     def between(self) -> tuple[str, ...]:
-        """The groups: first and second, then the others if all are to be tested."""
-        two = (self.first.currentText(), self.second.currentText())
-        values = [self.first.itemText(index) for index in range(self.first.count())]
-        everyone = self.every.isChecked() and not self.pairs
-        others = [value for value in values if value not in two] if everyone else []
-        return (*two, *others)
+        """The groups: first and second, then the others that are to be tested."""
+        takes_others = self.every.isChecked() and not self.pairs
+        others = [action.data() for action in self.further_menu.actions() if action.isChecked()]
+        return (*self._two, *(others if takes_others else ()))
+
+    @property
+    def _two(self) -> tuple[str, str]:
+        return self.first.currentText(), self.second.currentText()
 
     @property
     def covariates(self) -> tuple[str, ...]:
@@ -265,8 +276,7 @@ class GroupForm(QWidget):
     def _offer_pairings(self) -> None:
         """Offer the columns that pair the two groups; of pairs, no covariates and no further groups."""
         slope = self.is_regression or not self.column.count()
-        two = (self.first.currentText(), self.second.currentText())
-        columns = [] if slope else pairings_of(self._session.study, self.column.currentData()[0], two)
+        columns = [] if slope else pairings_of(self._session.study, self.column.currentData()[0], self._two)
         offered = {"Subjects are not paired": None} | {f"Paired by {name}": name for name in columns}
         if list(offered) != [self.pairing.itemText(at) for at in range(self.pairing.count())]:
             kept = self.pairing.currentData()
@@ -277,6 +287,35 @@ class GroupForm(QWidget):
         self.pairing.setVisible(bool(columns))
         self.allow.setVisible(not self.pairs)
         self.every.setVisible(self.first.count() > 2 and not slope and not self.pairs)
+        self._offer_further()
+
+    def _offer_further(self) -> None:
+        """Offer the groups beside the two; all are chosen at first."""
+        held = {action.data(): action.isChecked() for action in self.further_menu.actions()}
+        values = [self.first.itemText(index) for index in range(self.first.count())]
+        others = [value for value in values if value not in self._two]
+        if others != list(held):
+            self.further_menu.clear()
+            for value in others:
+                action = QAction(value.replace("&", "&&"), self.further_menu, checkable=True)
+                action.setData(value)
+                action.setChecked(held.get(value, True))
+                action.toggled.connect(self._update_further)
+                self.further_menu.addAction(action)
+        self.further.setVisible(
+            len(others) > 1 and self.every.isChecked() and not self.is_regression and not self.pairs
+        )
+        self._name_further()
+
+    def _update_further(self) -> None:
+        self._name_further()
+        self.edited.emit()
+
+    def _name_further(self) -> None:
+        chosen = [action.data() for action in self.further_menu.actions() if action.isChecked()]
+        names = ", ".join(chosen) or "none"
+        text = f"Further groups: {names if len(names) < _LONG else len(chosen)}"
+        self.further.setText(text.replace("&", "&&"))
 
     def _offer_covariates(self, column: str) -> None:
         """Offer the other columns, and size; unusable ones give the reason."""
