@@ -1,6 +1,6 @@
 """Steps of poses by a compiled kernel on the host, for runs on a GPU, which waits for them meanwhile.
 
-Their last digits differ from those of numpy.
+Results differ from those of numpy in the last digits.
 """
 
 import numpy as np
@@ -20,13 +20,13 @@ class CompiledSteps:
     points : (M, n, 3) array
         Contiguous; moved in place.
     rows : (R,) int array
-        Shapes that may move, in their order.
+        Indices of the shapes that may move.
     block : int
-        Shapes whose pulls are there at once.
+        Number of shapes whose pulls are stored at once.
     together : int
-        Shapes moved at once.
+        Number of shapes that are moved at once.
     outlier_ratio : float
-        Of robust weights.
+        Parameter of the robust weights (see `homolog.correspondence.poses`).
     scaling : bool
         Whether shapes may grow.
     """
@@ -66,13 +66,13 @@ class CompiledSteps:
         Parameters
         ----------
         begin : int
-            Index of the first one among the rows.
+            Index of the first shape among the rows.
         place : int
-            Where its pull is.
+            Index of its pull.
         number : int
-            How many there are, k.
+            Number of shapes, k.
         stiffness : (k,) array
-            Divides the pulls, which point away from where the shapes should go.
+            Divisors of the pulls, which point away from where the shapes should go.
         """
         self._factors[place : place + number] = -1.0 / stiffness
         inputs = [self._rows, begin, place, *self._given, *self._options, *self._made]

@@ -17,9 +17,9 @@ __all__ = ["Ensemble", "ShapeState", "generalization_error", "make_ensemble"]
 _MOST_MODES = 256
 _FOLDS, _COMPARED_MODES = 5, 10
 _NEGLIGIBLE = 0.02
-"""Of the last regularization: modes of less variance are left out, as they change nothing."""
+"""Modes of less variance than this fraction of the last regularization have no effect and are left out."""
 _DENSE = 1500
-"""Rows of the smaller Gram matrix up to which it is decomposed as a whole."""
+"""Largest Gram matrix [rows] that is decomposed as a whole."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +37,7 @@ class ShapeState:
     openings : (n,) float32 array
         Weighted opening angles.
     placement : (4, 4) float64 array
-        From file coordinates to those; a reflection for a mirrored subject.
+        From file to the optimizer's coordinates; a reflection for a mirrored subject.
     """
 
     local: FloatArray
@@ -56,11 +56,11 @@ class Ensemble:
     unit : (1,) array
         Optimizer's unit of length [mm of the world frame].
     area : (1,) array
-        Surface area of every shape, where size is taken out; 0 where it is not.
+        Surface area of every shape if sizes are removed, else 0.
     opening_scale : (1,) array
-        That multiplies opening angles.
+        Factor of the opening angles.
     subjects : (1,) array
-        From how many shapes the covariances are.
+        Number of shapes from which the covariances are computed.
     mean, normals : (n, 3) arrays
         Mean positions and mean unit normals.
     openings : (n,) array
@@ -68,13 +68,13 @@ class Ensemble:
     angles : (n,) array
         Median angle between a shape's normal and the mean one [rad].
     position_modes, normal_modes : (r, 3n) float32 arrays
-        Unit rows.
+        Modes, as unit rows.
     position_variances, normal_variances : (r,) arrays
-        Along them, per particle.
+        Variances along the modes, per particle.
     templates : (K, n, 3) float32 array
-        Aligned particles of the shapes from which first particles are carried.
+        Aligned particles of some shapes, which are transferred to new shapes as first particles.
     placements : (K, 4, 4) array
-        Theirs, from file coordinates.
+        Placements of the templates, from file coordinates.
     """
 
     unit: FloatArray
@@ -145,7 +145,7 @@ def make_ensemble(
     unit, area, opening_scale
         See `Ensemble`.
     templates : sequence of int
-        Which of them first particles are carried from.
+        Indices of the shapes that become templates.
     """
     aligned = np.stack([state.aligned for state in states])
     normals = np.stack([state.normals for state in states])

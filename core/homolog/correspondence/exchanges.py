@@ -32,7 +32,7 @@ class EnsembleRows:
     means : (N, 3) array
         Fréchet means of the normals.
     openings : (M, N) array
-        Weighted opening angles; zeros where they don't count.
+        Weighted opening angles; zeros if they are not used.
     weights : pair of float
         Of H(Z) and H(V).
     regularizations : pair of float
@@ -61,7 +61,7 @@ class Exchanges:
     Attributes
     ----------
     order : (M, N) int array
-        Which of the given particles is in the place of each, after the exchanges that were made.
+        Index of the given particle at each position after the exchanges.
     """
 
     def __init__(self, rows: EnsembleRows) -> None:
@@ -75,7 +75,7 @@ class Exchanges:
     def gains(self, shape: int, pairs: IntArray) -> FloatArray:
         """Return by how much exchanges of pairs (P, 2) on a shape lower w_Z H(Z) and w_V H(V), (P, 2).
 
-        Summed up over all particles, as the other values here.
+        Values are sums over all particles.
         """
         steps = zip(self._entropies, self._steps(shape, pairs), strict=True)
         changed = [part.change(shape, pairs, step) for part, step in steps]
@@ -90,7 +90,7 @@ class Exchanges:
     ) -> None:
         """Exchange near particles until no exchange lowers H(Z) and the objective any more.
 
-        Where only normals would agree better, as they do by chance in noise, particles stay.
+        Exchanges that only improve normals are not made: on noisy surfaces normals agree better by chance.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ class _Entropy:
         return Survey(own, rows, pulled, weight * self._factor)
 
     def change(self, shape: int, pairs: IntArray, steps: FloatArray) -> FloatArray:
-        """Return by how much the entropy changes, summed up over all particles."""
+        """Return by how much the entropy changes, summed over all particles."""
         across = self._across(pairs, steps)
         pulled = self._inverse @ across
         own = float(self._inverse[shape, shape]) - self._common

@@ -13,7 +13,7 @@ from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort
 __all__ = ["FitEngine"]
 
 _ISOLATED = 2.0
-"""How far below their median log densities count in the objective."""
+"""Log densities are bounded at this difference below their median."""
 
 
 class EnsembleCoupling(HostCoupling):
@@ -28,7 +28,7 @@ class EnsembleCoupling(HostCoupling):
     normals: Float32Array
 
     def of(self, ensemble: Ensemble, *, is_in_it: bool) -> "EnsembleCoupling":
-        """Set the ensemble, and whether the shape is one of it."""
+        """Set the ensemble, and whether it contains the shape."""
         self._ensemble, self._is_in_it = ensemble, is_in_it
         return self
 
@@ -111,7 +111,7 @@ class FitEngine(Engine):
     def energy(self) -> FloatArray:
         """Return H(P), H(Z) and H(V), (3,).
 
-        The density at a single isolated particle may be so low that it outweighs a wrong pose: it is bounded.
+        Densities are bounded, because that at a single isolated particle could outweigh a wrong pose.
         """
         densities = self.sampling.energies.numpy().astype(np.float64)
         sampling = float(np.maximum(densities, np.median(densities) - _ISOLATED).mean())

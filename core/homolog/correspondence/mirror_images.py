@@ -1,7 +1,7 @@
 """Conversion of shapes with reflections as alignments to mirror images with proper alignments.
 
-Everything behind this (surfaces, turns, normals, poses) may take for granted that alignments are proper
-similarities. Coordinates change sign only, so nothing is lost on the way in and out.
+All later steps (surfaces, rotations, normals, poses) may assume that alignments are proper similarities. Only
+signs of coordinates change, so that the conversion is exact in both directions.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ class MirrorImages:
     shapes : tuple of Shape
         Mirror images in place of the shapes that their alignment mirrors.
     mirrored : (M,) bool array
-        Which they are.
+        Which shapes are mirror images.
     """
 
     shapes: tuple[Shape, ...]

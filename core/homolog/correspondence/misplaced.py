@@ -127,7 +127,7 @@ def repairs_text(repaired: IntArray) -> str:
 
 
 def find_swapped(aligned: FloatArray, means: FloatArray, device: str = "cpu") -> IntArray:
-    """Return for each particle the one it is swapped with, (M, N); for nearly all the particle itself.
+    """Return for each particle the one it is swapped with, or itself, (M, N).
 
     The expected position of a particle is its mean over the shapes plus the median deviation of its
     neighbours. Two particles are swapped if they lie much closer to each other's expected position than to
@@ -204,13 +204,13 @@ def predict_positions(
     Returns
     -------
     (M, N, 3) array
-        For each subject the mean of the others is carried to it by a thin-plate map through the particles
-        that are in place, most of them around the misplaced ones.
+        The mean of the other subjects, mapped to each subject by a thin-plate map through particles that are
+        in place, most of them around the misplaced ones.
 
     Raises
     ------
     InputError
-        If on some subject none is in place.
+        If all particles of a subject are misplaced.
     """
     from scipy.interpolate import RBFInterpolator  # slow to import, and rarely needed
 

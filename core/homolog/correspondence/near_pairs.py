@@ -111,7 +111,7 @@ def promising_pairs(
 def expected_positions(
     aligned: FloatArray, mean: FloatArray, neighbours: IntArray, device: str = "cpu"
 ) -> tuple[FloatArray, IntArray]:
-    """Return where particles are expected, and which other particle of the shape is nearest to there.
+    """Return where particles are expected, and the nearest other particle of the shape.
 
     Parameters
     ----------

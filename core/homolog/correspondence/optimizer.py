@@ -48,14 +48,14 @@ def optimize(
     Parameters
     ----------
     shapes : sequence of Shape
-        M of them, at least two. Where an alignment is a reflection the mirror image is optimized; the
-        result is in the coordinates of the file, and its alignment a reflection again.
+        At least two shapes, M. If an alignment is a reflection, the mirror image is optimized; the result is
+        in the coordinates of the file, with a reflection as alignment.
     settings : OptimizeSettings
         Method, number of particles, weights and schedule.
     device : str
         ``"auto"``, ``"cpu"`` or ``"cuda:<n>"``; ``"cuda:0,cuda:1"`` divides the shapes among several GPUs.
     tick : Tick
-        Progress and cancelling. When it raises `Cancelled`, a last checkpoint is handed over first.
+        Progress and cancelling. If it raises `Cancelled`, a last checkpoint is emitted first.
     observe : callable, optional
         Takes the newest `Frame`, at most 20 times a second.
     checkpoint : callable, optional

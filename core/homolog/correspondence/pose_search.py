@@ -24,14 +24,14 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = ["SurfacePoints", "Term", "follow_pose", "search_poses"]
 
 _TURNS = np.radians(np.arange(-24.0, 25.0, 4.0))
-"""About the axis of least resistance."""
+"""Rotations about the axis of least resistance that are tried."""
 _BEGUN = 2
-"""Minima along the turns that are followed up."""
+"""Number of minima among these rotations from which the search continues."""
 _STEPS = 6
 _DIFFERENCE = 0.002
-"""Of the size: step of the numerical derivatives by pose."""
+"""Step of the numerical derivatives by pose, as a fraction of the size."""
 _DAMPING, _SMALLEST_STEP, _ENOUGH = 1e-6, 0.2, 1e-3
-"""Of Gauss-Newton steps: over the mean diagonal of the matrix; smallest part of a step that is tried;
+"""Gauss-Newton steps: damping relative to the mean diagonal of the matrix, smallest fraction of a step, and
 relative decrease of the objective below which the search ends."""
 _PROJECTIONS, _NEWTON_STEPS = 3, 2
 _DISTINCT = 0.5
@@ -128,7 +128,7 @@ def search_poses(
     Returns
     -------
     list of ((4, 4) array, (n, 3) array)
-        Pose, and particles as posed; those of two poses lie half a spacing and more apart on the surface.
+        Pose, and particles as posed. Particles of two poses are at least half a spacing apart on the surface.
     """
     search = _Search(ensemble, terms, surface, scaling)
     ends = sorted((end for pose in poses for end in search.minima(pose)), key=lambda item: item[0])

@@ -28,10 +28,7 @@ N_SWEEPS = 3  # over the shapes, in `entropy_step`
 # Many shapes: one sweep, which the next step continues, one product for a block, and some moved together.
 MANY_SHAPES, BLOCK, TOGETHER = 128, 32, 8
 OUTLIER_RATIO = 49.0  # of squared distances to their median, at which a particle's weight is a quarter
-MAX_ROUNDS, CONVERGENCE = (
-    100,
-    1e-9,
-)  # of generalized Procrustes analysis: at most, and when the mean has come to rest
+MAX_ROUNDS, CONVERGENCE = 100, 1e-9  # of generalized Procrustes analysis: rounds, motion of the mean
 
 
 def largest_turn(matrices: FloatArray) -> float:
@@ -232,7 +229,7 @@ def entropy_step(
 ) -> FloatArray:
     """Return poses with a lower ensemble entropy H(Z): Newton's method, one shape after another.
 
-    For a large regularization these are rounds of generalized Procrustes analysis, which minimises the trace
+    For a large regularization these are rounds of generalized Procrustes analysis, which minimizes the trace
     of the covariance; for a small one poses depend on what few modes do not explain, so that a part that
     varies independently does not rotate the rest. Particles much farther away than the shape's others have
     little weight, as in `procrustes_step`.
@@ -299,7 +296,7 @@ def entropy_step(
 
 
 def robust_step(points: FloatArray, targets: FloatArray, *, scaling: bool) -> FloatArray:
-    """Return the similarity that aligns points (n, 3) to targets to first order, outliers counting little."""
+    """Return the similarity that aligns points (n, 3) to targets to first order, with robust weights."""
     step: FloatArray = _even_steps(points[None], (targets - points)[None], scaling)[0]
     return step
 

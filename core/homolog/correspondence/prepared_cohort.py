@@ -69,15 +69,15 @@ class PreparedCohort:
     device: str
 
     def surface_set(self, count: int, tick: Tick = no_tick) -> SurfaceSet:
-        """Return the surface set on which `count` particles measure distances, made if it is not there."""
+        """Return the surface set on which `count` particles measure distances, and create it if necessary."""
         return self.sets.of(count, tick)
 
 
 class SurfaceSets:
     """Surface sets of few and of many particles, one at a time.
 
-    Particles only become more, so that the set of few can be given up for that of many, and the geodesic
-    tables of the latter are not computed before the first model is there.
+    The number of particles only grows: the set for few is released before that for many is created, and the
+    geodesic tables of the latter are computed after the first preliminary model.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def landmarks_on_device(shapes: Sequence[Shape], cohort: PreparedCohort, count: 
     Raises
     ------
     InputError
-        If they differ in number between shapes, or exceed the `count` initial particles.
+        If numbers of landmarks differ between shapes, or exceed the `count` initial particles.
     """
     landmarks = [shape.landmarks for shape in shapes if shape.landmarks is not None]
     if not landmarks:

@@ -20,7 +20,7 @@ FRAME_INTERVAL_S = 0.05
 CheckpointCallback = Callable[[Checkpoint], None]
 
 _DECREASE = 0.7
-"""Of the change of the objective from one record to the next, for estimates: typical of real cohorts."""
+"""Typical ratio of successive changes of the objective on real cohorts, for estimates."""
 
 
 class RunRecorder:

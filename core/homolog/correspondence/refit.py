@@ -31,7 +31,7 @@ __all__ = ["carry_particles", "initialize_fit", "repair"]
 N_CONTROL_POINTS = 400  # of a thin-plate map
 INTERPOLATION_SMOOTHING = 1e-6  # of a thin-plate map that interpolates its targets
 ANNEAL_ITERATIONS, SETTLE_ITERATIONS = 100, 200  # iterations of a repair, at most
-REGULARIZATION_START = 0.2  # regularisation at its start
+REGULARIZATION_START = 0.2  # at the start of a repair
 
 
 def repair(
@@ -109,8 +109,8 @@ def initialize_fit(
     Returns
     -------
     InitialParticles
-        On each new shape the particles of the nearest known one, carried by the registration that also places
-        first particles; only those may move.
+        On each new shape the particles of the nearest known one, transferred by the registration that also
+        places first particles. Only these particles may move.
     """
     images = with_mirror_images(shapes)
     shapes, to_optimizer = images.shapes, _similarities(normalize_size(images.shapes))

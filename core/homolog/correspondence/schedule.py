@@ -56,7 +56,7 @@ class StagePlan:
     count : int
         Particles on each shape.
     iterations : int
-        At most.
+        Largest number of iterations.
     ensemble_weight, normals_weight : float
         Weights of H(Z) and H(V).
     ensemble, normals : tuple of 2 float

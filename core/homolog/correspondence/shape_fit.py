@@ -37,21 +37,21 @@ from homolog.threads import on_one_thread
 __all__ = ["first_particles", "fit_shape", "fit_shape_from", "nearest_template", "shape_state"]
 
 _ANNEAL_ITERATIONS, _FIRST_REGULARIZATION = 200, 1.0
-"""Of a fit that starts from carried particles, which are already near their final positions."""
+"""Annealing of a fit that starts from transferred particles, which are already near their final positions."""
 _SETTLE_ITERATIONS, _SETTLED = 300, 0.01
-"""At most, and the motion between two records at which 95 % of the particles have settled [spacings]: the
-objective of one shape fluctuates too much as a criterion."""
+"""Largest number of iterations, and motion of 95 % of the particles between two records at which they have
+settled [spacings]: the objective of one shape fluctuates too much to decide it."""
 _MOST_POSES, _PLACED_ANNEAL, _RELOCATED_AFTER = 4, 60, 40
-"""Of a fit whose pose is searched for: poses that are tried, iterations of each, and those after which its
-misplaced particles are relocated."""
+"""Search for the pose: number of poses, iterations of each, and iterations after which its misplaced
+particles are relocated."""
 _MOST_ROUNDS, _GAINED = 4, 0.002
-"""How often the best pose is searched for again from the placed particles, at most; decrease of the objective
-below which there is no further round."""
+"""Largest number of further searches from the placed particles, and decrease of the objective below which the
+searches end."""
 _ROUND_BEGINS = 40.0, 3.0
-"""Regularization of H(Z) and H(V) with which a round begins, over the last ones."""
+"""Regularization of H(Z) and H(V) at the start of a search, relative to that at its end."""
 _ENOUGH_SUBJECTS = 10.0
-"""From which the last stage of such a fit has the run's weights; below, they are reduced by the square, which
-spreads the particles more evenly, as a few subjects predict little of another one."""
+"""Subjects from which the last stage of such a fit has the run's weights. With fewer, weights are reduced by
+the square of the ratio: a few subjects predict little of another one, and particles should be more even."""
 _TEMPLATE_POINTS = 256
 
 

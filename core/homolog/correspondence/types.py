@@ -74,7 +74,8 @@ class InitialParticles:
     local : (M, n, 3) float64 array
         In file coordinates [mm], on the surfaces or near them.
     free : (M, n) bool array, optional
-        Which of them may move; all by default. The others stay bit-identical and interact with the free ones.
+        Particles that may move; all by default. The others stay bit-identical, and interact with the free
+        ones.
     """
 
     local: FloatArray
@@ -185,7 +186,7 @@ class OptimizedParticles:
     energies : (T, 4) float64 array
         Iteration and the three terms of the objective, per recorded iteration.
     alignments : (M, 4, 4) float64 array
-        Local to world, as they ended.
+        Local to world, at the end of the run.
     iterations : int
     reason : Reason
     repaired : (M, N) int32 array

@@ -65,7 +65,7 @@ class TablePlan:
     tasks : tuple of Task
         One for each table.
     nbytes : int
-        Predicted size of all tables [bytes], mostly within 10 %.
+        Predicted size of all tables [bytes], mostly within 15 %.
     """
 
     tasks: tuple[Task, ...]
@@ -113,7 +113,7 @@ def plan_tables(
 
 
 def _tasks(names: Sequence[str], meshes: Sequence[TriangleMesh], limits: Sequence[float]) -> list[Task]:
-    """Check meshes, and bound their distances where d_max is not shorter than the box around."""
+    """Check meshes, and bound their distances if d_max exceeds the diagonal of the bounding box."""
     for name, mesh, d_max in zip(names, meshes, limits, strict=True):
         check_arrays(mesh, name)
         if not d_max > 0.0:

@@ -2,7 +2,7 @@
 
 With the centred positions Y (M rows of 3N numbers) and C = Y Y' / (N (M - 1)), the regularized entropy
 per particle is (M - 1) / 2M log det(I + C/a); its gradient by Y is (C + aI)^-1 Y up to the factor that the
-weights absorb (docs/method.md). Everything is per particle, so that weights and regularisation mean the
+weights absorb (docs/method.md). Everything is per particle, so that weights and regularization mean the
 same for any number of particles.
 """
 
@@ -48,7 +48,7 @@ def covariance(rows: Float32Array) -> FloatArray:
 def entropy(matrix: FloatArray, regularization: float) -> float:
     """Return (M - 1) / 2M log det(I + C/a), the entropy per particle and shape (the paper's H(Z), H(V)).
 
-    Measured from that of shapes which do not vary at all, so that it is 0 for those whatever a is.
+    It is measured relative to identical shapes, for which it is 0 for any a.
     """
     shapes = len(matrix)
     _, logdet = np.linalg.slogdet(matrix / regularization + np.eye(shapes))

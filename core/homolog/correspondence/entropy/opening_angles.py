@@ -2,7 +2,7 @@
 
 The opening angle is 2 pi times the share of a Gaussian ball around the point that is inside the shape: pi on
 a plane, the angle between the faces on an edge, less on a tip, more in a hollow (an integral invariant;
-Pottmann et al. 2009). It is a smooth function in space, so it has a gradient for particles to follow.
+Pottmann et al. 2009). It is smooth in space, so that particles can follow its gradient.
 """
 
 import math

@@ -1,6 +1,6 @@
 """Registration on a GPU: the same as on the CPU, for all shapes at once.
 
-Every point is compared with every vertex, as search trees do not pay there.
+Every point is compared with every vertex, because search trees are slower on a GPU.
 """
 
 from collections.abc import Sequence

@@ -1,9 +1,9 @@
 """Initial particles: spread over a reference shape and mapped to the others by non-rigid registration.
 
-If particles were split from a single one, chance would decide which end of a shape corresponds to which
-end of another; thin or branched shapes never recover from a wrong decision. A coarse registration decides
-here: iterated closest points in position and normal, under a thin-plate map of decreasing stiffness. A shape
-that is far from the reference is reached in steps, by way of shapes between.
+If all particles were split from a single one, chance would decide which ends of two shapes correspond, and
+thin or branched shapes would not recover from a wrong decision. A coarse registration decides instead:
+iterated closest points in position and normal, under a thin-plate map of decreasing stiffness. A shape that
+is far from the reference is registered in steps, through intermediate shapes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -90,7 +90,8 @@ class ThinPlateMap:
 class Registration:
     """A source mesh to be deformed onto others by closest points, under softening thin plates.
 
-    A closest point is the mean of a few vertices, by their distances: between vertices there is surface too.
+    A closest point is the mean of a few vertices, weighted by distance, because the surface continues between
+    them.
     """
 
     source: TriangleMesh
@@ -121,7 +122,7 @@ class Registration:
         Parameters
         ----------
         targets : sequence of TriangleMesh
-            Registered together, as a product of many columns is quicker than many of three.
+            Registered together, because one product of many columns is faster than many of three.
         guesses : sequence of (V, 3) arrays
             The source's vertices, deformed as the first closest points are searched from.
         tick : Tick
@@ -344,12 +345,12 @@ def shape_distances(
 
 
 def registration_tree(candidates: IntArray, distances: FloatArray) -> tuple[int, IntArray]:
-    """Return the reference, and by way of which shape each is reached, shape (M,); itself for the reference.
+    """Return the reference, and the shape from which each is reached, (M,); itself for the reference.
 
-    The reference is the candidate nearest to all. Others are reached by the path through candidates whose
-    squared steps sum to the least. Shapes that vary in many independent ways are reached directly, since
-    the squared distance of two is then the sum of theirs to the reference. Where one large variation
-    prevails, steps along it are shorter than the whole.
+    The reference is the candidate nearest to all. Each other shape is reached by the path through candidates
+    with the least sum of squared steps. Shapes that vary in many independent ways are reached directly,
+    because the squared distance of two is then the sum of their squared distances to the reference. If one
+    large variation dominates, several steps along it have a smaller sum than one.
     """
     n_shapes = distances.shape[1]
     reference = int(candidates[int(np.argmin(distances.sum(axis=1)))])

@@ -16,7 +16,7 @@ def split(
     ----------
     positions, normals : (M, n, 3) arrays
     count : int
-        Wanted number, n < count <= 2n. Which particles are split when count < 2n is drawn.
+        Number of particles, n < count <= 2n. If count < 2n, the particles that are split are drawn at random.
     offset : (M,) array
         Distance of each half from its parent, by shape.
     random : numpy Generator

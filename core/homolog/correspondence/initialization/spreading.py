@@ -18,15 +18,14 @@ def spread_vertices(mesh: TriangleMesh, count: int, begin: IntArray) -> IntArray
     ----------
     mesh : TriangleMesh
     count : int
-        How many are chosen.
+        Number of vertices.
     begin : (k,) int array
-        The first of them.
+        The first vertices.
 
     Returns
     -------
     (count,) int array
-        In the order in which they are chosen: each is the farthest from those before by paths along edges
-        (Gonzalez 1985).
+        Vertices in the order of selection: each is the farthest from all before, along edges (Gonzalez 1985).
     """
     pairs = edges(mesh.faces)
     lengths = np.linalg.norm(np.diff(mesh.vertices[pairs], axis=1)[:, 0], axis=1)

@@ -63,7 +63,7 @@ class Clusters:
 def find_clusters(delaunay: Triangulation) -> Clusters:
     """Group vertices into clusters of at most LANES, grown along edges, on the host.
 
-    Clusters grown in space would join the two walls of a thin shape.
+    They do not grow in space, because this would join the two walls of a thin shape.
     """
     sides, growth = delaunay.sides, Growth()
     sizes = np.diff(sides.first_vertex)
