@@ -128,15 +128,19 @@ def pixel_of(
 ) -> wp.vec4ub:
     """Return the mean colour of a pixel's samples that show a face, and their share as its opacity."""
     total, hits = wp.vec3(), float(0.0)
+    colour, before = wp.vec3(), int(-1)
     for sample in range(SAMPLES * SAMPLES):
         i, j = row * SAMPLES + sample // SAMPLES, column * SAMPLES + sample % SAMPLES
         front = nearest[i, j]
         if front >= 0:
             hits += 1.0
-            if capped and seen_from_inside(places, scene.faces[front]):
-                total += scene.cap
-            else:
-                total += shade(scene, front, relief[i, j][0], relief[i, j][1])
+            if front != before:  # a face hardly changes its colour within a pixel
+                before = front
+                if capped and seen_from_inside(places, scene.faces[front]):
+                    colour = scene.cap
+                else:
+                    colour = shade(scene, front, relief[i, j][0], relief[i, j][1])
+            total += colour
     pixel = wp.vec4ub()
     if hits > 0.0:
         pixel = wp.vec4ub(

@@ -19,8 +19,8 @@ __all__ = ["Software", "faces_itself", "hollows", "openness", "shaded", "warp_me
 
 _DEVICE = "cpu"
 _OCCLUSION_RAYS = 48
-_OCCLUSION_SETS = 8
-_SMOOTHING_ROUNDS = 2
+_OCCLUSION_SETS = 16
+_SMOOTHING_ROUNDS = 3
 _OCCLUSION_DEPTH = 0.45
 _OCCLUSION_REACH = 0.25
 
@@ -39,7 +39,7 @@ def hollows(mesh: TriangleMesh) -> FloatArray:
 def openness(mesh: TriangleMesh, reach: float) -> FloatArray:
     """Return the share of unoccluded directions within a reach [mm] of each vertex, (V,).
 
-    A vertex casts an eighth of the rays; averaging over its neighbours, which cast others, removes the noise.
+    A vertex casts a sixteenth of the rays; averages over its neighbours, which cast others, remove the noise.
     """
     index = (np.arange(_OCCLUSION_RAYS) + 0.5) / _OCCLUSION_RAYS
     turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(_OCCLUSION_RAYS)
