@@ -37,7 +37,7 @@ from homolog_app.rendering.colours import (
 )
 from homolog_app.rendering.draw import draw
 from homolog_app.rendering.rays import shaded
-from homolog_app.rendering.scene import Balls, Scene, ball_radius
+from homolog_app.rendering.scene import Balls, Scene, Surface, ball_radius
 
 __all__ = [
     "ModeSurfaces",
@@ -115,13 +115,14 @@ def draw_modes(
         ]
     )
     rows = []
+    means = [shaded(model.mean, np.array(theme.surface)) for model in all_models]
     for mode, frame in zip(modes, frames, strict=True):
         strips = [
             _panels(
-                model, mode, deviations, frame, limit, theme, width,
+                model, mean, mode, deviations, frame, limit, theme, width,
                 cut_of(clip, model.mean.vertices, frame.view.axes[2]),
             )
-            for model in all_models
+            for model, mean in zip(all_models, means, strict=True)
         ]  # fmt: skip
         rows.append([panel for strip in strips for panel in strip])
     return arrange(
@@ -152,18 +153,19 @@ def _frames(
 
 
 def _panels(
-    model: ModeSurfaces, mode: int, deviations: float, frame: Frame, limit: float, theme: Theme, width: int,
-    cut: Cut | None,
+    model: ModeSurfaces, mean: Surface, mode: int, deviations: float, frame: Frame, limit: float,
+    theme: Theme, width: int, cut: Cut | None,
 ) -> list[Panel]:  # fmt: skip
     """Return three panels of a mode: below the mean, the mean, above it."""
     outward = outward_displacement(model.mean, model.displacements[mode])
     panels = []
     for amount in (-deviations, 0.0, deviations):
-        colours = diverging_colours(amount * outward, limit) if amount else np.array(theme.surface)
         share = f"mean (mode {mode + 1}: {100.0 * model.shares[mode]:.1f} %)"
         caption = f"{amount:+g} SD".replace("-", "−") if amount else share
-        scene = Scene((shaded(model.at(mode, amount), colours),), cut=cut, cap=theme.cut)
-        image = draw(scene, frame, width)
+        surface = mean
+        if amount:
+            surface = shaded(model.at(mode, amount), diverging_colours(amount * outward, limit))
+        image = draw(Scene((surface,), cut=cut, cap=theme.cut), frame, width)
         panels.append(Panel(image, caption))
     return panels
 
@@ -327,6 +329,8 @@ def draw_subjects(
 
 
 _MODES = 3
+_FEW, _MANY = (4, 3, 440), (6, 5, 300)
+"""Columns, rows and pixels of a panel's width on a page of a few subjects, and of many."""
 
 
 def draw_figures(project: ProjectFolder, tick: Tick = no_tick) -> None:
@@ -366,9 +370,11 @@ def draw_figures(project: ProjectFolder, tick: Tick = no_tick) -> None:
     names = [
         f"{subject.name}, mirrored" if subject.is_mirrored else subject.name for subject in record.subjects
     ]
-    for page, figure in enumerate(draw_subjects(names, surfaces, result.world), start=1):
+    columns, rows, width = _FEW if len(names) <= _FEW[0] * _FEW[1] else _MANY
+    pages = draw_subjects(names, surfaces, result.world, columns=columns, rows=rows, width=width)
+    for page, figure in enumerate(pages, start=1):
         _write(project, f"subjects_{page:02d}.png", figure)
-        tick(0.4 + 0.6 * min(12 * page / len(surfaces), 1.0), "pictures of the subjects")
+        tick(0.4 + 0.6 * min(columns * rows * page / len(surfaces), 1.0), "pictures of the subjects")
 
 
 def _write(project: ProjectFolder, name: str, figure: Figure) -> None:
