@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from homolog.arrays import FloatArray
@@ -33,6 +34,8 @@ _DISTANT, _GAIN = 1.1, 0.35
 """When a shape seems to be turned in its file: its distance, times the usual one; and the mean logarithm of
 the distances from typical shapes, as its file lies, over those once it is turned."""
 _REFERENCES = 4
+_NEARER = 0.84
+"""Times its distance from the most typical shape: how near a shape must be to it, once turned."""
 _FAR = 60.0
 """Degrees: a smaller turn is none."""
 
@@ -50,10 +53,9 @@ def agree(shapes: Sequence[OrientedPoints]) -> bool:
     turned = np.concatenate(
         [directions @ turn for turn in Rotation.random(_TURNS, random_state=0).as_matrix()]
     )
-    extents = np.array([(directions @ shape.points.T).max(axis=1) for shape in some])
-    others = np.array([(turned @ shape.points.T).max(axis=1) for shape in some]).reshape(
-        len(some), _TURNS, -1
-    )
+    hulls = [shape.points[ConvexHull(shape.points, qhull_options="QJ").vertices] for shape in some]
+    extents = np.array([(directions @ hull.T).max(axis=1) for hull in hulls])
+    others = np.array([(turned @ hull.T).max(axis=1) for hull in hulls]).reshape(len(some), _TURNS, -1)
     shares = []
     for index, own in enumerate(extents):
         given = np.delete(np.square(extents - own).mean(axis=1), index)
@@ -109,14 +111,18 @@ def better_turned(
 
     def turn(index: int, inner: Tick) -> float:
         """Return by what angle a shape fits best, 0 where it does as its file lies."""
-        kept = np.array([held(shapes[index], reference).distance for reference in references])
+        shape = shapes[index]
+        free = register_freely(shape, references[0])
+        if free.distance > _NEARER * held(shape, references[0]).distance:
+            return 0.0
+        kept = np.array([held(shape, reference).distance for reference in references])
         best, angle = _GAIN, 0.0
         for reference in references:
             inner(0.0, "aligning")
-            pose = register_freely(shapes[index], reference).pose
+            pose = (free if reference is references[0] else register_freely(shape, reference)).pose
             if _angle(pose) < _FAR:
                 continue
-            turned = _turned(shapes[index], rotation_of(pose))
+            turned = _turned(shape, rotation_of(pose))
             other = np.array([held(turned, item).distance for item in references])
             if (gain := float(np.log(kept / other).mean())) > best:
                 best, angle = gain, _angle(pose)
