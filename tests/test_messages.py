@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -17,9 +18,15 @@ VAGUE = {"one", "words", "told", "found", "asked"}
 OPTION = re.compile(r"(?<![\w-])--[a-z]")
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    """Return a file's syntax tree."""
+    return ast.parse(path.read_text("utf-8"))
+
+
 def sentences(path: Path) -> Iterator[tuple[int, str]]:
     """Yield each text of a file that has two words or more and is no documentation, with its line."""
-    tree = ast.parse(path.read_text("utf-8"))
+    tree = parsed(path)
     documentation = {
         id(node.value)
         for node in ast.walk(tree)
@@ -70,7 +77,7 @@ def test_names_say_what_they_stand_for(folder):
     vague = [
         f"{file.relative_to(ROOT)}:{line}: {name}"
         for file in files
-        for line, name in bound_names(ast.parse(file.read_text("utf-8")))
+        for line, name in bound_names(parsed(file))
         if name in VAGUE
     ]
     assert vague == []

@@ -34,6 +34,7 @@ from homolog.beans.generate import NARROW, WIDE, draw_beans
 from homolog.correspondence import Shape, optimize
 from homolog.correspondence.divided import make_engine, prepare_on
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
+from homolog.correspondence.entropy.terms import Term
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.schedule import Weights
 from homolog.device import choose_device, describe_device
@@ -263,7 +264,7 @@ def one_size(folder, device, size, iterations):
     engine = an_engine(folder, device, count, particles)
     prepared, tables = time.perf_counter() - start, memory() - before
     groups = max(1, iterations // LIST_ITERATIONS)
-    engine.start_stage([Weights(0.02, 0.05, 1.0, 0.1, 0.5)] * (3 * groups * LIST_ITERATIONS))
+    engine.start_stage([Weights(Term(0.02, 1.0), Term(0.05, 0.1), 0.5)] * (3 * groups * LIST_ITERATIONS))
     for _ in range(groups):
         engine.iterate()
     wp.synchronize()

@@ -15,6 +15,7 @@ import warp as wp
 from optimizer import an_engine
 
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
+from homolog.correspondence.entropy.terms import Term
 from homolog.correspondence.schedule import Weights
 from homolog.device import choose_device, describe_device
 
@@ -56,7 +57,7 @@ def main():
     print(describe_device(device))
     for size in arguments.sizes:
         engine = an_engine(arguments.folder, device, *map(int, size.split("x")))
-        engine.start_stage([Weights(0.02, 0.05, 1.0, 0.1, 0.5)] * 1000)
+        engine.start_stage([Weights(Term(0.02, 1.0), Term(0.05, 0.1), 0.5)] * 1000)
         for _ in range(GROUPS):
             engine.iterate()
         wp.synchronize()

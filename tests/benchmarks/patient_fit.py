@@ -91,7 +91,7 @@ def followed(placing: Placing, shape: Shape, turn: np.ndarray, particles: np.nda
     loop = _FitLoop(ensemble, cohort, settings, [plan], [start], False, False, no_tick)
     try:
         loop.run(None)
-        parts = loop.engine.energy() @ [1.0, plan.ensemble_weight, plan.normals_weight]
+        parts = loop.engine.energy() @ plan.factors
         return parts, transform_points(turn, loop.state(shape.alignment, side).local)
     finally:
         loop.launcher.close()

@@ -262,8 +262,7 @@ class Panel(QWidget):
         if event.type() == QEvent.Type.Wheel:
             event.ignore()
             return True
-        is_kept = isinstance(watched, QAbstractButton) and keep_space(event)
-        return is_kept or super().eventFilter(watched, event)
+        return isinstance(watched, QAbstractButton) and keep_space(event)
 
 
 class NumberBox(QSpinBox):

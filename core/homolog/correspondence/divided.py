@@ -21,7 +21,6 @@ from homolog.correspondence.fields import opening_scale
 from homolog.correspondence.launcher import Launcher, copy_between
 from homolog.correspondence.prepared_cohort import (
     MEAN_AREA,
-    GeodesicSolver,
     PreparedCohort,
     SurfaceSets,
     prepare_cohort,
@@ -29,7 +28,7 @@ from homolog.correspondence.prepared_cohort import (
 from homolog.correspondence.schedule import Weights
 from homolog.correspondence.surface_sets import Similarity, SurfaceSet, length_unit
 from homolog.correspondence.types import Shape
-from homolog.geodesics import solve_tables
+from homolog.geodesics import GeodesicSolver, solve_tables
 from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings

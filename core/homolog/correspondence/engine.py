@@ -232,10 +232,10 @@ class Engine:
         parameters: Any = np.zeros(len(weights), dtype=_PARAMETERS.numpy_dtype())
         parameters["step"] = [w.step * self.width**2 for w in weights]
         parameters["max_step"] = 0.25
-        parameters["ensemble_weight"] = [w.ensemble for w in weights]
-        parameters["normals_weight"] = [w.normals for w in weights]
-        parameters["regularization"] = [w.regularization for w in weights]
-        parameters["normals_regularization"] = [w.normals_regularization for w in weights]
+        parameters["ensemble_weight"] = [w.ensemble.weight for w in weights]
+        parameters["normals_weight"] = [w.normals.weight for w in weights]
+        parameters["regularization"] = [w.ensemble.regularization for w in weights]
+        parameters["normals_regularization"] = [w.normals.regularization for w in weights]
         self.stage = wp.array(parameters, dtype=kernels.StepParameters, device=self.launch.device)
         self.iteration.fill_(done)
         self._graph = None

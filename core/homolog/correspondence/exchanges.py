@@ -13,6 +13,7 @@ import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.correspondence.entropy.dual import covariance
+from homolog.correspondence.entropy.terms import Term
 from homolog.correspondence.near_pairs import PlacedParticles, Survey, promising_pairs
 
 __all__ = ["LEAST_GAIN", "EnsembleRows", "Exchanges"]
@@ -33,18 +34,15 @@ class EnsembleRows:
         Fréchet means of the normals.
     openings : (M, N) array
         Weighted opening angles; zeros if they are not used.
-    weights : pair of float
-        Of H(Z) and H(V).
-    regularizations : pair of float
-        Of their covariances.
+    terms : pair of Term
+        H(Z) and H(V) in the objective.
     """
 
     positions: FloatArray
     normals: FloatArray
     means: FloatArray
     openings: FloatArray
-    weights: tuple[float, float]
-    regularizations: tuple[float, float]
+    terms: tuple[Term, Term]
 
     def of_normals(self) -> FloatArray:
         """Return the rows of H(V), (M, N, 3): Logs of the normals, and opening angles along their means."""
@@ -67,8 +65,8 @@ class Exchanges:
     def __init__(self, rows: EnsembleRows) -> None:
         self._rows = rows
         self._entropies = (
-            _Entropy(rows.positions, rows.regularizations[0]),
-            _Entropy(rows.of_normals(), rows.regularizations[1]),
+            _Entropy(rows.positions, rows.terms[0].regularization),
+            _Entropy(rows.of_normals(), rows.terms[1].regularization),
         )
         self.order: IntArray = np.tile(np.arange(rows.positions.shape[1]), (len(rows.positions), 1))
 
@@ -79,7 +77,7 @@ class Exchanges:
         """
         steps = zip(self._entropies, self._steps(shape, pairs), strict=True)
         changed = [part.change(shape, pairs, step) for part, step in steps]
-        return -np.stack(changed, axis=1) * self._rows.weights
+        return -np.stack(changed, axis=1) * [term.weight for term in self._rows.terms]
 
     def lower(self, shape: int, pair: IntArray, least: float = LEAST_GAIN) -> bool:
         """Return whether an exchange lowers H(Z), and the objective by more than `least`."""
@@ -116,7 +114,7 @@ class Exchanges:
             rows.positions[own, self.order], rows.normals[own, self.order], rows.openings[own, self.order],
             rows.means,
         )  # fmt: skip
-        surveys = [part.survey(weight) for part, weight in zip(self._entropies, rows.weights, strict=True)]
+        surveys = [part.survey(term.weight) for part, term in zip(self._entropies, rows.terms, strict=True)]
         divisor = self._entropies[0].divisor
         return promising_pairs(placed, allowed, surveys, divisor=divisor, least=LEAST_GAIN, device=device)
 

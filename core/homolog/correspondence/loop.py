@@ -270,7 +270,7 @@ class OptimizationLoop:
         if plan.stage is Stage.SPLITTING:
             self._align(self.log.tangential_weight)
         else:
-            regularization = plan.weights(min(done, plan.iterations - 1)).regularization
+            regularization = plan.weights(min(done, plan.iterations - 1)).ensemble.regularization
             self._align(regularization=min(regularization, MAX_POSE_REGULARIZATION))
         return False
 
@@ -310,7 +310,7 @@ class OptimizationLoop:
             raise
 
     def _record(self, plan: StagePlan) -> None:
-        parts = self.engine.energy() * [1.0, plan.ensemble_weight, plan.normals_weight]
+        parts = self.engine.energy() * plan.factors
         if not np.isfinite(parts).all():
             raise NumericalError(
                 f"the objective is not a number at iteration {self.log.iteration}; run with another seed, or "

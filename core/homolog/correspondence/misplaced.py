@@ -106,7 +106,6 @@ def exchange(engine: Engine, weights: Weights, allowed: BoolArray) -> BoolArray:
         engine.host_means(),
         engine.host_openings(),
         (weights.ensemble, weights.normals),
-        (weights.regularization, weights.normals_regularization),
     )
     with blas_threads(len(allowed), MANY_SHAPES):
         exchanges = Exchanges(rows)

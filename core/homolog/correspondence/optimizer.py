@@ -8,7 +8,6 @@ from homolog.arrays import BoolArray
 from homolog.correspondence.divided import prepare_on
 from homolog.correspondence.loop import OptimizationLoop
 from homolog.correspondence.mirror_images import with_mirror_images
-from homolog.correspondence.prepared_cohort import GeodesicSolver
 from homolog.correspondence.recorder import CheckpointCallback
 from homolog.correspondence.schedule import plan_stages, time_shares
 from homolog.correspondence.surface_sets import normalize_size
@@ -21,7 +20,7 @@ from homolog.correspondence.types import (
 )
 from homolog.device import choose_device
 from homolog.errors import InputError
-from homolog.geodesics import solve_tables
+from homolog.geodesics import GeodesicSolver, solve_tables
 from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings

@@ -15,13 +15,14 @@ from scipy.spatial.transform import Rotation
 
 from homolog.arrays import DeviceArray, FloatArray
 from homolog.correspondence.ensemble import Ensemble
+from homolog.correspondence.entropy.terms import Term
 from homolog.correspondence.initialization.registration import features
 from homolog.correspondence.kernels import particles as kernels
 from homolog.correspondence.kernels.functions import stencil_cache
 from homolog.geometry import inverse_matrices, rotation_of, transform_points
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["SurfacePoints", "Term", "follow_pose", "search_poses"]
+__all__ = ["SurfacePoints", "follow_pose", "search_poses"]
 
 _TURNS = np.radians(np.arange(-24.0, 25.0, 4.0))
 """Rotations about the axis of least resistance that are tried."""
@@ -36,14 +37,6 @@ relative decrease of the objective below which the search ends."""
 _PROJECTIONS, _NEWTON_STEPS = 3, 2
 _DISTINCT = 0.5
 """Smallest distance of two different poses, root mean square over the particles [spacings]."""
-
-
-@dataclass(frozen=True, slots=True)
-class Term:
-    """Weight and regularization of H(Z) or H(V)."""
-
-    weight: float
-    regularization: float
 
 
 class SurfacePoints:

@@ -21,17 +21,14 @@ from homolog.correspondence.surface_sets import (
 from homolog.correspondence.types import Shape
 from homolog.device import cores
 from homolog.errors import InputError
-from homolog.geodesics import GeodesicTable, solve_tables
+from homolog.geodesics import GeodesicSolver, GeodesicTable, solve_tables
 from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import in_threads, on_one_thread
 
-__all__ = ["MEAN_AREA", "GeodesicSolver", "PreparedCohort", "landmarks_on_device", "prepare_cohort"]
-
-GeodesicSolver = Callable[..., Sequence[GeodesicTable]]
-"""Has the signature of `homolog.geodesics.solve_tables`."""
+__all__ = ["MEAN_AREA", "PreparedCohort", "landmarks_on_device", "prepare_cohort"]
 
 MEAN_AREA = 1.0e4
 """Mean surface area in squared optimizer lengths, by definition of the unit."""

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from homolog.correspondence.entropy.terms import Term, TermSchedule
 from homolog.correspondence.types import Stage
 from homolog.settings import OptimizeSettings
 
@@ -24,24 +25,18 @@ COARSE_ANNEALING = 2.0 / 3.0  # of the annealing, done before the first split, w
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """Weights and regularization of one iteration (lengths in the optimizer's unit).
+    """The objective and the step of one iteration; the weight of H(P) is 1.
 
     Attributes
     ----------
-    ensemble, normals : float
-        Weights of H(Z) and H(V).
-    regularization : float
-        Of the ensemble's dual, a squared length.
-    normals_regularization : float
-        Of the normals' dual [rad²].
+    ensemble, normals : Term
+        H(Z) and H(V).
     step : float
         tau over the squared Parzen width.
     """
 
-    ensemble: float
-    normals: float
-    regularization: float
-    normals_regularization: float
+    ensemble: Term
+    normals: Term
     step: float
 
 
@@ -57,11 +52,8 @@ class StagePlan:
         Particles on each shape.
     iterations : int
         Largest number of iterations.
-    ensemble_weight, normals_weight : float
-        Weights of H(Z) and H(V).
-    ensemble, normals : tuple of 2 float
-        Regularization at the start and at the end, interpolated geometrically: of the ensemble in squared
-        optimizer lengths, of the normals in rad².
+    ensemble, normals : TermSchedule
+        H(Z) and H(V).
     until_converged : bool
         Whether the stage ends at convergence. Its steps decay, to damp the jitter of simultaneous moves.
     """
@@ -69,11 +61,14 @@ class StagePlan:
     stage: Stage
     count: int
     iterations: int
-    ensemble_weight: float
-    normals_weight: float
-    ensemble: tuple[float, float]
-    normals: tuple[float, float]
+    ensemble: TermSchedule
+    normals: TermSchedule
     until_converged: bool = False
+
+    @property
+    def factors(self) -> tuple[float, float, float]:
+        """Weights of H(P), H(Z) and H(V) in the objective."""
+        return 1.0, self.ensemble.weight, self.normals.weight
 
     @property
     def expected_iterations(self) -> int:
@@ -89,10 +84,8 @@ class StagePlan:
         """Return the weights of one of the stage's iterations."""
         done = iteration / self.iterations
         return Weights(
-            ensemble=self.ensemble_weight,
-            normals=self.normals_weight,
-            regularization=self.ensemble[0] * (self.ensemble[1] / self.ensemble[0]) ** done,
-            normals_regularization=self.normals[0] * (self.normals[1] / self.normals[0]) ** done,
+            self.ensemble.at(done),
+            self.normals.at(done),
             step=STEP_FRACTION * math.exp(-3.0 * min(1.0, iteration / STEP_DECAY_ITERATIONS))
             if self.until_converged
             else STEP_FRACTION,
@@ -109,7 +102,8 @@ def particle_counts(particles: int, fewest: int = MAX_INITIAL_PARTICLES) -> list
 
 def plan_stages(settings: OptimizeSettings, present: int | None = None) -> list[StagePlan]:
     """Return the stages of an optimization, from the initial particles, or `present` ones, to all."""
-    weights = settings.ensemble_weight, settings.normals_weight if settings.method.uses_normals else 0.0
+    ensemble_weight = settings.ensemble_weight
+    normals_weight = settings.normals_weight if settings.method.uses_normals else 0.0
     first, last = settings.regularization_start, settings.regularization_end
     split = settings.split_iterations
 
@@ -117,20 +111,20 @@ def plan_stages(settings: OptimizeSettings, present: int | None = None) -> list[
         """Return a stage from one share of the annealing to another."""
         if iterations is None:
             iterations = round((end - begin) * settings.anneal_iterations)
-        ensemble, normals = (
-            (high * (low / high) ** begin, high * (low / high) ** end)
-            for high, low in ((first, last), NORMALS_ANNEALING)
-        )
-        return StagePlan(Stage.OPTIMIZING, count, iterations, *weights, ensemble, normals)
+        ensemble = TermSchedule(ensemble_weight, first, last).part(begin, end)
+        normals = TermSchedule(normals_weight, *NORMALS_ANNEALING).part(begin, end)
+        return StagePlan(Stage.OPTIMIZING, count, iterations, ensemble, normals)
 
     def splitting(count: int) -> StagePlan:
-        return StagePlan(Stage.SPLITTING, count, split, *weights, (10.0, 0.2), (0.3, 0.03))
+        terms = TermSchedule(ensemble_weight, 10.0, 0.2), TermSchedule(normals_weight, 0.3, 0.03)
+        return StagePlan(Stage.SPLITTING, count, split, *terms)
 
     annealed = 0.0
     if present is None:
         counts = particle_counts(settings.particles)
-        mean_weights, constant = (MEAN_WEIGHT * MEAN_REGULARIZATION, weights[1]), (MEAN_REGULARIZATION,) * 2
-        stages = [StagePlan(Stage.SPLITTING, counts[0], split, *mean_weights, constant, (0.3, 0.3))]
+        to_mean = TermSchedule(MEAN_WEIGHT * MEAN_REGULARIZATION, MEAN_REGULARIZATION, MEAN_REGULARIZATION)
+        constant = TermSchedule(normals_weight, 0.3, 0.3)
+        stages = [StagePlan(Stage.SPLITTING, counts[0], split, to_mean, constant)]
         stages.append(splitting(counts[0]))
         if len(counts) > 1:
             annealed = COARSE_ANNEALING
@@ -139,9 +133,12 @@ def plan_stages(settings: OptimizeSettings, present: int | None = None) -> list[
     else:
         stages = [splitting(count) for count in particle_counts(settings.particles, present)[1:]]
     stages.append(annealing(settings.particles, annealed, 1.0))
-    constants = (last,) * 2, (NORMALS_ANNEALING[1],) * 2
-    settling = (settings.particles, settings.settle_iterations, *weights, *constants)
-    stages.append(StagePlan(Stage.OPTIMIZING, *settling, until_converged=True))
+    end = NORMALS_ANNEALING[1]
+    settling = TermSchedule(ensemble_weight, last, last), TermSchedule(normals_weight, end, end)
+    iterations = settings.settle_iterations
+    stages.append(
+        StagePlan(Stage.OPTIMIZING, settings.particles, iterations, *settling, until_converged=True)
+    )
     return stages
 
 

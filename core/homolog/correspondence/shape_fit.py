@@ -16,13 +16,14 @@ from homolog.arrays import BoolArray, FloatArray
 from homolog.correspondence.engine import Engine, Particles
 from homolog.correspondence.ensemble import Ensemble, ShapeState
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
+from homolog.correspondence.entropy.terms import Term
 from homolog.correspondence.fit_engine import FitEngine
 from homolog.correspondence.initialization.registration import snap_to_mesh
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.loop import MAX_POSE_REGULARIZATION, RECORD_INTERVAL, OptimizationLoop
 from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.misplaced import MAX_MISPLACED_FRACTION, is_misplaced, predict_positions
-from homolog.correspondence.pose_search import SurfacePoints, Term, follow_pose, search_poses
+from homolog.correspondence.pose_search import SurfacePoints, follow_pose, search_poses
 from homolog.correspondence.poses import robust_step
 from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort, prepare_cohort
 from homolog.correspondence.refit import carry_particles
@@ -185,11 +186,10 @@ def fit_shape_from(
     """
     anneal, settle = _stages(settings, len(starts[0]), _PLACED_ANNEAL)
     share = min(1.0, float(ensemble.subjects[0]) / _ENOUGH_SUBJECTS) ** 2
-    weights = share * settle.ensemble_weight, share * settle.normals_weight
-    settle = replace(settle, ensemble_weight=weights[0], normals_weight=weights[1])
-    ends = anneal.ensemble[1], anneal.normals[1]
-    begins = [ratio * end for ratio, end in zip(_ROUND_BEGINS, ends, strict=True)]
-    again = replace(anneal, ensemble=(begins[0], ends[0]), normals=(begins[1], ends[1]))
+    settle = replace(settle, ensemble=settle.ensemble.scaled(share), normals=settle.normals.scaled(share))
+    terms = zip((anneal.ensemble, anneal.normals), _ROUND_BEGINS, strict=True)
+    ensemble_again, normals_again = (replace(term, start=ratio * term.end) for term, ratio in terms)
+    again = replace(anneal, ensemble=ensemble_again, normals=normals_again)
     searches = settings.procrustes not in (Procrustes.OFF, Procrustes.AUTO)
     stages = [anneal, again, settle] if searches else [anneal, settle]
     return _fitted(shape, settings, ensemble, starts, stages, settled=False, searches=searches, tick=tick)
@@ -198,12 +198,12 @@ def fit_shape_from(
 def _stages(settings: OptimizeSettings, count: int, anneal: int) -> list[StagePlan]:
     """Return the stages of a fit with a limited number of iterations."""
     stages = plan_stages(settings, count)
-    first = min(_FIRST_REGULARIZATION, settings.regularization_start)
+    first, last = min(_FIRST_REGULARIZATION, settings.regularization_start), settings.regularization_end
     begin = replace(
         stages[0],
         iterations=min(anneal, stages[0].iterations),
-        ensemble=(max(first, settings.regularization_end), settings.regularization_end),
-        normals=(0.1, NORMALS_ANNEALING[1]),
+        ensemble=replace(stages[0].ensemble, start=max(first, last), end=last),
+        normals=replace(stages[0].normals, start=0.1, end=NORMALS_ANNEALING[1]),
     )
     return [begin, replace(stages[1], iterations=min(_SETTLE_ITERATIONS, stages[1].iterations))]
 
@@ -340,9 +340,9 @@ class _FitLoop(OptimizationLoop):
             if done == _RELOCATED_AFTER:
                 self._relocate_misplaced(0, 0)
             self.engine.iterate(min(LIST_ITERATIONS, plan.iterations - done))
-            regularization = plan.weights(min(done + LIST_ITERATIONS, plan.iterations)).regularization
-            self._align(regularization=min(regularization, MAX_POSE_REGULARIZATION))
-        parts = self.engine.energy() * [1.0, plan.ensemble_weight, plan.normals_weight]
+            term = plan.weights(min(done + LIST_ITERATIONS, plan.iterations)).ensemble
+            self._align(regularization=min(term.regularization, MAX_POSE_REGULARIZATION))
+        parts = self.engine.energy() * plan.factors
         return float(parts.sum()) if np.isfinite(parts).all() else np.inf
 
     def _set_particles(self, count: int, particles: Particles | FloatArray, repaired: object = None) -> None:

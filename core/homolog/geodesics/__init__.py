@@ -3,11 +3,18 @@
 from homolog.geodesics.accuracy import Accuracy, measure_accuracy
 from homolog.geodesics.field import distances_from
 from homolog.geodesics.plan import TablePlan, plan_tables
-from homolog.geodesics.solve import check_room, geodesic_distances, solve_plan, solve_tables
+from homolog.geodesics.solve import (
+    GeodesicSolver,
+    check_room,
+    geodesic_distances,
+    solve_plan,
+    solve_tables,
+)
 from homolog.geodesics.table import GeodesicTable
 
 __all__ = [
     "Accuracy",
+    "GeodesicSolver",
     "GeodesicTable",
     "TablePlan",
     "check_room",

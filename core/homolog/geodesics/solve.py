@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 import warp as wp
@@ -19,7 +20,27 @@ from homolog.memory import free_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["check_room", "geodesic_distances", "solve_plan", "solve_tables"]
+__all__ = ["GeodesicSolver", "check_room", "geodesic_distances", "solve_plan", "solve_tables"]
+
+
+class GeodesicSolver(Protocol):
+    """Solves geodesic tables for an optimization: `solve_tables`, or another method.
+
+    Parameters and result are those of `solve_tables`.
+    """
+
+    def __call__(
+        self,
+        meshes: Sequence[TriangleMesh],
+        d_max: Sequence[float],
+        /,
+        *,
+        device: str,
+        names: Sequence[str],
+        tick: Tick,
+    ) -> Sequence[GeodesicTable]:
+        """Return a table for each mesh, on the device."""
+        ...
 
 
 def solve_tables(

@@ -8,6 +8,7 @@ from scipy.sparse import csr_array
 
 from homolog.arrays import Float32Array, FloatArray, frozen
 from homolog.correspondence.entropy.dual import covariance
+from homolog.correspondence.entropy.terms import Term
 from homolog.correspondence.exchanges import EnsembleRows
 from homolog.geometry import scale_of
 from homolog.inspection.located_particles import LocatedParticles
@@ -85,8 +86,10 @@ def rows_of(located: LocatedParticles, consensus: Neighbourhood) -> EnsembleRows
         located.normals,
         consensus.normals,
         np.zeros(located.world.shape[:2]),
-        (settings.ensemble_weight, settings.normals_weight),
-        (settings.regularization_end, _NORMALS_REGULARIZATION),
+        (
+            Term(settings.ensemble_weight, settings.regularization_end),
+            Term(settings.normals_weight, _NORMALS_REGULARIZATION),
+        ),
     )
 
 

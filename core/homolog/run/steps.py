@@ -5,9 +5,8 @@ from pathlib import Path
 
 from homolog.cohort import Cohort
 from homolog.correspondence import Checkpoint, Frame, FrameCallback, Shape, load_kernels, optimize
-from homolog.correspondence.prepared_cohort import GeodesicSolver
 from homolog.device import device_faults
-from homolog.geodesics import solve_tables
+from homolog.geodesics import GeodesicSolver, solve_tables
 from homolog.grooming import GroomedSubject, align_cohort
 from homolog.memory import Store, in_memory, return_freed_memory
 from homolog.progress import Tick, run_in_background

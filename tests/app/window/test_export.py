@@ -93,7 +93,7 @@ def test_a_cancelled_film_leaves_nothing(dialog, wait, tmp_path, qapp):
     assert film.go.isEnabled()
 
 
-def test_the_report_is_written_into_the_project_which_is_held_again_after(explored, wait, without_figures):
+def test_the_report_is_written_into_the_project_which_is_held_again_after(explored, wait):
     from PySide6.QtTest import QTest
     from PySide6.QtWidgets import QLineEdit
 
@@ -115,7 +115,9 @@ def test_the_report_is_written_into_the_project_which_is_held_again_after(explor
 
 def test_closing_the_window_asks_about_an_export_and_ends_it(explored, wait, close, tmp_path, monkeypatch):
     from homolog_app.window.export.dialog import ExportDialog
+    from homolog_app.window.export.process import Preview
 
+    monkeypatch.setattr(Preview, "want", lambda *_: None)
     explored.commands["export.film"].trigger()
     (film,) = explored.findChildren(ExportDialog)
     small(film, fps=60, seconds=600.0)
@@ -255,12 +257,12 @@ def test_no_report_is_written_with_names_of_places_that_are_refused(dialog):
 
 
 def test_a_fault_is_told_in_the_dialog(dialog, wait, tmp_path):
-    film = dialog("film")
+    table = dialog("table")
     (tmp_path / "file").write_text("")
-    film.place.setText(str(tmp_path / "file" / "film.mp4"))
-    assert export(film, wait) == "failed"
-    assert "can't be written" in film.note.text()
-    assert film.note.objectName() == "Problem"
+    table.place.setText(str(tmp_path / "file" / "tables"))
+    assert export(table, wait) == "failed"
+    assert "can't be written" in table.note.text()
+    assert table.note.objectName() == "Problem"
 
 
 def test_what_would_stand_still_or_compare_nothing_is_not_started(dialog):

@@ -31,7 +31,7 @@ def ventricles(data, run, tmp_path_factory):
         for row in [item for item in rows if item["group"] == group][:_EACH]
     ]
     cohort = Cohort(tuple(subjects), folder)
-    return run(tmp_path_factory.mktemp("ventricles") / "lv", cohort, mesh_edge=5.0, spacing=2.0)
+    return run(tmp_path_factory.mktemp("ventricles") / "lv", cohort, mesh_edge=5.0, spacing=3.0)
 
 
 @pytest.fixture

@@ -6,11 +6,12 @@ import warp as wp
 from scipy.spatial import cKDTree
 
 from homolog.correspondence.entropy.dual import covariance, entropy
+from homolog.correspondence.entropy.terms import Term
 from homolog.correspondence.exchanges import EnsembleRows, Exchanges
 from homolog.correspondence.kernels import exchanges as kernels
 
 SHAPES, COUNT = 6, 60
-WEIGHTS, REGULARIZATIONS = (0.02, 0.15), (5e-4, 0.01)
+TERMS = Term(0.02, 5e-4), Term(0.15, 0.01)
 
 
 def unit(vectors):
@@ -33,20 +34,20 @@ def rows():
     normals = unit(places + 0.05 * random.normal(size=(SHAPES, COUNT, 3)))
     positions = 10.0 * places + 0.3 * random.normal(size=(SHAPES, COUNT, 3))
     openings = 0.05 * random.normal(size=(SHAPES, COUNT))
-    return EnsembleRows(positions, normals, unit(normals.mean(axis=0)), openings, WEIGHTS, REGULARIZATIONS)
+    return EnsembleRows(positions, normals, unit(normals.mean(axis=0)), openings, TERMS)
 
 
 def after(rows, order):
     parts = (placed(order, item) for item in (rows.positions, rows.normals))
-    return EnsembleRows(*parts, rows.means, placed(order, rows.openings), WEIGHTS, REGULARIZATIONS)
+    return EnsembleRows(*parts, rows.means, placed(order, rows.openings), TERMS)
 
 
 def objective(rows):
     """Return the weighted entropies, summed up over all particles."""
-    parts = zip(WEIGHTS, (rows.positions, rows.of_normals()), REGULARIZATIONS, strict=True)
+    parts = zip(TERMS, (rows.positions, rows.of_normals()), strict=True)
     return sum(
-        weight * entropy(covariance((item - item.mean(axis=0)).reshape(SHAPES, -1)), regularization)
-        for weight, item, regularization in parts
+        term.weight * entropy(covariance((item - item.mean(axis=0)).reshape(SHAPES, -1)), term.regularization)
+        for term, item in parts
     ) * (SHAPES * COUNT)
 
 
@@ -104,7 +105,8 @@ def test_where_only_normals_would_agree_better_particles_stay(rows):
     near = int(np.argsort(np.linalg.norm(rows.positions[0] - rows.positions[0, 8], axis=1))[1])
     normals = rows.normals.copy()
     normals[0, [8, near]] = normals[0, [near, 8]]
-    odd = EnsembleRows(rows.positions, normals, rows.means, rows.openings, (1e-6, 1.0), REGULARIZATIONS)
+    terms = Term(1e-6, 5e-4), Term(1.0, 0.01)
+    odd = EnsembleRows(rows.positions, normals, rows.means, rows.openings, terms)
     pair = np.array([8, near])
     assert Exchanges(odd).gains(0, pair[None])[0, 1] > 1.0
     assert not Exchanges(odd).lower(0, pair)

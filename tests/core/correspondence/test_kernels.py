@@ -7,6 +7,7 @@ import warp as wp
 from scipy.spatial import cKDTree
 
 from homolog.correspondence.engine import Engine
+from homolog.correspondence.entropy.terms import Term
 from homolog.correspondence.fields import field_array, opening_array
 from homolog.correspondence.kernels import particles as kernels
 from homolog.correspondence.kernels import step as step_kernels
@@ -284,7 +285,7 @@ def test_kept_codes_give_the_particles_that_the_tables_give(ball):
         )  # fmt: skip
         if not keeps:
             engine.sampling.known = wp.zeros((engine.total, 0), dtype=PairCodes, device="cpu")
-        engine.start_stage([Weights(0.02, 0.05, 1.0, 0.1, 0.5)] * 20)
+        engine.start_stage([Weights(Term(0.02, 1.0), Term(0.05, 0.1), 0.5)] * 20)
         for _ in range(4):
             engine.iterate()
         ended.append(engine.host_positions())

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from homolog.correspondence import InitialParticles, loop, optimize, recorder
+from homolog.correspondence.entropy.terms import Term
 from homolog.correspondence.exchanges import EnsembleRows, Exchanges
 from homolog.correspondence.misplaced import exchange, find_misplaced, find_swapped, snap_to_mesh
 from homolog.errors import Cancelled
@@ -120,7 +121,7 @@ def test_a_run_ends_with_exchanges_that_lower_its_objective(discs, monkeypatch):
     given = []
 
     def exchange(engine, weights, allowed):
-        given.append((engine.count, weights.regularization, allowed.all()))
+        given.append((engine.count, weights.ensemble.regularization, allowed.all()))
         return exchanged
 
     monkeypatch.setattr("homolog.correspondence.loop.exchange", exchange)
@@ -148,7 +149,7 @@ def test_an_exchange_puts_two_particles_in_each_others_place():
         set_positions=put.append,
         launch=SimpleNamespace(device="cpu", poll_cancel=lambda: None),
     )
-    weights = SimpleNamespace(ensemble=0.02, normals=0.15, regularization=5e-4, normals_regularization=0.01)
+    weights = SimpleNamespace(ensemble=Term(0.02, 5e-4), normals=Term(0.15, 0.01))
     moved = exchange(engine, weights, np.ones((5, 1), dtype=bool))
     np.testing.assert_array_equal(np.argwhere(moved), [[SHAPE, 3], [SHAPE, 8]])
     np.testing.assert_allclose(put[0], sizes[:, None, None] * normals)
@@ -226,6 +227,6 @@ def test_exchanges_can_be_cancelled_between_shapes():
     random = np.random.default_rng(1)
     normals = random.normal(size=(4, 20, 3))
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
-    rows = EnsembleRows(normals, normals, normals[0], np.zeros((4, 20)), (1.0, 1.0), (0.1, 0.1))
+    rows = EnsembleRows(normals, normals, normals[0], np.zeros((4, 20)), (Term(1.0, 0.1), Term(1.0, 0.1)))
     with pytest.raises(Cancelled):
         Exchanges(rows).make_all(np.ones((4, 20), dtype=bool), cancelled)
