@@ -110,6 +110,7 @@ def test_an_ellipse_holds_95_percent_of_a_normal_group():
 
 def test_groups_differ_in_colour_and_marker_and_keep_them_beside_subjects_without_a_group():
     assert group_order(["b", "", "a", "b"]) == ["a", "b", ""]
+    assert group_order(["HCM", "NOR", ""]) == ["NOR", "HCM", ""]
     styles = [group_style(index, COLOURS) for index in range(14)]
     assert len(set(styles)) == 14
     assert len({colour for colour, _ in styles[:7]}) == len({marker for _, marker in styles[:7]}) == 7

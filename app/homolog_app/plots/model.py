@@ -15,6 +15,7 @@ from matplotlib.textpath import text_to_path
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 
+from homolog.analysis.design import names_reference
 from homolog.arrays import FloatArray
 from homolog_app.rendering.colours import Colours
 from homolog_app.rendering.text import complete_text, shortened
@@ -56,8 +57,8 @@ def new_figure(width: float, height: float, colours: Colours) -> Figure:
 
 
 def group_order(groups: Sequence[str]) -> list[str]:
-    """Return the groups in the order of their colours: by name, subjects without a group last."""
-    return sorted(set(groups), key=lambda name: (not name, name))
+    """Return the groups in the order of their colours: controls, others by name, and those of no group."""
+    return sorted(set(groups), key=lambda name: (not name, not names_reference(name), name))
 
 
 def group_style(index: int, colours: Colours) -> tuple[str, str]:

@@ -25,7 +25,13 @@ from homolog_app.report.patient_texts import reference_rows
 from homolog_app.report.sheets import Sheet, write_sheets
 
 __all__ = [
-    "beyond_limit", "change_sentence", "check_times", "error_text", "expected_sentence", "limit_text",
+    "beyond_limit",
+    "change_sentence",
+    "check_times",
+    "error_text",
+    "expected_sentence",
+    "follow_up_sheets",
+    "limit_text",
     "write_follow_up",
 ]  # fmt: skip
 
@@ -105,11 +111,7 @@ def write_follow_up(
     tick(0.0, "drawing the maps")
     first = follow_up.comparisons[0]
     own = follow_up.surface.placed(inverse_matrices(first.placement))
-    scale = common_limit([change.distance for change in follow_up.changes])
-    rows_of_panels = [
-        change_pictures(first, change.distance, beyond_limit(change, follow_up), scale)
-        for change in follow_up.changes
-    ]
+    rows_of_panels, scale = _pictures(follow_up)
     write_text(folder / "follow_up.html", _page(follow_up, reference, rows_of_panels, scale).html)
     write_sheets(
         folder / "follow_up.pdf", _title(follow_up), _sheets(follow_up, reference, rows_of_panels, scale)
@@ -188,6 +190,21 @@ def _number_text(column: str, value: float | None) -> str:
     if value is None:
         return "none"
     return f"{value:.2f}" if column in _UNSIGNED else signed(value)
+
+
+def follow_up_sheets(follow_up: FollowUp, reference: Reference) -> list[Sheet]:
+    """Return the report's pages of A4."""
+    return _sheets(follow_up, reference, *_pictures(follow_up))
+
+
+def _pictures(follow_up: FollowUp) -> tuple[list[tuple[Panel, ...]], float]:
+    """Return a row of pictures for each later time, and the end of their colour scale [mm]."""
+    scale = common_limit([change.distance for change in follow_up.changes])
+    rows = [
+        change_pictures(follow_up.comparisons[0], change.distance, beyond_limit(change, follow_up), scale)
+        for change in follow_up.changes
+    ]
+    return rows, scale
 
 
 def _sheets(

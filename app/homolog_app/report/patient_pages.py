@@ -38,6 +38,7 @@ __all__ = [
     "change_pictures",
     "first_sheet",
     "map_pictures",
+    "patient_sheets",
     "percentiles_figure",
     "second_sheet",
     "write_pdf",
@@ -172,8 +173,15 @@ def write_pdf(
     InputError
         If the file can't be written.
     """
-    sheets = [first_sheet(comparison, reference, maps), second_sheet(comparison, reference, groups)]
+    sheets = patient_sheets(comparison, reference, maps, groups)
     write_sheets(path, f"Shape of {comparison.name}", sheets)
+
+
+def patient_sheets(
+    comparison: PatientComparison, reference: Reference, maps: MapPictures, groups: Sequence[str] = ()
+) -> list[Sheet]:
+    """Return the report's two pages."""
+    return [first_sheet(comparison, reference, maps), second_sheet(comparison, reference, groups)]
 
 
 def _title(comparison: PatientComparison) -> str:

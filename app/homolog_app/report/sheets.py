@@ -21,7 +21,17 @@ from homolog_app.report import NOTICE
 from homolog_app.report.page import Link, Page
 from homolog_app.report.pdf import Bookmark, EmbeddedFigure, pdf_of
 
-__all__ = ["BOTTOM", "EDGE", "HIGH", "WIDE", "Sheet", "sheets_of", "write_page", "write_sheets"]
+__all__ = [
+    "BOTTOM",
+    "EDGE",
+    "HIGH",
+    "WIDE",
+    "Sheet",
+    "drawn_sheets",
+    "sheets_of",
+    "write_page",
+    "write_sheets",
+]
 
 WIDE, HIGH = 8.27, 11.69
 """Of A4 [inches]."""
@@ -175,12 +185,28 @@ def row_height(cells: Sequence[Sequence[str]]) -> float:
 
 def write_sheets(path: Path, title: str, sheets: Sequence[Sheet], contents: Sequence[Bookmark] = ()) -> None:
     """Write pages to a PDF, whole or not at all; raises InputError if it can't be written."""
+    content = pdf_of(_finished(sheets), title, contents)
+    with atomic_write(path) as part:
+        part.write_bytes(content)
+
+
+def drawn_sheets(sheets: Sequence[Sheet], dpi: float) -> list[Array]:
+    """Return pages as pictures (H, W, 3) of 8 bits, for a printer."""
+    pictures = []
+    for figure in _finished(sheets):
+        figure.set_dpi(dpi)
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        pictures.append(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[:, :, :3]))
+    return pictures
+
+
+def _finished(sheets: Sequence[Sheet]) -> list[Figure]:
+    """Return the figures of pages, with their numbers."""
     for number, sheet in enumerate(sheets, start=1):
         sheet.foot(number, len(sheets))
         complete_texts(sheet.figure)
-    content = pdf_of([sheet.figure for sheet in sheets], title, contents)
-    with atomic_write(path) as part:
-        part.write_bytes(content)
+    return [sheet.figure for sheet in sheets]
 
 
 def write_page(path: Path, page: Page) -> None:

@@ -99,6 +99,8 @@ COMMANDS = (
             "File/Export", "", "particles", "result"),
     Command("export.report", "Report…", "The model and its studies, as HTML and PDF.",
             "File/Export", "", "explore", "result", writes=True),
+    Command("file.print", "Print patient…", "Print the pages of the patient's report, also of a follow-up.",
+            "File", "Ctrl+P", "print", "patient", ends_section=True),
     Command("file.close", "Close project", "Go back to the start page.", "File", "Ctrl+W", "", "study"),
     Command("file.quit", "Quit", "Close the window.", "File", "Ctrl+Q"),
     Command("edit.undo", "Undo", "Undo the last edit of cohort or settings.",

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
-from PySide6.QtGui import QEnterEvent, QKeyEvent, QKeySequence
+from PySide6.QtGui import QEnterEvent, QFocusEvent, QKeyEvent, QKeySequence
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -88,6 +88,12 @@ class _Help(QLabel):
         self.setWordWrap(True)
         self.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.setFixedHeight(_LINES * self.fontMetrics().lineSpacing())
+        self._texts: dict[str, str] = {}
+
+    def show_text(self, reason: str, text: str) -> None:
+        """Show the help for pointer or focus; without a text that for the other, if any."""
+        self._texts[reason] = text
+        self.setText(text or next(filter(None, self._texts.values()), _HINT))
 
 
 class SettingsForm(QWidget):
@@ -105,7 +111,7 @@ class SettingsForm(QWidget):
         self,
         model: type[BaseModel],
         leave_out: tuple[str, ...] = (),
-        help_: QLabel | None = None,
+        help_: _Help | None = None,
         least_px: int = 0,
     ) -> None:
         super().__init__()
@@ -123,7 +129,7 @@ class SettingsForm(QWidget):
                 continue
             row = _Row(parameter, self.name_px)
             row.entered.connect(self._enter)
-            row.helped.connect(self.help.setText)
+            row.helped.connect(self.help.show_text)
             row.marked.connect(self.marked)
             self._rows[parameter.name] = row
             layout.addWidget(row)
@@ -200,7 +206,7 @@ class _Row(QWidget):
     """Label, editor and unit in one line; an error message below."""
 
     entered = Signal(str, object)
-    helped = Signal(str)
+    helped = Signal(str, str)
     marked = Signal()
 
     def __init__(self, parameter: Parameter, name_px: int) -> None:
@@ -230,12 +236,19 @@ class _Row(QWidget):
     def enterEvent(self, event: QEnterEvent) -> None:
         """Show the help of the setting under the pointer."""
         super().enterEvent(event)
-        self.helped.emit(_help(self._parameter))
+        self.helped.emit("pointer", _help(self._parameter))
+
+    def leaveEvent(self, event: QEvent) -> None:
+        """End the help of the setting under the pointer."""
+        super().leaveEvent(event)
+        self.helped.emit("pointer", "")
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Show the help of the setting with focus, and leave Undo and Redo to the study."""
         if event.type() == QEvent.Type.FocusIn:
-            self.helped.emit(_help(self._parameter))
+            self.helped.emit("focus", _help(self._parameter))
+        elif event.type() == QEvent.Type.FocusOut and not self._focus_returns(event):
+            self.helped.emit("focus", "")
         elif event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
             undoes = event.matches(QKeySequence.StandardKey.Undo) or event.matches(
                 QKeySequence.StandardKey.Redo
@@ -244,6 +257,12 @@ class _Row(QWidget):
                 event.ignore()
                 return True
         return super().eventFilter(watched, event)
+
+    @staticmethod
+    def _focus_returns(event: QEvent) -> bool:
+        """Whether the editor loses the focus only to its list or another window."""
+        reasons = (Qt.FocusReason.PopupFocusReason, Qt.FocusReason.ActiveWindowFocusReason)
+        return isinstance(event, QFocusEvent) and event.reason() in reasons
 
     @property
     def _is_half_typed(self) -> bool:

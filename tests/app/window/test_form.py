@@ -77,6 +77,23 @@ def test_the_setting_that_has_the_focus_shows_its_help_and_bounds(qapp):
     made.deleteLater()
 
 
+def test_the_help_of_a_setting_ends_when_pointer_and_focus_have_left(form, qapp):
+    from PySide6.QtCore import QEvent, QPointF, Qt
+    from PySide6.QtGui import QEnterEvent, QFocusEvent
+
+    neutral, smoothing, spacing = form.help.text(), editor(form, "smoothing"), editor(form, "spacing")
+    qapp.sendEvent(smoothing, QFocusEvent(QEvent.Type.FocusIn))
+    focused = form.help.text()
+    here = QPointF()
+    qapp.sendEvent(spacing.parentWidget(), QEnterEvent(here, here, here))
+    assert form.help.text() not in (neutral, focused)
+    qapp.sendEvent(spacing.parentWidget(), QEvent(QEvent.Type.Leave))
+    qapp.sendEvent(smoothing, QFocusEvent(QEvent.Type.FocusOut, Qt.FocusReason.PopupFocusReason))
+    assert form.help.text() == focused
+    qapp.sendEvent(smoothing, QFocusEvent(QEvent.Type.FocusOut, Qt.FocusReason.TabFocusReason))
+    assert form.help.text() == neutral
+
+
 def test_an_empty_field_leaves_the_value_to_the_program(form):
     type_into(form, "spacing", "0,8")
     type_into(form, "spacing", "")

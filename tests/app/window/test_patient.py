@@ -90,6 +90,26 @@ def test_a_dropped_file_is_compared_and_not_added_to_the_study(patient, explored
     assert not explored.commands["patient.save"].isEnabled()
 
 
+def test_the_pages_of_the_report_are_printed_on_whole_sheets(patient, explored, tmp_path, wait, monkeypatch):
+    from PySide6.QtPrintSupport import QPrintDialog
+
+    path, asked = tmp_path / "printed.pdf", []
+
+    def accept(dialog):
+        asked.append(dialog.maxPage())
+        dialog.printer().setOutputFileName(str(path))
+        return QPrintDialog.DialogCode.Accepted
+
+    monkeypatch.setattr(QPrintDialog, "exec", accept)
+    explored.commands["file.print"].trigger()
+    wait(lambda: bool(asked) and not patient.workspace.session.job.is_busy, 300.0)
+    assert asked == [2]
+    content = path.read_bytes()
+    assert content.count(b"/MediaBox") == content.count(b"/Type /Page\n") == 2
+    sides = [float(side) for side in content.split(b"/MediaBox [")[1].split(b"]")[0].split()]
+    assert sides[2:] == pytest.approx([595.0, 842.0], abs=1.0)  # A4 [points]
+
+
 def test_the_page_shows_how_far_its_comparison_is_and_the_status_bar_does_elsewhere(
     page, explored, ellipsoids, wait
 ):

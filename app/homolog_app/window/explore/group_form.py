@@ -52,7 +52,7 @@ class GroupForm(QWidget):
         self.swap.setToolTip("Swap the two groups")
         self.swap.setAccessibleName("Swap the two groups")
         self.swap.clicked.connect(self._swap)
-        self.every = QCheckBox("All pairs of groups (Holm's correction)")
+        self.every = QCheckBox("More than two groups, in pairs (Holm's correction)")
         self.every.setToolTip(
             "Test for any difference, then each two groups; p-values of the whole shape, of particles, of "
             "size and of the discriminant are corrected for their number"

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 __all__ = ["AnswerTable", "GroupPlot", "GroupResults", "SeedAnswers", "StoredAnswers", "correction_sentence"]
 
 
-_HEADS = ("Comparison", "D (95 % CI)", "p", "Surface")
+_HEADS = ("Effect", "D (95 % CI)", "p", "Surface")
 _STORED_HEADS = ("Question", "Effect (95 % CI)", "p")
 _TIPS = (
-    "Second minus first group",
+    "Second minus first group, or the number",
     "Mahalanobis distance of the means, or change per unit of the variable, corrected for bias [SD]",
     "Permutation test of the whole shape; corrected for pairs of groups (Holm) and answers (Bonferroni)",
     f"Share of the surface with p ≤ {LEVEL:g}, corrected over the surface, pairs and answers",

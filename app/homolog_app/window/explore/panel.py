@@ -9,6 +9,7 @@ from typing import TypeVar
 from PySide6.QtCore import QTimer, Signal
 from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QTabBar, QVBoxLayout, QWidget
 
+from homolog.arrays import Array
 from homolog.errors import InputError
 from homolog_app.report.request import StudyRequest
 from homolog_app.report.stored_studies import kept_studies
@@ -22,6 +23,7 @@ from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.page import ExplorePage, ModelCache, OverviewPage
 from homolog_app.window.explore.patient_page import PatientPage
 from homolog_app.window.explore.plot import plots_of
+from homolog_app.window.explore.printing import drawn_report, print_pages
 from homolog_app.window.widgets import GRID, button, label, set_dimmed
 from homolog_app.window.workspace import Controller, Workspace, reported
 
@@ -204,6 +206,7 @@ class ExploreController(Controller):
             "patient.later": lambda: self.add_time(repeats=False),
             "patient.repeat": lambda: self.add_time(repeats=True),
             "patient.save": self.save_patient,
+            "file.print": self.print_patient,
         }
 
     @reported
@@ -339,6 +342,21 @@ class ExploreController(Controller):
         path = self._workspace.files.new(self._window, "Save report as (creates a folder)", "Patient")
         if path:
             self._patient.write(path)
+
+    @reported
+    def print_patient(self) -> None:
+        """Draw the pages of the patient's report, and print them."""
+        page = self._patient
+        if page.comparison is None or page.reference is None:
+            raise InputError("there is no patient yet; choose a file first")
+        draw = partial(drawn_report, page.comparison, page.reference, page.further.groups, page.further.times)
+        take = partial(self._print, f"Shape of {page.comparison.name}")
+        self._workspace.work.compute("report", draw, "drawing the pages", take)
+
+    @reported
+    def _print(self, title: str, pages: Sequence[Array]) -> None:
+        if print_pages(self._window, title, pages):
+            self._workspace.session.noticed.emit(f"{title}: sent to the printer")
 
     def _next_suspect(self) -> None:
         self._workspace.session.show_page(CheckPage.title, "explore")

@@ -42,6 +42,7 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.explore.measure_parts import PercentileBars
 from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.explore.patient_parts import FollowUpPart, PatientForm, region_table, remark_texts
+from homolog_app.window.explore.printing import report_buttons
 from homolog_app.window.form import named_rows
 from homolog_app.window.session import PAGE_OF_JOB
 from homolog_app.window.widgets import (
@@ -114,7 +115,7 @@ class PatientPage(ExplorePage):
         self.bars = PercentileBars(workspace.theme)
         self.regions, self.table = region_table(self)
         self.further = FollowUpPart(workspace, actions)
-        self.save = ActionButton("Save report…", actions["patient.save"])
+        self.save = report_buttons(actions)
         self.progress = Progress(actions["run.cancel"])
         self._lay_out()
         self._connect()

@@ -1,0 +1,111 @@
+"""Printing of a patient's report."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QRectF
+from PySide6.QtGui import QImage, QPageSize, QPainter
+from PySide6.QtWidgets import QHBoxLayout, QWidget
+
+from homolog.arrays import Array
+from homolog.errors import InputError
+from homolog.progress import Tick
+from homolog_app.window.actions import Actions
+from homolog_app.window.widgets import GRID, ActionButton
+
+if TYPE_CHECKING:
+    from PySide6.QtPrintSupport import QPrinter
+
+    from homolog.patient import PatientComparison, Reference
+    from homolog_app.report.patient_texts import GroupRow
+    from homolog_app.views.follow_up import PatientTimes
+
+__all__ = ["draw_pages", "drawn_report", "print_pages", "report_buttons"]
+
+_DPI = 300.0
+
+
+def report_buttons(actions: Actions) -> QWidget:
+    """Return the buttons that save and print a patient's report."""
+    row = QWidget()
+    layout = QHBoxLayout(row)
+    layout.setContentsMargins(0, 0, 0, 0)
+    layout.setSpacing(GRID)
+    for text, name in (("Save report…", "patient.save"), ("Print…", "file.print")):
+        layout.addWidget(ActionButton(text, actions[name]))
+    return row
+
+
+def drawn_report(
+    comparison: "PatientComparison",
+    reference: "Reference",
+    groups: Sequence["GroupRow"],
+    times: "PatientTimes | None",
+    tick: Tick,
+) -> list[Array]:
+    """Return the pages of a patient's report as pictures (H, W, 3): two, and those of a follow-up."""
+    from homolog_app.report.follow_up import follow_up_sheets
+    from homolog_app.report.patient_pages import map_pictures, patient_sheets
+    from homolog_app.report.patient_texts import group_sentence
+    from homolog_app.report.sheets import drawn_sheets
+
+    tick(0.0, "drawing the maps")
+    lines = [group_sentence(row) for row in groups]
+    sheets = patient_sheets(comparison, reference, map_pictures(comparison), lines)
+    if times is not None and times.follow_up is not None:
+        tick(0.3, "drawing the follow-up")
+        sheets += follow_up_sheets(times.follow_up, reference)
+    tick(0.6, "drawing the pages")
+    return drawn_sheets(sheets, _DPI)
+
+
+def print_pages(parent: QWidget, title: str, pages: Sequence[Array]) -> bool:
+    """Ask for a printer and print pages; return whether they were printed.
+
+    Parameters
+    ----------
+    parent : QWidget
+    title : str
+        Of the document in the printer's queue.
+    pages : sequence of (H, W, 3) uint8 arrays
+        Whole sheets of A4 with their margins.
+
+    Raises
+    ------
+    InputError
+        If the printer does not accept the document.
+    """
+    from PySide6.QtPrintSupport import QPrintDialog, QPrinter
+
+    printer = QPrinter(QPrinter.PrinterMode.HighResolution)
+    printer.setDocName(title)
+    printer.setPageSize(QPageSize(QPageSize.PageSizeId.A4))
+    printer.setFullPage(True)
+    dialog = QPrintDialog(printer, parent)
+    dialog.setWindowTitle(f"Print: {title}")
+    dialog.setMinMax(1, len(pages))
+    accepted = dialog.exec() == QPrintDialog.DialogCode.Accepted
+    dialog.deleteLater()
+    if accepted:
+        first, last = printer.fromPage() or 1, printer.toPage() or len(pages)
+        draw_pages(printer, pages[first - 1 : last])
+    return accepted
+
+
+def draw_pages(printer: "QPrinter", pages: Sequence[Array]) -> None:
+    """Draw each page as large as the paper; raises InputError if the printer can't be written to."""
+    painter = QPainter()
+    if not painter.begin(printer):
+        raise InputError(f"{printer.printerName() or printer.outputFileName()}: can't be printed to; choose "
+                         "another printer, or print to a file")  # fmt: skip
+    for number, page in enumerate(pages):
+        if number:
+            printer.newPage()
+        high, wide = page.shape[:2]
+        image = QImage(page.tobytes(), wide, high, 3 * wide, QImage.Format.Format_RGB888)
+        room = QRectF(painter.viewport())
+        scale = min(room.width() / wide, room.height() / high)
+        place = QRectF(0.0, 0.0, scale * wide, scale * high)
+        place.moveCenter(room.center())
+        painter.drawImage(place, image)
+    painter.end()
