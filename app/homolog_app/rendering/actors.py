@@ -151,6 +151,14 @@ class Overview:
         """Whether it is drawn."""
         return bool(self._inset.GetDraw())
 
+    @property
+    def box(self) -> FloatArray:
+        """Its left, lower, right and upper edge in its view, as shares; an empty box if it is not drawn."""
+        left, bottom, right, top = self._renderer.GetViewport()
+        start = np.array([left, bottom, left, bottom])
+        box = (np.array(self._inset.GetViewport()) - start) / np.tile([right - left, top - bottom], 2)
+        return box if self.shown else np.zeros(4)
+
     def paint(self, colours: Colours) -> None:
         """Apply the scheme's colours."""
         self._inset.SetBackground(*rgb(colours.raised))

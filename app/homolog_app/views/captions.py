@@ -24,6 +24,7 @@ _EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
 _FREE, _ROOM, _LEAST = 0.43, 0.97, 4
 _CUT = "…"
 _PLATE = 0.75  # opacity
+_LETTER = 1.8  # room of a letter from its place, in heights of the text
 _WAYS = ("center", "bottom", "top")
 _LINE = 1.2  # line spacing
 
@@ -69,6 +70,15 @@ class Caption:
         if (width, height) != self._fitted:
             self._fitted = width, height
             self._fit(width, height)
+
+    def leave_free(self, places: FloatArray) -> None:
+        """Before each drawing: omit letters on a shape, given as points (n, 2) of the view from 0 to 1."""
+        width, height = self._renderer.GetSize()
+        for actor, edge in zip(self._letters, _EDGES, strict=True):
+            apart = np.abs(places - edge) * (width, height) / actor.GetTextProperty().GetFontSize()
+            covered = bool((apart < _LETTER).all(axis=1).any())
+            actor.GetTextProperty().SetOpacity(0.0 if covered else 1.0)
+            actor.GetTextProperty().SetBackgroundOpacity(0.0 if covered else _PLATE)
 
     def paint(self, colours: Colours) -> None:
         """Apply the scheme's colours; in close-ups texts lie over shapes."""
@@ -120,7 +130,6 @@ class NumberLabels:
         self._renderer = renderer
         self._texts: list[Any] = []
         self._numbers: Numbers | None = None
-        self._plate = (1.0, 1.0, 1.0)
 
     def show(self, numbers: Numbers | None, size: int) -> None:
         """Show numbers of a height in pixels."""
@@ -140,20 +149,27 @@ class NumberLabels:
                 look = text.GetTextProperty()
                 look.SetFontSize(size)
                 look.SetBold(True)
-                look.SetBackgroundColor(*self._plate)
+                look.SetBackgroundColor(1.0, 1.0, 1.0)  # in both schemes: the colours are those of the marks
                 look.SetColor(*(numbers.colours[index] / 255.0).tolist())
 
-    def face(self, right: FloatArray, caption: Any = None) -> None:  # noqa: ANN401 - VTK is untyped
+    def face(
+        self,
+        right: FloatArray,
+        caption: Any = None,  # noqa: ANN401 - VTK is untyped
+        inset: FloatArray | None = None,
+    ) -> None:
         """Before each drawing: place them next to their points, outward of each other.
 
         A number that would cover an earlier one is moved; it is left out if there is no room for it, or if it
-        would cover the caption, which names it too.
+        would cover the caption, which names it too, the inset, a box (4,) of shares of the view, or an edge.
         """
         if self._numbers is None:
             return
         places = self._numbers.places
         outward = np.where((places - places.mean(axis=0)) @ right < 0.0, -1.0, 1.0)
+        room = np.array(self._renderer.GetSize(), dtype=np.float64)
         taken = [] if caption is None else [np.split(self._box(caption), 2)]
+        taken += [] if inset is None else [np.split(inset * np.tile(room, 2), 2)]
         for text, place, side in zip(self._texts, places, outward, strict=False):
             for way, beside in product(_WAYS, (side, -side)):
                 text.GetPositionCoordinate().SetValue(
@@ -162,7 +178,8 @@ class NumberLabels:
                 text.prop.justification_horizontal = "left" if beside > 0.0 else "right"
                 text.prop.justification_vertical = way
                 box = self._box(text)
-                if is_free := not any(
+                is_inside = bool((box[:2] >= 0.0).all() and (box[2:] <= room).all())
+                if is_free := is_inside and not any(
                     (box[:2] < end).all() and (start < box[2:]).all() for start, end in taken
                 ):
                     break
@@ -179,10 +196,6 @@ class NumberLabels:
         low = {"bottom": 0.0, "center": 0.5, "top": 1.0}[text.prop.justification_vertical]
         start = np.array([x - left * size[0], y - low * size[1]])
         return np.concatenate([start, start + size])
-
-    def paint(self, colours: Colours) -> None:
-        """Apply the scheme's colours; call `show` afterwards."""
-        self._plate = rgb(colours.scene)
 
 
 def _text(x: float, y: float) -> pv.Text:

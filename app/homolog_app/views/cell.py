@@ -279,7 +279,6 @@ class ViewCell:
         self.renderer.SetBackground(*rgb(colours.scene))
         self.texts.paint(colours)
         self._bar.paint(colours)
-        self._numbers.paint(colours)
         self.overview.paint(colours)
         self._update()
 
@@ -291,9 +290,16 @@ class ViewCell:
         self._bar.face()
         if self.content is not None:
             self.texts.face(self.content.patient_axes, right, up)
-        self._numbers.face(right, self.texts.caption)
         shown = _some_of(self._placed[name] for name in self._shown if name in self._placed)
         self.overview.face(self.surface_actors, shown, np.stack([right, up, ahead]))
+        self.texts.leave_free(self._in_view(shown) if self.overview.shown else np.empty((0, 2)))
+        self._numbers.face(right, self.texts.caption, self.overview.box)
+
+    def _in_view(self, points: FloatArray) -> FloatArray:
+        """Return where points (n, 3) are seen, (n, 2), from 0 at the left and lower edge to 1."""
+        camera, (width, height) = self.renderer.GetActiveCamera(), self.renderer.GetSize()
+        half = camera.GetParallelScale() * np.array([width / max(height, 1), 1.0])
+        return ((points - camera.GetFocalPoint()) @ self.axes[:2].T / half + 1.0) / 2.0
 
     @property
     def axes(self) -> FloatArray:

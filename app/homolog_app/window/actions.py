@@ -338,7 +338,7 @@ class CommandPalette(QDialog):
             self.accept()
 
 
-_COLUMNS = (("File", "Edit", "Run", "Help"), ("View", "Explore"))
+_COLUMNS = (("File", "Edit", "Help"), ("View",), ("Run", "Explore"))
 
 
 class ShortcutSheet(QDialog):

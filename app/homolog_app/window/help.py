@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QObject, Slot
+from PySide6.QtCore import QObject, Signal, Slot
 from PySide6.QtWidgets import QDialog, QFrame, QHBoxLayout, QMainWindow, QMessageBox, QVBoxLayout
 
 from homolog import __version__
@@ -244,12 +244,14 @@ class Tour(QObject):
         done = last or offer is None or carried_out
         self.card.show_stop(stop, f"{self._at + 1} of {len(self._stops)}", self._at > 0, done, last)
         if offer is not None:
-            self.card.offer.setText(offer.text())
+            self.card.offer.setText(offer.text().replace("&", ""))
             self.card.offer.setEnabled(offer.isEnabled())
 
 
 class _Card(QFrame):
-    """Title and text of one stop, with buttons."""
+    """Title and text of one stop, with buttons; as low as possible, since the views are above it."""
+
+    toggled = Signal()
 
     def __init__(self) -> None:
         super().__init__()
@@ -259,21 +261,24 @@ class _Card(QFrame):
         self.offer, self.back = button(""), button("Back", "flat")
         self.go_on, self.end = button("Next"), button("End tour", "flat")
         head = QHBoxLayout()
-        head.addWidget(self.title)
+        head.setSpacing(GRID)
+        for widget in (self.title, self._number):
+            head.addWidget(widget)
         head.addStretch()
-        head.addWidget(self._number)
-        row = QHBoxLayout()
-        for widget in (self.end, self.back):
-            row.addWidget(widget)
-        row.addStretch()
-        for widget in (self.offer, self.go_on):
-            row.addWidget(widget)
+        for widget in (self.end, self.back, self.offer, self.go_on):
+            head.addWidget(widget)
         layout = QVBoxLayout(self)
-        layout.setContentsMargins(2 * GRID, GRID + 4, 2 * GRID, GRID + 4)
-        layout.setSpacing(GRID)
+        layout.setContentsMargins(2 * GRID, GRID, 2 * GRID, GRID)
+        layout.setSpacing(GRID // 2)
         layout.addLayout(head)
         layout.addWidget(self._text)
-        layout.addLayout(row)
+
+    def setVisible(self, visible: bool) -> None:
+        """Show or hide the card; the window shares its room out anew."""
+        is_new = visible == self.isHidden()
+        super().setVisible(visible)
+        if is_new:
+            self.toggled.emit()
 
     def show_stop(self, stop: Stop, number: str, has_back: bool, done: bool, last: bool) -> None:
         self.title.setText(stop.title)

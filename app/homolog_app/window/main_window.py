@@ -42,9 +42,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Docks", "Inspector", "MainWindow"]
 
-_INSPECTOR, _NARROWEST, _FLATTEST = 452, 376, 192  # pixels
-_WIDTH_SHARE, _HEIGHT_SHARE = 0.25, 0.22
-"""Smallest share of inspector and plots in a large window."""
+_INSPECTOR, _NARROWEST, _FLATTEST, _LOW = 452, 376, 192, 900  # pixels
+_WIDTH_SHARE, _HEIGHT_SHARE, _WIDEST = 0.25, 0.22, 540
+"""Smallest share of inspector and plots in a large window, up to a width that a small screen has."""
 _SIZE, _FRAME = QSize(1440, 900), QSize(8, 40)  # at the first start, and of the system's frame [pixels]
 
 
@@ -139,8 +139,8 @@ class Docks(QObject):
         self._log_dock.setVisible(self._log_dock.isHidden())
         self._log_dock.raise_()
 
-    def show_for(self, open_: bool) -> None:
-        """Show the plots of the open page of *Explore*, or the energies in steps with energies."""
+    def show_for(self, open_: bool, *, tour: bool) -> None:
+        """Show the plots of the open page, or the energies of a run, unless a tour is in a low window."""
         for bar in self._window.findChildren(QTabBar, options=Qt.FindChildOption.FindDirectChildrenOnly):
             bar.setAccessibleName("Below the views")  # Qt makes it when it needs it
         session = self._workspace.session
@@ -154,13 +154,13 @@ class Docks(QObject):
         of_run = session.step == "correspond" or (
             session.step == "explore" and isinstance(page, OverviewPage)
         )
-        wanted = open_ and plots is None and of_run
+        wanted = open_ and plots is None and of_run and not (tour and self._window.height() < _LOW)
         self._curves_dock.setVisible(wanted and (session.job.run is not None or session.result is not None))
 
     def follow_size(self, size: QSize) -> None:
         """Resize inspector and plots with a large window, and give the space back when it shrinks."""
         across, up = Qt.Orientation.Horizontal, Qt.Orientation.Vertical
-        width = max(scaled(_NARROWEST), round(_WIDTH_SHARE * size.width()))
+        width = min(max(scaled(_NARROWEST), round(_WIDTH_SHARE * size.width())), scaled(_WIDEST))
         height = max(_FLATTEST, round(_HEIGHT_SHARE * size.height()))
         for dock, orientation, least in (
             (self._inspector_dock, across, width),
@@ -269,7 +269,7 @@ class MainWindow(QMainWindow):
         opened = is_open and self.views is not None
         if not opened:
             self._middle.setCurrentIndex(0)
-        self.docks.show_for(opened)
+        self.docks.show_for(opened, tour=not self.tour.card.isHidden())
         if opened:  # last, since views are drawn each time that a dock takes some of their room
             self._middle.setCurrentIndex(1)
         self._name_window()
@@ -375,7 +375,7 @@ class MainWindow(QMainWindow):
         for signal in (
             session.study_changed, session.surveys_changed, session.groomed_changed, session.result_changed,
             session.selection_changed, session.project_changed, session.step_changed, session.page_changed,
-            session.undo.indexChanged, session.job_changed,
+            session.undo.indexChanged, session.job_changed, self.tour.card.toggled,
         ):  # fmt: skip
             signal.connect(self.refresh)
         session.job_progressed.connect(self._show_progress)

@@ -28,7 +28,7 @@ from homolog_app.window.form import named_rows
 from homolog_app.window.runner import GarbageCollector
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme
-from homolog_app.window.widgets import GRID, label
+from homolog_app.window.widgets import GRID, label, set_primary
 from homolog_app.window.work import Work
 
 __all__ = ["Controller", "FileDialogs", "Preferences", "PreferencesDialog", "Workspace", "reported"]
@@ -177,6 +177,7 @@ class PreferencesDialog(QDialog):
             QDialogButtonBox.StandardButton.Ok | QDialogButtonBox.StandardButton.Cancel,
             parent=self,  # icons are looked up in its style sheet at once
         )
+        set_primary(buttons.button(QDialogButtonBox.StandardButton.Ok), primary=True)
         buttons.accepted.connect(self.accept)
         buttons.rejected.connect(self.reject)
         layout = QVBoxLayout(self)

@@ -59,6 +59,7 @@ def test_the_numbers_of_two_neighbours_stand_at_either_side_of_them():
 
     window, renderer = vtkRenderWindow(), vtkRenderer()
     window.SetOffScreenRendering(True)
+    window.SetSize(400, 300)
     window.AddRenderer(renderer)
     renderer.GetActiveCamera().SetPosition(0.0, 0.0, 100.0)
     places = np.array([[0.5, 9.0, 0.0], [0.0, 0.0, 4.0]])
@@ -115,7 +116,25 @@ def test_a_number_that_would_cover_the_caption_or_another_number_is_left_out():
     labels.face(right, caption.caption)
     seen = {prop.GetInput().strip(): prop.GetVisibility() for prop in renderer.GetViewProps()}
     assert [seen[str(number)] for number in range(5)] == [1, 1, 0, 0, 0]  # at the right and at the left
+    labels.face(right, caption.caption, np.array([0.5, 0.0, 1.0, 1.0]))  # the inset takes the right half
+    seen = {prop.GetInput().strip(): prop.GetVisibility() for prop in renderer.GetViewProps()}
+    assert [seen[str(number)] for number in range(5)] == [1, 0, 0, 0, 0]
     window.Finalize()
+
+
+def test_a_letter_that_would_lie_on_a_shape_is_left_out():
+    import pyvista as pv
+
+    plotter = pv.Plotter(off_screen=True, window_size=(300, 200))
+    caption = Caption(plotter.renderer)
+    caption.show(["heart_01"], 12, small=False, letters=True)
+    plotter.render_window.Render()
+    caption.face(np.eye(3), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+    for places, hidden in (([[0.5, 0.03], [0.3, 0.5]], {"I"}), ([[0.5, 0.5]], set())):
+        caption.leave_free(np.array(places))
+        letters = [actor for actor in plotter.renderer.GetViewProps() if actor.GetInput() in "RLSI"]
+        assert {actor.GetInput() for actor in letters if not actor.GetTextProperty().GetOpacity()} == hidden
+    plotter.close()
 
 
 def test_neighbours_have_alike_colours_and_opposite_places_do_not():

@@ -140,6 +140,7 @@ def test_a_tour_leads_from_the_sample_to_a_result(
         assert window.workspace.session.step == step
         card.offer.click()
         wait(lambda: card.go_on.isEnabled() and not window.workspace.session.job.is_busy)
+    assert not window.docks.curves.isVisible()  # the card has their room
     for page in pages:
         card.go_on.click()
         assert window.workspace.session.step == "explore"

@@ -223,7 +223,7 @@ class BoxPlot(Plot):
         assert measure is not None
         means = []
         for mean, deviation in zip(measure.means, measure.deviations, strict=True):
-            digits = int(np.clip(-np.floor(np.log10(deviation)), 0, 3)) if deviation > 0.0 else 1
+            digits = int(np.clip(np.ceil(-np.log10(deviation / 2.0)), 0, 3)) if deviation > 0.0 else 1
             spread = f"±\u2009{deviation:.{digits}f}" if np.isfinite(deviation) else ""
             fixed = f"{mean:.{digits}f}"
             means.append((f"{fixed}\u2009{spread}".strip(), f"{fixed}\n{spread}".strip(), short(mean)))
