@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["AnswerTable", "GroupPlot", "GroupResults", "SeedAnswers", "StoredAnswers", "correction_sentence"]
 
 
-_HEADS = ("Effect", "D (95 % CI)", "p", "Surface")
+_HEADS = ("Effect", "D (95 % CI)", "p", "Area")
 _STORED_HEADS = ("Question", "Effect (95 % CI)", "p")
 _TIPS = (
     "Second minus first group, or the number",
