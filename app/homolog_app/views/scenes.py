@@ -366,8 +366,8 @@ def _with_distances(
     scale = replace(scale, low_label="inside it", high_label="outside")
     coloured = []
     for content, item in zip(contents, apart, strict=True):
-        text = " · ".join(part for part in (content.note, distance_text(item)) if part)
-        coloured.append(_coloured(replace(content, note=text), item.signed, scale))
+        notes = (content.note if len(contents) == 1 else "", distance_text(item))  # little room for two
+        coloured.append(_coloured(replace(content, note=" · ".join(filter(None, notes))), item.signed, scale))
     return coloured, scale
 
 
