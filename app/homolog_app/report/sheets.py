@@ -195,7 +195,7 @@ def drawn_sheets(sheets: Sequence[Sheet], dpi: float) -> list[Array]:
     pictures = []
     for figure in _finished(sheets):
         figure.set_dpi(dpi)
-        canvas = FigureCanvasAgg(figure)
+        canvas: Any = FigureCanvasAgg(figure)  # matplotlib does not type it
         canvas.draw()
         pictures.append(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[:, :, :3]))
     return pictures

@@ -299,7 +299,8 @@ class ViewCell:
         """Return where points (n, 3) are seen, (n, 2), from 0 at the left and lower edge to 1."""
         camera, (width, height) = self.renderer.GetActiveCamera(), self.renderer.GetSize()
         half = camera.GetParallelScale() * np.array([width / max(height, 1), 1.0])
-        return ((points - camera.GetFocalPoint()) @ self.axes[:2].T / half + 1.0) / 2.0
+        apart = (points - np.array(camera.GetFocalPoint())) @ self.axes[:2].T
+        return np.asarray((apart / half + 1.0) / 2.0, dtype=np.float64)
 
     @property
     def axes(self) -> FloatArray:

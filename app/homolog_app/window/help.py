@@ -262,8 +262,8 @@ class _Card(QFrame):
         self.go_on, self.end = button("Next"), button("End tour", "flat")
         head = QHBoxLayout()
         head.setSpacing(GRID)
-        for widget in (self.title, self._number):
-            head.addWidget(widget)
+        head.addWidget(self.title)
+        head.addWidget(self._number)
         head.addStretch()
         for widget in (self.end, self.back, self.offer, self.go_on):
             head.addWidget(widget)
