@@ -350,8 +350,12 @@ class ExploreController(Controller):
         if page.comparison is None or page.reference is None:
             raise InputError("there is no patient yet; choose a file first")
         draw = partial(drawn_report, page.comparison, page.reference, page.further.groups, page.further.times)
-        take = partial(self._print, f"Shape of {page.comparison.name}")
+        take = partial(self._print_later, f"Shape of {page.comparison.name}")
         self._workspace.work.compute("report", draw, "drawing the pages", take)
+
+    def _print_later(self, title: str, pages: Sequence[Array]) -> None:
+        """Ask for the printer once the job has ended."""
+        QTimer.singleShot(0, self._window, lambda: self._print(title, pages))
 
     @reported
     def _print(self, title: str, pages: Sequence[Array]) -> None:
