@@ -13,8 +13,8 @@ __all__ = ["DoneFraction", "StagePlan", "Weights", "particle_counts", "plan_stag
 STEP_FRACTION = 0.5  # tau over the squared Parzen width
 STEP_DECAY_ITERATIONS = 400  # over which tau decays to e^-3 in the last stage
 EXPECTED_SETTLING = 120  # iterations until the last stage converges, mostly
-TABLES_COST = 0.45e5  # of the geodesic tables of one level of detail [updates of a particle], for estimates
-REGISTRATION_COST = 0.5e5  # of the first particles
+TABLES_COST = 0.65e5  # of the geodesic tables of one level of detail [updates of a particle], for estimates
+REGISTRATION_COST = 0.8e5  # of the first particles
 MIN_FINE_PARTICLES = 300  # from which the fine meshes are used; the coarse ones have 1500 vertices
 MAX_INITIAL_PARTICLES = 256  # initialized by registration; the others come from splitting
 MEAN_WEIGHT = 0.02  # of the squared distance to the mean shape in the first stage [1 / squared length]
@@ -78,7 +78,7 @@ class StagePlan:
     @property
     def expected_cost(self) -> float:
         """Processor time for estimates of the remaining time [updates of a particle], for one shape."""
-        return self.expected_iterations * (self.count + 32.0)
+        return self.expected_iterations * (self.count + 100.0)
 
     def weights(self, iteration: int) -> Weights:
         """Return the weights of one of the stage's iterations."""
