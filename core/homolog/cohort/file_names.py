@@ -10,11 +10,11 @@ from homolog.cohort.sides import is_side
 from homolog.cohort.subject import IMAGE_SUFFIXES, MESH_SUFFIXES, stem_of, suffix_of
 
 __all__ = [
+    "are_groups",
     "are_times",
     "best_label_maps",
     "copies_among",
     "corrected",
-    "is_group",
     "is_picture",
     "is_site",
     "kinds_before_numbers",
@@ -63,6 +63,25 @@ _GROUPS = frozenset([
 ])
 # fmt: on
 """Words in the names of folders of groups."""
+_PEOPLE = frozenset(
+    [
+        "cases",
+        "control",
+        "controls",
+        "ctl",
+        "ctrl",
+        "gesund",
+        "gesunde",
+        "hc",
+        "healthy",
+        "kontrollen",
+        "kontrollgruppe",
+        "normals",
+        "patienten",
+        "patients",
+    ]
+)
+"""Words that tell that a folder, and so those next to it, are groups whatever else their names say."""
 _TIME = re.compile(
     r"(day|frame|month|phase|ses|session|time|timepoint|tp|visit|week|year)\d{1,4}"
     r"|(19|20)\d\d[01]\d[0-3]\d|baseline|diastole|ed|es|followup|post|postop|pre|preop|systole"
@@ -113,7 +132,7 @@ def copies_among(files: Sequence[Path]) -> list[Path]:
     return [file for file in files if suffix_of(file) in MESH_SUFFIXES and first[stem_of(file)] != file]
 
 
-def is_group(name: str) -> bool:
+def _is_group(name: str) -> bool:
     """Return whether a folder's name is that of a group: ``patients``, ``train``, ``pre``."""
     tokens = _words(name)
     if is_site(name):
@@ -121,6 +140,11 @@ def is_group(name: str) -> bool:
     return bool(tokens) and all(
         word in _GROUPS or word in _MODALITIES or _TIME.fullmatch(word) for word in tokens
     )
+
+
+def are_groups(names: Sequence[str]) -> bool:
+    """Return whether folders next to each other are groups: ``Controls`` and ``Hip dysplasia``."""
+    return all(map(_is_group, names)) or any(not _PEOPLE.isdisjoint(_words(name)) for name in names)
 
 
 def is_site(name: str) -> bool:

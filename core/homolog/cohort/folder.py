@@ -8,10 +8,10 @@ from pathlib import Path
 
 from homolog.cohort.dicom import holds_dicom, is_dicom_seg, series_below, series_of
 from homolog.cohort.file_names import (
+    are_groups,
     are_times,
     copies_among,
     corrected,
-    is_group,
     is_site,
     kinds_before_numbers,
     known_files,
@@ -302,12 +302,12 @@ def _of_parts(folder: Path, parts: Sequence[Path]) -> Cohort:
     """Return the cohort of folders with several subjects each: sides, groups, or structures."""
     if sides := sides_among([item.name for item in parts]):
         return _of_sides(folder, {item: sides[item.name] for item in parts})
-    if all(is_group(item.name) for item in parts) or all(map(_has_label_folder, parts)):
+    if are_groups([item.name for item in parts]) or all(map(_has_label_folder, parts)):
         return _of_groups(folder, parts)
     owned = {item: owned_files(item) for item in parts}
     if _are_structures(owned):
         owners = sorted({name for files in owned.values() for name in files})
-        note = f"the folders {_listed([item.name for item in parts])} were taken as structures"
+        note = f"the folders {_listed([item.name for item in parts])} were taken as structures; a cohort.csv can name groups"
         return Cohort(tuple(Subject(name, folder / name) for name in owners), folder, (note,))
     names = Counter(
         owner

@@ -129,7 +129,10 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     key = max(keys, key=lambda item: sum(map(bool, candidates[item])))
     named_by = candidates[key]
     if not any(named_by):
-        raise InputError(f"{path}: its column {key!r} names none of the subjects, such as {subjects[0].name}")
+        raise InputError(
+            f"{path}: its column {key!r} names none of the subjects, such as {subjects[0].name}; enter their "
+            "names there, or their files in a column path"
+        )
     single = {names[0] for names in named_by if len(names) == 1}
     named_by = [
         names if len(names) == 1 else tuple(name for name in names if name not in single)

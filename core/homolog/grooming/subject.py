@@ -14,7 +14,7 @@ from homolog.grooming.images import Segmentation, read_segmentation
 from homolog.grooming.levels import MANY_CROSSED, USUAL_NODES, edges_crossed, level_of_voxels
 from homolog.grooming.missing_slices import with_missing_slices
 from homolog.grooming.structures import mask_of, masks_of
-from homolog.grooming.triangles import check_triangles, deviation, level_of_triangles
+from homolog.grooming.triangles import check_triangles, level_of_triangles, notes_on_groomed
 from homolog.memory import Store
 from homolog.settings import GroomSettings
 from homolog.surfaces.distance_field import DistanceField
@@ -248,7 +248,7 @@ def groom(name: str, source: Source, settings: GroomSettings) -> GroomedSubject:
 
 def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubject:
     notes: list[str] = []
-    surface = None
+    solid = None
     if isinstance(source, Segmentation):
         source, completed = with_missing_slices(source)
         notes += [*source.notes, *completed]
@@ -263,7 +263,7 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
     else:
         solid = level_of_triangles(source, settings)
         dropped, filled, borders = solid.pieces_dropped, solid.holes_filled, ()
-        volume, surface = solid.volume, solid.surface
+        volume = solid.volume
         notes += solid.notes
         field, further, loose = distance_field(solid.level, settings.smoothing, settings.tunnels)
     mesh = isosurface(field, settings.mesh_edge, settings.adaptive_mesh)
@@ -273,8 +273,8 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
             "(mesh edge), or exclude it"
         )
     check_mesh(mesh, name)
-    if surface is not None:
-        notes.append(deviation(surface, mesh))
+    if solid is not None:
+        notes += notes_on_groomed(solid, mesh)
     if isinstance(source, Segmentation):
         _refuse_lost(mesh.volume / clean.segmentation.volume, settings)
         notes += _kept(mesh.volume / volume, dropped, loose)

@@ -14,7 +14,7 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.solid import Solid, clusters, solid_of
 from homolog.surfaces.topology import check_mesh, face_components, without_cavities
 
-__all__ = ["Triangles", "check_triangles", "deviation", "level_of_triangles"]
+__all__ = ["Triangles", "check_triangles", "level_of_triangles", "notes_on_groomed"]
 
 _CRUMBS = 0.05
 """Of the area: pieces of at most this are dropped untested if there is a sound one."""
@@ -29,6 +29,8 @@ _PIECE = 1e-3
 """Of the largest solid: a piece with fewer nodes is an artefact of the grid."""
 _END = 0.1
 """Of the diagonal: a wider opening with a flat rim is reported as an end that was cut off."""
+_CLOSING = 0.2
+"""Of the groomed surface: a larger part that closes openings is reported."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +47,10 @@ class Triangles:
         Separate pieces that were removed; openings that were closed.
     surface : TriangleMesh or None
         The repaired mesh; None if nothing had to be repaired.
+    own_area : float
+        Of its faces from the file [mm²]; the others close openings.
+    is_closed : bool
+        Whether its faces leave no opening.
     notes : tuple of str
         Sentences for the user on what was done.
     """
@@ -54,6 +60,8 @@ class Triangles:
     pieces_dropped: int
     holes_filled: int
     surface: TriangleMesh | None
+    own_area: float
+    is_closed: bool
     notes: tuple[str, ...]
 
 
@@ -106,7 +114,7 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
             (largest.volume < 0.0, "all faces pointed inward and were flipped"),
         ]
         notes = tuple(note for is_true, note in said if is_true)
-        return Triangles(level, abs(mesh.volume), dropped, 0, None, notes)
+        return Triangles(level, abs(mesh.volume), dropped, 0, None, largest.area, True, notes)
     labels = clusters(mesh) if settings.pieces is Pieces.LARGEST else np.zeros(len(mesh.faces), np.int64)
     solid = solid_of(_chosen(mesh, labels == 0))
     if not solid.bounds.any():
@@ -132,19 +140,39 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
         )
     _check_share(share, dropped + 1)
     notes = _notes(solid, touching, dropped, share)
-    surface = _chosen(solid.mesh, touching & solid.bounds)
-    return Triangles(level, volume, dropped, len(solid.rims), surface, notes)
+    kept = touching & solid.bounds
+    own_area = float(area[kept & ~solid.is_cap].sum())
+    surface = _chosen(solid.mesh, kept)
+    return Triangles(level, volume, dropped, len(solid.rims), surface, own_area, solid.is_closed, notes)
 
 
-def deviation(surface: TriangleMesh, groomed: TriangleMesh) -> str:
-    """Return a note on how far a groomed surface is from the repaired one that it was made of."""
-    there = distances_to(surface, groomed.vertices)
+def notes_on_groomed(solid: Triangles, groomed: TriangleMesh) -> list[str]:
+    """Return notes on how far a groomed surface is from the repaired one, and how much of it closes openings.
+
+    Where the repaired surface has openings, distances are measured from it only.
+    """
+    surface = solid.surface
+    if surface is None:
+        return []
     back = distances_to(groomed, surface.vertices[surface.faces].mean(axis=1))
-    return (
-        f"the groomed surface is {there.mean():.2g} mm from the repaired one on average and "
-        f"{there.max():.2g} mm at most; measured from the repaired one, {back.mean():.2g} and "
-        f"{back.max():.2g} mm"
-    )
+    notes = [
+        f"the repaired surface is {back.mean():.2g} mm from the groomed one on average and {back.max():.2g} mm "
+        "at most"
+    ]
+    if solid.is_closed:
+        there = distances_to(surface, groomed.vertices)
+        notes = [
+            f"the groomed surface is {there.mean():.2g} mm from the repaired one on average and "
+            f"{there.max():.2g} mm at most; measured from the repaired one, {back.mean():.2g} and "
+            f"{back.max():.2g} mm"
+        ]
+    closing = 1.0 - solid.own_area / groomed.area
+    if closing > _CLOSING and (solid.holes_filled or not solid.is_closed):
+        notes.append(
+            f"{100.0 * closing:.0f} % of the groomed surface closes openings of the mesh and shows no anatomy; "
+            "particles lie there too"
+        )
+    return notes
 
 
 _NOTHING = "the mesh encloses no volume; export the complete surface, closed or with small openings"

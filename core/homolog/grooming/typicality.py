@@ -11,10 +11,11 @@ from homolog.progress import Tick
 __all__ = ["by_typicality", "medoid", "odd_ones", "radii_of"]
 
 _QUANTILES = np.linspace(0.02, 0.98, 25)
-_ODD, _LEAST_TYPICAL = 1.5, 0.06
+_ODD, _LEAST_TYPICAL = 1.8, 0.06
 """Times the median distance from the most typical shape, or times this one: from where on a shape is far."""
-_ALIKE = 3
-"""Shapes that one is compared with before it is odd."""
+_ALIKE, _NEAR = 8, 2
+"""Shapes that one is compared with before it is odd, those with the most similar radii first; how many of them
+are near if it is not."""
 
 
 def radii_of(oriented_shapes: Sequence[OrientedPoints]) -> FloatArray:
@@ -41,9 +42,9 @@ def odd_ones(
     register_freely: Callable[[OrientedPoints, OrientedPoints], Fit],
     tick: Tick,
 ) -> set[int]:
-    """Return the indices of shapes far from the most typical one and from most of those they resemble most.
+    """Return the indices of shapes far from the most typical one and from all, or all but one, of the others.
 
-    A shape that merely varies much is close to some others.
+    A shape that merely varies much is near some others; two of another organ are near each other only.
 
     Parameters
     ----------
@@ -60,8 +61,12 @@ def odd_ones(
     for index in np.flatnonzero(distances > far).tolist():
         alike = np.argsort(np.abs(radii - radii[index]).sum(axis=1), kind="stable").tolist()
         alike.remove(index)
-        tick(1.0, "aligning")
-        near = [register_freely(shapes[index], shapes[k]).distance for k in alike[:_ALIKE]]
-        if np.median(near) > far:
+        near = 0
+        for other in alike[:_ALIKE]:
+            tick(1.0, "aligning")
+            near += register_freely(shapes[index], shapes[other]).distance <= far
+            if near == _NEAR:
+                break
+        else:
             odd.add(index)
     return odd

@@ -54,6 +54,8 @@ class Solid:
         Oriented outward, with the caps; parts may cross each other.
     bounds : (F,) bool array
         Which of its faces have the solid on one side and the outside on the other.
+    is_cap : (F,) bool array
+        Which of its faces close an opening.
     is_closed : bool
         Whether every side of a face meets one of another face.
     rims : (R,) float64 array
@@ -68,6 +70,7 @@ class Solid:
 
     mesh: TriangleMesh
     bounds: BoolArray
+    is_cap: BoolArray
     is_closed: bool
     rims: FloatArray
     open_length: float
@@ -117,6 +120,7 @@ def solid_of(mesh: TriangleMesh) -> Solid:
     return Solid(
         solid,
         bounds,
+        np.flatnonzero(~hidden) >= len(faces),
         len(left) == 0,
         np.sort(rims)[::-1],
         float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).sum()),

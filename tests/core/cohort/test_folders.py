@@ -67,10 +67,13 @@ def test_a_folder_for_each_structure_of_the_same_subjects_gives_their_structures
     assert mask_files(cohort.subjects[0].path)["spleen"] == tmp_path / names[3]
 
 
-def test_folders_of_groups_may_have_files_of_the_same_names(tmp_path, cohort_of):
-    cohort = cohort_of(tmp_path, *(f"{group}/s{i}.stl" for group in ("controls", "patients") for i in (1, 2)))
+@pytest.mark.parametrize(
+    "groups", [("controls", "patients"), ("Control Group", "Patients (AD)"), ("Kontrollen", "Hip dysplasia")]
+)
+def test_folders_of_groups_may_have_files_of_the_same_names(tmp_path, groups, cohort_of):
+    cohort = cohort_of(tmp_path, *(f"{group}/s{i}.stl" for group in groups for i in (1, 2)))
     assert {subject.name: subject.group for subject in cohort.subjects} == {
-        f"s{i}_{group}": group for group in ("controls", "patients") for i in (1, 2)
+        f"s{i}_{group}": group for group in groups for i in (1, 2)
     }
 
 

@@ -183,6 +183,7 @@ def test_a_shape_that_is_far_from_the_typical_one_but_near_others_is_not_odd(coa
         return odd_ones([shapes[k] for k in chosen], distances[chosen], registered, no_tick)
 
     assert odd([0, 1, 2, 3, 4, 5]) == {5}
+    assert odd([0, 1, 2, 3, 4, 5, 6]) == {5, 6}  # two of another organ
     assert odd([0, 1, 2, 3, 4, 5, 6, 7]) == set()
 
 

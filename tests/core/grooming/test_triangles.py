@@ -1,5 +1,7 @@
 """Meshes as people have them: each is the same ellipsoid, damaged in another way."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -177,6 +179,24 @@ def test_a_shaft_cut_off_is_closed_flat_at_its_rim_and_noted(egg, tmp_path):
     assert result.mesh.vertices[:, 0].max() < 7.5
     inner = end & (np.linalg.norm(result.mesh.vertices[:, 1:] / [13.1, 9.4], axis=1) < 0.7)
     assert np.abs(result.mesh.vertices[inner, 0] - 7.0).max() < 0.3
+
+
+@pytest.mark.parametrize("wave", [0.0, 3.0])
+def test_a_note_says_how_much_of_a_sheet_that_was_closed_is_in_no_file(egg, tmp_path, wave):
+    half = egg.faces[(egg.vertices[egg.faces][..., 2] > -0.2).all(axis=1)]
+    used, faces = np.unique(half, return_inverse=True)
+    vertices = egg.vertices[used].copy()  # a wavy rim is not closed flat
+    vertices[:, 2] += wave * np.cos(3.0 * np.arctan2(vertices[:, 1] / 14.0, vertices[:, 0] / 20.0))
+    write_mesh(tmp_path / "sheet.ply", TriangleMesh(vertices, faces.reshape(-1, 3)))
+    result = groom_subject(Subject("sheet", tmp_path / "sheet.ply"), SETTINGS)
+    share = next(note for note in result.report.notes if "no anatomy" in note)
+    own = TriangleMesh(vertices, faces.reshape(-1, 3)).area
+    assert float(share.split(" %")[0]) == pytest.approx(100.0 * (1.0 - own / result.mesh.area), abs=1.0)
+    assert any("rims" in note for note in result.report.notes)
+    largest = max(
+        float(number) for number in re.findall(r"([\d.]+) mm at most", " ".join(result.report.notes))
+    )
+    assert largest < 2.0  # what closes an opening is no error
 
 
 @pytest.mark.parametrize(("depth", "openings"), [(3.0, 1), (6.0, 0)])
