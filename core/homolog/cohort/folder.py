@@ -307,7 +307,8 @@ def _of_parts(folder: Path, parts: Sequence[Path]) -> Cohort:
     owned = {item: owned_files(item) for item in parts}
     if _are_structures(owned):
         owners = sorted({name for files in owned.values() for name in files})
-        note = f"the folders {_listed([item.name for item in parts])} were taken as structures; a cohort.csv can name groups"
+        listed = _listed([item.name for item in parts])
+        note = f"the folders {listed} were taken as structures; if they are groups, give a cohort.csv"
         return Cohort(tuple(Subject(name, folder / name) for name in owners), folder, (note,))
     names = Counter(
         owner

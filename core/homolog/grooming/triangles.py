@@ -156,8 +156,8 @@ def notes_on_groomed(solid: Triangles, groomed: TriangleMesh) -> list[str]:
         return []
     back = distances_to(groomed, surface.vertices[surface.faces].mean(axis=1))
     notes = [
-        f"the repaired surface is {back.mean():.2g} mm from the groomed one on average and {back.max():.2g} mm "
-        "at most"
+        f"the repaired surface is {back.mean():.2g} mm from the groomed one on average and "
+        f"{back.max():.2g} mm at most"
     ]
     if solid.is_closed:
         there = distances_to(surface, groomed.vertices)
@@ -169,8 +169,8 @@ def notes_on_groomed(solid: Triangles, groomed: TriangleMesh) -> list[str]:
     closing = 1.0 - solid.own_area / groomed.area
     if closing > _CLOSING and (solid.holes_filled or not solid.is_closed):
         notes.append(
-            f"{100.0 * closing:.0f} % of the groomed surface closes openings of the mesh and shows no anatomy; "
-            "particles lie there too"
+            f"{100.0 * closing:.0f} % of the groomed surface closes openings of the mesh and shows no "
+            "anatomy; particles lie there too"
         )
     return notes
 

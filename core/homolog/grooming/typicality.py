@@ -14,8 +14,8 @@ _QUANTILES = np.linspace(0.02, 0.98, 25)
 _ODD, _LEAST_TYPICAL = 1.8, 0.06
 """Times the median distance from the most typical shape, or times this one: from where on a shape is far."""
 _ALIKE, _NEAR = 8, 2
-"""Shapes that one is compared with before it is odd, those with the most similar radii first; how many of them
-are near if it is not."""
+"""Shapes that one is compared with before it is odd, those with the most similar radii first; how many of
+them are near if it is not."""
 
 
 def radii_of(oriented_shapes: Sequence[OrientedPoints]) -> FloatArray:
