@@ -140,9 +140,9 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
         )
     _check_share(share, dropped + 1)
     notes = _notes(solid, touching, dropped, share)
-    kept = touching & solid.bounds
-    own_area = float(area[kept & ~solid.is_cap].sum())
-    surface = _chosen(solid.mesh, kept)
+    used = touching & solid.bounds
+    own_area = float(area[used & ~solid.is_cap].sum())
+    surface = _chosen(solid.mesh, used)
     return Triangles(level, volume, dropped, len(solid.rims), surface, own_area, solid.is_closed, notes)
 
 
