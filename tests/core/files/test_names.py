@@ -1,6 +1,6 @@
 import re
 
-from hypothesis import example, given
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from homolog.files.names import checked_stem, file_stems
@@ -20,6 +20,7 @@ def test_paths_and_device_names_lose_their_meaning():
     ]  # fmt: skip
 
 
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])  # of a busy machine
 @given(st.lists(st.text(), max_size=8))
 def test_any_names_give_distinct_stems_that_stay_in_their_folder(names):
     stems = file_stems(names)
@@ -27,6 +28,7 @@ def test_any_names_give_distinct_stems_that_stay_in_their_folder(names):
     assert all(re.fullmatch(r"[\w-][\w.-]*", stem) and not stem.endswith(".") for stem in stems)
 
 
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])  # of a busy machine
 @given(st.lists(st.text(min_size=1, max_size=150), max_size=5))
 @example(["-1", "a²", "½", "-", "con", "x" * 150, "x" * 149])
 def test_records_take_every_stem(names):

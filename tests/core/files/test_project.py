@@ -117,7 +117,10 @@ def test_a_result_cannot_name_one_file_twice():
         result_of("a", "b", files=["x", "X"])
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    deadline=None,  # of a busy machine
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
 @given(
     st.one_of(
         st.binary(max_size=200),
