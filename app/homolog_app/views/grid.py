@@ -22,6 +22,7 @@ __all__ = ["Grid", "drawn"]
 
 _GAP = 0.0015
 _FEW = 4
+_DPI = 72  # sizes of texts are pixels; the window of pyvistaqt scales them a second time on fine screens
 _TEXT_PX = {1: 16, 4: 15, 9: 13}  # by the largest number of views
 _TYPICAL = 500  # subjects whose mean gives particles their colours, at most
 _LETTER = 0.55  # width of a letter by its height, about
@@ -211,6 +212,7 @@ class Grid:
         return self.clip and self.clip.model_copy(update={"box": self.clip.box or self._box})
 
     def _before_drawing(self, *_: object) -> None:
+        self._window.SetDPI(_DPI)
         bounds = self.bounds
         if bounds is not None:
             for cell in self.cells[: self.count]:

@@ -54,6 +54,26 @@ def test_views_that_a_larger_layout_adds_look_from_where_the_first_one_does():
         assert len(set(cameras)) == (1 if linked else layout)
 
 
+def test_texts_keep_their_size_where_the_window_scales_them_by_the_screen(ball):
+    from vtkmodules.vtkRenderingCore import vtkRenderWindow
+
+    window = vtkRenderWindow()
+    window.SetOffScreenRendering(True)
+    window.SetSize(400, 300)
+    grid, heights = Grid(window), []
+    grid.take(ViewContents([Content("heart_01", None, ball, None, np.eye(4))]))
+    grid.show_page(0)
+    for dpi in (72, 144):
+        window.SetDPI(dpi)
+        window.Render()
+        size = [0.0, 0.0]
+        grid.cells[0].texts.caption.GetSize(grid.cells[0].renderer, size)
+        heights.append(size[1])
+    grid.close()
+    window.Finalize()
+    assert heights[1] == heights[0]
+
+
 def test_the_numbers_of_two_neighbours_stand_at_either_side_of_them():
     from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
 
