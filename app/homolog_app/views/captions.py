@@ -9,7 +9,11 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
-from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D  # pyvista has no flat actors
+from vtkmodules.vtkRenderingCore import (
+    vtkActor2D,
+    vtkCoordinate,
+    vtkPolyDataMapper2D,
+)  # pyvista has no flat actors
 
 from homolog.arrays import FloatArray
 from homolog_app.rendering.camera import round_length
@@ -25,6 +29,7 @@ _FREE, _ROOM, _LEAST = 0.43, 0.97, 4
 _CUT = "…"
 _PLATE = 0.75  # opacity
 _LETTER = 1.8  # room of a letter from its place, in heights of the text
+_MARK = 0.35  # radius of a point's mark, in distances of its number
 _WAYS = ("center", "bottom", "top")
 _LINE = 1.2  # line spacing
 
@@ -160,8 +165,9 @@ class NumberLabels:
     ) -> None:
         """Before each drawing: place them next to their points, outward of each other.
 
-        A number that would cover an earlier one is moved; it is left out if there is no room for it, or if it
-        would cover the caption, which names it too, the inset, a box (4,) of shares of the view, or an edge.
+        A number that would cover another one or a point is moved; it is left out if there is no room for it,
+        or if it would cover the caption, which names it too, the inset, a box (4,) of shares of the view, or
+        an edge.
         """
         if self._numbers is None:
             return
@@ -170,8 +176,9 @@ class NumberLabels:
         room = np.array(self._renderer.GetSize(), dtype=np.float64)
         taken = [] if caption is None else [np.split(self._box(caption), 2)]
         taken += [] if inset is None else [np.split(inset * np.tile(room, 2), 2)]
+        taken += [self._mark(place, _MARK * self._numbers.beside * right) for place in places]
         for text, place, side in zip(self._texts, places, outward, strict=False):
-            for way, beside in product(_WAYS, (side, -side)):
+            for beside, way in product((side, -side), _WAYS):
                 text.GetPositionCoordinate().SetValue(
                     *(place + self._numbers.beside * beside * right).tolist()
                 )
@@ -186,6 +193,18 @@ class NumberLabels:
             text.SetVisibility(is_free)
             if is_free:
                 taken.append(np.split(box, 2))
+
+    def _mark(self, place: FloatArray, reach: FloatArray) -> list[FloatArray]:
+        """Return the lower left and upper right corner of a point's mark in the view [pixels]."""
+        at, beside = (self._in_view(point) for point in (place, place + reach))
+        radius = np.linalg.norm(beside - at)
+        return [at - radius, at + radius]
+
+    def _in_view(self, place: FloatArray) -> FloatArray:
+        coordinate = vtkCoordinate()
+        coordinate.SetCoordinateSystemToWorld()
+        coordinate.SetValue(*place.tolist())
+        return np.array(coordinate.GetComputedDoubleViewportValue(self._renderer)[:2])
 
     def _box(self, text: Any) -> FloatArray:  # noqa: ANN401 - VTK is untyped
         """Return left, lower, right and upper edge of a text in the view [pixels]."""

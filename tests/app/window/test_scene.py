@@ -81,11 +81,11 @@ def test_the_numbers_of_two_neighbours_stand_at_either_side_of_them():
     window.SetOffScreenRendering(True)
     window.SetSize(400, 300)
     window.AddRenderer(renderer)
-    renderer.GetActiveCamera().SetPosition(0.0, 0.0, 100.0)
     places = np.array([[0.5, 9.0, 0.0], [0.0, 0.0, 4.0]])
     labels = NumberLabels(renderer)
     labels.show(Numbers(np.array([3, 7]), places, np.zeros((2, 3), np.uint8), 2.0), 12)
     for right, at in (((1.0, 0.0, 0.0), [2.5, -2.0]), ((-1.0, 0.0, 0.0), [2.5, -2.0])):
+        renderer.GetActiveCamera().SetPosition(0.0, 0.0, 100.0 * right[0])
         labels.face(np.array(right))
         texts = list(renderer.GetViewProps())
         assert [text.GetPositionCoordinate().GetValue()[0] for text in texts] == at
@@ -139,6 +139,11 @@ def test_a_number_that_would_cover_the_caption_or_another_number_is_left_out():
     labels.face(right, caption.caption, np.array([0.5, 0.0, 1.0, 1.0]))  # the inset takes the right half
     seen = {prop.GetInput().strip(): prop.GetVisibility() for prop in renderer.GetViewProps()}
     assert [seen[str(number)] for number in range(5)] == [1, 0, 0, 0, 0]
+    places = np.array([[-0.6, 0.0, 0.0], [-0.3, 0.0, 0.0]])  # no room between the points, and an inset beyond
+    labels.show(Numbers(np.array([8, 9]), places, np.zeros((2, 3), np.uint8), 0.2), 12)
+    labels.face(right, caption.caption, np.array([0.25, 0.0, 1.0, 1.0]))
+    seen = {prop.GetInput().strip(): prop.GetVisibility() for prop in renderer.GetViewProps()}
+    assert (seen["8"], seen["9"]) == (1, 0)
     window.Finalize()
 
 
