@@ -9,7 +9,8 @@ differences, proportions, sizes up to 1.5-fold, poses; some are left and some ri
 noisy label maps or as meshes, clean or damaged. FOLDER/COHORT gets the files and FOLDER/COHORT.project the
 result. Printed is a row a cohort: how the run ended, suspects of `homolog check`, the errors of particles
 against the known correspondence (in spacings), and processor time. With --poses the undamaged surfaces are
-registered only: printed is by what angles shapes are turned against the true correspondence [degrees].
+registered only: printed is by what angles shapes are turned against the true correspondence [degrees], and
+how many get the note that they do not look like the others.
 """
 
 import argparse
@@ -209,7 +210,7 @@ def command(*words):
 
 
 def wrong_turns(name, seed):
-    """Return by what angles registration alone turns shapes against most others [degrees]."""
+    """Return by what angles registration alone turns shapes against most others [degrees], and odd ones."""
     kind, rng = COHORTS[name], np.random.default_rng([seed, zlib.crc32(name.encode())])
     meshes = [
         solids.flipped(TriangleMesh(mesh.vertices * [-1.0, 1.0, 1.0], mesh.faces))
@@ -218,11 +219,13 @@ def wrong_turns(name, seed):
         for subject, mesh in subjects(kind, rng)
     ]
     groomed = [SimpleNamespace(name="", coarse_mesh=simplified(mesh, 1500)) for mesh in meshes]
-    poses = register(groomed, GroomSettings()).alignments
+    registered = register(groomed, GroomSettings())
+    odd = sum("does not look like" in (note or "") for note in registered.notes)
+    poses = registered.alignments
     placed = [mesh.vertices[::7] @ rotation_of(pose).T for mesh, pose in zip(meshes, poses, strict=True)]
     placed = [points - points.mean(axis=0) for points in placed]
     turns = np.degrees([[Rotation.align_vectors(a, b)[0].magnitude() for a in placed] for b in placed])
-    return turns[np.argmin(np.median(turns, axis=1))]
+    return turns[np.argmin(np.median(turns, axis=1))], odd
 
 
 def main():
@@ -238,8 +241,9 @@ def main():
     options = parser.parse_args()
     for name in options.cohorts:
         if options.poses:
-            turns = wrong_turns(name, options.seed)
-            print(f"{name}: {np.sum(turns > 40.0)} turned by more than 40°;", *turns.round(), flush=True)
+            turns, odd = wrong_turns(name, options.seed)
+            print(f"{name}: {np.sum(turns > 40.0)} turned by more than 40°;", *turns.round(), end="; ")
+            print(f"{odd} unlike the others", flush=True)
             continue
         folder = options.folder / name
         make(name, folder, options.seed)

@@ -328,7 +328,7 @@ def _notes(
         elif index in registrations.turns:
             note = (
                 f"fits the others clearly better turned by {registrations.turns[index]:.0f}°, but was kept "
-                "as its file lies: check its orientation, and turn the file or exclude it"
+                "as its file lies: check its orientation and side, and correct the file or exclude it"
             )
         elif index in odd:
             note = (
