@@ -62,28 +62,38 @@ def blas_threads(rows: int, least: int = _LARGE) -> AbstractContextManager[objec
     return nullcontext() if rows >= least else _one_thread()
 
 
-_local = threading.local()
+_lock = threading.Lock()
+_limiting = 0  # blocks in which BLAS is limited, of all threads
 
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Limit BLAS until the outermost of nested blocks ends.
-
-    The limit is the process's: where blocks of two threads overlap, the end of one ends both, and none stays.
-    """
-    depth = getattr(_local, "depth", 0)
+    """Limit BLAS, whose threads the whole process shares, until the last of overlapping blocks ends."""
+    global _limiting
     libraries = _threads_at_first()
-    _local.depth = depth + 1
-    try:
-        if depth == 0:
+    with _lock:
+        _limiting += 1
+        if _limiting == 1:
             for library, _ in libraries:
-                library.set_num_threads(1)
+                _set_threads(library, 1)
+    try:
         yield
     finally:
-        _local.depth = depth
-        if depth == 0:
-            for library, threads in libraries:
-                library.set_num_threads(threads)
+        with _lock:
+            _limiting -= 1
+            if _limiting == 0:
+                for library, threads in libraries:
+                    _set_threads(library, threads)
+
+
+def _set_threads(library: Any, threads: int) -> None:  # noqa: ANN401 - threadpoolctl has no types
+    """Set a library's threads from any thread: since 3.7 threadpoolctl listens only to the first that did."""
+    clear = getattr(library, "clear_controlling_thread", None)
+    if clear is not None:
+        clear(force=True)
+    library.set_num_threads(threads)
+    if clear is not None:
+        clear()
 
 
 @cache

@@ -1,3 +1,6 @@
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 from threadpoolctl import threadpool_info
 
@@ -24,6 +27,27 @@ def test_blas_has_one_thread_until_the_outermost_function_ends():
         return limited(), blas()
 
     assert outer() == ({1}, {1})
+    assert blas() == before
+
+
+def test_blas_has_one_thread_in_a_second_thread_and_until_the_last_of_two_ends():
+    before = blas()
+    limited()  # the main thread has limited BLAS first, and lives on
+    inside, end = threading.Event(), threading.Event()
+
+    @on_one_thread
+    def wait():
+        inside.set()
+        assert end.wait(30.0)
+
+    with ThreadPoolExecutor(2) as pool:
+        assert pool.submit(limited).result() == {1}
+        waiting = pool.submit(wait)
+        assert inside.wait(30.0)
+        assert pool.submit(limited).result() == {1}
+        assert blas() == {1}
+        end.set()
+        waiting.result()
     assert blas() == before
 
 
