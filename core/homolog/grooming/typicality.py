@@ -15,7 +15,7 @@ _ODD, _LEAST_TYPICAL = 1.8, 0.06
 """Times the median distance from the most typical shape, or times this one: from where on a shape is far."""
 _ALIKE, _NEAR = 8, 2
 """Shapes that one is compared with before it is odd, those with the most similar radii first; how many of
-them are near if it is not."""
+them are near if it is not (of three shapes, one)."""
 
 
 def radii_of(oriented_shapes: Sequence[OrientedPoints]) -> FloatArray:
@@ -61,11 +61,11 @@ def odd_ones(
     for index in np.flatnonzero(distances > far).tolist():
         alike = np.argsort(np.abs(radii - radii[index]).sum(axis=1), kind="stable").tolist()
         alike.remove(index)
-        near = 0
+        near, enough = 0, min(_NEAR, len(alike) - 1)
         for other in alike[:_ALIKE]:
             tick(1.0, "aligning")
             near += register_freely(shapes[index], shapes[other]).distance <= far
-            if near == _NEAR:
+            if near == enough:
                 break
         else:
             odd.add(index)

@@ -186,6 +186,18 @@ def test_a_shape_that_is_far_from_the_typical_one_but_near_others_is_not_odd(coa
     assert odd([0, 1, 2, 3, 4, 5, 6]) == {5, 6}  # two of another organ
     assert odd([0, 1, 2, 3, 4, 5, 6, 7]) == set()
 
+    def of_three(between):
+        """Whether the third shape is odd, by its distance from the second."""
+        apart = {0: 0.2, 1: between}
+
+        def known(moving, fixed):
+            return Fit(np.eye(4), apart[next(k for k, shape in enumerate(shapes) if shape is fixed)])
+
+        return odd_ones(shapes[:3], np.array([0.0, 0.1, 0.2]), known, no_tick) == {2}
+
+    assert of_three(0.2)
+    assert not of_three(0.1)
+
 
 @pytest.mark.parametrize(
     ("scale", "note"),
