@@ -87,7 +87,7 @@ def _one_thread() -> Iterator[None]:
 
 
 def _set_threads(library: Any, threads: int) -> None:  # noqa: ANN401 - threadpoolctl has no types
-    """Set a library's threads from any thread: since 3.7 threadpoolctl listens only to the first that did."""
+    """Set a library's threads from any thread: threadpoolctl 3.8 listens only to the first that did."""
     clear = getattr(library, "clear_controlling_thread", None)
     if clear is not None:
         clear(force=True)

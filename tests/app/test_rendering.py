@@ -47,6 +47,15 @@ def test_a_sphere_is_drawn_as_a_disc_of_its_size_in_the_middle(draw, ball):
         )
 
 
+def test_the_inside_of_an_open_surface_is_drawn(draw, ball):
+    view = three_quarter_view(ball.vertices)
+    frame = frame_around([ball.vertices], view)
+    away = ball.vertices[ball.faces].mean(axis=1) @ view.axes[2] < 0.0
+    bowl = TriangleMesh(ball.vertices, np.ascontiguousarray(ball.faces[away]))
+    whole, open_ = (draw(Scene((surface(mesh, GREY),)), frame, 100)[..., 3] > 127 for mesh in (ball, bowl))
+    assert np.count_nonzero(open_) > 0.95 * np.count_nonzero(whole)
+
+
 def test_nothing_is_clipped_whatever_the_view(draw, ball):
     stretched = TriangleMesh(ball.vertices * [1.0, 2.5, 0.4], ball.faces)
     for toward in np.random.default_rng(0).normal(size=(5, 3)):

@@ -89,7 +89,7 @@ def draw_face(
     a, b, c = places[indices[0]], places[indices[1]], places[indices[2]]
     top = wp.max(int(wp.ceil(wp.min(a[1], wp.min(b[1], c[1])) - 0.5)), low)
     bottom = wp.min(int(wp.floor(wp.max(a[1], wp.max(b[1], c[1])) - 0.5)) + 1, low + nearest.shape[0])
-    if top >= bottom or (scene.cut == 0 and seen_from_inside(places, indices)):  # hidden by the front
+    if top >= bottom:
         return
     grow = edges(a, b, c)
     left = wp.max(int(wp.ceil(wp.min(a[0], wp.min(b[0], c[0])) - 0.5)), 0)

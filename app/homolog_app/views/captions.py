@@ -13,7 +13,7 @@ from vtkmodules.vtkRenderingCore import (
     vtkActor2D,
     vtkCoordinate,
     vtkPolyDataMapper2D,
-)  # pyvista has no flat actors
+)  # flat, unlike pyvista's
 
 from homolog.arrays import FloatArray
 from homolog_app.rendering.camera import round_length
