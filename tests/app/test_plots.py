@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from homolog_app.pictures.layout import write_picture
 from homolog_app.plots import (
     discriminant_points,
+    draw_all_names,
     draw_boxes,
     draw_discriminant,
     draw_energies,
@@ -126,26 +128,58 @@ def test_the_discriminant_plot_keeps_the_groups_apart():
     assert heights[:2].min() > 0.5 > heights[2:].max()
 
 
-def test_names_do_not_cover_each_other_and_those_of_selected_subjects_go_first():
-    axes, points = _axes(), np.array([[0.01 * k, 0.0] for k in range(6)] + [[2.0, 2.0]])
+def _boxes(axes):
+    axes.figure.draw_without_rendering()
+    return [Text.get_window_extent(text) for text in axes.texts]
+
+
+def test_names_cover_neither_each_other_nor_marks_and_those_of_selected_subjects_go_first():
+    axes, points = _axes(), np.array([[0.02 * k, 0.0] for k in range(6)] + [[2.0, 2.0]])
     axes.set(xlim=(-3.0, 3.0), ylim=(-3.0, 3.0))
+    axes.figure.draw_without_rendering()
     names = ["subject a", "subject b", "subject c", "subject d", "subject e", "subject f", "alone"]
     drawn = draw_subjects(axes, points, names, ["subject f"], COLOURS)
     shown = [text.get_text() for text in axes.texts]
     assert shown[0] == "subject f"
-    assert shown[-1] == "alone"
-    assert len(shown) == 5  # one in each corner of six marks that coincide
-    canvas = axes.figure.canvas
-    canvas.draw()
-    extents = [text.get_window_extent(canvas.get_renderer()) for text in axes.texts]
-    assert all(extents[k].count_overlaps(extents[:k]) == 0 for k in range(len(extents)))
+    assert "alone" in shown
+    boxes = _boxes(axes)
+    assert len(boxes) > 4
+    assert all(boxes[k].count_overlaps(boxes[:k]) == 0 for k in range(len(boxes)))
+    assert not any(box.count_contains(axes.transData.transform(points)) for box in boxes)
     for artist in drawn:
         artist.remove()
     assert not axes.texts
     assert not axes.lines
     draw_subjects(axes, points, names, names, COLOURS)
-    assert len(axes.texts) == 5
     assert len(axes.lines) == len(names)  # each has its ring
+
+
+def test_a_name_covers_no_mean_of_a_group():
+    axes, points = _axes(), np.array([[-0.3, 0.0], [1.1, 0.4]])
+    draw_scores(axes, points, ["a", "a"], LABELS, COLOURS)
+    axes.set(xlim=(-3.0, 3.0), ylim=(-3.0, 3.0))
+    axes.figure.draw_without_rendering()
+    draw_subjects(axes, points, ["a very long name", "another long name"], [], COLOURS)
+    assert len(axes.texts) == 2
+    assert not any(box.count_contains(axes.transData.transform([[0.4, 0.2]])) for box in _boxes(axes))
+
+
+def test_a_crowded_plot_says_how_many_names_it_shows_and_a_large_one_shows_all():
+    points = np.random.default_rng(3).normal(size=(20, 2))
+    names, notes, counts = [f"subject {k:02d}" for k in range(20)], [], []
+    for size in ((3.0, 1.8), (10.0, 6.7)):
+        figure = new_figure(*size, COLOURS)
+        axes = figure.subplots()
+        draw_scores(axes, points, [""] * 20, LABELS, COLOURS)
+        axes.set(xlim=(-4.0, 4.0), ylim=(-4.0, 4.0))
+        draw_all_names(axes, points, names, ["subject 07"], COLOURS)
+        boxes, marks = _boxes(axes), axes.transData.transform(points)
+        assert not any(box.count_contains(marks) for box in boxes)
+        counts.append(len(boxes))
+        notes.append(figure.get_supxlabel())
+    assert 3 < counts[0] < counts[1] == 20
+    assert notes[0].startswith(f"{counts[0]} of 20 names")
+    assert not notes[1]
 
 
 def test_a_label_is_shortened_to_its_room_only():

@@ -1,10 +1,8 @@
 """Style of plots (fonts, frames, colours and markers of groups); plots of a shape model and of its run."""
 
 from collections.abc import Sequence
-from itertools import product
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -13,16 +11,15 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 from matplotlib.textpath import text_to_path
 from matplotlib.ticker import MaxNLocator
-from matplotlib.transforms import Bbox
 
 from homolog.analysis.design import names_reference
 from homolog.arrays import FloatArray
 from homolog_app.rendering.colours import Colours
-from homolog_app.rendering.text import complete_text, shortened
+from homolog_app.rendering.text import shortened
 
 __all__ = [
     "DPI", "FONT_PT", "LETTER", "LINE_PT", "TICK_PT", "draw_energies", "draw_energy_curves",
-    "draw_energy_frames", "draw_place", "draw_quality", "draw_scores", "draw_scree", "draw_subjects", "dress",
+    "draw_energy_frames", "draw_place", "draw_quality", "draw_scores", "draw_scree", "dress",
     "fitting", "group_order", "group_style", "legend_above", "letters", "new_figure", "points_in", "width_of",
 ]  # fmt: skip
 
@@ -34,9 +31,6 @@ LETTER = 0.55
 
 _LABEL, _KEY = 30, 4  # letters of a label in a legend, and what its marker takes
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-_SUBJECT_NAME = 28  # letters
-_ASIDE, _ABOVE = 8.0, 5.0  # points between a subject's mark and its name
-_RADIUS = 4.0  # points, that of a mark and some distance
 _MOST_BARS = 16
 _QUANTILE = 5.991464547107979  # 95 % of the chi-squared distribution with two degrees of freedom
 _LEAST = 3  # subjects of an ellipse
@@ -209,70 +203,6 @@ def draw_scores(
             )
     if is_grouped:
         legend_above(axes, colours)
-
-
-def draw_subjects(
-    axes: Axes, points: FloatArray, names: Sequence[str], selected: Sequence[str], colours: Colours, *,
-    others: bool = True,
-) -> list[Artist]:  # fmt: skip
-    """Write names next to subjects' points (n, 2), and draw a ring around selected ones.
-
-    `others` names also those that are not selected. A name stands in the corner of its point where it covers
-    fewest points. A name that would cover another in every corner is left out. The axes keep their limits.
-    """
-    drawn: list[Artist] = []
-    covered: list[Bbox] = []
-    marks = axes.transData.transform(points)
-    for index in sorted(range(len(names)), key=lambda index: names[index] not in selected):
-        if not (others or names[index] in selected):
-            break
-        (x, y), name = points[index], shortened(names[index], _SUBJECT_NAME)
-        is_selected = names[index] in selected
-        size = FONT_PT if is_selected else TICK_PT
-        boxes = _name_boxes(axes, marks, index, LETTER * size * len(name), 1.3 * size)
-        free = [corner for corner, box in boxes.items() if not box.count_overlaps(covered)]
-        if is_selected:
-            ring = Line2D([x], [y], marker="o", markersize=13, mfc="none", mec=colours.text, mew=1.5)
-            drawn.append(axes.add_artist(ring))
-        if not free:
-            continue
-        is_left, is_below = free[0]
-        covered.append(boxes[is_left, is_below])
-        text = axes.annotate(
-            name, (x, y), (-_ASIDE if is_left else _ASIDE, -_ABOVE if is_below else _ABOVE),
-            textcoords="offset points", ha="right" if is_left else "left",
-            va="top" if is_below else "bottom", fontsize=size, color=colours.text, zorder=5,
-            bbox={"facecolor": colours.surface, "alpha": 0.6, "pad": 0.5, "linewidth": 0.0},
-        )  # fmt: skip
-        complete_text(text)
-        drawn.append(text)
-    return drawn
-
-
-def _name_boxes(
-    axes: Axes, marks: FloatArray, index: int, width: float, height: float
-) -> dict[tuple[bool, bool], Bbox]:
-    """Return the places of a name in the four corners of its mark, by (left, below), the best first.
-
-    The best is inside the axes and covers few marks. Marks (n, 2) are in pixels, boxes in points.
-    """
-    scale = points_in(axes, 1.0)
-    x, y = scale * marks[index]
-    left, bottom, right, top = (scale * edge for edge in axes.bbox.extents)
-    boxes = {
-        (is_left, is_below): Bbox.from_bounds(
-            x - _ASIDE - width if is_left else x + _ASIDE,
-            y - _ABOVE - height if is_below else y + _ABOVE, width, height,
-        )
-        for is_left, is_below in product((False, True), repeat=2)
-    }  # fmt: skip
-
-    def cost(corner: tuple[bool, bool]) -> tuple[float, int]:
-        box = boxes[corner]
-        beyond = (left - box.x0, bottom - box.y0, box.x1 - right, box.y1 - top)
-        return sum(max(part, 0.0) for part in beyond), int(box.padded(_RADIUS).count_contains(scale * marks))
-
-    return {corner: boxes[corner] for corner in sorted(boxes, key=cost)}
 
 
 def draw_place(axes: Axes, x: float, y: float | None, colours: Colours) -> Line2D:

@@ -1,7 +1,6 @@
 """Texts in views: names, letters, particle numbers, scale bar, colour scale."""
 
 from functools import cache
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from vtkmodules.vtkRenderingCore import (
     vtkActor2D,
-    vtkCoordinate,
     vtkPolyDataMapper2D,
 )  # flat, unlike pyvista's
 
@@ -19,23 +17,20 @@ from homolog.arrays import FloatArray
 from homolog_app.rendering.camera import round_length
 from homolog_app.rendering.colours import GREY, Colours, ColourScale, rgb
 from homolog_app.rendering.text import edge_letters, font_file, short, tick_labels, written
-from homolog_app.views.content import Numbers
 
-__all__ = ["HEIGHT", "MOST", "SIDE", "Caption", "NumberLabels", "ScaleBar", "scale_picture"]
+__all__ = ["HEIGHT", "MOST", "SIDE", "Caption", "ScaleBar", "scale_picture", "text_at", "text_box"]
 
 
 _EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
 _FREE, _ROOM, _LEAST = 0.43, 0.97, 4
-_CUT = "…"
+_CUT, _BETWEEN = "…", " · "
 _PLATE = 0.75  # opacity
 _LETTER = 1.8  # room of a letter from its place, in heights of the text
-_MARK = 0.35  # radius of a point's mark, in distances of its number
-_WAYS = ("center", "bottom", "top")
 _LINE = 1.2  # line spacing
 
 
 class Caption:
-    """A caption of two lines that never leaves its view, and four letters."""
+    """A caption of two lines, in the view's strip of one, that never leaves its view; and four letters."""
 
     def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
         self._renderer = renderer
@@ -43,9 +38,11 @@ class Caption:
         self._small, self._lettered = False, True
         self._shown: object = None
         self._fitted: object = None
-        self.caption = _text(0.015, 0.975)
+        self._measured: object = None
+        self._box = np.zeros(4)
+        self.caption = text_at(0.015, 0.975)
         self.caption.GetTextProperty().SetVerticalJustificationToTop()
-        self._letters = [_text(x, y) for x, y in _EDGES]
+        self._letters = [text_at(x, y) for x, y in _EDGES]
         for actor, across, along in zip(self._letters, (0, 2, 1, 1), (1, 1, 0, 2), strict=True):
             actor.GetTextProperty().SetJustification(across)
             actor.GetTextProperty().SetVerticalJustification(along)
@@ -60,33 +57,57 @@ class Caption:
         wanted = (lines, size, small, letters)
         if wanted == self._shown:
             return
-        self._shown, self._fitted = wanted, None
+        self._shown, self._fitted, self._measured = wanted, None, None
         self._lines, self._small, self._lettered = lines, small, letters
         for actor in (self.caption, *self._letters):
             actor.SetVisibility(bool(lines) and (letters or actor is self.caption))
             actor.GetTextProperty().SetFontSize(size)
 
-    def face(self, axes: FloatArray, right: FloatArray, up: FloatArray) -> None:
-        """Before each drawing: update the letters for a patient's axes (3, 3), and fit the caption."""
+    def face(
+        self,
+        axes: FloatArray,
+        right: FloatArray,
+        up: FloatArray,
+        *,
+        in_strip: bool = False,
+        taken: float = 0.0,
+    ) -> None:
+        """Before each drawing: update the letters for a patient's axes (3, 3), and fit the caption.
+
+        In a strip the caption is one line and leaves free what is taken at its right [pixels].
+        """
         for actor, text in zip(self._letters, edge_letters(axes, right, up), strict=True):
             if actor.GetInput() != text:
                 actor.SetInput(text)
         width, height = self._renderer.GetSize()
-        if (width, height) != self._fitted:
-            self._fitted = width, height
-            self._fit(width, height)
+        if (width, height, in_strip, taken) != self._fitted:
+            self._fitted = width, height, in_strip, taken
+            self._fit(width, height, in_strip=in_strip, taken=taken)
 
-    def leave_free(self, places: FloatArray) -> None:
-        """Before each drawing: omit letters on a shape, given as points (n, 2) of the view from 0 to 1."""
-        width, height = self._renderer.GetSize()
+    @property
+    def free_box(self) -> FloatArray:
+        """Left, lower, right and upper edge of the caption outside a strip [pixels]."""
+        size = self._renderer.GetSize()
+        if self._lines and size != self._measured:
+            self._measured, self._fitted = size, None
+            self._fit(*size, in_strip=False, taken=0.0)
+            self._box = text_box(self._renderer, self.caption)
+        return self._box if self._lines else np.zeros(4)
+
+    def leave_free(self, low: FloatArray, high: FloatArray) -> None:
+        """Before each drawing: omit letters on a shape.
+
+        Its parts are given by their lower left and upper right corners (n, 2) in the view, from 0 to 1.
+        """
+        room = np.array(self._renderer.GetSize(), dtype=np.float64)
         for actor, edge in zip(self._letters, _EDGES, strict=True):
-            apart = np.abs(places - edge) * (width, height) / actor.GetTextProperty().GetFontSize()
-            covered = bool((apart < _LETTER).all(axis=1).any())
+            reach = _LETTER * actor.GetTextProperty().GetFontSize() / room
+            covered = bool(((low < edge + reach) & (high > edge - reach)).all(axis=1).any())
             actor.GetTextProperty().SetOpacity(0.0 if covered else 1.0)
             actor.GetTextProperty().SetBackgroundOpacity(0.0 if covered else _PLATE)
 
     def paint(self, colours: Colours) -> None:
-        """Apply the scheme's colours; in close-ups texts lie over shapes."""
+        """Apply the scheme's colours."""
         self.caption.GetTextProperty().SetColor(*rgb(colours.text))
         for actor in self._letters:
             actor.GetTextProperty().SetColor(*rgb(colours.accent))
@@ -94,14 +115,17 @@ class Caption:
             actor.GetTextProperty().SetBackgroundColor(*rgb(colours.scene))
             actor.GetTextProperty().SetBackgroundOpacity(_PLATE)
 
-    def _fit(self, width: int, height: int) -> None:
+    def _fit(self, width: int, height: int, *, in_strip: bool, taken: float) -> None:
         """Shorten lines to the view; omit letters that the caption would touch."""
-        text = "\n".join(self._lines)
+        text = (_BETWEEN if in_strip else "\n").join(self._lines)
         font = font_file(text + _CUT)
         self.caption.GetTextProperty().SetFontFile(str(font))
+        room = _ROOM * width - taken
         lines = written(text, font).split("\n")
+        if in_strip and self._length(lines[0]) > room:  # rather the whole name than parts of both
+            lines = written(self._lines[0], font).split("\n") if self._lines else lines
         lengths = [self._length(line) for line in lines]
-        fitting = [self._shortened(*parts, _ROOM * width) for parts in zip(lines, lengths, strict=True)]
+        fitting = [self._shortened(*parts, room) for parts in zip(lines, lengths, strict=True)]
         self.caption.SetInput("\n".join(fitting))
         free = max(lengths, default=0.0) <= _FREE * width
         lettered = bool(self._lines) and self._lettered
@@ -128,101 +152,24 @@ class Caption:
         return size[0]
 
 
-class NumberLabels:
-    """Numbers next to points, each on a plate for contrast."""
-
-    def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
-        self._renderer = renderer
-        self._texts: list[Any] = []
-        self._numbers: Numbers | None = None
-
-    def show(self, numbers: Numbers | None, size: int) -> None:
-        """Show numbers of a height in pixels."""
-        self._numbers = numbers
-        values = [] if numbers is None else numbers.values.tolist()
-        while len(self._texts) < len(values):
-            text = _text(0.0, 0.0)
-            text.GetPositionCoordinate().SetCoordinateSystemToWorld()
-            text.GetTextProperty().SetVerticalJustificationToCentered()
-            text.GetTextProperty().SetBackgroundOpacity(_PLATE)
-            self._renderer.AddViewProp(text)
-            self._texts.append(text)
-        for index, text in enumerate(self._texts):
-            text.SetVisibility(index < len(values))
-            if numbers is not None and index < len(values):
-                text.SetInput(f" {values[index]} ")
-                look = text.GetTextProperty()
-                look.SetFontSize(size)
-                look.SetBold(True)
-                look.SetBackgroundColor(1.0, 1.0, 1.0)  # in both schemes: the colours are those of the marks
-                look.SetColor(*(numbers.colours[index] / 255.0).tolist())
-
-    def face(
-        self,
-        right: FloatArray,
-        caption: Any = None,  # noqa: ANN401 - VTK is untyped
-        inset: FloatArray | None = None,
-    ) -> None:
-        """Before each drawing: place them next to their points, outward of each other.
-
-        A number that would cover another one or a point is moved; it is left out if there is no room for it,
-        or if it would cover the caption, which names it too, the inset, a box (4,) of shares of the view, or
-        an edge.
-        """
-        if self._numbers is None:
-            return
-        places = self._numbers.places
-        outward = np.where((places - places.mean(axis=0)) @ right < 0.0, -1.0, 1.0)
-        room = np.array(self._renderer.GetSize(), dtype=np.float64)
-        taken = [] if caption is None else [np.split(self._box(caption), 2)]
-        taken += [] if inset is None else [np.split(inset * np.tile(room, 2), 2)]
-        taken += [self._mark(place, _MARK * self._numbers.beside * right) for place in places]
-        for text, place, side in zip(self._texts, places, outward, strict=False):
-            for beside, way in product((side, -side), _WAYS):
-                text.GetPositionCoordinate().SetValue(
-                    *(place + self._numbers.beside * beside * right).tolist()
-                )
-                text.prop.justification_horizontal = "left" if beside > 0.0 else "right"
-                text.prop.justification_vertical = way
-                box = self._box(text)
-                is_inside = bool((box[:2] >= 0.0).all() and (box[2:] <= room).all())
-                if is_free := is_inside and not any(
-                    (box[:2] < end).all() and (start < box[2:]).all() for start, end in taken
-                ):
-                    break
-            text.SetVisibility(is_free)
-            if is_free:
-                taken.append(np.split(box, 2))
-
-    def _mark(self, place: FloatArray, reach: FloatArray) -> list[FloatArray]:
-        """Return the lower left and upper right corner of a point's mark in the view [pixels]."""
-        at, beside = (self._in_view(point) for point in (place, place + reach))
-        radius = np.linalg.norm(beside - at)
-        return [at - radius, at + radius]
-
-    def _in_view(self, place: FloatArray) -> FloatArray:
-        coordinate = vtkCoordinate()
-        coordinate.SetCoordinateSystemToWorld()
-        coordinate.SetValue(*place.tolist())
-        return np.array(coordinate.GetComputedDoubleViewportValue(self._renderer)[:2])
-
-    def _box(self, text: Any) -> FloatArray:  # noqa: ANN401 - VTK is untyped
-        """Return left, lower, right and upper edge of a text in the view [pixels]."""
-        size = [0.0, 0.0]
-        text.GetSize(self._renderer, size)
-        x, y = text.GetPositionCoordinate().GetComputedViewportValue(self._renderer)
-        left = {"left": 0.0, "center": 0.5, "right": 1.0}[text.prop.justification_horizontal]
-        low = {"bottom": 0.0, "center": 0.5, "top": 1.0}[text.prop.justification_vertical]
-        start = np.array([x - left * size[0], y - low * size[1]])
-        return np.concatenate([start, start + size])
-
-
-def _text(x: float, y: float) -> pv.Text:
+def text_at(x: float, y: float) -> pv.Text:
+    """Return an empty text at a place of the view, in shares of it."""
     actor = _plain_text()
     actor.GetPositionCoordinate().SetCoordinateSystemToNormalizedViewport()
     actor.SetPosition(x, y)
     actor.prop.SetLineSpacing(_LINE)
     return actor
+
+
+def text_box(renderer: Any, text: Any) -> FloatArray:  # noqa: ANN401 - VTK is untyped
+    """Return left, lower, right and upper edge of a text in its view [pixels]."""
+    size = [0.0, 0.0]
+    text.GetSize(renderer, size)
+    x, y = text.GetPositionCoordinate().GetComputedViewportValue(renderer)
+    left = {"left": 0.0, "center": 0.5, "right": 1.0}[text.prop.justification_horizontal]
+    low = {"bottom": 0.0, "center": 0.5, "top": 1.0}[text.prop.justification_vertical]
+    start = np.array([x - left * size[0], y - low * size[1]])
+    return np.concatenate([start, start + size])
 
 
 def _plain_text() -> pv.Text:
@@ -232,11 +179,16 @@ def _plain_text() -> pv.Text:
 
 
 _SHARE, _MOST = 0.22, 140
+_PLACE = 1.2, 1.1  # lower left end, in heights of the text
+_BAR_TEXT = 6.5  # width of text and gaps in a strip, in heights of the text
 _LOWEST = 5.5  # height of the lowest view with a scale bar and a caption, in heights of the text
 
 
 class ScaleBar:
-    """A line with its length in millimetres, at the lower left of a view in parallel projection."""
+    """A line with its length in millimetres, at the lower left of a view in parallel projection.
+
+    In the strip of a view it stands at the right.
+    """
 
     def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
         self._renderer = renderer
@@ -259,33 +211,61 @@ class ScaleBar:
             actor.SetVisibility(shown)
 
     def paint(self, colours: Colours) -> None:
-        """Apply the scheme's colours; in close-ups the label lies over shapes."""
+        """Apply the scheme's colours."""
         self._line.GetProperty().SetColor(*rgb(colours.text))
         look = self._text.GetTextProperty()
         look.SetColor(*rgb(colours.text))
         look.SetBackgroundColor(*rgb(colours.scene))
         look.SetBackgroundOpacity(_PLATE)
 
-    def face(self) -> None:
-        """Before each drawing: adapt the length to the camera."""
+    @property
+    def free_box(self) -> FloatArray:
+        """Left, lower, right and upper edge outside a strip, about [pixels]; zeros where there is no bar."""
+        if not self._is_shown:
+            return np.zeros(4)
+        left, bottom = _PLACE[0] * self._size, _PLACE[1] * self._size
+        return np.array([left, bottom, left + self._length()[1], bottom + 1.3 * self._size])
+
+    @property
+    def taken(self) -> float:
+        """Width of a strip that the bar takes [pixels]."""
+        return self._length()[1] + _BAR_TEXT * self._size if self._is_shown else 0.0
+
+    @property
+    def _is_shown(self) -> bool:
+        return self._wanted and self._renderer.GetSize()[1] >= _LOWEST * self._size
+
+    def _length(self) -> tuple[float, float]:
+        """Return the length of the bar [mm], and [pixels]."""
         width, height = self._renderer.GetSize()
-        wanted = width, height, self._size, self._renderer.GetActiveCamera().GetParallelScale()
-        if not self._wanted or not width * height or wanted == self._drawn:
+        millimetres = 2.0 * self._renderer.GetActiveCamera().GetParallelScale() / max(height, 1)
+        length = round_length(min(_SHARE * width, _MOST * self._size / 12.0) * millimetres)
+        return length, length / millimetres
+
+    def face(self, strip: float | None = None) -> None:
+        """Before each drawing: adapt the length to the camera; `strip` is the middle of a strip [pixels]."""
+        size = self._renderer.GetSize()
+        wanted = size, self._size, self._renderer.GetActiveCamera().GetParallelScale(), strip
+        if not self._wanted or not size[0] * size[1] or wanted == self._drawn:
             return
         self._drawn = wanted
         for actor in (self._line, self._text):
-            actor.SetVisibility(height >= _LOWEST * self._size)
-        millimetres = 2.0 * wanted[3] / height
-        ratio = self._size / 12.0
-        length = round_length(min(_SHARE * width, _MOST * ratio) * millimetres)
-        left, bottom, tick = 1.2 * self._size, 1.1 * self._size, 0.3 * self._size
-        right = left + length / millimetres
-        up = bottom + tick
-        self._data.points = [(left, up, 0.0), (left, bottom, 0.0), (right, bottom, 0.0), (right, up, 0.0)]
-        self._line.GetProperty().SetLineWidth(max(1.0, 1.6 * ratio))
-        self._text.GetTextProperty().SetFontSize(self._size)
+            actor.SetVisibility(self._is_shown)
+        length, across = self._length()
+        tick, look = 0.3 * self._size, self._text.prop
+        look.font_size = self._size
         self._text.SetInput(f"{short(length)} mm")
-        self._text.SetPosition((left + right) / 2.0, bottom + 0.3 * self._size)
+        look.justification_horizontal = "center" if strip is None else "right"
+        look.justification_vertical = "bottom" if strip is None else "center"
+        if strip is None:
+            left, bottom = _PLACE[0] * self._size, _PLACE[1] * self._size
+            self._text.SetPosition(left + across / 2.0, bottom + 0.3 * self._size)
+        else:
+            left, bottom = size[0] - across - self._size, strip - tick / 2.0
+            self._text.SetPosition(left - 0.5 * self._size, strip)
+        right, up = left + across, bottom + tick
+        self._data.points = [(left, up, 0.0), (left, bottom, 0.0), (right, bottom, 0.0), (right, up, 0.0)]
+        self._line.GetProperty().SetLineWidth(max(1.0, 1.6 * self._size / 12.0))
 
 
 HEIGHT, MOST, SIDE = 64, 520, 120

@@ -130,14 +130,10 @@ def checked_scene(
 def _in_two_colours(
     contents: SubjectContents, inspection: "Inspection", names: Sequence[str], pair: tuple[int, int]
 ) -> ViewContents:
-    """Mark two particles on every shape in two colours, which the captions name."""
+    """Colour two particles on every shape; their numbers have the same colours."""
     tint = np.full((inspection.located.world.shape[1], 3), _PALE, np.uint8)
     tint[list(pair)] = _MARK, _SECOND
-    note = f"{pair[0]} pink · {pair[1]} blue"
-    noted = contents.changed(
-        lambda content: replace(content, note=" · ".join(part for part in (content.note, note) if part))
-    )
-    return ViewContents(noted, tints=dict.fromkeys(names, tint))
+    return ViewContents(contents, tints=dict.fromkeys(names, tint))
 
 
 def _neighbours(

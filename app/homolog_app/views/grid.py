@@ -16,6 +16,7 @@ from homolog_app.rendering.scene import ball_radius
 from homolog_app.views.captions import scale_picture
 from homolog_app.views.cell import Cameras, ViewCell, ViewMargins
 from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.strip import STRIP_ROWS
 
 __all__ = ["Grid", "drawn"]
 
@@ -159,7 +160,9 @@ class Grid:
         wide, high = max(1.0, width / columns), max(1.0, height / rows)
         longest = max((len(line) for item in self.shown for line in item.caption), default=0)
         caption = wide if self.count == 1 else longest * _LETTER * self._text_px
-        aside, below = (lines * self._text_px + 0.025 * high for lines in (1.4, 2.6))
+        numbered = any(item.numbers is not None for item in self.shown)
+        texts = (STRIP_ROWS, STRIP_ROWS) if numbered else (1.4, 2.6)
+        aside, below = (lines * self._text_px + 0.025 * high for lines in texts)
         return ViewMargins(wide, high, 1.6 * self._text_px, aside, caption, below)
 
     @property

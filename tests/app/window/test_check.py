@@ -279,8 +279,8 @@ def test_both_particles_of_an_exchange_have_their_colour_and_number_on_every_sha
     for content in scene.shown:
         tint = tints[content.name]
         assert len({tuple(tint[first]), tuple(tint[second]), tuple(np.delete(tint, PAIR, axis=0)[0])}) == 3
-        assert f"{first} pink" in content.note
-        assert f"{second} blue" in content.note
+        assert content.numbers.values.tolist() == [first, second]
+        np.testing.assert_array_equal(content.numbers.colours, tint[[first, second]])
         assert len(content.lines) == 2 * 28
 
 

@@ -1,5 +1,6 @@
 """The views: letters, colours, pages, pictures."""
 
+import itertools
 import shutil
 from dataclasses import replace
 
@@ -9,11 +10,13 @@ import pytest
 from homolog.geometry import transform_points
 from homolog_app.rendering.camera import round_length
 from homolog_app.rendering.colours import colours_by_place
+from homolog_app.rendering.opengl import pixels_of
 from homolog_app.rendering.text import direction_letters, edge_letters
-from homolog_app.views.captions import Caption, NumberLabels, ScaleBar
+from homolog_app.views.captions import Caption, ScaleBar, text_box
 from homolog_app.views.content import KEPT, Content, Numbers, ViewContents, read_shown, write_shown
 from homolog_app.views.contents import moment_of
 from homolog_app.views.grid import Grid, drawn
+from homolog_app.views.strip import NumberLabels, Strip
 
 pytestmark = pytest.mark.own_window  # views keep layout and camera
 
@@ -74,22 +77,90 @@ def test_texts_keep_their_size_where_the_window_scales_them_by_the_screen(ball):
     assert heights[1] == heights[0]
 
 
-def test_the_numbers_of_two_neighbours_stand_at_either_side_of_them():
+def _numbered(places, inset=(0.0, 0.0, 0.0, 0.0), size=(400, 300)):
+    """Return the numbers 0, 1, … that are seen, by the middle of each, and the lower edge of their strip."""
     from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
 
     window, renderer = vtkRenderWindow(), vtkRenderer()
     window.SetOffScreenRendering(True)
-    window.SetSize(400, 300)
+    window.SetSize(*size)
     window.AddRenderer(renderer)
-    places = np.array([[0.5, 9.0, 0.0], [0.0, 0.0, 4.0]])
-    labels = NumberLabels(renderer)
-    labels.show(Numbers(np.array([3, 7]), places, np.zeros((2, 3), np.uint8), 2.0), 12)
-    for right, at in (((1.0, 0.0, 0.0), [2.5, -2.0]), ((-1.0, 0.0, 0.0), [2.5, -2.0])):
-        renderer.GetActiveCamera().SetPosition(0.0, 0.0, 100.0 * right[0])
-        labels.face(np.array(right))
-        texts = list(renderer.GetViewProps())
-        assert [text.GetPositionCoordinate().GetValue()[0] for text in texts] == at
+    renderer.GetActiveCamera().ParallelProjectionOn()  # one unit is half of the height
+    strip, labels = Strip(renderer), NumberLabels(renderer)
+    places = np.array(places, dtype=np.float64)
+    colours = np.zeros((len(places), 3), np.uint8)
+    labels.show(Numbers(np.arange(len(places)), places, colours, 0.1), 12)
+    window.Render()
+    strip.face(2, 12)
+    labels.face(np.array([1.0, 0.0, 0.0]), strip, np.array(inset))
+    seen = {
+        int(prop.GetInput()): text_box(renderer, prop)
+        for prop in renderer.GetViewProps()
+        if hasattr(prop, "GetInput") and prop.GetVisibility()
+    }
     window.Finalize()
+    return seen, strip.bottom
+
+
+def test_numbers_stand_side_by_side_in_the_strip_in_the_order_of_their_points():
+    seen, bottom = _numbered([[0.1, 0.0, 0.0], [0.0, 0.3, 0.0], [0.05, -0.5, 0.0], [-1.3, 0.0, 0.0]])
+    assert sorted(seen, key=lambda number: seen[number][0]) == [3, 1, 2, 0]
+    assert all(box[1] >= bottom and box[0] >= 0.0 and box[2] <= 400.0 for box in seen.values())
+    boxes = sorted(seen.values(), key=lambda box: box[0])
+    assert all(left[2] < right[0] for left, right in itertools.pairwise(boxes))
+
+
+@pytest.mark.parametrize(
+    "place", [[0.0, 0.97, 0.0], [0.0, 1.2, 0.0], [1.5, 0.0, 0.0], [1.1, -0.9, 0.0]],
+    ids=["under the strip", "above the view", "beside the view", "under the inset"],
+)  # fmt: skip
+def test_a_point_that_is_not_seen_has_no_number(place):
+    seen, _ = _numbered([place, [0.0, 0.0, 0.0]], inset=(0.75, 0.0, 1.0, 0.25))
+    assert list(seen) == [1]
+
+
+def test_numbers_for_which_a_strip_is_too_narrow_are_left_out():
+    seen, _ = _numbered(np.zeros((30, 3)), size=(200, 300))
+    assert list(seen) == list(range(len(seen)))
+    assert 3 < len(seen) < 20
+
+
+@pytest.mark.parametrize(("zoom", "numbered"), [(1.0, False), (5.0, False), (1.0, True), (5.0, True)])
+def test_no_text_lies_on_a_shape(ball, zoom, numbered):
+    from vtkmodules.vtkRenderingCore import vtkRenderWindow
+
+    window = vtkRenderWindow()
+    window.SetOffScreenRendering(True)
+    window.SetSize(400, 300)
+    colours = np.full((len(ball.vertices), 3), (200, 0, 0), np.uint8)
+    numbers = Numbers(np.array([7]), ball.vertices[:1], np.array([[0, 0, 200]], np.uint8), 0.1)
+    content = Content(
+        "heart_01", None, ball, None, np.eye(4), colours=colours, numbers=numbers if numbered else None
+    )
+    grid = Grid(window)
+    grid.take(ViewContents([content]))
+    grid.show_page(0)
+    grid.cameras.turn("front")
+    grid.fit(400, 300)
+    grid.cameras.each[0].Zoom(zoom)
+    window.Render()
+    renderer = grid.cells[0].renderer
+    texts = [
+        text_box(renderer, prop)
+        for prop in renderer.GetViewProps()
+        if hasattr(prop, "GetTextProperty")
+        and prop.GetVisibility()
+        and prop.GetTextProperty().GetOpacity()
+        and prop.GetInput()
+    ]
+    picture = pixels_of(window)[::-1].astype(int)  # rows from below, as boxes are
+    grid.close()
+    window.Finalize()
+    red = (picture[..., 0] - picture[..., 2] > 60) & (picture[..., 1] < 60)
+    assert red.sum() > 5000
+    assert any(box[1] > 250 for box in texts)
+    for left, low, right, high in np.rint(texts).astype(int):
+        assert not red[max(low, 0) : high, max(left, 0) : right].any()
 
 
 @pytest.mark.parametrize(("height", "has_room"), [(40, False), (200, True)])
@@ -101,7 +172,7 @@ def test_in_a_flat_view_the_name_stands_alone(height, has_room):
     caption.show(["heart_01", "infarct"], 12, small=True, letters=True)
     bar.show(True, 12)
     plotter.render_window.Render()
-    caption.face(np.eye(3), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+    caption.face(np.eye(3), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), in_strip=False, taken=0.0)
     bar.face()
     shown = [
         actor.GetInput()
@@ -114,39 +185,6 @@ def test_in_a_flat_view_the_name_stands_alone(height, has_room):
     assert any(text.endswith("mm") for text in shown) is has_room
 
 
-def test_a_number_that_would_cover_the_caption_or_another_number_is_left_out():
-    from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
-
-    window, renderer = vtkRenderWindow(), vtkRenderer()
-    window.SetOffScreenRendering(True)
-    window.SetSize(400, 300)
-    window.AddRenderer(renderer)
-    renderer.GetActiveCamera().ParallelProjectionOn()  # one unit is half of the height
-    caption, labels = Caption(renderer), NumberLabels(renderer)
-    caption.show(["a subject", "of a group"], 14, small=True, letters=False)
-    places = np.array([[-1.2, 0.9, 0.0], [0.0, 0.0, 0.0]])
-    labels.show(Numbers(np.array([3, 7]), places, np.zeros((2, 3), np.uint8), 0.0), 12)
-    window.Render()
-    right, up = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
-    caption.face(np.eye(3), right, up)
-    labels.face(right, caption.caption)
-    seen = {prop.GetInput().strip(): prop.GetVisibility() for prop in renderer.GetViewProps()}
-    assert (seen["3"], seen["7"]) == (0, 1)
-    labels.show(Numbers(np.arange(5), np.zeros((5, 3)), np.zeros((5, 3), np.uint8), 0.0), 12)
-    labels.face(right, caption.caption)
-    seen = {prop.GetInput().strip(): prop.GetVisibility() for prop in renderer.GetViewProps()}
-    assert [seen[str(number)] for number in range(5)] == [1, 1, 0, 0, 0]  # at the right and at the left
-    labels.face(right, caption.caption, np.array([0.5, 0.0, 1.0, 1.0]))  # the inset takes the right half
-    seen = {prop.GetInput().strip(): prop.GetVisibility() for prop in renderer.GetViewProps()}
-    assert [seen[str(number)] for number in range(5)] == [1, 0, 0, 0, 0]
-    places = np.array([[-0.6, 0.0, 0.0], [-0.3, 0.0, 0.0]])  # no room between the points, and an inset beyond
-    labels.show(Numbers(np.array([8, 9]), places, np.zeros((2, 3), np.uint8), 0.2), 12)
-    labels.face(right, caption.caption, np.array([0.25, 0.0, 1.0, 1.0]))
-    seen = {prop.GetInput().strip(): prop.GetVisibility() for prop in renderer.GetViewProps()}
-    assert (seen["8"], seen["9"]) == (1, 0)
-    window.Finalize()
-
-
 def test_a_letter_that_would_lie_on_a_shape_is_left_out():
     import pyvista as pv
 
@@ -154,9 +192,9 @@ def test_a_letter_that_would_lie_on_a_shape_is_left_out():
     caption = Caption(plotter.renderer)
     caption.show(["heart_01"], 12, small=False, letters=True)
     plotter.render_window.Render()
-    caption.face(np.eye(3), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+    caption.face(np.eye(3), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), in_strip=False, taken=0.0)
     for places, hidden in (([[0.5, 0.03], [0.3, 0.5]], {"I"}), ([[0.5, 0.5]], set())):
-        caption.leave_free(np.array(places))
+        caption.leave_free(np.array(places), np.array(places))
         letters = [actor for actor in plotter.renderer.GetViewProps() if actor.GetInput() in "RLSI"]
         assert {actor.GetInput() for actor in letters if not actor.GetTextProperty().GetOpacity()} == hidden
     plotter.close()

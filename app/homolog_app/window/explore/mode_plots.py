@@ -147,14 +147,14 @@ class ScatterPlot(Plot):
 
     def draw(self, figure: "Figure") -> None:
         """Draw the subjects, and optionally the names of all."""
-        from homolog_app.plots import draw_subjects
+        from homolog_app.plots import draw_all_names
 
         axes = figure.subplots()
         self.draw_data(axes)
         for name in (axes.xaxis.label, axes.yaxis.label) if self.choices else ():
             name.set(text=f"{name.get_text()} {_OPENS}", color=self.theme.colours.accent)
         if self.options[NAMES]:
-            draw_subjects(axes, self.points, self.names, self._selected, self.theme.colours)
+            draw_all_names(axes, self.points, self.names, self._selected, self.theme.colours)
 
     def draw_data(self, axes: "Axes") -> None:
         """Draw the subjects by group."""

@@ -138,6 +138,7 @@ def figure_of(plot: Drawn) -> Figure:
     dpi = DPI * text_scale()
     figure = new_figure(plot.width() / dpi, plot.height() / dpi, plot.theme.colours)
     _fill(figure, plot)
+    figure.draw_without_rendering()  # names are placed in the final layout
     plot.draw_moving(figure)
     complete_texts(figure)
     return figure
