@@ -21,7 +21,7 @@ from homolog_app.report.request import StudyRequest, category_of, column_of, com
 from homolog_app.report.study import Study, run_study, study_options
 from homolog_app.studies.model_shape import ModelShape
 from homolog_app.studies.study import Study as Cohort
-from homolog_app.studies.study import with_present_table
+from homolog_app.studies.study import with_current_table
 
 __all__ = [
     "Answers",
@@ -292,7 +292,7 @@ class Answers:
 
 def question_of(requests: Sequence[StudyRequest], result: Result, cohort: Cohort) -> Question:
     """Return a question with the table's present values, so that later changes can be detected."""
-    present = with_present_table(result, cohort)
+    present = with_current_table(result, cohort)
     known = {name for columns in present.columns for name in columns}
     used = [request.column for request in requests]
     used += [category_of(name, known)[0] for request in requests for name in request.covariates]
@@ -324,7 +324,7 @@ def answer_question(
         for number, model in enumerate(models):
             done = index * len(models) + number
             part = part_of(tick, 0.9 * done / count, 0.9 * (done + 1) / count)
-            studies.append(run_study(with_present_table(model.result, cohort), request, part))
+            studies.append(run_study(with_current_table(model.result, cohort), request, part))
     rows = tuple(tuple(studies[at : at + len(models)]) for at in range(0, count, len(models)))
     answers = Answers(question_of(requests, models[0].result, cohort), tuple(models), rows)
     return answers, map_answers(answers, models, cohort, (0, 0), part_of(tick, 0.9, 1.0))
@@ -348,7 +348,7 @@ def map_answers(
         Progress and cancelling.
     """
     return [
-        carried_answer(model, with_present_table(model.result, cohort), study, which[1], tick)
+        carried_answer(model, with_current_table(model.result, cohort), study, which[1], tick)
         for model, study in zip(answers.models, answers.studies[which[0]], strict=True)
         if model in models
     ]
@@ -359,7 +359,7 @@ def save_answers(project: ProjectFolder, answers: Answers, cohort: Cohort, tick:
     from homolog_app.report.tables import save_study
 
     tick(0.0, "storing the answer")
-    result = with_present_table(answers.models[0].result, cohort)
+    result = with_current_table(answers.models[0].result, cohort)
     return [save_study(project, study, result) for study in answers.own]
 
 
@@ -370,7 +370,7 @@ def repeat_by_seed(
     from homolog_app.report.seeds import answer_by_seed, spread_text, write_spread
     from homolog_app.report.tables import save_study
 
-    result = with_present_table(answers.models[0].result, cohort)
+    result = with_current_table(answers.models[0].result, cohort)
     requests = answers.question.requests
     spreads = answer_by_seed(project, result, requests, seeds, tick)
     sentences = []

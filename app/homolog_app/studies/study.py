@@ -35,7 +35,7 @@ __all__ = [
     "is_there",
     "outdated_text",
     "read_subjects",
-    "with_present_table",
+    "with_current_table",
     "with_table",
 ]
 
@@ -279,7 +279,7 @@ def _them(names: list[str]) -> str:
     return "it" if len(names) == 1 else "them"
 
 
-def with_present_table(result: Result, study: Study) -> Result:
+def with_current_table(result: Result, study: Study) -> Result:
     """Return a result with the present groups and columns of the study's table."""
     present = {member.name: member.subject for member in study.members}
     groups, columns = [], []

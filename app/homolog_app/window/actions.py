@@ -49,7 +49,7 @@ __all__ = [
 Handler = Callable[[], object]
 
 _ICON_PX = 32
-_TIP_MS = 400  # Qt's own tips come after 700
+_TIP_MS = 400  # Qt's default is 700
 
 
 _STANDARD = {
@@ -73,7 +73,7 @@ def shortcuts(entry: Command) -> list[QKeySequence]:
 
 
 class _ToolButton(QToolButton):
-    """A button of a command without a text: its tooltip comes soon."""
+    """A button of a command that shows no text: its tooltip appears early."""
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
@@ -210,7 +210,7 @@ def _name_edit(action: QAction, title: str, edit: str) -> None:
 def _add_mnemonics(entries: Sequence[QAction]) -> None:
     """Underline a letter of each entry that no other entry of the menu has, preferably its first."""
     taken: set[str] = set()
-    for action in sorted(entries, key=lambda action: len(action.text())):  # short ones have less choice
+    for action in sorted(entries, key=lambda action: len(action.text())):  # short texts first
         text = action.text()
         starts = [at for at, _ in enumerate(text) if at == 0 or text[at - 1] == " "]
         for at in dict.fromkeys([*starts, *range(len(text))]):
@@ -261,7 +261,7 @@ class CommandPalette(QDialog):
         self._chosen: QAction | None = None
         room = QPixmap(_ICON_PX, _ICON_PX)
         room.fill(Qt.GlobalColor.transparent)
-        self._blank = QIcon(room)  # titles stand one below the other
+        self._blank = QIcon(room)  # aligns the titles
         self.setAccessibleName("Command palette")
         self.resize(560, 420)
         self.query = QLineEdit(placeholderText="Find a command…")
@@ -283,7 +283,7 @@ class CommandPalette(QDialog):
         self.list.itemActivated.connect(self._choose)
         self.list.itemClicked.connect(self._choose)
         self.query.installEventFilter(self)
-        self.query.setFocus()  # a popup gives none by itself: what is typed would be lost
+        self.query.setFocus()  # a popup focuses no widget by itself, and typed text would be lost
         self._fill("")
 
     @property
@@ -313,14 +313,14 @@ class CommandPalette(QDialog):
                 self.list.addTopLevelItem(self._item(entry))
         first = self.list.topLevelItem(0)
         if first is None:
-            nothing = QTreeWidgetItem(["No command ranking"])
+            nothing = QTreeWidgetItem(["No matching command"])
             nothing.setDisabled(True)
             self.list.addTopLevelItem(nothing)
         elif not first.isDisabled():
             self.list.setCurrentItem(first)
 
     def _item(self, entry: Command) -> QTreeWidgetItem:
-        """Return the row of a command; one that is not possible now is disabled, and says why."""
+        """Return the row of a command; that of an unavailable command is disabled and gives the reason."""
         action = self._actions[entry.id]
         keys = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
         item = QTreeWidgetItem([entry.title.rstrip("…"), keys])

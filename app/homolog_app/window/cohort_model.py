@@ -24,7 +24,7 @@ _VOLUME_TIP = "Volume in the input file; Explore > Measure shows that of the gro
 
 
 def thumbnail(shade: Array, colour: str, size: int = _PICTURE) -> QPixmap:
-    """Colour a survey's picture (0 is nothing) for the screen."""
+    """Colour a survey's picture (0 is background) for the screen."""
     tint = 255.0 * np.array(rgb(colour))
     ink = np.zeros((*shade.shape, 4), dtype=np.uint8)
     ink[..., :3] = tint * (shade[..., None] / 255.0)

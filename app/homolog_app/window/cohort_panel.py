@@ -38,13 +38,13 @@ _TOOLS = ("file.add", "file.import", "file.export", "edit.group", "edit.include"
 _NAMED_TOOLS = ("file.import", "edit.group")
 _GROUP_PX = (56, 120)
 _NAME_PX, _LONG_NAME_PX, _VOLUME_PX, _STATUS_PX = 140, 220, 72, 96
-_TICK_PX = 24  # of the boxes, which the hints of a styled table do not count
-_ICON_PX = 76  # of the status, while names are long
-_MEASURED_ROWS = 100  # beyond those in sight, whose names are looked at for the width
+_TICK_PX = 24  # check boxes, which size hints of a styled table omit
+_ICON_PX = 76  # status column while names are long
+_MEASURED_ROWS = 100  # rows measured for the width, beyond the visible ones
 
 
 class _Table(QTableView):
-    """A table whose names take the free width, and where Enter goes on to the cell below."""
+    """A table whose name column takes the free width; Enter moves to the cell below."""
 
     def closeEditor(self, editor: QWidget, hint: QAbstractItemDelegate.EndEditHint) -> None:
         """Edit the cell below after Enter, unless the edit may have moved the row."""
@@ -81,7 +81,7 @@ class _Table(QTableView):
 
 
 class CohortTools(QWidget):
-    """A row of buttons; those of frequent commands have names where there is room for all of them."""
+    """A row of buttons; frequent commands show their names if all of these fit."""
 
     def __init__(self, actions: Actions) -> None:
         super().__init__()
@@ -190,7 +190,7 @@ class CohortPanel(Panel):
         ]
         included = len(self._session.study.included)
         groups = self._session.study.groups
-        if (groups, bool(self._session.surveys)) != self._fitted:  # the first pictures take room, too
+        if (groups, bool(self._session.surveys)) != self._fitted:  # the first thumbnails need space, too
             self._fitted = groups, bool(self._session.surveys)
             low, high = map(scaled, _GROUP_PX)
             width = min(max(self.table.sizeHintForColumn(GROUP), low), high)
@@ -282,7 +282,7 @@ class LabelPicker(QFrame):
         from homolog.grooming.structures import (
             SubjectStructure,
             joined,
-        )  # slow to import, and there once files are read
+        )  # slow to import; loaded anyway once files are read
 
         groom = self._session.study.settings.groom
         count = len(self._session.study.members)

@@ -107,7 +107,7 @@ COMMANDS = (
             "Edit", "Ctrl+Z", "undo", "undo"),
     Command("edit.redo", "Redo", "Redo the last edit that was undone.",
             "Edit", "Ctrl+Shift+Z", "redo", "redo", ends_section=True),
-    Command("edit.group", "Set group…", "Give the selected subjects a group.",
+    Command("edit.group", "Set group…", "Assign the selected subjects to a group.",
             "Edit", "Ctrl+G", "tag", "selection"),
     Command("edit.include", "Include or exclude", "Include the selected subjects, or exclude them.",
             "Edit", "Ctrl+E", "exclude", "selection"),
@@ -300,26 +300,26 @@ _REASONS: Mapping[str, str] = {
     "coloured": "the views show no colours of a model",
     **{f"grid{count}": "the open page has no such number of views" for count in LAYOUTS},
 }
-"""Reasons why a command is disabled, by requirement, apart from those that all of a kind share."""
+"""Reasons why a command is disabled, by requirement; `obstacles` adds those that several share."""
 
 
 @dataclass(frozen=True, slots=True)
 class WindowState:
-    """What decides, besides the session, which commands are possible."""
+    """What determines which commands are enabled, in addition to the session."""
 
     busy: bool  # the user waits for a job
     running: bool  # that job is a run
     kept: bool  # a run was cancelled whose particles can be kept
     page: int  # of the views
     pages: int
-    ready: bool  # the views are there
+    ready: bool  # the views have been created
     plays: bool  # the open page of Explore plays something
     answered: bool  # a question about groups or a number was answered
     reference: bool  # there is a reference for patients
     patient: bool  # a patient was compared with it
     layouts: Collection[int]  # numbers of views that can be chosen
-    model: bool  # shapes of the model are seen
-    slices: bool  # slices of a file are seen
+    model: bool  # the views show shapes of the model
+    slices: bool  # slices of a file are shown
     coloured: bool  # a colour scale is shown whose ends can be set
     preliminary: bool  # there is a model of a run that has not finished
 
@@ -345,7 +345,7 @@ def obstacles(session: Session, project: ProjectFolder, state: WindowState) -> M
 
 
 def _unmet(requirements: Mapping[str, bool], first: str) -> dict[str, str]:
-    """Return what each requirement lacks: what all of them do, or its own reason."""
+    """Return why each requirement is not met: the first obstacle of all, or its own reason."""
     return {name: first or ("" if met else _REASONS[name]) for name, met in requirements.items()}
 
 

@@ -83,7 +83,7 @@ def ask(
         The answer; nothing if the question was settled.
     """
     icon = QMessageBox.Icon.Question if len(answers) > 1 else QMessageBox.Icon.Information
-    box = QMessageBox(icon, QApplication.applicationDisplayName(), title, parent=parent)  # once is enough
+    box = QMessageBox(icon, QApplication.applicationDisplayName(), title, parent=parent)  # no second title
     box.setInformativeText(details)
     role = QMessageBox.ButtonRole
     buttons = [
@@ -170,7 +170,7 @@ class LogPane(QWidget):
         self.text = QPlainTextEdit(readOnly=True)
         self.text.setAccessibleName("Log")
         self.level = QComboBox()
-        self.level.setAccessibleName("Least level")
+        self.level.setAccessibleName("Lowest level shown")
         self.level.addItems(list(_LEVELS))
         self.level.setCurrentText("Information")
         self.level.currentTextChanged.connect(self._fill)
@@ -220,13 +220,13 @@ _PACKAGES = (
     "SimpleITK",
 )
 _LINES = 200
-_ID_LENGTH = 5  # digits that may be somebody's number rather than an age
+_ID_LENGTH = 5  # digits that may identify a person, unlike an age
 _OWN = (
     *(Path(str(module.__file__)).parents[1] for module in (homolog, homolog_app)),
     sys.prefix,
     sys.base_prefix,
 )
-_PATH = re.compile(r"""(?<![\w.<>])(?:/|[A-Za-z]:[\\/])[^\n:"'<>|]*""")  # up to what ends a path in messages
+_PATH = re.compile(r"""(?<![\w.<>])(?:/|[A-Za-z]:[\\/])[^\n:"'<>|]*""")  # up to the end of a path
 
 
 def problem_report(session: Session, memory: LogMemory, details: str = "") -> str:
@@ -279,7 +279,7 @@ def _version(package: str) -> str:
 
 
 class ErrorDialog(QDialog):
-    """Shows an error; the details can be unfolded, a report saved, and remedies tried, each with a button."""
+    """Shows an error, with buttons that unfold the details, save a report and apply remedies."""
 
     def __init__(
         self,

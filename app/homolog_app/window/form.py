@@ -28,7 +28,7 @@ _HINT = "Point at a setting for its help."
 _LINES = 3
 _EDITOR, _TEXT_EDITOR = 112, 280
 _NOTHING = object()
-_NO_BOUND = 2**31 - 1  # as many as an editor of whole numbers takes
+_NO_BOUND = 2**31 - 1  # the largest value of a spin box
 _LABELS = {
     "geodesic-normals": "Geodesics and normals",
     "geodesic": "Geodesics only",
@@ -69,7 +69,7 @@ def named_rows(rows: Iterable[tuple[str, QWidget]]) -> QGridLayout:
 
 
 def tab_before(widget: QWidget, *added: QWidget) -> None:
-    """Let Tab reach widgets that were added later before another one, which is not the window's first."""
+    """Move widgets that were added later before another one (not the window's first) in the tab order."""
     before = widget
     while (before := before.previousInFocusChain() or widget) is not widget:
         if before.focusPolicy() & Qt.FocusPolicy.TabFocus:
@@ -91,7 +91,7 @@ class _Help(QLabel):
         self._texts: dict[str, str] = {}
 
     def show_text(self, reason: str, text: str) -> None:
-        """Show the help for pointer or focus; without a text that for the other, if any."""
+        """Show the help for pointer or focus; if it is empty, that for the other."""
         self._texts[reason] = text
         self.setText(text or next(filter(None, self._texts.values()), _HINT))
 
@@ -99,8 +99,8 @@ class _Help(QLabel):
 class SettingsForm(QWidget):
     """Shows a settings model and reports each valid edit as a changed model.
 
-    `help` is a label that the owner puts where it is always seen, `name_px` the width of the names, also of
-    those of the settings left out; `least_px` is what they have at least.
+    `help` is a label that the owner places where it is always visible. `name_px` is the width of the names,
+    including those of omitted settings; it is at least `least_px`.
     """
 
     edited = Signal(str, object)
@@ -136,7 +136,7 @@ class SettingsForm(QWidget):
 
     @property
     def problem(self) -> str:
-        """The first invalid value, in words; empty if all are valid."""
+        """Description of the first invalid value; empty if all are valid."""
         return next((row.problem for row in self._rows.values() if row.problem), "")
 
     def show_values(self, model: BaseModel) -> None:
@@ -185,7 +185,7 @@ class SettingsPair(QWidget):
 
     @property
     def problem(self) -> str:
-        """The first invalid value, in words; empty if all are valid."""
+        """Description of the first invalid value; empty if all are valid."""
         return self.main.problem or self.more.problem
 
     def show_values(self, values: BaseModel) -> None:
@@ -194,7 +194,7 @@ class SettingsPair(QWidget):
         self.more.show_values(values)
 
     def _receive(self, name: str, values: BaseModel) -> None:
-        self.show_values(values)  # the other part starts from these values
+        self.show_values(values)  # the next edit in the other part starts from these values
         self.edited.emit(name, values)
 
     def _fold(self, open_: bool) -> None:
@@ -230,8 +230,8 @@ class _Row(QWidget):
         grid.addWidget(self._editor, 0, 1)
         grid.addWidget(label(parameter.unit, "Unit"), 0, 2)
         grid.addWidget(self._problem, 1, 0, 1, 4)
-        grid.setColumnMinimumWidth(0, name_px)  # editors stand below each other
-        grid.setColumnStretch(1 if parameter.kind is str else 3, 1)  # texts take all the room
+        grid.setColumnMinimumWidth(0, name_px)  # editors are aligned
+        grid.setColumnStretch(1 if parameter.kind is str else 3, 1)  # text editors take the free width
 
     def enterEvent(self, event: QEnterEvent) -> None:
         """Show the help of the setting under the pointer."""
@@ -266,7 +266,7 @@ class _Row(QWidget):
 
     @property
     def _is_half_typed(self) -> bool:
-        """Whether the editor has text that is no value yet."""
+        """Whether the editor's text is not a valid value yet."""
         editor = self._editor
         return isinstance(editor, QSpinBox) and editor.text() != editor.textFromValue(editor.value())
 
@@ -284,7 +284,7 @@ class _Row(QWidget):
         elif isinstance(editor, QSpinBox):
             editor.setValue(int(str(value)))
         elif isinstance(editor, QLineEdit) and editor.hasFocus() and self._stands_for(value):
-            self._shown = _NOTHING  # the text is put in order later
+            self._shown = _NOTHING  # the text is formatted later
         elif isinstance(editor, QLineEdit):
             editor.setText("" if value is None else f"{value:g}" if isinstance(value, float) else str(value))
             editor.setCursorPosition(0)
@@ -301,7 +301,7 @@ class _Row(QWidget):
 
     @property
     def problem(self) -> str:
-        """Setting and fault, in words; empty if the value is valid."""
+        """Setting and fault; empty if the value is valid."""
         fault = self._problem.text()
         return f"{self._parameter.label.capitalize()}: {fault[0].lower()}{fault[1:]}" if fault else ""
 
@@ -373,7 +373,7 @@ class _Row(QWidget):
         self._report(value)
 
     def _parsed(self, text: str) -> object:
-        """Return the value of a text; raises ValueError if it is none."""
+        """Return the value of a text; raises ValueError if there is none."""
         if not text.strip() and self._parameter.automatic:
             return None
         if self._parameter.kind is str:

@@ -30,7 +30,7 @@ _TITLES = {
     "groom": "Grooming stopped",
     "run": "The run stopped",
     "open": "The project can't be opened",
-    "open_paths": "Nothing can be opened there",
+    "open_paths": "These files can't be opened",
     "save_to": "The project can't be saved",
     "import_table": "The table can't be imported",
     "import_model": "The model can't be imported",
@@ -66,7 +66,7 @@ class HelpController(Controller):
 
     @Slot(str, object)
     def show_error(self, kind: str, error: BaseException) -> None:
-        """Show an error with its remedy; a defect of the program asks for a report."""
+        """Show an error with its remedy; for a defect of the program, ask for a report."""
         said = user_message(error)
         title = _TITLES.get(kind, _REFUSED if said else _BUG)
         text = said or "This is a bug in Homolog. Please save a problem report and attach it to an issue."
@@ -221,13 +221,13 @@ class Tour(QObject):
         self._commands[self._stops[self._at].offer].trigger()
 
     def _follow(self) -> None:
-        """Go to the card of a step that was opened otherwise."""
+        """Go to the card of a step that was opened by other means."""
         step = self._workspace.session.step
         if not self.card.isHidden() and self._stops[self._at].step != step:
             self.show_stop(next(index for index, stop in enumerate(self._stops) if stop.step == step))
 
     def _follow_page(self) -> None:
-        """Go to the card of a page of *Explore* that was opened otherwise."""
+        """Go to the card of a page of *Explore* that was opened by other means."""
         page, step = self._workspace.session.page, self._workspace.session.step
         for index, stop in enumerate(self._stops):
             if stop.opens and command(stop.opens).title == page and step == stop.step:
@@ -249,7 +249,7 @@ class Tour(QObject):
 
 
 class _Card(QFrame):
-    """Title and text of one stop, with buttons; as low as possible, since the views are above it."""
+    """Title and text of one stop, with buttons; as low as possible to leave space for the views above it."""
 
     toggled = Signal()
 
@@ -274,7 +274,7 @@ class _Card(QFrame):
         layout.addWidget(self._text)
 
     def setVisible(self, visible: bool) -> None:
-        """Show or hide the card; the window shares its room out anew."""
+        """Show or hide the card; the window distributes its space again."""
         is_new = visible == self.isHidden()
         super().setVisible(visible)
         if is_new:

@@ -1,4 +1,4 @@
-"""The VTK widget, picking by clicks, and the colour bar below."""
+"""The VTK widget, picking by clicks, and the colour bar below it."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -29,11 +29,11 @@ _SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "swrast", "basic render")
 
 
 class Interactor(QtInteractor):  # type: ignore[misc] # pyvistaqt is untyped
-    """A QtInteractor that draws once for each paint event, and only then.
+    """A QtInteractor that renders only in paint events, once for each.
 
-    VTK's interactor style renders at every mouse move, and the frame that comes of it asks for a paint that
-    renders again. Here its wish to render only asks for a paint, which Qt merges with others, so that moves
-    of the mouse never queue up behind drawings.
+    VTK's interactor style renders at every mouse move, and Qt then requests a paint, which renders again.
+    Here a request to render only schedules a paint event. Qt merges these, so that mouse moves never queue up
+    behind rendering.
     """
 
     def __init__(self, parent: QWidget) -> None:
@@ -43,7 +43,7 @@ class Interactor(QtInteractor):  # type: ignore[misc] # pyvistaqt is untyped
         self.setAcceptDrops(False)
         self._vtk: Any = self.ren_win.GetInteractor()
         self._vtk.EnableRenderOff()
-        self._observer = self._vtk.AddObserver("RenderEvent", self._wish)
+        self._observer = self._vtk.AddObserver("RenderEvent", self._schedule_paint)
 
     @property
     def smoothing(self) -> int:
@@ -77,7 +77,7 @@ class Interactor(QtInteractor):  # type: ignore[misc] # pyvistaqt is untyped
             self._vtk = None
         super().close()
 
-    def _wish(self, *_: object) -> None:
+    def _schedule_paint(self, *_: object) -> None:
         if not self._painting:
             self.update()
 
@@ -96,11 +96,11 @@ class Pick:
     Attributes
     ----------
     name : str
-        Of the content: a subject's name, or a shape's.
+        Name of the content: a subject or a shape.
     place : (3,) array
-        On the surface [mm], in the coordinates that are shown.
+        Position on the surface [mm], in the displayed coordinates.
     particle : int or None
-        The particle there.
+        The particle at this position.
     """
 
     name: str
@@ -167,7 +167,7 @@ class Picker(QObject):
             picker.AddPickList(actor)
         if cell.content is None or not picker.Pick(x, y, 0.0, cell.renderer):
             return None
-        if cell.is_cap(picker.GetActor()):  # inside the shape: no place of its surface
+        if cell.is_cap(picker.GetActor()):  # inside the shape, not on its surface
             return None
         place = np.array(picker.GetPickPosition())
         return Pick(cell.content.name, place, self._particle_near(cell, place))
@@ -195,7 +195,7 @@ def aim(camera: Any, place: FloatArray, normal: FloatArray, height: float) -> No
 
 
 class ColourBar(QWidget):
-    """Shows the colour scale, as below saved pictures. A click asks for another range."""
+    """Shows the colour scale as saved pictures do. A click asks for another range."""
 
     clicked = Signal()
 
@@ -225,12 +225,12 @@ class ColourBar(QWidget):
                      f"to {short(scale.high)} {scale.high_label}")  # fmt: skip
             self.setAccessibleDescription(text)
             text += f"; grey: {scale.grey_label}" if scale.grey_label else ""
-            hollow = " On the inner wall of a hollow organ, out of the tissue makes the cavity smaller."
+            hollow = " On the inner wall of a hollow organ, out of the tissue means a smaller cavity."
             self.setToolTip(text + ". Click to set the range." + hollow * ("tissue" in scale.high_label))
         self.update()
 
     def paint(self, colours: Colours) -> None:
-        """Take the colours of the scheme."""
+        """Apply the colours of the scheme."""
         self._colours = colours
         self.update()
 
@@ -240,7 +240,7 @@ class ColourBar(QWidget):
             self.clicked.emit()
 
     def sizeHint(self) -> QSize:
-        """Return the usual size."""
+        """Return the preferred size."""
         return QSize(MOST + 2 * SIDE, self.height())
 
     def paintEvent(self, event: QPaintEvent) -> None:

@@ -44,12 +44,12 @@ __all__ = ["Docks", "Inspector", "MainWindow"]
 
 _INSPECTOR, _NARROWEST, _FLATTEST, _LOW = 452, 376, 192, 900  # pixels
 _WIDTH_SHARE, _HEIGHT_SHARE, _WIDEST = 0.25, 0.22, 540
-"""Smallest share of inspector and plots in a large window, up to a width that a small screen has."""
-_SIZE, _FRAME = QSize(1440, 900), QSize(8, 40)  # at the first start, and of the system's frame [pixels]
+"""Smallest fractions of a large window for inspector and plots; largest minimum width of the inspector."""
+_SIZE, _FRAME = QSize(1440, 900), QSize(8, 40)  # initial size, and size of the system's frame [pixels]
 
 
 class Inspector(QFrame):
-    """Four panels, one shown."""
+    """Contains the panels of the four steps and shows one of them."""
 
     settings_edited = Signal(str, str, object)
 
@@ -82,7 +82,7 @@ class Inspector(QFrame):
         self._pages.setCurrentIndex(STEPS.index(step))
 
     def take_focus(self) -> None:
-        """Let the keyboard continue in the shown panel."""
+        """Move the keyboard focus to the shown panel."""
         panels = (self.cohort, self.groom, self.correspond, self.explore.page)
         panels[STEPS.index(self._session.step)].take_focus()
 
@@ -140,9 +140,9 @@ class Docks(QObject):
         self._log_dock.raise_()
 
     def show_for(self, open_: bool, *, tour: bool) -> None:
-        """Show the plots of the open page, or the energies of a run, unless a tour is in a low window."""
+        """Show the plots of the open page, or the energies of a run (not during a tour in a low window)."""
         for bar in self._window.findChildren(QTabBar, options=Qt.FindChildOption.FindDirectChildrenOnly):
-            bar.setAccessibleName("Below the views")  # Qt makes it when it needs it
+            bar.setAccessibleName("Below the views")  # Qt creates it on demand
         session = self._workspace.session
         self._rail_dock.setVisible(session.is_open)
         self._inspector_dock.setVisible(open_)
@@ -185,7 +185,7 @@ class Docks(QObject):
 
 
 def _dropped_paths(data: QMimeData) -> list[Path]:
-    """Return the files and folders that are dragged."""
+    """Return the dragged files and folders."""
     return [Path(url.toLocalFile()) for url in data.urls() if url.isLocalFile()]
 
 
@@ -222,7 +222,7 @@ class MainWindow(QMainWindow):
 
     @Slot()
     def load_views(self) -> None:
-        """Create the 3-D views, whose import takes long."""
+        """Create the 3-D views; their import is slow."""
         from homolog_app.window.stage import Stage
         from homolog_app.window.views import Views
 
@@ -270,7 +270,7 @@ class MainWindow(QMainWindow):
         if not opened:
             self._middle.setCurrentIndex(0)
         self.docks.show_for(opened, tour=not self.tour.card.isHidden())
-        if opened:  # last, since views are drawn each time that a dock takes some of their room
+        if opened:  # last, since views are redrawn each time that a dock changes their size
             self._middle.setCurrentIndex(1)
         self._name_window()
 
@@ -354,9 +354,9 @@ class MainWindow(QMainWindow):
 
     def _lay_out(self) -> None:
         self._middle = QStackedWidget()
-        self._first_gl = QOpenGLWidget(self)  # a window of OpenGL before it is shown: no flash later
+        self._first_gl = QOpenGLWidget(self)  # an OpenGL window from the start does not flash later
         self._first_gl.setFixedSize(1, 1)
-        first = QScrollArea(widgetResizable=True)  # many recent projects do not make the window taller
+        first = QScrollArea(widgetResizable=True)  # many recent projects scroll
         first.setFrameShape(QFrame.Shape.NoFrame)
         first.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         first.setWidget(self.start_page)

@@ -37,7 +37,7 @@ __all__ = ["ProjectController"]
 _TABLES, _READ = "Tables (*.csv)", "Tables (*.csv *.tsv *.txt *.xlsx)"
 _NOT_HELD = (
     "Subjects, settings, particles, surfaces and the shape model were saved. Groomed volumes, stored "
-    "answers, figures and reports existed only there and could not be saved."
+    "answers, figures and reports existed only in that folder and could not be saved."
 )
 _ANSWERS = ("Open read-only", "Cancel")
 _IN_USE = "the project is open in another Homolog, and read-only here"
@@ -91,7 +91,7 @@ class ProjectController(Controller):
         if session.is_open:
             session.edit("Add subjects", study)
         else:
-            session.open(study, None)  # opening is no edit: undo stops at what was opened
+            session.open(study, None)  # opening is not an edit: it can't be undone
         if added.notes:
             session.noticed.emit("; ".join(added.notes))
         if not session.selection and study.members:
@@ -106,7 +106,7 @@ class ProjectController(Controller):
         try:
             self._workspace.lock_project(folder)
         except InUseError as error:
-            details = f"{error}.\n\nRead-only, all of it can be seen and exported, and nothing is saved."
+            details = f"{error}.\n\nRead-only projects can be seen and exported, but not saved."
             if ask(self._window, f"Open {folder.name} read-only?", details, _ANSWERS, 1) == _ANSWERS[1]:
                 return
             self._workspace.lock_project(None)
@@ -162,7 +162,7 @@ class ProjectController(Controller):
                 f"{before.folder}: was moved or deleted with its result; restore it, or save "
                 "what is still in memory with Save as"
             )
-        if gone or in_use:  # of another program, the folder may be half written
+        if gone or in_use:  # a folder in use by another program may be half written
             self._write_from_memory(folder)
         elif folder != session.folder and before.folder.is_dir():
             waited(self._window, f"Saving to {folder.name}…", lambda: copy_project(before.folder, folder))
@@ -185,7 +185,7 @@ class ProjectController(Controller):
     def _write_from_memory(self, folder: Path) -> None:
         """Write the data in memory of a result whose folder is missing, atomically."""
         loaded, cohort = self._workspace.session.result, self._workspace.session.study.whole
-        assert loaded is not None, "there is nothing to write otherwise"
+        assert loaded is not None, "without a result, no folder is missing"
 
         def write() -> None:
             with replace_folder(folder) as part:
@@ -222,7 +222,7 @@ class ProjectController(Controller):
         answer = ask(self._window, question, lost, ("Save", "Don't save", "Cancel"))
         if answer == "Save":
             session, said = workspace.session, f"Saving {title}…"
-            wait_until(self._window, said, lambda: not session.job.is_busy)  # one that was stopped must end
+            wait_until(self._window, said, lambda: not session.job.is_busy)  # a stopped job must end first
             self.save()
             wait_until(self._window, said, lambda: not session.job.is_saving)
             return not workspace.is_changed
@@ -242,11 +242,11 @@ class ProjectController(Controller):
         self._workspace.session.show_step("cohort")
 
     @reported
-    def locate(self, gone: Path) -> None:
-        """Ask where a project is now."""
-        path = self._workspace.files.folder(self._window, f"Where is {gone.name}?")
+    def locate(self, missing: Path) -> None:
+        """Ask for the new location of a project."""
+        path = self._workspace.files.folder(self._window, f"Where is {missing.name}?")
         if path:
-            self._workspace.preferences.relocate(gone, path)
+            self._workspace.preferences.relocate(missing, path)
             self.open(path)
 
     @reported
@@ -371,7 +371,7 @@ class ProjectController(Controller):
             session.set_group(name.strip() or None)
 
     def _ask_location(self, study: Study) -> Path | None:
-        """Ask for the folder of moved input files; None if none has moved, or the answer is cancelled."""
+        """Ask for the folder of moved input files; None if no file has moved, or the dialog is cancelled."""
         missing = [member.name for member in study.members if not is_there(member.subject)]
         if not missing:
             return None
@@ -382,7 +382,7 @@ class ProjectController(Controller):
         return self._workspace.files.folder(self._window, "Folder that contains the files now")
 
     def _show_as(self, view: ViewRecord) -> None:
-        """Restore the view state of the saved project."""
+        """Restore the saved state of the views."""
         explore, views = self._explore, self.views
         self._workspace.session.show_step(view.step or "explore")
         for page in (page for page in explore.pages if page.title == view.page):

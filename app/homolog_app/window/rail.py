@@ -34,7 +34,7 @@ _WIDTH, _HEIGHT = 96, 104
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """State of a step: reachable, done, next, and its status text."""
+    """State of a step: whether it is reachable, done or next, and its status text."""
 
     enabled: bool
     done: bool
@@ -182,7 +182,7 @@ def steps_of(session: Session) -> dict[str, Step]:
 
 _MEMORY_MS = 2000
 _BAR_PX = 160, 8
-_ON_RAIL = ("groom", "run")  # their steps show how far they are
+_ON_RAIL = ("groom", "run")  # their steps show their progress
 
 
 class StatusBar(QObject):
@@ -227,7 +227,7 @@ class StatusBar(QObject):
 
     @Slot()
     def _show_busy(self) -> None:
-        """Show the progress of a job that is not seen elsewhere."""
+        """Show the progress of a job that no other part of the window shows."""
         job, session = self._session.job, self._session
         on_page = session.step == "explore" and PAGE_OF_JOB.get(job.kind) == session.page
         shown = job.is_busy and session.is_open and job.kind not in _ON_RAIL and not on_page
@@ -248,7 +248,7 @@ class StatusBar(QObject):
 
 
 class DockSizes:
-    """Minimum sizes of docks; a dock that one has enlarged gets its former size when it falls again."""
+    """Minimum sizes of docks; a dock enlarged by one returns to its former size when it decreases."""
 
     def __init__(self, window: QMainWindow) -> None:
         self._window = window

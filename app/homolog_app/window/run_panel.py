@@ -43,7 +43,7 @@ __all__ = ["GroomNotes", "GroomPanel", "RunPanel"]
 
 
 _NOTES_PX, _ROW_PX, _NAME_PX = 168, 28, 160
-_FIRST_SHARE = 100  # of the room that is left, nearly all goes to the table of notes
+_FIRST_SHARE = 100  # stretch factor: the table of notes takes nearly all free height
 _GROOM_MAIN = ("label", "smoothing", "alignment", "pieces")
 
 
@@ -85,7 +85,7 @@ class GroomPanel(Panel):
         self._show()
 
     def _go_to(self, name: str) -> None:
-        """Select a subject and scroll to what was changed on it, and to the button below."""
+        """Select a subject, and scroll to the changes of its grooming and the button below them."""
         self._session.select([name])
         QTimer.singleShot(0, self, lambda: self.reveal(self.again))
 
@@ -102,7 +102,7 @@ class GroomPanel(Panel):
         self.form.show_values(session.study.settings.groom)
         idle = not self.progress.isVisibleTo(self)
         count = len(session.study.included)
-        # A project that is being opened has its result before its groomed surfaces.
+        # An opened project loads its result before its groomed surfaces.
         done = session.is_groomed or (session.result is not None and not session.groomed)
         self.go.setText("Groom all again" if done else f"Groom {count} subjects")
         set_primary(self.go, not done)
@@ -140,7 +140,7 @@ class GroomNotes(QWidget):
     Attributes
     ----------
     kinds : QComboBox
-        Which kind of note; the first entry means all.
+        The kind of note shown; the first entry means all.
     table : QTableWidget
         Name and notes of each subject.
     """
@@ -249,7 +249,7 @@ class RunPanel(Panel):
         self.device.setAccessibleName("Device")
         self.show_devices({"auto": "Automatic"})
         self.device.activated.connect(lambda _: self.device_chosen.emit(self.device.currentData()))
-        self.device.setToolTip("Compute device. Automatic takes the first GPU, or the CPU if there is none.")
+        self.device.setToolTip("Compute device. Automatic selects the first GPU, or the CPU without one.")
         self.summary = label("", "Hint", wrap=True)
         self.further = label("", "Hint", wrap=True)
         self.more, self.fit = (

@@ -24,20 +24,20 @@ if TYPE_CHECKING:
 __all__ = ["EnergyCurves", "RunParticles"]
 
 _MOST_POINTS = 400
-_AHEAD = 0.25  # share of further iterations of a run for which there is room
+_AHEAD = 0.25  # space for further iterations, as a fraction of those done
 
 
 class RunParticles(QObject):
-    """Particles of a run for the views. A timer polls its newest frame; `moved` tells whether it is live.
+    """Particles of a run for the views. A timer polls its newest frame; `moved` says whether the run is live.
 
     Attributes
     ----------
     particles : mapping of str to (N, 3) array
-        By subject [mm].
+        Positions by subject [mm].
     tints : (N, 3) array or None
-        Their colours, if not those by position.
+        Colours; None for colours by position.
     frame : Frame or None
-        The newest one of the run.
+        The newest frame of the run.
     """
 
     moved = Signal(bool)
@@ -116,11 +116,11 @@ class RunParticles(QObject):
             self.frame = frame
             self.particles, self.tints = self._on_surfaces(job.names, frame), None
             self.moved.emit(True)
-            if job.recorder.energies:  # first particles have none
+            if job.recorder.energies:  # before the first iteration there are none
                 self._curves.show_rows(list(job.recorder.energies), is_live=True)
 
     def _on_surfaces(self, names: Sequence[str], frame: "Frame") -> dict[str, FloatArray]:
-        """Return the particles on the surfaces that are shown: a run aligns the shapes anew."""
+        """Return the particles on the surfaces shown; the run has an alignment of its own."""
         result, groomed = self._session.result, self._session.groomed
         own = dict(zip(result.result.names, result.result.alignments, strict=True)) if result else {}
         own = {name: smooth.alignment for name, smooth in groomed.items()} | own
@@ -164,7 +164,7 @@ class EnergyCurves(Plot):
     def show_rows(self, rows: FloatArray | Sequence[Sequence[float]], *, is_live: bool = False) -> None:
         """Show energies (T, 4): iteration and three terms; live ones leave room for further iterations."""
         table = np.asarray(rows, dtype=np.float64).reshape(-1, 4)
-        is_new = np.diff(table[:, 1:], axis=0).any(axis=1)  # a frame between two evaluations repeats the last
+        is_new = np.diff(table[:, 1:], axis=0).any(axis=1)  # frames repeat values between evaluations
         table = table[np.concatenate([np.ones(min(len(table), 1), dtype=bool), is_new])]
         every = max(1, len(table) // _MOST_POINTS)
         self._rows = np.concatenate([table[::every], table[-1:]]) if len(table) else table

@@ -32,7 +32,7 @@ class Status(Protocol):
 
     @property
     def message(self) -> str:
-        """Description of the present step."""
+        """Description of the current step."""
 
     @property
     def eta_s(self) -> float | None:
@@ -145,7 +145,7 @@ class Runner(QObject):
 
     @property
     def job(self) -> Job | None:
-        """The present job, or None."""
+        """The current job, or None."""
         return self._job
 
     def start(self, job: Job) -> None:
@@ -158,7 +158,7 @@ class Runner(QObject):
         self._look()
 
     def cancel(self) -> None:
-        """Cancel the present job; `ended` follows."""
+        """Cancel the current job; `ended` follows."""
         if self._job is not None:
             self._job.cancel()
 
@@ -206,7 +206,7 @@ REST = 100.0
 
 
 _ACTIVE: set[int] = set()
-"""Collectors in place of the automatic one."""
+"""Active collectors, which replace the automatic one."""
 
 
 def _release(number: int, *_: object) -> None:
@@ -230,11 +230,11 @@ class GarbageCollector(QObject):
         self._timer.start()
 
     def settle(self) -> None:
-        """Exclude present objects from further collections to keep these short."""
+        """Exclude existing objects from further collections to keep these short."""
         gc.freeze()
 
     def close(self) -> None:
-        """Enable Python's automatic collection again, unless another window's collector is at work."""
+        """Enable Python's automatic collection again, unless another window's collector is active."""
         self._timer.stop()
         self._release()
 

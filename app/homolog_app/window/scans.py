@@ -40,7 +40,7 @@ def sliced_subject(session: Session, name: str) -> SliceScene:
 
 
 class ScanController(Controller):
-    """Gives subjects, and the patient of Explore's page, their scans; `subject_offered` means another one."""
+    """Assigns scans to subjects and to the patient; `subject_offered` passes on an image as a new subject."""
 
     subject_offered = Signal(object)
 
@@ -82,14 +82,14 @@ class ScanController(Controller):
         Parameters
         ----------
         paths : sequence of Path
-            What was dropped.
+            The dropped files.
         at : QPoint
-            Where, in the window.
+            Position in the window.
 
         Returns
         -------
         bool
-            Whether the question was asked; False if it was no single image, or not on a subject.
+            Whether the question was asked; False unless a single image was dropped on a subject.
         """
         name = self._subject_at(at)
         is_image = len(paths) == 1 and (suffix_of(paths[0]) in IMAGE_SUFFIXES or _is_series(paths[0]))
@@ -117,7 +117,7 @@ class ScanController(Controller):
             self._slices.show_subject(scene)
 
     def point(self, name: str, shown: Content, place: FloatArray) -> None:
-        """Move the crosshair to a point that was clicked or is looked at in the views."""
+        """Move the crosshair to a point that was clicked or is shown in a close-up."""
         local = transform_points(inverse_matrices(shown.alignment), np.asarray(place)[None])[0]
         self._slices.go_to(name, local)
 

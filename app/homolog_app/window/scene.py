@@ -22,7 +22,7 @@ _SLOW_MS = 40.0
 _LIVE_MS = (30.0, 55.0)
 _REFINE_MS = 400
 _CLOSE_UP, _CLOSE_UP_BALLS = 0.6, 36.0
-"""Height of a close-up, at most: share of the shapes' extent, and radii of the balls."""
+"""Largest height of a close-up: as a fraction of the shapes' extent, and in radii of the balls."""
 
 
 class Scene(QWidget):
@@ -40,7 +40,7 @@ class Scene(QWidget):
         layout.addWidget(self.plot, 1)
         layout.addWidget(self.bar)
         window: Any = self.plot.ren_win
-        for renderer in self.plot.renderers:  # pyvista's own; the grid makes one for each view
+        for renderer in self.plot.renderers:  # pyvista's; the grid creates one for each view
             window.RemoveRenderer(renderer)
         window.SetMultiSamples(self.plot.smoothing)
         self._observers = (
@@ -55,7 +55,7 @@ class Scene(QWidget):
         self._clip: Clip | None = None
         self._uncovering: Clip | None = None
         self._is_close = False
-        self._left_at = 0  # the page of subjects to come back to from shapes of the model
+        self._subjects_page = 0  # the page of subjects to return to from shapes of the model
         self.share, self._turn, self._partial = MOST, 0, False
         self._size: object = None
         self._fitted = False
@@ -83,7 +83,7 @@ class Scene(QWidget):
 
     @property
     def columns(self) -> int:
-        """Columns of the contents' own grid; 0 in the user's layout."""
+        """Number of columns if the contents define the grid; 0 in the user's layout."""
         return self.grid.columns
 
     @property
@@ -110,17 +110,17 @@ class Scene(QWidget):
 
         Parameters
         ----------
-        shown : Shown
-            At most sixteen contents if it has columns.
+        shown : ViewContents
+            At most sixteen contents if they define the grid.
         """
         had, before = self.grid.contents, self.grid.shape
         stays = shown.stays and self.displayed.stays and self.fitted != self.looks
         if not self.grid.columns:
-            self._left_at = self.grid.page
+            self._subjects_page = self.grid.page
         self.displayed = shown
         self.grid.take(shown)
         self.bar.show_scale(shown.scale)
-        self.show_page(0 if shown.columns else min(self._left_at, self.grid.pages - 1))
+        self.show_page(0 if shown.columns else min(self._subjects_page, self.grid.pages - 1))
         if shown.contents and (not had or not self._fitted):
             self.look("corner")
         elif self.grid.shape != before:
@@ -129,13 +129,13 @@ class Scene(QWidget):
         elif len(shown.contents) != len(had):
             self._keep_whole()
         elif self.fitted == self.looks:
-            # The shapes may have grown, as along a mode. A user's own zoom stays.
+            # The shapes may have grown, as along a mode. The user's zoom is kept.
             self.grid.widen(self.plot.width(), self.plot.height())
             self.fitted = self.looks
 
     def begin_anew(self) -> None:
         """Reset camera, zoom and page for the next contents."""
-        self._fitted, self._left_at, self.grid.page = False, 0, 0
+        self._fitted, self._subjects_page, self.grid.page = False, 0, 0
 
     def show_page(self, page: int) -> None:
         """Show a page of the contents."""
@@ -191,8 +191,8 @@ class Scene(QWidget):
     ) -> None:
         """Show particles by subject, (N, 3) [mm] each in common coordinates.
 
-        Without colours (N, 3), they are computed again when the number of particles changes, and when a
-        run has ended. Live particles may be drawn on lighter surfaces.
+        Colours (N, 3) that are not given are computed when the number of particles changes, and when a
+        run has ended. Live particles may be drawn on simpler surfaces.
         """
         count = len(next(iter(particles.values()))) if particles else 0
         before = self.grid.tints
@@ -261,7 +261,7 @@ class Scene(QWidget):
         bounds = self.grid.bounds
         if bounds is not None:
             height = _CLOSE_UP * max(bounds[1] - bounds[0], bounds[3] - bounds[2], bounds[5] - bounds[4])
-            if self.grid.particles and not self.grid.columns:  # a place among the particles of a subject
+            if self.grid.particles and not self.grid.columns:  # close-up of a subject's particles
                 height = min(height, _CLOSE_UP_BALLS * self.grid.radius)
             for camera in self.grid.cameras.each:
                 aim(camera, place, normal, height)
@@ -291,7 +291,7 @@ class Scene(QWidget):
         return Clip(plane=ClipPlane.VIEW, position=float(np.clip(share, 0.0, 1.0)), box=box)
 
     def paint(self, colours: Colours) -> None:
-        """Take the colours of the scheme."""
+        """Apply the colours of the scheme."""
         self._colours = colours
         self.grid.paint(colours)
         self.bar.paint(colours)
@@ -327,7 +327,7 @@ class Scene(QWidget):
     def close_scene(self) -> None:
         """Release all VTK objects before the window closes."""
         self.refine_timer.stop()
-        self.plot.removeEventFilter(self.picker)  # which would hear of the widget's end, half destroyed
+        self.plot.removeEventFilter(self.picker)  # it would receive events of the half destroyed widget
         window: Any = self.plot.ren_win
         if window is not None:
             for observer in self._observers:
@@ -376,7 +376,7 @@ class Scene(QWidget):
 
     def _before_drawing(self, *_: object) -> None:
         size = self.plot.ren_win.GetSize()
-        if size != self._size:  # the picture of the views that are not drawn is gone
+        if size != self._size:  # the last picture of views that are not drawn is lost
             self._size = size
             self._after_drawing()
 

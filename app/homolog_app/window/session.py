@@ -27,7 +27,7 @@ PAGE_OF_JOB = {
     "groups": "Groups", "seeds": "Groups", "mend": "Check", "reference": "Patient", "patient": "Patient",
     "typical": "Patient", "follow-up": "Patient", "report": "Patient",
 }  # fmt: skip
-"""Pages of *Explore* that show how far a job is, by its kind."""
+"""Pages of *Explore* that show the progress of a job, by its kind."""
 
 
 BACKGROUND = ("read", "restore", "prepare")
@@ -36,7 +36,7 @@ BACKGROUND = ("read", "restore", "prepare")
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """The present job.
+    """The current job.
 
     Attributes
     ----------
@@ -63,12 +63,12 @@ class Job:
 
     @property
     def is_busy(self) -> bool:
-        """Whether the user waits for something."""
+        """Whether the user is waiting for a job."""
         return self.kind not in ("", *BACKGROUND) or bool(self.following)
 
     @property
     def is_saving(self) -> bool:
-        """Whether a result is being written, or is queued for it."""
+        """Whether a result is being written, or a job that will write one is queued."""
         return "keep" in (self.kind, self.following)
 
 
@@ -76,7 +76,7 @@ class Session(QObject):
     """State of the open study, with a signal for each part. Used only in the GUI thread.
 
     `project_changed` is about the folder and whether everything is saved in it, `job_changed` about a job
-    that begins, ends, pauses, or has a first or another preliminary model; `job_progressed` says only that
+    that begins, ends, pauses, or has a new preliminary model; `job_progressed` means only that
     its status has changed. `noticed` is a message for the status bar, `failed` an error with its kind.
     """
 
@@ -124,7 +124,7 @@ class Session(QObject):
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a study."""
+        """Whether a study is open."""
         return bool(self.study.members) or self.folder is not None
 
     @property
@@ -139,7 +139,7 @@ class Session(QObject):
 
     @property
     def is_groomed(self) -> bool:
-        """Whether every included subject is groomed with the settings in force."""
+        """Whether every included subject is groomed with the current settings."""
         return bool(self.study.included) and all(
             subject.name in self.groomed and self.groomed[subject.name].settings == self.study.settings.groom
             for subject in self.study.included
@@ -173,7 +173,7 @@ class Session(QObject):
 
     @property
     def preliminary(self) -> PreliminaryModel | None:
-        """The preliminary model of the present or cancelled run, while the study has no result."""
+        """The preliminary model of the current or cancelled run, while the study has no result."""
         run = self.job.run or self.job.kept
         return run.preliminary if run is not None and self.result is None else None
 
@@ -241,7 +241,7 @@ class Session(QObject):
             self.undo.setClean()
 
     def exchange_result(self, loaded: LoadedResult, text: str) -> None:
-        """Replace the result; undo restores the present one."""
+        """Replace the result; undo restores the previous one."""
         self.undo.push(_Exchange(self, loaded, text))
 
     def show_result(self, loaded: LoadedResult | None) -> None:
@@ -250,7 +250,7 @@ class Session(QObject):
         self.result_changed.emit()
 
     def select(self, names: Iterable[str]) -> None:
-        """Select subjects, everywhere."""
+        """Select subjects in all parts of the window."""
         known = {member.name for member in self.study.members}
         chosen = tuple(name for name in names if name in known)
         if chosen != self.selection:
@@ -263,7 +263,7 @@ class Session(QObject):
         self.select(others if len(others) < len(self.selection) else [*others, name])
 
     def set_group(self, group: str | None) -> None:
-        """Give the selected subjects a group."""
+        """Assign the selected subjects to a group."""
         self._edit_selected(
             "Set group", lambda member: replace(member, subject=replace(member.subject, group=group))
         )

@@ -69,7 +69,7 @@ class SliceContent:
     Attributes
     ----------
     title, text : str
-        In the upper corners.
+        Texts in the upper corners.
     image : QImage
     is_smooth : bool
         Whether voxels are interpolated on the screen.
@@ -81,7 +81,7 @@ class SliceContent:
         Centre of the widget and position of the crosshair, in voxels of the picture.
     lines : sequence of Line
     letters : tuple of str
-        At the left, right, bottom and top.
+        Directions at the left, right, bottom and top.
     """
 
     title: str
@@ -132,7 +132,7 @@ class SliceCanvas(QWidget):
             self.stepped.emit(1 if notches > 0 else -1)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Move the crosshair by a voxel, and so the other planes; zoom with + and -."""
+        """Move the crosshair, and with it the other planes, by a voxel; zoom with + and -."""
         way = _KEYS.get(Qt.Key(event.key()))
         if way is not None and self.drawn is not None:
             self.pointed.emit(self.drawn.cross[0] + way[0], self.drawn.cross[1] + way[1])
@@ -148,7 +148,7 @@ class SliceCanvas(QWidget):
             self._point(event.position())
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        """Drag the crosshair; with the right button the grey values, with the middle one the picture."""
+        """Move the crosshair; drag the grey-value window (right button) or the picture (middle button)."""
         if self._last is None:
             return
         moved, self._last = event.position() - self._last, event.position()
@@ -298,7 +298,7 @@ class ReadScan:
         self.automatic = scan.automatic_window()
         self.preset = first_preset(scan)
         outside = round(100.0 * (1.0 - inside))
-        beyond = (f"{outside} % of the structure lies outside of the scan",) if outside else ()
+        beyond = (f"{outside} % of the structure lies outside the scan",) if outside else ()
         self.notes = (*scan.notes, *beyond)
 
 

@@ -142,7 +142,7 @@ class SliceView(QWidget):
         self._set_grid(keep=same and self._grid is not None)
 
     def go_to(self, name: str, place: FloatArray) -> None:
-        """Move the crosshair to a point of a subject, LPS [mm], also if it is shown later."""
+        """Move the crosshair to a point of a subject, LPS [mm], even if it is shown later."""
         self._aim = name, np.array(place, np.float64)
         if name == self.sliced.name:
             self._place = self._aim[1]
@@ -213,7 +213,7 @@ class SliceView(QWidget):
         self._draw()
 
     def _fit(self) -> None:
-        """Show the structure or everything."""
+        """Fit the structure or the whole scan into the planes."""
         self._zoom = 1.0
         if self._grid is not None:
             middle = self._box(self._grid).mean(axis=0, keepdims=True)
@@ -221,7 +221,7 @@ class SliceView(QWidget):
         self._draw()
 
     def _box(self, grid: Grid) -> FloatArray:
-        """Return the indices between which the field of view lies, (2, 3)."""
+        """Return the lowest and highest indices of the field of view, (2, 3)."""
         whole = np.stack([np.full(3, -0.5), np.array(grid.shape) - 0.5])
         if self.field.currentText() == _WHOLE:
             return whole

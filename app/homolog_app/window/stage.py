@@ -92,7 +92,7 @@ class ViewBar(QFrame):
 
 
 class ViewFooter(QFrame):
-    """The strip below: pages, and the playback of a run."""
+    """The strip below the views: pages, and the playback of a run."""
 
     frame_chosen = Signal(int)
 
@@ -140,10 +140,10 @@ class RangeDialog(QDialog):
     ----------
     parent : QWidget
     scale : ColourScale
-        The present range.
+        The current range.
     choose : callable
         Receives the chosen range, or None for an automatic one.
-    present : callable
+    current : callable
         Returns the resulting range, None if colours are no longer shown.
     """
 
@@ -152,11 +152,11 @@ class RangeDialog(QDialog):
         parent: QWidget,
         scale: ColourScale,
         choose: Callable[[tuple[float, float] | None], object],
-        present: Callable[[], ColourScale | None],
+        current: Callable[[], ColourScale | None],
     ) -> None:
         super().__init__(parent)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        self._choose, self._present = choose, present
+        self._choose, self._current = choose, current
         self.setWindowTitle("Colour range")
         self.setMinimumWidth(360)
         self.low, self.high = QLineEdit(short(scale.low)), QLineEdit(short(scale.high))
@@ -173,7 +173,7 @@ class RangeDialog(QDialog):
         self.automatic.setToolTip("Set the range automatically from the values shown")
         buttons = QDialogButtonBox(
             QDialogButtonBox.StandardButton.Apply | QDialogButtonBox.StandardButton.Close,
-            parent=self,  # icons are looked up in its style sheet at once
+            parent=self,  # its style sheet is needed when icons are created
         )
         buttons.addButton(self.automatic, QDialogButtonBox.ButtonRole.ResetRole)
         self.apply = buttons.button(QDialogButtonBox.StandardButton.Apply)
@@ -199,13 +199,13 @@ class RangeDialog(QDialog):
     def _receive(self, chosen: tuple[float, float] | None) -> None:
         """Choose a range, and show the resulting one."""
         self._choose(chosen)
-        if (scale := self._present()) is not None:
+        if (scale := self._current()) is not None:
             self.low.setText(short(scale.low))
             self.high.setText(short(scale.high))
 
     @Slot()
     def _follow(self) -> None:
-        """Keep the lower end opposite to the upper one."""
+        """Keep the lower end at the negative of the upper one."""
         self.low.setEnabled(not self.symmetric.isChecked())
         if self.symmetric.isChecked():
             text = self.high.text().strip()
@@ -277,7 +277,7 @@ class ClipBar(QFrame):
 
     @property
     def clip(self) -> Clip:
-        """The plane that is chosen."""
+        """The chosen plane."""
         return Clip(
             plane=self.plane.currentData(),
             position=self.position.value() / _STEPS,
@@ -296,7 +296,7 @@ _NARROWEST = 160
 
 
 class Stage(QWidget):
-    """Contains scene and slices, of which one, both or a hint are visible."""
+    """Contains scene and slices, and a hint that replaces them."""
 
     def __init__(self, theme: Theme, actions: Actions) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Starting the application: surface format, logging, exception hooks, window, then the heavy imports."""
+"""Start of the application: surface format, logging, exception hooks, window, then the heavy imports."""
 
 import faulthandler
 import importlib

@@ -23,7 +23,7 @@ __all__ = ["BEANS", "HEARTS", "SAMPLES", "Sample", "StartPage", "Stop", "stops_f
 
 _COMPLETE = ".complete"
 _SEED = 5
-_SUBJECTS = 20  # of twelve, permutation tests can't show the infarct
+_SUBJECTS = 20  # with twelve, permutation tests do not detect the infarct
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +33,13 @@ class Stop:
     Attributes
     ----------
     step : str
-        Its step.
+        The step that it describes.
     title, text : str
         Heading and text.
     offer : str
-        The command of its button.
+        Identifier of its button's command.
     opens : str
-        The command that is triggered when it is shown, such as to open a page.
+        Identifier of the command triggered when it is shown, such as one that opens a page.
     alignment : ShapeAlignment, optional
         Alignment of the group comparison from then on.
     """
@@ -59,7 +59,7 @@ class Sample:
     Attributes
     ----------
     name : str
-        Of its folder.
+        Name of its folder.
     write : function of folder and tick
         Writes its files.
     stops : tuple of Stop
@@ -220,7 +220,7 @@ HEARTS = _anatomy("hearts", "heart", _HEART_STOPS)
 _VERTEBRAE = _anatomy("vertebrae", "vertebra", (Stop("cohort", "Lumbar vertebrae", _FRACTURE), *_STOPS[1:]))
 _FEMORA = _anatomy("femora", "femur", (Stop("cohort", "Upper ends of femora", _CAM), *_STOPS[1:]))
 
-# Half turned a bean fits, too: alignment would turn some.
+# A bean fits after half a turn, too: alignment would rotate some by 180°.
 BEANS = Sample("coffee-beans", _write_beans, _BEAN_STOPS, "truth.csv", groom={"alignment": Alignment.NONE})
 
 SAMPLES = {
@@ -229,7 +229,7 @@ SAMPLES = {
     "file.sample_femora": _FEMORA,
     "file.sample": BEANS,
 }
-"""By the command that opens them."""
+"""Sample studies by the command that opens them."""
 
 
 def stops_for(study: Study) -> tuple[Stop, ...]:

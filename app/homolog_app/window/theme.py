@@ -20,7 +20,7 @@ _SIZES, _USUAL = (12, 15, 17, 32), 12
 
 
 class Theme(QObject):
-    """The colour scheme in force: the system's, unless the user chose one.
+    """The current colour scheme: the system's, unless the user chose one.
 
     The window uses `sheet` as its own style sheet. An application-wide sheet would style each widget again
     whenever its parent changes, and takes several times as long to change.
@@ -55,7 +55,7 @@ class Theme(QObject):
         return self.colours is DARK_SCHEME
 
     def choose(self, choice: str) -> None:
-        """Follow the system or keep to one scheme."""
+        """Follow the system, or use one scheme."""
         self._choice = choice
         self._apply()
 
@@ -74,14 +74,14 @@ class Theme(QObject):
         names = asdict(colours) | sizes | {"icons": _icon_folder(), "tick": tick}
         sheet = Template(template).substitute(names)
         if sheet == self.sheet:
-            return  # every widget would be styled once more
+            return  # setting it would style every widget again
         self.colours, self.sheet = colours, sheet
         self._app.setPalette(_palette(colours))
         self.changed.emit()
 
 
 def scaled(size: int) -> int:
-    """Return a font size [pixels], given for a system font of 12 pixels, for the present one."""
+    """Return a font size [pixels], given for a system font of 12 pixels, scaled to the current one."""
     return round(size * text_scale())
 
 

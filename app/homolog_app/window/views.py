@@ -115,7 +115,7 @@ class Views(QObject):
         return page is not None and isinstance(page.chosen, ColouredView) and self._bar.scale is not None
 
     def _turn_colours(self) -> None:
-        """Count displacements as positive away from the middle of the shape, or out of the tissue."""
+        """Count displacements as positive away from the centre of the shape, or out of the tissue."""
         for page in self._explore.pages:
             page.from_middle = self._commands["view.from_middle"].isChecked()
         self._display()
@@ -157,7 +157,7 @@ class Views(QObject):
         QApplication.clipboard().setImage(picture)
 
     def save_picture(self) -> None:
-        """Ask for options, and save a picture of the present views or slices."""
+        """Ask for options, and save a picture of the current views or slices."""
         if self.shows_slices:
             self.slices_wanted.emit(self.stage.slices.picture())
             return
@@ -211,7 +211,7 @@ class Views(QObject):
         menu.popup(at)
 
     def noted(self, view: ViewRecord) -> ViewRecord:
-        """Return a record with the present state of the views."""
+        """Return a record with the current state of the views."""
         return view.of_canvas(self.stage.scene.canvas)
 
     def restore_view(self, view: ViewRecord) -> None:
@@ -248,7 +248,7 @@ class Views(QObject):
             self._result = session.result
             had_smooth = any(isinstance(content, Groomed | LoadedResult) for content in self._shown)
             smooth = bool(session.groomed or session.result)
-            if smooth is not had_smooth:  # there must be something to see, and not the input behind it
+            if smooth is not had_smooth:  # show one surface, and not the input behind it
                 self._commands["view.raw"].setChecked(not smooth)
                 stage.scene.grid.raw = not smooth
             self._shown = key
@@ -299,7 +299,7 @@ class Views(QObject):
         self._update_layout()
 
     def _update_layout(self) -> None:
-        """Check the button of the present number of views; disable those that the page lacks."""
+        """Check the button of the current number of views; disable those that the page lacks."""
         page = self._page
         offered = page.layouts if page is not None else None
         count = offered[0] if offered else self.stage.scene.layout_count
@@ -325,7 +325,7 @@ class Views(QObject):
 
     @Slot(str, object, object)
     def _point_slices(self, name: str, place: FloatArray, _: object = None) -> None:
-        """Move the crosshair of the slices to a point that was clicked or is looked at in the views."""
+        """Move the crosshair of the slices to a point that was clicked or is shown in a close-up."""
         shown = next((content for content in self.stage.scene.shown if content.name == name), None)
         if shown is not None:
             patient = self._page.sliced() if self._page is not None else None

@@ -53,7 +53,7 @@ GRID = 8
 
 
 def label(text: str, name: str = "", *, wrap: bool = False) -> QLabel:
-    """Return a text; `name` picks its look from the style sheet."""
+    """Return a label; `name` selects its style in the style sheet."""
     result = QLabel(text)
     result.setObjectName(name)
     result.setWordWrap(wrap)
@@ -62,7 +62,7 @@ def label(text: str, name: str = "", *, wrap: bool = False) -> QLabel:
 
 
 def button(text: str, look: str = "") -> QPushButton:
-    """Return a push button; look is ``"primary"``, ``"flat"``, ``"pick"``, ``"card"`` or nothing."""
+    """Return a push button; its style is ``"primary"``, ``"flat"``, ``"pick"``, ``"card"`` or nothing."""
     result = QPushButton(text)
     if look:
         result.setProperty(look, "true")
@@ -70,7 +70,7 @@ def button(text: str, look: str = "") -> QPushButton:
 
 
 class ActionButton(QPushButton):
-    """A button with trigger, enabled state and tooltip of an action."""
+    """A button that triggers an action and has its enabled state and tooltip."""
 
     def __init__(self, text: str, action: QAction, look: str = "") -> None:
         super().__init__(text)
@@ -175,7 +175,7 @@ def keep_space(event: QEvent) -> bool:
 
 
 class _Body(QWidget):
-    """The scrolling body of a panel: at least as high as its texts need at the present width."""
+    """The scrolling body of a panel: at least as high as its texts need at the current width."""
 
     def __init__(self, body: QVBoxLayout) -> None:
         super().__init__()
@@ -231,7 +231,7 @@ class Panel(QWidget):
         self.base = QFrame()
         self.base.setObjectName("PanelBase")
         self.base.setLayout(self.footer)
-        for widget in (inner, self.base):  # names, however long, never make the panel wider
+        for widget in (inner, self.base):  # long names do not make the panel wider
             widget.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         outer.addWidget(self.base)
 
@@ -255,7 +255,7 @@ class Panel(QWidget):
             widget.setFocusPolicy(widget.focusPolicy() & Qt.FocusPolicy.StrongFocus)  # not by the wheel
         for each in self.findChildren(QAbstractButton):
             each.installEventFilter(self)
-            each.setFocusPolicy(each.focusPolicy() & Qt.FocusPolicy.TabFocus)  # after a click, Space plays
+            each.setFocusPolicy(each.focusPolicy() & Qt.FocusPolicy.TabFocus)  # not by a click: Space plays
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Let the wheel scroll the panel instead of changing the value under the pointer."""
@@ -266,7 +266,7 @@ class Panel(QWidget):
 
 
 class NumberBox(QSpinBox):
-    """A whole number; its buttons are hidden by the style sheet: without them Qt 6.12 leaves it no room."""
+    """A whole number; the style sheet hides its buttons: without them Qt 6.12 reserves no space for it."""
 
     def __init__(self, low: int = 0, high: int = 99) -> None:
         super().__init__(minimum=low, maximum=high)
@@ -354,7 +354,7 @@ class ProgressBar(QProgressBar):
         self.setAccessibleName("Progress")
 
     def show_fraction(self, fraction: float) -> None:
-        """Show a fraction of 1."""
+        """Show a fraction in [0, 1]."""
         value = round(1000 * fraction)
         if value != self.value():
             self.setUpdatesEnabled(False)
@@ -363,7 +363,7 @@ class ProgressBar(QProgressBar):
 
 
 class Progress(QWidget):
-    """A bar, the present step, the time left, and *Cancel*."""
+    """A bar, the current step, the time left, and *Cancel*."""
 
     def __init__(self, cancel: QAction) -> None:
         super().__init__()

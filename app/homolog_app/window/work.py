@@ -47,7 +47,7 @@ class Work(QObject):
     """Passes jobs to the computing thread and stores their results in the session.
 
     Reading files and compiling kernels are background jobs, which yield to other jobs.
-    `Session.job` describes the present job.
+    `Session.job` describes the current job.
     """
 
     def __init__(self, session: Session, parent: QObject) -> None:
@@ -66,11 +66,11 @@ class Work(QObject):
         self._last_state: tuple[object, ...] = ()
         self.to_restore: ProjectFolder | None = None
         self._kept: RunJob | None = None
-        self.awaits_result = False  # the study being opened has one, which shows subjects without their files
+        self.awaits_result = False  # a result is being read; it needs no input files
         session.study_changed.connect(self.go_on)
 
     def _update_job(self, background: str = "") -> None:
-        """Update the session's job; one that waits for background work to end is shown already."""
+        """Update the session's job; a job that waits for background work is shown, too."""
         run, kind, following, status = self.runner.job, self._kind, "", self._status
         if self._next is not None:
             kind = following = self._next[0]
@@ -133,7 +133,7 @@ class Work(QObject):
         self.compute("restore", look, "looking for groomed shapes", take)
 
     def groom(self, cohort: Cohort, project: ProjectFolder) -> None:
-        """Groom the subjects of a cohort with the present settings."""
+        """Groom the subjects of a cohort with the current settings."""
         settings = self.session.study.settings
 
         def take(groomed: "GroomedCohort") -> None:
@@ -189,20 +189,20 @@ class Work(QObject):
     ) -> None:
         """Call a function in the computing thread with progress and cancellation, then pass on its result.
 
-        Waits for background jobs to end. Does nothing if the user waits for another job
-        already (`Session.job`). The result is dropped if another study has been opened meanwhile; errors and
+        Waits for background jobs to end. Does nothing if the user is waiting for another job
+        (`Session.job`). The result is dropped if another study has been opened meanwhile; errors and
         cancelling are reported as for any job.
 
         Parameters
         ----------
         kind : str
-            Name of the work for `kind` and the log.
+            Name of the work for `Job.kind` and the log.
         work : RunJob or callable
-            A function takes a tick, knows no Qt, and imports what is heavy by itself.
+            A function takes a tick, does not use Qt, and imports heavy packages itself.
         message : str
-            What is being done; a run says it by itself.
+            What is being done; a run reports this itself.
         take : callable
-            Is called in the window's thread.
+            Called in the GUI thread.
         """
         if self.runner.job is not None:
             if not self.session.job.is_busy:
@@ -245,7 +245,7 @@ class Work(QObject):
             self.runner.cancel()
 
     def forget(self) -> None:
-        """Cancel all jobs of the study, which is about to be closed."""
+        """Cancel all jobs of the study before it is closed."""
         self._next = None
         self._kept = self.to_restore = None
         self.awaits_result = False
@@ -291,7 +291,7 @@ class Work(QObject):
                 self._kept = ended.job
         elif take is not None:
             take(ended.result)
-        if self._next is not None and self.runner.job is None:  # unless `take` began something
+        if self._next is not None and self.runner.job is None:  # unless `take` started a job
             following, self._next = self._next, None
             self.compute(*following)
         else:
@@ -314,7 +314,7 @@ class Work(QObject):
             and members[survey.subject.name].subject.path == survey.subject.path
         ]
         before = self.session.surveys
-        back = {  # left out for the lack of a structure, and another one was chosen
+        back = {  # excluded because its file lacked the structure chosen before
             survey.subject.name: replace(members[survey.subject.name], included=True)
             for survey in current
             if not survey.problem
@@ -324,7 +324,7 @@ class Work(QObject):
             and not last.awaits_choice
         }
         result = self.session.result
-        seen = result.result.names if result is not None else ()  # a result is shown also without its files
+        seen = result.result.names if result is not None else ()  # shown even without their files
         bad = {
             survey.subject.name: replace(members[survey.subject.name], included=False)
             for survey in current

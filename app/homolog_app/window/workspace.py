@@ -104,7 +104,7 @@ class Preferences:
         self._put("recent", [str(path) for path in dict.fromkeys(listed)])
 
     def forget(self) -> None:
-        """Clear what is known of folders: their names may identify patients."""
+        """Forget all folders: their names may identify patients."""
         self._put("recent", [])
         self._put("place", "")
 
@@ -146,7 +146,7 @@ class FileDialogs:
         return [Path(path) for path in chosen]
 
     def new(self, parent: QWidget, title: str, name: str, kinds: str = "") -> Path | None:
-        """Ask for a file or folder to write; a name with a folder is suggested as it is."""
+        """Ask for a file or folder to write; a name that includes a folder is suggested unchanged."""
         near = str(self._preferences.place / name)
         chosen, _ = QFileDialog.getSaveFileName(parent, title, near, kinds)
         return self._remembered([chosen])
@@ -175,7 +175,7 @@ class PreferencesDialog(QDialog):
         form.setVerticalSpacing(2 * GRID)
         buttons = QDialogButtonBox(
             QDialogButtonBox.StandardButton.Ok | QDialogButtonBox.StandardButton.Cancel,
-            parent=self,  # icons are looked up in its style sheet at once
+            parent=self,  # its style sheet is needed when icons are created
         )
         set_primary(buttons.button(QDialogButtonBox.StandardButton.Ok), primary=True)
         buttons.accepted.connect(self.accept)
@@ -272,7 +272,7 @@ class Workspace(QObject):
         self.work.groom(self.session.study.cohort, self.project)
 
     def groom_selected(self) -> None:
-        """Groom the selected subject with the present settings; the others stay as they are."""
+        """Groom the selected subject with the current settings; others are unchanged."""
         self.work.groom_one(self.session.selection[0], self.project)
 
     def run(self, *, resume: bool = False, from_result: bool = False) -> None:
@@ -302,7 +302,7 @@ class Workspace(QObject):
         try:
             self.journal.write(record)
         except InputError as error:
-            _log.warning("no crash recovery: %s", error)
+            _log.warning("crash recovery is not possible: %s", error)
 
     def keep_view(self, view: ViewRecord) -> None:
         """Store the view state in the study's project, if everything is saved there."""
@@ -312,7 +312,7 @@ class Workspace(QObject):
         try:
             save_view(self.project, session.study, view)
         except InputError as error:
-            _log.warning("the view is not kept: %s", error)
+            _log.warning("the state of the views can't be stored: %s", error)
 
     def close(self) -> None:
         """Stop the thread and remove temporary files."""

@@ -336,7 +336,7 @@ def test_pairs_of_subjects_are_compared_as_the_command_line_does(explore, bean_p
     page.form.pairing.setCurrentIndex(1)
     page.form.pairing.activated.emit(1)
     page.form.alignment.setCurrentText("Form: size and shape (rigid alignment)")
-    assert not page.form.allow.isVisible()  # pairs are compared without covariates
+    assert not page.form.adjust.isVisible()  # pairs are compared without covariates
     window.commands["explore.test"].trigger()
     wait(lambda: bool(page.answers), seconds=300)
     answer, result = page.answers[0], page.answers[0].shape.result

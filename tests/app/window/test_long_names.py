@@ -67,7 +67,7 @@ def test_a_covariate_with_an_ampersand_is_the_column_of_that_name(window, named,
     (action,) = [item for item in form.covariate_menu.actions() if item.data() == "a & b"]
     action.setChecked(True)
     assert form.covariates == ("a & b",)
-    assert form.allow.text() == "Adjust for a && b"
+    assert form.adjust.text() == "Adjust for a && b"
 
 
 def test_a_folder_opened_after_a_project_shows_its_input(explored, ellipsoids, wait):

@@ -86,15 +86,15 @@ def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait)
     assert not actions["site"].isEnabled()
     assert actions["site"].toolTip() == "The same for all subjects"
     actions["slot"].setChecked(True)
-    assert page.form.allow.text() == "Adjust for slot"
+    assert page.form.adjust.text() == "Adjust for slot"
     answer = ask(page, window, wait, "group")
     assert answer.study.request.covariates == ("slot",)
     texts = dict(page.numbers.texts)
     assert texts["Adjusted for"] == "slot"
     assert texts["Excluded"] == "1 with missing values (complete cases)"
-    from homolog_app.studies.study import with_present_table
+    from homolog_app.studies.study import with_current_table
 
-    result = with_present_table(answer.shape.result, window.workspace.session.study)
+    result = with_current_table(answer.shape.result, window.workspace.session.study)
     question = StudyRequest(between=("slim", "wide"), covariates=("slot",), permutations=499, null_repeats=0)
     question = question.model_copy(update={"complete_cases": True})
     same = run_study(result, question)

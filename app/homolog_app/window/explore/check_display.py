@@ -190,7 +190,7 @@ def _frame(mean: FloatArray) -> FloatArray:
 _HINT = Qt.ItemDataRole.UserRole + 1
 _NOBODY: IntArray = np.empty(0, np.int64)
 _TORN = "A pattern that the particles transfer from the average shape; it is torn where they are wrong."
-_SHARE = "What each particle adds to this part of the objective: compare places, not absolute values."
+_SHARE = "Contribution of each particle to this term of the objective: compare places, not absolute values."
 _SHOW = {
     "Particles by place": ("places", "Click a particle in a view: it is ringed on every shape."),
     "Neighbours of the particle": (
@@ -205,7 +205,7 @@ _SHOW = {
 
 
 class CheckDisplay(QWidget):
-    """Its data are computed in the computing thread when they are first shown."""
+    """What the views show. The data are computed in the computing thread when they are first shown."""
 
     changed = Signal()
     wanted = Signal(int, object)

@@ -1,4 +1,4 @@
-"""The suspects as a table."""
+"""The page *Check*: the table of suspects, and their repair."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -195,7 +195,7 @@ class CheckPage(ExplorePage):
 
     @property
     def _row(self) -> int:
-        """The selected row; the current one may be where the keyboard came to the table."""
+        """The selected row. Qt's current row can be another: keyboard focus sets it, too."""
         rows = self.table.selectionModel().selectedRows()
         return rows[0].row() if rows else -1
 
@@ -219,7 +219,7 @@ class CheckPage(ExplorePage):
         self.checked.changed.connect(self._show_inspection)
         self.checked.repaired.connect(self._show_repaired)
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._choose(self._row))
-        self.table.activated.connect(lambda index: self._choose(index.row()))  # back to its place
+        self.table.activated.connect(lambda index: self._choose(index.row()))  # back to the suspect
         for widget, command in (
             (self.again, "check.look"), (self.export, "check.export"), (self.repair, "check.mend"),
             (self.mend_all_button, "check.mend_all"),

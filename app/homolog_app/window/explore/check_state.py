@@ -95,7 +95,7 @@ class InspectionState(QObject):
             after = inspection
             for index, suspect in enumerate(suspects):
                 part = part_of(tick, 0.8 * index / len(suspects), 0.8 * (index + 1) / len(suspects))
-                if any(_same(suspect, other) for other in after.suspects):  # or a neighbour's repair cured it
+                if any(_same(suspect, other) for other in after.suspects):  # else it is resolved
                     before, after = after, repaired(project, after, suspect, part)
                     if after is not before:
                         better.append(version.loaded.result.names[suspect.subject])

@@ -170,7 +170,7 @@ class Pace(QTimer):
     ----------
     parent : QObject
     draw_ms : callable
-        Present drawing time [ms].
+        Current drawing time [ms].
     """
 
     def __init__(self, parent: QObject, draw_ms: Callable[[], float]) -> None:
@@ -185,9 +185,9 @@ class Player(QWidget):
     ----------
     actions : Actions
     draw_ms : callable
-        Present drawing time [ms].
+        Current drawing time [ms].
     ranges : mapping of str to float
-        Amplitudes by label; a single one is not offered.
+        Amplitudes by label; a single range is not offered.
     """
 
     swung = Signal(float)

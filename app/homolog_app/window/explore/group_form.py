@@ -54,8 +54,8 @@ class GroupForm(QWidget):
         self.swap.clicked.connect(self._swap)
         self.every = QCheckBox("More than two groups, in pairs (Holm's correction)")
         self.every.setToolTip(
-            "Test for any difference, then each two groups; p-values of the whole shape, of particles, of "
-            "size and of the discriminant are corrected for their number"
+            "Test for any difference, then each pair of groups; p-values of the whole shape, of particles, "
+            "of size and of the discriminant are corrected for their number"
         )
         self.further = button("")
         self.further.setAccessibleName("Further groups")
@@ -75,12 +75,12 @@ class GroupForm(QWidget):
         self.complete = QCheckBox("Complete cases: exclude subjects with missing values")
         self.complete.setToolTip("Exclude subjects with missing values in the columns used, and count them")
         self.slope = label("Does shape change with this number? (linear regression)", "Hint", wrap=True)
-        self.allow = button("")
-        self.allow.setAccessibleName("Covariates adjusted for")
-        self.allow.setToolTip("Columns whose effect on shape is removed before the test")
-        self.covariate_menu = QMenu(self.allow)
+        self.adjust = button("")
+        self.adjust.setAccessibleName("Covariates adjusted for")
+        self.adjust.setToolTip("Columns whose effect on shape is removed before the test")
+        self.covariate_menu = QMenu(self.adjust)
         self.covariate_menu.setToolTipsVisible(True)
-        self.allow.setMenu(self.covariate_menu)
+        self.adjust.setMenu(self.covariate_menu)
         self.tests = SettingsPair(AnalysisSettings, main=())
         self._settings = AnalysisSettings()
         self.tests.show_values(self._settings)
@@ -114,7 +114,7 @@ class GroupForm(QWidget):
         grid.addWidget(self.swap, 1, 4)
         for row, widget in enumerate(
             (
-                self.slope, self.pairing, self.allow, self.complete, self.every, self.further,
+                self.slope, self.pairing, self.adjust, self.complete, self.every, self.further,
                 self.alignment, self.tests,
             ),
             start=2,
@@ -207,7 +207,7 @@ class GroupForm(QWidget):
 
     @property
     def between(self) -> tuple[str, ...]:
-        """The groups: first and second, then the others that are to be tested."""
+        """The groups: first and second, then the others to be tested."""
         takes_others = self.every.isChecked() and not self.pairs
         others = [action.data() for action in self.further_menu.actions() if action.isChecked()]
         return (*self._two, *(others if takes_others else ()))
@@ -242,7 +242,7 @@ class GroupForm(QWidget):
             for text, data in offered.items():
                 self.column.addItem(text, data)
         model = self.column.model()
-        assert isinstance(model, QStandardItemModel), "a box that is filled item by item has no other"
+        assert isinstance(model, QStandardItemModel), "a combo box filled item by item has this model"
         for at in range(self.column.count()):
             problem = problems.get(self.column.itemText(at), "")
             model.item(at).setEnabled(not problem)
@@ -274,7 +274,7 @@ class GroupForm(QWidget):
         self._offer_covariates(column)
 
     def _offer_pairings(self) -> None:
-        """Offer the columns that pair the two groups; of pairs, no covariates and no further groups."""
+        """Offer the columns that pair the two groups; pairs have neither covariates nor further groups."""
         slope = self.is_regression or not self.column.count()
         columns = [] if slope else pairings_of(self._session.study, self.column.currentData()[0], self._two)
         offered = {"Subjects are not paired": None} | {f"Paired by {name}": name for name in columns}
@@ -285,12 +285,12 @@ class GroupForm(QWidget):
                 self.pairing.addItem(text, name)
             self.pairing.setCurrentIndex(max(self.pairing.findData(kept), 0) if kept else 0)
         self.pairing.setVisible(bool(columns))
-        self.allow.setVisible(not self.pairs)
+        self.adjust.setVisible(not self.pairs)
         self.every.setVisible(self.first.count() > 2 and not slope and not self.pairs)
         self._offer_further()
 
     def _offer_further(self) -> None:
-        """Offer the groups beside the two; all are chosen at first."""
+        """Offer the other groups; initially all are chosen."""
         held = {action.data(): action.isChecked() for action in self.further_menu.actions()}
         values = [self.first.itemText(index) for index in range(self.first.count())]
         others = [value for value in values if value not in self._two]
@@ -342,6 +342,6 @@ class GroupForm(QWidget):
         own = size_name(self._session.study)
         chosen = [f"{SIZE} of the shape" if name == own else name for name in self.covariates]
         text = f"Adjust for {', '.join(chosen)}" if chosen else "Adjust for covariates…"
-        self.allow.setText(
+        self.adjust.setText(
             (text if len(text) < _LONG else f"Adjust for {len(chosen)} covariates").replace("&", "&&")
         )

@@ -37,7 +37,7 @@ _TIPS = (
     f"Share of the surface with p ≤ {LEVEL:g}, corrected over the surface, pairs and answers",
 )
 _MOST_ROWS = 8
-_MARGIN, _TALL = 11, 10_000  # pixels beside the text of a cell (the style sheet and Qt), and of no limit
+_MARGIN, _TALL = 11, 10_000  # pixels: padding of a cell (style sheet and Qt); unlimited height
 _PLACE = Qt.ItemDataRole.UserRole
 
 
@@ -75,7 +75,7 @@ class AnswerTable(QTreeWidget):
     def show_rows(
         self, parts: "Sequence[tuple[str, Sequence[tuple[str, ...]]]]", chosen: tuple[int, int] | None = None
     ) -> None:
-        """Show headings with their rows, and select the row of a heading's number and its own."""
+        """Show headings with their rows, and select the row with the given numbers of heading and row."""
         self.blockSignals(True)
         self.clear()
         tops = []
@@ -88,7 +88,7 @@ class AnswerTable(QTreeWidget):
             for line, row in enumerate(rows):
                 item = QTreeWidgetItem(list(row))
                 item.setData(0, _PLACE, (number, line))
-                item.setToolTip(0, item.text(0))  # there may be little room for it
+                item.setToolTip(0, item.text(0))  # it may be elided
                 top.addChild(item)
                 if (number, line) == chosen:
                     self.setCurrentItem(item)
@@ -112,7 +112,7 @@ class AnswerTable(QTreeWidget):
                 hint = self.sizeHintForIndex(self.indexFromItem(row))
                 row.setSizeHint(0, hint.grownBy(QMargins(0, 0, 0, wrapped - metrics.height())))
         self.scheduleDelayedItemsLayout()
-        QTimer.singleShot(0, self, self._fit_height)  # a layout that is at work would not notice
+        QTimer.singleShot(0, self, self._fit_height)  # a layout in progress would ignore the new height
 
     def _fit_height(self) -> None:
         """Take the height of the first rows."""
@@ -180,7 +180,7 @@ def _children(top: QTreeWidgetItem) -> list[QTreeWidgetItem]:
 
 
 def _heading(study: "Study") -> str:
-    """Return the alignment, and of three or more groups whether any differ."""
+    """Return the alignment and, for three or more groups, whether any differ."""
     text, overall = SIZE_TEXTS[study.request.alignment], study.overall
     text = f"{text[0].upper()}{text[1:]}"
     if not study.pairwise or not overall.test.modes:
@@ -294,7 +294,7 @@ class GroupPlot(ScatterPlot):
         self.hint.setText(
             "The position of each subject between the groups appears here after the comparison."
         )
-        del self.options[ELLIPSES]  # the height means nothing
+        del self.options[ELLIPSES]  # the vertical position has no meaning
         self.ends = (0.0, 1.0)
         self._answer: GroupAnswer | None = None
 

@@ -195,7 +195,7 @@ class GroupsPage(ExplorePage):
 
     @property
     def is_current(self) -> bool:
-        """Whether the answer shown, if any, belongs to the form's present question."""
+        """Whether the answer shown, if any, belongs to the question in the form."""
         return self._current
 
     def _is_current(self) -> bool:
@@ -218,7 +218,7 @@ class GroupsPage(ExplorePage):
         )  # fmt: skip
 
     def repeat(self) -> None:
-        """Answer the question with other seeds of the correspondence too, as ``--seeds`` does; keep it."""
+        """Answer the question with other seeds of the correspondence, as ``--seeds`` does, and store all."""
         answers = self.all
         if answers is None or not self._current:
             return
@@ -236,7 +236,7 @@ class GroupsPage(ExplorePage):
         self.kept.setVisible(bool(text))
 
     def shown(self, subjects: SubjectContents) -> ViewContents:
-        """Return the map of the answer; the mean shape before there is one."""
+        """Return the map of the answer, or the mean shape before there is an answer."""
         view = self.chosen
         return ViewContents(subjects) if view is None else group_scene(view, self.fitted.both, self.answers)
 

@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
 from homolog.arrays import FloatArray
 from homolog.progress import Tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.studies.study import with_present_table
+from homolog_app.studies.study import with_current_table
 from homolog_app.views.content import SubjectContents, ViewContents
 from homolog_app.views.contents import MEAN, aligned_surfaces, named_surface, single_subject
 from homolog_app.views.scenes import deviations_of, measured_scene
@@ -226,11 +226,11 @@ class MeasurePage(ExplorePage):
 
         result = self.workspace.session.result
         if result is not None and self._subjects is not None:
-            present = with_present_table(result.result, self.workspace.session.study)
+            present = with_current_table(result.result, self.workspace.session.study)
             write_measures(path, present, self._subjects, *self.pair)
 
     def write_distances(self, path: Path) -> str:
-        """Write the shown surface with its distances from the other one; return them in words.
+        """Write the shown surface with its distances from the other one; return their description.
 
         Raises
         ------
@@ -253,9 +253,9 @@ class MeasurePage(ExplorePage):
 
     @property
     def _groups(self) -> Sequence[str | None]:
-        """The group of each subject of the model, as the table has it now."""
+        """The current group of each subject of the model."""
         assert self.fitted.shape is not None
-        return with_present_table(self.fitted.shape.result, self.workspace.session.study).groups
+        return with_current_table(self.fitted.shape.result, self.workspace.session.study).groups
 
     @property
     def pair(self) -> tuple[int, int]:
@@ -286,7 +286,7 @@ class MeasurePage(ExplorePage):
             chooser.show_surfaces(shape.result.names if shape else (), self._groups if shape else ())
 
     def _show_map(self) -> None:
-        """Show the map, and enable what belongs to distances."""
+        """Show the map, and enable the controls of distances."""
         measures = self.map.currentData() == "distance"
         self.origin.setEnabled(measures)
         self.distances_button.setVisible(measures)
@@ -363,14 +363,14 @@ class MeasurePage(ExplorePage):
             return
         from homolog_app.exports.tables import distances
 
-        result, measures = with_present_table(loaded.result, self.workspace.session.study), self._subjects
+        result, measures = with_current_table(loaded.result, self.workspace.session.study), self._subjects
         apart = distances(result.local, *self.pair)
         columns = (apart, measures.volumes, measures.areas, measures.walls, measures.from_mean)
         groups = [group or "" for group in result.groups]
         rows = zip(result.names, groups, *(column.tolist() for column in columns), strict=True)
         self.table.show_rows(list(rows))
         head = self.view.horizontalHeader().fontMetrics().horizontalAdvance(_HEADS[1]) + _PADDING_PX
-        widest = max(self.view.sizeHintForColumn(1), head)  # without the room for the arrow of sorting
+        widest = max(self.view.sizeHintForColumn(1), head)  # without space for the sort indicator
         self.view.setColumnWidth(1, min(widest, scaled(_GROUP_PX)))
         for column in range(2, len(_HEADS)):
             self.view.setColumnWidth(column, max(scaled(_NUMBER_PX), self.view.sizeHintForColumn(column)))

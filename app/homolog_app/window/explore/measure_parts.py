@@ -65,11 +65,11 @@ class SurfaceChooser(QComboBox):
     Parameters
     ----------
     dialogs : FileDialogs
-        What asks for a mesh file.
+        The dialog that asks for a mesh file.
     name : str
         Accessible name.
     first : mapping of str to str or None
-        Further entries by label, before the others.
+        Additional entries by label, listed first.
     """
 
     chosen = Signal()
@@ -80,7 +80,7 @@ class SurfaceChooser(QComboBox):
         self._dialogs = dialogs
         self._first, self._files = dict(first), dict[str, str | None]()
         self.setAccessibleName(name)
-        self.setToolTip(f"{name}. Mesh files are taken as they lie, in aligned coordinates (LPS, mm).")
+        self.setToolTip(f"{name}. Mesh files must be in aligned coordinates (LPS, mm).")
         self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.setMinimumContentsLength(4)
         self.activated.connect(self._choose)
@@ -151,7 +151,7 @@ class MeasurePlot(Plot):
         """Draw the curve."""
         from homolog_app.plots import draw_measure
 
-        title = f"{self.title}\n "  # the value is in the second line: there may be little width
+        title = f"{self.title}\n "  # the value is in the second line, since the plot may be narrow
         draw_measure(figure.subplots(), self.positions, self.values, title, self._label, self.theme.colours)
 
     def draw_moving(self, figure: "Figure") -> "Sequence[Artist]":
@@ -208,7 +208,7 @@ class BoxPlot(Plot):
         self.redraw()
 
     def clear(self) -> None:
-        """Show no measure while this study has none."""
+        """Show the hint instead of a measure, as for a study without measures."""
         self.measure, self._parts, self.title = None, [], self._name
         self.hint.setText(_NOT_MEASURED)
         self.setAccessibleDescription("")
@@ -227,7 +227,7 @@ class BoxPlot(Plot):
             spread = f"±\u2009{deviation:.{digits}f}" if np.isfinite(deviation) else ""
             fixed = f"{mean:.{digits}f}"
             means.append((f"{fixed}\u2009{spread}".strip(), f"{fixed}\n{spread}".strip(), short(mean)))
-        title, colours = self.title.replace(": ", "\n"), self.theme.colours  # there may be little width
+        title, colours = self.title.replace(": ", "\n"), self.theme.colours  # the plot may be narrow
         draw_boxes(figure.subplots(), self._parts, measure.groups, means, title, self._unit, colours)
 
 
@@ -244,7 +244,7 @@ class GroupLegend(QLabel):
         theme.changed.connect(self._show)
 
     def show_groups(self, groups: Sequence[str]) -> None:
-        """Show the groups of the subjects; those without one have no box."""
+        """Show the groups of the subjects; subjects without a group have no box."""
         self._groups = Counter(filter(None, groups))
         self._show()
 
@@ -345,7 +345,7 @@ class MeasurePlots(QStackedWidget):
         self.pairs.show_pair(points, names, groups, (texts[self.pairs.axes[0]], texts[self.pairs.axes[1]]))
 
     def clear_measures(self) -> None:
-        """Empty the boxes and the plot of two."""
+        """Clear the box plots and the scatter plot."""
         self._measures = ((), (), ())
         self.legend.show_groups(())
         self._show_pair()

@@ -31,7 +31,7 @@ _LAYOUTS = {
 
 
 class ModesPage(ExplorePage):
-    """Sliders of the modes, playing, subjects and their reconstruction."""
+    """Sliders of the modes, playback, subjects and their reconstruction."""
 
     title = "Modes"
     hint = "Move the mean shape along its modes of variation, alone or combined."
@@ -152,7 +152,7 @@ class ModesPage(ExplorePage):
             self.who.clear()
             self.who.addItems([_MODEL, *(shape.result.names if shape else ())])
             self._show_scores()
-            if refines:  # the same modes, of more particles: keep what is shown
+            if refines:  # the same modes with more particles: keep the sliders
                 self.who.setCurrentIndex(subject)
                 self.sliders.choose(chosen)
                 self.sliders.show_values(values)
@@ -172,7 +172,7 @@ class ModesPage(ExplorePage):
             elif job.is_busy:
                 self.state.setText("The shape model is fitted when the current job has ended.")
             else:
-                self.state.clear()  # the panel above offers to fit it
+                self.state.clear()  # the panel above has a button for it
             return
         kept = shape.parallel.n_retained
         verb = "mode is" if kept == 1 else "modes are"

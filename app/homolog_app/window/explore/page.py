@@ -69,7 +69,7 @@ class ModelCache(QObject):
 
     @property
     def other(self) -> "ModelShape | None":
-        """The model of another project that it is compared with."""
+        """The model of another project that the open result is compared with."""
         return self._other if self.shape is not None else None
 
     @property
@@ -90,7 +90,7 @@ class ModelCache(QObject):
         return waits and self.shape is None and not session.job.is_busy
 
     def retry(self) -> None:
-        """Fit the model after all."""
+        """Fit the model after a cancellation."""
         self._requested = None
         self._look()
 
@@ -100,7 +100,7 @@ class ModelCache(QObject):
         Raises
         ------
         InputError
-            If the folder is no project.
+            If the folder is not a project.
         """
         project, shape = ProjectFolder(folder), self.shape
         if not project.exists:
@@ -173,17 +173,17 @@ class ExplorePage(Panel):
     Attributes
     ----------
     title : str
-        On the page's tab.
+        Text of the page's tab.
     plays : bool
         Whether the page plays something, so that the space bar does.
     plots : QWidget or None
-        Shown in the dock below the views while the page is open.
+        Content of the dock below the views while the page is open.
     views : QComboBox or None
         Choice of contents, each with its number of views; None if the page shows subjects.
     colour_range : tuple of 2 float or None
         Ends of the colour scale, if set by hand.
     from_middle : bool
-        Whether colours show displacements as positive away from the middle of the shape.
+        Whether colours show displacements as positive away from the centre of the shape.
     """
 
     title = ""
@@ -217,7 +217,7 @@ class ExplorePage(Panel):
 
     @property
     def layouts(self) -> tuple[int, ...] | None:
-        """Numbers of views that can be chosen, the present one first; None if subjects are paged."""
+        """Numbers of views that can be chosen, the current one first; None if subjects are paged."""
         if self.chosen is None:
             return None
         if self.views is None:
@@ -237,7 +237,7 @@ class ExplorePage(Panel):
         Parameters
         ----------
         subjects : SubjectContents
-            The subjects as they are shown anyway; `dataclasses.replace` gives them colours, arrows, lines.
+            The subjects as other steps show them; add colours, arrows and lines with `dataclasses.replace`.
         """
         return ViewContents(subjects)
 
@@ -347,7 +347,7 @@ class OverviewPage(ExplorePage):
         self._busy = busy
 
     def _show_kept(self) -> None:
-        """List the answers in the project's folder, those of an earlier result apart."""
+        """List the answers in the project's folder; those of an earlier result separately."""
         try:
             kept = kept_studies(self.workspace.project) if self._session.folder else []
         except InputError as error:

@@ -45,7 +45,7 @@ _Kind = TypeVar("_Kind", bound=ExplorePage)
 
 
 class ExplorePanel(QWidget):
-    """The pages. `shown_changed` tells the views to query the open page."""
+    """The pages. `shown_changed` requests that the views query the open page."""
 
     shown_changed = Signal()
 
@@ -121,16 +121,16 @@ class ExplorePanel(QWidget):
                     set_dimmed(widget, bool(text))
 
     def _offer_pages(self) -> None:
-        """Offer the modes alone as long as there is a preliminary model only."""
+        """Enable only the page of modes while the model is preliminary."""
         only_modes = self._session.result is None and self.fitted.preliminary is not None
         if only_modes and self._page_before is None:
-            self._page_before = self.page  # before its tab is disabled, which turns to another
+            self._page_before = self.page  # before its tab is disabled, which opens another page
         for index, page in enumerate(self.pages):
             self.tabs.setTabEnabled(index, not only_modes or isinstance(page, ModesPage))
         if only_modes:
             self.open_page(self.page_of(ModesPage))
         elif self._page_before is not None:
-            if not self.isVisible():  # nobody has looked at the preliminary modes
+            if not self.isVisible():  # the preliminary modes have not been seen
                 self.open_page(self._page_before)
             self._page_before = None
 
@@ -211,7 +211,7 @@ class ExploreController(Controller):
 
     @reported
     def open_stored(self, request: StudyRequest, comparison: str) -> None:
-        """Answer a question again that is stored in the project, and show one of its comparisons.
+        """Answer a stored question again, and show one of its comparisons.
 
         Raises
         ------
@@ -243,13 +243,13 @@ class ExploreController(Controller):
             or not session.is_result_written
         ):
             return
-        with suppress(InputError):  # *Overview* says what is wrong with it
+        with suppress(InputError):  # *Overview* shows the reason
             kept = [study for study in kept_studies(self._workspace.project) if not study.is_outdated]
             if kept and groups.form.ask(kept[0].request):
                 groups.test(turns=False)
 
     def _ask_wanted(self) -> None:
-        """Ask the chosen question if it still is in the form."""
+        """Answer the chosen question if the form still contains it."""
         if self._wanted is None:
             return
         wanted, form = self._wanted[0].question, self._groups.form
@@ -266,7 +266,7 @@ class ExploreController(Controller):
 
     @reported
     def compare(self) -> None:
-        """Ask for a project's folder and show its result beside the open one."""
+        """Ask for a project's folder and show its result next to the open one."""
         folder = self._workspace.files.folder(self._window, "Compare with the result of a project")
         if folder:
             self._panel.fitted.compare_with(folder)
@@ -348,7 +348,7 @@ class ExploreController(Controller):
         """Draw the pages of the patient's report, and print them."""
         page = self._patient
         if page.comparison is None or page.reference is None:
-            raise InputError("there is no patient yet; choose a file first")
+            raise InputError("there is no patient yet; choose a patient's file first")
         draw = partial(drawn_report, page.comparison, page.reference, page.further.groups, page.further.times)
         take = partial(self._print_later, f"Shape of {page.comparison.name}")
         self._workspace.work.compute("report", draw, "drawing the pages", take)

@@ -22,7 +22,7 @@ from homolog.analysis.design import names_reference, reference_first
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.progress import Tick
-from homolog_app.studies.study import with_present_table
+from homolog_app.studies.study import with_current_table
 from homolog_app.views.content import SubjectContents, ViewContents
 from homolog_app.views.follow_up import CHANGE, change_regions, change_scene
 from homolog_app.views.patient import (
@@ -249,7 +249,7 @@ class PatientPage(ExplorePage):
         columns = self.adjust.text().replace(",", " ").split()
         person, time, *_ = [*self.twice.text().replace(",", " ").split(), "", ""]
         loaded, study = self.workspace.session.result, self.workspace.session.study
-        result = None if loaded is None else with_present_table(loaded.result, study)
+        result = None if loaded is None else with_current_table(loaded.result, study)
 
         def make(tick: Tick) -> "Reference":
             from homolog.patient import make_reference
@@ -262,7 +262,7 @@ class PatientPage(ExplorePage):
         self.workspace.work.compute("reference", make, "fitting controls one by one", self.set_reference)
 
     def open_reference(self, path: Path) -> None:
-        """Read a reference; raises InputError if the file is none."""
+        """Read a reference; raises InputError if the file is not a reference."""
         from homolog.patient import Reference
 
         self.set_reference(Reference.load(path))
@@ -288,7 +288,7 @@ class PatientPage(ExplorePage):
         """
         reference = self.reference
         if reference is None:
-            raise InputError(f"{path}: there is nothing to compare it with; make or open a reference first")
+            raise InputError(f"{path}: there is no reference to compare it with; make or open one first")
         self.workspace.work.compute(
             "patient",
             partial(compared, reference, path, self.form.values, self.form.cut_off.isChecked()),
@@ -300,7 +300,7 @@ class PatientPage(ExplorePage):
         """Write the report, tables and surfaces to a new or empty folder."""
         comparison, reference = self.comparison, self.reference
         if comparison is None or reference is None:
-            raise InputError("there is no patient yet; choose a file first")
+            raise InputError("there is no patient yet; choose a patient's file first")
         times, groups = self.further.times, self.further.groups
         follow_up = times.follow_up if times is not None else None
 
@@ -374,7 +374,7 @@ class PatientPage(ExplorePage):
         self.shown_changed.emit()
 
     def _show_groups(self) -> None:
-        """Offer the groups of the cohort as controls, first the one with such a name."""
+        """Offer the groups of the cohort as controls; a group with such a name comes first."""
         groups = reference_first(filter(None, self.workspace.session.study.groups))
         default = next(filter(names_reference, groups), _EVERYONE)
         chosen = default if self.group.currentText() == self._default else self.group.currentText()

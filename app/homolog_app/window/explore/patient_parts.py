@@ -1,4 +1,4 @@
-"""Parts of the page *Patient*: what it asks of a patient, and further times and groups."""
+"""Parts of the page *Patient*: the form of a patient's data, and further times and groups."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -40,12 +40,12 @@ _SIDES = {"not given": "", LEFT: LEFT, RIGHT: RIGHT}
 
 
 class PatientForm(QFormLayout):
-    """Fields of a patient, as a reference needs them.
+    """Fields of the patient's data that a reference needs.
 
     Attributes
     ----------
     fields : dict of str to QLineEdit
-        Of the covariates.
+        Fields of the covariates, by name.
     side : QComboBox or None
         None if the controls' sides are not known.
     cut_off : QCheckBox
@@ -57,7 +57,7 @@ class PatientForm(QFormLayout):
         self.fields: dict[str, QLineEdit] = {}
         self.side: QComboBox | None = None
         self.cut_off = QCheckBox("Cut off at a flat end")
-        self.cut_off.setToolTip("The segmentation ends at a plane: what is missing there is no difference")
+        self.cut_off.setToolTip("The segmentation ends at a plane: the missing part is not a difference")
 
     @property
     def values(self) -> dict[str, str]:
@@ -82,7 +82,7 @@ class PatientForm(QFormLayout):
 
 
 def _named(text: str) -> QLabel:
-    """Return a label as wide as those of the reference above, so that the fields stand below each other."""
+    """Return a label as wide as those of the reference above, so that the fields are aligned."""
     name = label(text)
     name.setMinimumWidth(name.fontMetrics().horizontalAdvance("Adjust for"))
     return name
@@ -104,7 +104,7 @@ class FollowUpPart(QWidget):
     Attributes
     ----------
     times : Times or None
-        The patient's; None while there is no patient.
+        Times of the patient; None without a patient.
     groups : tuple of GroupRow
         How typical the patient is of each group; empty while there is one reference only.
     """
@@ -162,7 +162,7 @@ class FollowUpPart(QWidget):
         from homolog.patient import Reference
 
         if self._patient is None:
-            raise InputError("there is no patient yet; choose a file first")
+            raise InputError("there is no patient yet; choose a patient's file first")
         self._others |= {str(path): Reference.load(path) for path in paths}
         compared, reference, values = self._patient
         work = partial(_typical, compared, reference, tuple(self._others.values()), dict(values()))
@@ -191,7 +191,7 @@ class FollowUpPart(QWidget):
 
 
 def remark_texts(comparison: "PatientComparison | None") -> tuple[str, str]:
-    """Return the notes of grooming and the cautions of a comparison, a sentence in each line."""
+    """Return the notes of grooming and the cautions of a comparison, one sentence per line."""
     cautions = comparison.cautions if comparison else ()
     notes = [text for text in comparison.remarks if text not in cautions] if comparison else []
     first, second = (

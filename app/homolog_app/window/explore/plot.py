@@ -89,7 +89,7 @@ def plot_menu(plot: "Plot") -> QMenu:
 def _ask_and_save(plot: "Plot") -> None:
     (stem,) = file_stems([plot.title])
     kinds = "Vector graphics (*.svg);;Pictures (*.png)"
-    assert plot.files is not None, "plots of the window have them"
+    assert plot.files is not None, "plots of the window have file dialogs"
     path = plot.files.new(plot.window(), "Save picture", f"{stem}.svg", kinds)
     if path:
         try:
@@ -99,7 +99,7 @@ def _ask_and_save(plot: "Plot") -> None:
 
 
 class EnlargedPlot(QDialog):
-    """A plot in its own window; it follows the plot in the dock and handles the mouse in the same way."""
+    """A plot in its own window, which is updated with the plot in the dock and handles the same clicks."""
 
     def __init__(self, plot: "Plot") -> None:
         from homolog_app.window.explore.plot_canvas import PlotCanvas
@@ -116,7 +116,7 @@ class EnlargedPlot(QDialog):
 
 
 def plots_of(widget: QWidget) -> list["Plot"]:
-    """Return the plots in a widget, and itself if it is one."""
+    """Return the plots in a widget, including the widget itself if it is one."""
     return [*([widget] if isinstance(widget, Plot) else []), *widget.findChildren(Plot)]
 
 
@@ -126,19 +126,19 @@ _FOCUS_PX = 2
 class Plot(QWidget):
     """A plot, or a hint while there are no data. matplotlib is loaded when the first plot is seen.
 
-    A subclass holds the data, draws them (`draw`, and `draw_moving` for what moves over them), and calls
+    A subclass holds the data, draws them (`draw`, and `draw_moving` for the moving part), and calls
     `redraw` or `follow` when they change.
 
     Attributes
     ----------
     title : str
-        Names the window and the file of the plot.
+        Name of the plot's window and file.
     options : dict of str to bool
-        What the menu switches on and off, by its text.
+        States of the menu's checkable entries, by text.
     canvas : PlotCanvas or None
-        What shows the plot; None before it is seen.
+        Canvas of the plot; None before the plot is visible.
     files : FileDialogs or None
-        What asks where to save the plot.
+        The dialogs that ask where to save the plot.
     """
 
     redrawn = Signal()

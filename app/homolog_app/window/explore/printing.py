@@ -43,7 +43,7 @@ def drawn_report(
     times: "PatientTimes | None",
     tick: Tick,
 ) -> list[Array]:
-    """Return the pages of a patient's report as pictures (H, W, 3): two, and those of a follow-up."""
+    """Return the pages of a patient's report as pictures (H, W, 3): two, and further ones of a follow-up."""
     from homolog_app.report.follow_up import follow_up_sheets
     from homolog_app.report.patient_pages import map_pictures, patient_sheets
     from homolog_app.report.patient_texts import group_sentence
@@ -66,7 +66,7 @@ def print_pages(parent: QWidget, title: str, pages: Sequence[Array]) -> bool:
     ----------
     parent : QWidget
     title : str
-        Of the document in the printer's queue.
+        Title of the document in the printer's queue.
     pages : sequence of (H, W, 3) uint8 arrays
         Whole sheets of A4 with their margins.
 
@@ -96,7 +96,7 @@ def draw_pages(printer: "QPrinter", pages: Sequence[Array]) -> None:
     """Draw each page as large as the paper; raises InputError if the printer can't be written to."""
     painter = QPainter()
     if not painter.begin(printer):
-        raise InputError(f"{printer.printerName() or printer.outputFileName()}: can't be printed to; choose "
+        raise InputError(f"{printer.printerName() or printer.outputFileName()}: printing failed; choose "
                          "another printer, or print to a file")  # fmt: skip
     for number, page in enumerate(pages):
         if number:

@@ -49,9 +49,9 @@ class ExportKind:
     Attributes
     ----------
     name : str
-        Its name on the command line.
+        Name on the command line.
     title : str
-        Of the dialog.
+        Title of the dialog.
     hint : str
         A sentence on its output.
     settings : model or None
@@ -59,7 +59,7 @@ class ExportKind:
     main : tuple of str
         The options that are always visible.
     suffixes : tuple of str
-        Of the file; a folder is made if there are none, or if one of them is empty.
+        Suffixes of the file. A folder is created if there are none, or if the chosen one is empty.
     content : str
         Further choices: ``"motion"``, ``"groups"`` or nothing.
     place : bool
@@ -171,7 +171,7 @@ NAMES_PX = 112
 def group_columns(columns: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
     """Return the columns that hold groups, with their values, controls first.
 
-    These are two to half as many as there are subjects.
+    Columns qualify with at least two values, and at most half as many as there are subjects.
     """
     groups_of = {}
     for name, values in columns.items():
@@ -221,7 +221,7 @@ class GroupChooser(QWidget):
 
     @property
     def problem(self) -> str:
-        """Problem of the choice, or an empty text."""
+        """Fault of the choice, or an empty text."""
         same = self.column.currentData() and self.first.currentText() == self.second.currentText()
         return "Choose two different groups." if same else ""
 
@@ -291,7 +291,7 @@ class MotionChooser(QWidget):
 
     @property
     def problem(self) -> str:
-        """Problem of the choice, or an empty text."""
+        """Fault of the choice, or an empty text."""
         if not self._views():
             return "Choose a direction to look from."
         if self.kind == "group":
@@ -366,9 +366,9 @@ def place_problem(out: Path | None, suffixes: tuple[str, ...]) -> str:
 
 
 def first_settings(kind: ExportKind, project: Path, clip: Clip | None) -> BaseModel | None:
-    """Return the usual settings, which cut the shapes open where the window's views do.
+    """Return the initial settings; they cut the shapes open where the window's views do.
 
-    Those of a report have what the project keeps for it.
+    Those of a report are the ones stored in the project.
     """
     if kind.settings is None:
         return None

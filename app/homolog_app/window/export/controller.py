@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QWidget
 from homolog.errors import InputError
 from homolog.files.names import file_stems
 from homolog_app.studies.files import ViewRecord, save_project
-from homolog_app.studies.study import with_present_table
+from homolog_app.studies.study import with_current_table
 from homolog_app.window.dialogs import ask
 from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.panel import ExplorePanel
@@ -56,7 +56,7 @@ class ExportController(Controller):
 
         kind = KINDS[name]
         dialog = ExportDialog(self._window, kind, self._exported())
-        if not kind.place:  # written into the project, which the window holds meanwhile for itself
+        if not kind.place:  # written into the project, which the window locks
             folder = self._workspace.session.folder
             dialog.started_export.connect(lambda: self._workspace.lock_project(None))
             dialog.finished_export.connect(lambda _: self._lock_again(folder))
@@ -77,14 +77,14 @@ class ExportController(Controller):
 
         Parameters
         ----------
-        shown : Shown
+        shown : ViewContents
         canvas : Canvas
         snapshot : Snapshot or None
-            What they show, for the command line; None if the project's folder does not have it.
+            State of the views for the command line; None if the project's folder lacks their contents.
         """
         from homolog_app.window.export.dialog import ScreenshotDialog
 
-        what = replace(self._exported(), caution="")  # what the project lacks is saved with the picture
+        what = replace(self._exported(), caution="")  # data missing there are saved with the picture
         ScreenshotDialog(self._window, what, shown, canvas, snapshot).show()
 
     def may_close(self) -> bool:
@@ -147,18 +147,18 @@ class ExportController(Controller):
         return camera_direction(np.subtract(camera.eye, camera.at).tolist(), camera.up)
 
     def _columns(self) -> dict[str, list[str]]:
-        """Return the columns of the result's subjects, as the table has them now."""
+        """Return the columns of the result's subjects, with the current table."""
         from homolog_app.report.request import column_of
 
         session = self._workspace.session
         if session.result is None:
             return {}
-        result = with_present_table(session.result.result, session.study)
+        result = with_current_table(session.result.result, session.study)
         names = dict.fromkeys(name for column in result.columns for name in column)
         return {name: column_of(result, name) for name in ("group", *names)}
 
     def _caution(self) -> str:
-        """Update the table of a draft, and name other data that are not in the folder."""
+        """Update the table of a draft; return a caution about other data that are not in the folder."""
         workspace, session = self._workspace, self._workspace.session
         if session.folder is None and not workspace.session.job.is_busy:
             save_project(workspace.project, session.study, ViewRecord())

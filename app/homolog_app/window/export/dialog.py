@@ -43,7 +43,7 @@ from homolog_app.window.widgets import GRID, ProgressBar, button, label
 __all__ = ["ExportDialog", "Exported", "ScreenshotDialog"]
 
 
-_FRAME = 80  # pixels of a screen that title bar and borders may take
+_FRAME = 80  # pixels: height of title bar and borders
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,13 +59,13 @@ class Exported:
     folder : Path
         Default folder of files.
     modes, mode : int
-        How many modes there are, and the one to begin with.
+        Number of modes, and the initial one.
     columns : mapping of str to sequence of str
         Columns of the cohort's table with a value for each subject.
     camera : str
         Camera of the window's views (`exports.settings.camera_direction`); may be empty.
     clip : Clip or None
-        The plane that cuts them open.
+        Cutting plane of the window's views.
     caution : str
         Data of the open study that are not in the project's folder; may be empty.
     """
@@ -136,7 +136,7 @@ class ExportDialog(QDialog):
         event.accept()
 
     def reject(self) -> None:
-        """Close, also by Escape, which cancels an export first."""
+        """Close; also called by Escape. A running export is cancelled first."""
         if self.child.is_running:
             self.child.cancel()
         else:
@@ -346,7 +346,7 @@ class ScreenshotDialog(ExportDialog):
     ----------
     parent : QWidget
     what : Exported
-    shown : Shown
+    shown : ViewContents
     canvas : Canvas
     snapshot : Snapshot or None
         Contents of the views, for the command line. If the project lacks them (particles of an unfinished
@@ -383,8 +383,8 @@ class ScreenshotDialog(ExportDialog):
         from homolog_app.exports.pictures import write_still
 
         settings, out = self.settings, self.out
-        assert isinstance(settings, ScreenshotSettings), "the kind says so"
-        assert out is not None, "nothing is started without a place"
+        assert isinstance(settings, ScreenshotSettings), "this kind of export has these settings"
+        assert out is not None, "an export starts only with a path"
         try:
             pixels = drawn(self._shown, self._canvas, settings.scale, transparent=settings.transparent)
             write_still(out, pixels)

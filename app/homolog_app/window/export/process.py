@@ -55,7 +55,7 @@ class ExportProcess(QObject):
         if self.is_running:
             self._cancelled = True
             self._impatience.start()
-            if sys.platform == "win32":  # where programs without a window can't be asked
+            if sys.platform == "win32":  # programs without a window can't be asked to end
                 self._process.kill()
             else:
                 self._process.terminate()
@@ -74,7 +74,7 @@ class ExportProcess(QObject):
                 message = json.loads(bytes(self._process.readLine().data()))
                 self.progressed.emit(float(message["fraction"]), str(message["message"]))
             except (ValueError, KeyError, TypeError):
-                continue  # a line for people
+                continue  # not a line of progress
 
     @Slot(int, QProcess.ExitStatus)
     def _finish(self, code: int, _status: object) -> None:
@@ -145,7 +145,7 @@ class Preview(QLabel):
     @Slot()
     def _draw(self) -> None:
         if self._child.is_running:
-            self._child.cancel()  # what follows its end draws anew
+            self._child.cancel()  # its end starts the next drawing
             return
         if self._wanted is None:
             return
@@ -185,7 +185,7 @@ def first_frame_of(content: list[str], settings: PictureSettings) -> float | Non
 
 
 def _small(settings: PictureSettings, at: float | None) -> StillSettings:
-    """Return the settings of a small picture of the same look."""
+    """Return the settings of a small picture that looks the same."""
     scale = max(_SIZE / max(settings.width, settings.height), *(
         least / side for least, side in zip(_LEAST, (settings.width, settings.height), strict=True)
     ))  # fmt: skip
