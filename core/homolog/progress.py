@@ -1,10 +1,18 @@
 """Progress and cancellation by one callback, which all long computations call often."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from typing import TypeVar
 
-__all__ = ["Tick", "no_tick", "part_of", "run_in_background", "run_in_threads", "tick_of"]
+__all__ = [
+    "Tick",
+    "each_in_threads",
+    "no_tick",
+    "part_of",
+    "run_in_background",
+    "run_in_threads",
+    "tick_of",
+]
 
 Tick = Callable[[float, str], None]
 """``tick(fraction, message)``: completed fraction of the work in [0, 1], and the current step.
@@ -98,30 +106,56 @@ def run_in_threads(
 
     Parameters
     ----------
+    works, tick, message, threads
+        As of `each_in_threads`.
+    """
+    results = dict(each_in_threads(works, tick, message, threads))
+    return [results[index] for index in range(len(works))]
+
+
+def each_in_threads(
+    works: Sequence[Callable[[Tick], _Result]], tick: Tick, message: str | None, threads: int
+) -> Iterator[tuple[int, _Result]]:
+    """Run independent works on several threads, while this thread ticks, and yield results as they come.
+
+    Parameters
+    ----------
     works : sequence of callable
         Each takes its own tick, and should call it often: after cancellation it runs until then. Works must
         not change shared state.
     tick : Tick
-        Called every 0.05 s, and at the end, with the fraction of the works that are done.
-    message : str
+        Called every 0.05 s, and at the end, with the mean of the fractions of all works.
+    message : str or None
+        None passes the newest message of the works on.
     threads : int
+
+    Yields
+    ------
+    tuple of int and object
+        Index and result of a work.
     """
     stopped: list[BaseException] = []
+    fractions, newest = [0.0] * len(works), ""
 
-    def inner(fraction: float, message: str) -> None:
-        if stopped:
-            raise stopped[0]
+    def started(index: int) -> _Result:
+        def inner(fraction: float, message: str) -> None:
+            nonlocal newest
+            fractions[index], newest = fraction, message
+            if stopped:
+                raise stopped[0]
+
+        return works[index](inner)
 
     executor = ThreadPoolExecutor(threads)
     try:
-        futures = [executor.submit(work, inner) for work in works]
-        left = set(futures)
-        while left:
-            done, left = wait(left, _TICK_INTERVAL_S, FIRST_EXCEPTION)
-            for future in done:
-                future.result()
-            tick(1.0 - len(left) / len(futures), message)
-        return [future.result() for future in futures]
+        running = {executor.submit(started, index): index for index in range(len(works))}
+        while running:
+            done = wait(running, _TICK_INTERVAL_S, FIRST_EXCEPTION).done
+            for future in sorted(done, key=running.__getitem__):
+                index = running.pop(future)
+                fractions[index] = 1.0
+                yield index, future.result()
+            tick(sum(fractions) / len(fractions), newest if message is None else message)
     except BaseException as error:
         stopped.append(error)
         raise

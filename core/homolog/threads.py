@@ -10,11 +10,12 @@ from typing import Any, ParamSpec, TypeVar
 
 from threadpoolctl import ThreadpoolController
 
-__all__ = ["blas_threads", "in_threads", "on_one_thread"]
+__all__ = ["MOST_THREADS", "blas_threads", "in_threads", "on_one_thread"]
 
 _LARGE = 200  # rows of a matrix from which several threads pay
 
-_MOST_THREADS = 8  # more wait for the interpreter's lock
+MOST_THREADS = 8
+"""More wait for the interpreter lock."""
 
 _Item = TypeVar("_Item")
 _Arguments = ParamSpec("_Arguments")
@@ -25,7 +26,7 @@ def in_threads(
     function: Callable[[_Item], _Result], items: Iterable[_Item], threads: int
 ) -> Iterator[_Result]:
     """Yield a function's results in the order of the items, a few of them computed ahead on other threads."""
-    threads = min(threads, _MOST_THREADS)
+    threads = min(threads, MOST_THREADS)
     if threads == 1:
         yield from map(function, items)
         return

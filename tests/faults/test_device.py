@@ -42,7 +42,7 @@ def test_a_run_that_loses_its_gpu_is_resumed_on_the_cpu(project, run_of, results
     [
         ("homolog.run.steps.load_kernels", LOST, "failed"),
         ("homolog.run.table_cache.load_table", LOST, "failed"),
-        ("homolog.run.table_cache.solve_plan", FULL, "has too little memory"),
+        ("homolog.run.table_cache.each_table", FULL, "has too little memory"),
         ("homolog.correspondence.prepared_cohort.field_array", FULL, "has too little memory"),
         ("homolog.correspondence.prepared_cohort.build_surface_set", LOST, "failed"),
     ],

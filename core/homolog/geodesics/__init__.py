@@ -6,6 +6,7 @@ from homolog.geodesics.plan import TablePlan, plan_tables
 from homolog.geodesics.solve import (
     GeodesicSolver,
     check_room,
+    each_table,
     geodesic_distances,
     solve_plan,
     solve_tables,
@@ -19,6 +20,7 @@ __all__ = [
     "TablePlan",
     "check_room",
     "distances_from",
+    "each_table",
     "geodesic_distances",
     "measure_accuracy",
     "plan_tables",

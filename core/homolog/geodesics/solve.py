@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -12,15 +13,16 @@ from scipy.sparse import csr_array
 from homolog.arrays import ArrayLike
 from homolog.device import choose_device, cores
 from homolog.errors import InputError
-from homolog.geodesics.cpu.solver import solve_on_cpu
+from homolog.geodesics.cpu.solver import load_kernels, solve_on_cpu
 from homolog.geodesics.cuda.solver import solve_on_cuda
-from homolog.geodesics.plan import TablePlan, plan_tables
+from homolog.geodesics.plan import TablePlan, Task, plan_tables
 from homolog.geodesics.table import GeodesicTable
 from homolog.memory import free_memory
-from homolog.progress import Tick, no_tick, part_of
+from homolog.progress import Tick, each_in_threads, no_tick
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.threads import MOST_THREADS
 
-__all__ = ["GeodesicSolver", "check_room", "geodesic_distances", "solve_plan", "solve_tables"]
+__all__ = ["GeodesicSolver", "check_room", "each_table", "geodesic_distances", "solve_plan", "solve_tables"]
 
 
 class GeodesicSolver(Protocol):
@@ -113,13 +115,53 @@ def solve_plan(
     InputError
         If the tables exceed the memory of the device.
     """
+    tables = dict(each_table(plan, device=device, tick=tick, threads=threads))
+    return [tables[index] for index in range(len(plan.tasks))]
+
+
+def each_table(
+    plan: TablePlan,
+    *,
+    device: str = "auto",
+    tick: Tick = no_tick,
+    threads: int | None = None,
+) -> Iterator[tuple[int, GeodesicTable]]:
+    """Solve the tables of a plan, and yield each as soon as it is solved.
+
+    On the CPU several meshes are solved at once, on one thread each if there are enough meshes.
+
+    Parameters
+    ----------
+    plan : TablePlan
+        The plan, from `plan_tables`.
+    device, tick, threads
+        See `solve_tables`.
+
+    Yields
+    ------
+    tuple of int and GeodesicTable
+        Index of a task, and its table on the device.
+
+    Raises
+    ------
+    InputError
+        If the tables exceed the memory of the device.
+    """
     where = choose_device(device)
     check_room(plan, where)
     if where != "cpu":
         room = (int(wp.get_device(where).free_memory) - plan.nbytes) // 2  # half of what the tables leave
-        return solve_on_cuda(plan, where, room, tick)
-    n = len(plan.tasks)
-    return [solve_on_cpu(plan, k, threads or cores(), part_of(tick, k / n, (k + 1) / n)) for k in range(n)]
+        yield from enumerate(solve_on_cuda(plan, where, room, tick))
+        return
+    load_kernels()
+    threads = threads or cores()
+    at_once = max(1, min(threads, MOST_THREADS, len(plan.tasks)))
+
+    def solve(task: Task, tick: Tick) -> GeodesicTable:
+        return solve_on_cpu(task, threads // at_once, tick)
+
+    works = [partial(solve, task) for task in plan.tasks]
+    yield from each_in_threads(works, tick, None, at_once)
 
 
 def geodesic_distances(

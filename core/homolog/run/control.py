@@ -88,8 +88,11 @@ class Control:
     def tick(self, fraction: float, message: str) -> None:
         """Report the progress of the phase; wait while paused, raise `Cancelled` if cancelled."""
         began = time.monotonic()
-        waiting = replace(self._status, message=message, eta_s=None, paused=True)
-        if self.cancel_token.wait_while_paused(lambda: self._notify(waiting)):
+
+        def report_pause() -> None:
+            self._notify(replace(self._status, message=message, eta_s=None, paused=True))
+
+        if self.cancel_token.wait_while_paused(report_pause):
             self._exclude_idle(time.monotonic() - began)
         now = time.monotonic()
         if now - self._reported < _REPORT_S and fraction < 1.0:

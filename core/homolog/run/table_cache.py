@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from homolog.files.atomic import report_os_errors
-from homolog.geodesics import GeodesicTable, check_room, plan_tables, solve_plan
+from homolog.geodesics import GeodesicTable, check_room, each_table, plan_tables
 from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.table_files import load_table, save_table, table_path
@@ -21,7 +21,7 @@ _log = logging.getLogger(__name__)
 WORTH_S = 10.0
 """Tables are written after this much work [s] on new ones; short runs write none."""
 _SHAPES_ON_GPU = 32
-"""Solved at once on a GPU, a second's work of large ones; a CPU solves one after another anyway."""
+"""Solved at once on a GPU: a second's work of large ones."""
 
 
 class TableCache:
@@ -62,20 +62,22 @@ class TableCache:
         if device != "cpu" or self._store is in_memory:  # else tables lie in files
             tasks = tuple(absent.values())
             check_room(replace(plan, tasks=tasks, nbytes=plan.nbytes * len(tasks) // len(paths)), device)
-        size = 1 if device == "cpu" else _SHAPES_ON_GPU
-        for first in range(0, len(absent), size):
+        size = len(absent) if device == "cpu" else _SHAPES_ON_GPU
+        for first in range(0, len(absent), max(size, 1)):
             some = dict(list(absent.items())[first : first + size])
             part = replace(plan, tasks=tuple(some.values()), nbytes=plan.nbytes * len(some) // len(paths))
             share = part_of(tick, first / len(absent), (first + len(some)) / len(absent))
             began = time.monotonic()
-            fresh = [table.stored(self._store) for table in solve_plan(part, device=device, tick=share)]
-            solved = dict(zip(some, fresh, strict=True))
-            self._keep(solved, time.monotonic() - began)
-            tables |= solved
+            for index, solved in each_table(part, device=device, tick=share):
+                path = list(some)[index]
+                tables[path] = solved.stored(self._store)
+                now = time.monotonic()
+                self._keep(path, tables[path], now - began)
+                began = now
         return [tables[path] for path in paths]
 
-    def _keep(self, solved: dict[Path, GeodesicTable], seconds: float) -> None:
-        self._unsaved |= solved
+    def _keep(self, path: Path, table: GeodesicTable, seconds: float) -> None:
+        self._unsaved[path] = table
         self._seconds += seconds
         if self._seconds < WORTH_S:
             return

@@ -37,7 +37,7 @@ def test_what_took_long_is_read_the_next_time(solve, tmp_path, monkeypatch):
     monkeypatch.setattr(table_cache, "WORTH_S", 0.0)
     first = solve(MESHES[:2])
     assert len(list((tmp_path / "geodesics").iterdir())) == 2
-    monkeypatch.setattr(table_cache, "solve_plan", None)
+    monkeypatch.setattr(table_cache, "each_table", None)
     assert codes(solve(MESHES[:2])) == codes(first)
 
 

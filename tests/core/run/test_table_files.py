@@ -41,7 +41,7 @@ def same(first, other):
 
 def test_a_table_is_solved_once(solve, sphere, tmp_path, monkeypatch):
     first = solve([sphere(300), sphere(200)], 7.0)
-    monkeypatch.setattr(table_cache, "solve_plan", None)
+    monkeypatch.setattr(table_cache, "each_table", None)
     second = solve([sphere(300), sphere(200)], 7.0)
     assert len(list(tmp_path.iterdir())) == 2
     assert all(same(*pair) for pair in zip(first, second, strict=True))

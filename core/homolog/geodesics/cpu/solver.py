@@ -14,11 +14,11 @@ from homolog.errors import InputError
 from homolog.geodesics.cpu.kernels import patch as patch_kernels
 from homolog.geodesics.cpu.kernels import store as store_kernels
 from homolog.geodesics.cpu.kernels import sweep as sweep_kernels
-from homolog.geodesics.kernels import local_solver
+from homolog.geodesics.kernels import fans, intrinsic, local_solver, lookup
 from homolog.geodesics.kernels.lookup import LANES, MISSING
 from homolog.geodesics.mesh.fans import Clusters, build_fans, find_clusters, group_members
 from homolog.geodesics.mesh.intrinsic import triangulate
-from homolog.geodesics.plan import TablePlan, Task, block_rows
+from homolog.geodesics.plan import Task, block_rows
 from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick
 from homolog.surfaces.mesh import TriangleMesh
@@ -59,16 +59,19 @@ def _prepare(task: Task) -> PreparedMesh:
     return PreparedMesh(task, clusters, shared(mesh_vertex), fans, groups, task.kernel_limits())
 
 
-def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> GeodesicTable:
-    """Solve the table of one mesh of a plan; the result is bit-identical for any number of threads."""
-    task = plan.tasks[which]
+def load_kernels() -> None:
+    """Load the kernels of `solve_on_cpu`; otherwise each of several threads would load them."""
+    for module in (local_solver, intrinsic, fans, lookup, sweep_kernels, store_kernels):
+        wp.load_module(module, device="cpu")
+
+
+def solve_on_cpu(task: Task, threads: int, tick: Tick) -> GeodesicTable:
+    """Solve the table of one mesh; the result is bit-identical for any number of threads."""
 
     def report(done: float) -> None:
         tick(done, f"geodesic distances of {task.name}")
 
     report(0.0)
-    for module in (local_solver, sweep_kernels, store_kernels):
-        wp.load_module(module, device="cpu")  # otherwise each thread would load them
     prepared = _prepare(task)
     arrays = _solve_clusters(prepared, threads, report)
     return GeodesicTable(len(task.mesh.vertices), task.d_max, float(prepared.limits.unit), *arrays)

@@ -30,14 +30,13 @@ def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: 
     start = np.append(0, np.cumsum(np.bincount(tail, minlength=len(centred)))).astype(np.int32)
     first = np.repeat(delaunay.sides.first_vertex[:-1], [len(mesh.faces) for mesh in meshes])
     fans = Fans()
-    with wp.ScopedDevice(device):
-        sides = [wp.array(item) for item in (tail, delaunay.length, delaunay.rank, first)]
-        fans.position = wp.array(centred.astype(np.float32), dtype=wp.vec3)
-        fans.start = wp.array(start)
-        fans.corners = wp.empty(len(tail), dtype=Corner)
-        fans.margin = wp.empty(len(tail), dtype=wp.float32)
-        wp.launch(fill_corners, len(tail), inputs=[*sides, fans])
-        wp.launch(find_margins, len(centred), inputs=[fans])
+    sides = [wp.array(item, device=device) for item in (tail, delaunay.length, delaunay.rank, first)]
+    fans.position = wp.array(centred.astype(np.float32), dtype=wp.vec3, device=device)
+    fans.start = wp.array(start, device=device)
+    fans.corners = wp.empty(len(tail), dtype=Corner, device=device)
+    fans.margin = wp.empty(len(tail), dtype=wp.float32, device=device)
+    wp.launch(fill_corners, len(tail), inputs=[*sides, fans], device=device)
+    wp.launch(find_margins, len(centred), inputs=[fans], device=device)
     return fans
 
 
