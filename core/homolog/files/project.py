@@ -115,15 +115,24 @@ class ProjectFolder:
         return FileLock(self.folder.resolve() / _LOCK, timeout=0, is_singleton=True, thread_local=False)
 
     def check_is_free(self) -> None:
-        """Raise InputError if the folder contains anything but a project."""
+        """Raise InputError if the folder contains anything but a project, or groomed subjects for one."""
         if (
             self.folder.is_dir()
             and not self.exists
-            and any(path.name not in (_LOCK, _HOLDER) for path in self.folder.iterdir())
+            and not all(self._is_replaceable(path) for path in self.folder.iterdir())
         ):
             raise InputError(
                 f"{self.folder}: contains other files; choose a new or empty folder for the project"
             )
+
+    def _is_replaceable(self, path: Path) -> bool:
+        """Whether a project may take over a file or folder: locks, groomed subjects, and registrations."""
+        if path == self.groomed and path.is_dir():
+            files = [file for file in path.iterdir() if not is_stale_temp(file.name)]
+            kinds = {kind: {file.stem for file in files if file.suffix == kind} for kind in (".npz", ".vtp")}
+            are_pairs = kinds[".npz"] <= kinds[".vtp"] and bool(kinds[".npz"] or not files)
+            return are_pairs and all(file.suffix in kinds and file.is_file() for file in files)
+        return path == self.registrations or path.name in (_LOCK, _HOLDER)
 
     def read(self) -> ProjectRecord:
         """Read project.json.

@@ -154,6 +154,24 @@ def test_a_folder_with_other_files_is_not_free(tmp_path):
     ProjectFolder(tmp_path).check_is_free()
 
 
+def test_a_folder_with_only_groomed_subjects_is_free(tmp_path):
+    project = ProjectFolder(tmp_path)
+    project.groomed.mkdir()
+    project.check_is_free()
+    for name in ("a.npz", "a.vtp", "b.vtp", ".part-1-b.npz"):  # killed while b was written
+        (project.groomed / name).write_text("")
+    project.registrations.write_text("")
+    project.check_is_free()
+
+
+@pytest.mark.parametrize("other", ["groomed/mine.vtp", "groomed/a.stl", "groomed/a.vtp/b", "notes.txt"])
+def test_a_folder_with_files_beside_groomed_subjects_is_not_free(tmp_path, other):
+    (tmp_path / other).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / other).write_text("")
+    with pytest.raises(InputError, match="contains other files"):
+        ProjectFolder(tmp_path).check_is_free()
+
+
 def test_a_second_program_is_told_that_the_project_is_in_use(tmp_path):
     project = ProjectFolder(tmp_path / "p")
     other = (
