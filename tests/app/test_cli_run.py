@@ -1,10 +1,12 @@
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
 import sys
 
+import nibabel
 import numpy as np
 import pytest
 
@@ -176,6 +178,33 @@ def test_each_bad_file_gets_a_line_with_its_name_and_nothing_is_written(mixed, t
     for name, line in zip([*BAD, "gone"], lines, strict=True):
         assert f"{name}." in line
     assert not (tmp_path / "new").exists()
+
+
+def test_many_files_bad_alike_share_a_line_and_can_be_left_out(tmp_path, capsys):
+    for number in range(9):
+        mask = np.zeros((64, 64, 64), np.uint8)
+        mask[8:-8, 8:-8, 8:-8] = number % 2
+        path = tmp_path / "two words" / f"p{number}" / "segmentations" / "heart.nii.gz"
+        path.parent.mkdir(parents=True)
+        nibabel.save(nibabel.Nifti1Image(mask, np.eye(4)), path)
+    arguments = [str(tmp_path / "two words"), "--label", "heart", "--out", str(tmp_path / "new"), *QUIET]
+    assert main(["run", *arguments]) == 2
+    *lines, last = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert "5 of 9" in last
+    assert "--skip-invalid" in last
+
+
+def test_suggested_commands_can_be_pasted_where_names_have_spaces(tmp_path, capsys):
+    for number in range(3):
+        for name in ("liver", "left kidney"):
+            path = tmp_path / "two words" / f"p{number}" / "segmentations" / f"{name}.nii.gz"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            nibabel.save(nibabel.Nifti1Image(np.ones((9, 9, 9), np.uint8), np.eye(4)), path)
+    folder = tmp_path / "two words"
+    assert main(["run", str(folder), "--out", str(tmp_path / "new"), *QUIET]) == 2
+    suggested = capsys.readouterr().err.partition("homolog run ")[2].partition(" …")[0]
+    assert shlex.split(suggested) == [str(folder), "--label", "left kidney"]
 
 
 def test_bad_files_can_be_left_out_and_what_grooming_changed_is_told(mixed, project, capsys):

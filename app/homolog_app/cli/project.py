@@ -4,6 +4,7 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from homolog.cohort import with_table
@@ -60,7 +61,7 @@ def _facts(project: ProjectFolder, record: ProjectRecord) -> list[tuple[str, str
     ]
     if record.unfinished:
         state = "interrupted" if project.checkpoint.is_file() else "interrupted before the first particles"
-        facts.append(("last run", f"{state}; to continue: homolog run {project.folder} --resume"))
+        facts.append(("last run", f"{state}; to continue: homolog run {quote(str(project.folder))} --resume"))
     if record.result is None:
         return [*facts, ("result", "none yet")]
     return [*facts, *_result_facts(record.result), *_landmarks(project, record)]

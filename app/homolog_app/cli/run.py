@@ -157,13 +157,16 @@ def _check_structure(source: Path, cohort: Cohort, settings: GroomSettings) -> N
         return
     from homolog.grooming.structures import structures_of_files
 
-    if structures := structures_of_files(cohort):
+    files = structures_of_files(cohort)
+    if structures := files.structures:
         more = f" and {len(structures) - _LISTED} more" if len(structures) > _LISTED else ""
         listed = ", ".join(f"{item.name} ({len(item.by_subject)})" for item in structures[:_LISTED])
+        empty = f"empty in all: {', '.join(files.empty)}; " if files.empty else ""
+        name = quote(str(source))
         raise InputError(
-            f"{source}: contains one file per structure: {listed}{more} (number of subjects); "
-            f"choose one: homolog run {source} --label {quote(structures[0].name)} …, or all: homolog batch "
-            f"{source} --labels all …"
+            f"{source}: contains one file per structure: {listed}{more} (number of subjects); {empty}"
+            f"choose one: homolog run {name} --label {quote(structures[0].name)} …, or all: homolog batch "
+            f"{name} --labels all …"
         )
 
 
@@ -182,7 +185,7 @@ def _start_drawing() -> None:
 
 def _with_remedy(error: InputError, job: "Run", count: int) -> InputError:
     """Return the error about some of a cohort's files, with the option that skips them."""
-    if not 0 < len(job.notes) < count - 1 or str(error) != "\n".join(job.notes):
+    if not 0 < len(job.notes) < count - 1 or str(error) != job.refusal:
         return error
     return InputError(f"{error}\n{len(job.notes)} of {count} files can't be used; --skip-invalid skips them")
 
@@ -238,7 +241,7 @@ def _report_cancelled(job: "Run") -> None:
         return
     if project.read().result is None and job.keep():
         sys.stderr.write("the particles placed so far are saved as a result\n")
-    sys.stderr.write(f"cancelled; to continue: homolog run {project.folder} --resume\n")
+    sys.stderr.write(f"cancelled; to continue: homolog run {quote(str(project.folder))} --resume\n")
 
 
 def _summary(project: ProjectFolder) -> str:
@@ -264,7 +267,9 @@ def _run_inputs(arguments: argparse.Namespace) -> tuple[ProjectFolder, Cohort, R
             f"{source.folder}: is not a project, so it has no result to which subjects can be fitted"
         )
     elif arguments.out is None:
-        raise InputError(f"name a folder for the results: homolog run {arguments.cohort} --out PROJECT")
+        raise InputError(
+            f"name a folder for the results: homolog run {quote(str(arguments.cohort))} --out PROJECT"
+        )
     else:
         project, settings = ProjectFolder(arguments.out), with_all_options(RunSettings(), arguments)
         chosen = settings.groom.label is not None or settings.groom.segment is not None

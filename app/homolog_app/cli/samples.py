@@ -7,6 +7,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -76,7 +77,7 @@ def run_sample(arguments: argparse.Namespace) -> int:
     described = ", ".join(f"{count} {group}" for group, count in zip(groups, counts, strict=True))
     sys.stdout.write(
         f"{out}: {len(study.subjects)} {study.kind} ({described}), seed {seed}; truth in {out / 'truth'}\n"
-        f"Next: homolog run {out} --out {out.name}-study\n"
+        f"Next: homolog run {quote(str(out))} --out {quote(out.name)}-study\n"
     )
     return 0
 

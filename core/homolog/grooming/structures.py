@@ -1,6 +1,6 @@
 """Structures in a cohort's files: names, volumes, and numbers of subjects."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
@@ -8,6 +8,7 @@ from statistics import median
 from homolog.cohort import Cohort, Subject, dicom_files, mask_files
 from homolog.errors import InputError
 from homolog.files.meshes import read_mesh
+from homolog.grooming.empty_masks import empty_masks
 from homolog.grooming.images import read_volume
 from homolog.grooming.known_labels import FREESURFER
 from homolog.grooming.names import matching, near, same_name
@@ -157,19 +158,34 @@ def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segm
     return matches[0]
 
 
-def structures_of_files(cohort: Cohort) -> list[Structure]:
+def structures_of_files(cohort: Cohort) -> Structures:
     """Return the structures that subjects have a file for each of, by the files' names, the commonest first.
 
-    No file is read. Empty if every subject has just one file.
+    A subject whose mask is empty (`empty_masks`) does not have the structure; else no file is read. There are
+    none if every subject has just one file.
     """
     by_subject = {subject.name: masks for subject in cohort.subjects if (masks := masks_of(subject))}
     if all(len(masks) == 1 for masks in by_subject.values()):
-        return []
+        return Structures((), {})
+    absent = {subject: empty_masks(masks.values()) for subject, masks in by_subject.items()}
     unread = {
-        subject: [SubjectStructure(name, None, 0.0) for name in masks]
+        subject: [
+            SubjectStructure(name, None, 0.0) for name, path in masks.items() if path not in absent[subject]
+        ]
         for subject, masks in by_subject.items()
     }
-    return sorted(joined(unread), key=lambda structure: -len(structure.by_subject))
+    found = sorted(joined(unread), key=lambda structure: -len(structure.by_subject))
+    names = (name for masks in by_subject.values() for name in masks)
+    return Structures(tuple(found), {}, _unknown(names, found))
+
+
+def _unknown(names: Iterable[str], found: Sequence[Structure]) -> tuple[str, ...]:
+    """Return the names, each once, that no structure has."""
+    known, rest = [structure.name for structure in found], list[str]()
+    for name in names:
+        if not any(same_name(name, other) for other in (*known, *rest)):
+            rest.append(name)
+    return tuple(rest)
 
 
 def structures_of(subject: Subject) -> list[SubjectStructure]:
@@ -215,12 +231,8 @@ def list_structures(cohort: Cohort, tick: Tick = no_tick) -> Structures:
         except InputError as error:
             problems[subject.name] = str(error)
     structures = joined(_named_alike(by_subject))
-    known, empty = [structure.name for structure in structures], list[str]()
-    for subject in cohort.subjects:
-        for name in masks_of(subject) if subject.name in by_subject else ():
-            if not any(same_name(name, other) for other in (*known, *empty)):
-                empty.append(name)
-    return Structures(structures, problems, tuple(empty))
+    names = (name for subject in cohort.subjects if subject.name in by_subject for name in masks_of(subject))
+    return Structures(structures, problems, _unknown(names, structures))
 
 
 def _named_alike(

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from homolog.arrays import Array, BoolArray, FloatArray, frozen
+from homolog.cohort.subject import stem_of
 from homolog.errors import InputError
-from homolog.grooming.names import label_table, matching, near
+from homolog.grooming.names import label_table, matching, near, same_name
 from homolog.grooming.values import hardened, labels_apart, labels_from, labels_seen
 from homolog.memory import check_fits
 
@@ -184,7 +185,8 @@ class Volume:
             Its value; every value above 0 if neither value nor name are given.
         segment : str or None
             Its name, whatever its case, dashes and order of words; goes before the value where something
-            names the structures: the file, a table next to it, or the public list that it follows.
+            names the structures: the file, a table next to it, or the public list that it follows. A single
+            structure may have the name of its file.
 
         Raises
         ------
@@ -198,6 +200,8 @@ class Volume:
             named = self.with_names(segment)
             if named.named:
                 return named.segmentation(label, segment)
+            if same_name(stem_of(self.path), segment) and len(self.segments()) <= 1:
+                return self._everything()
         if segment is not None and (self.named or label is None):
             return self._one(
                 matching(((item.name, item) for item in self.named), segment), repr(segment), segment

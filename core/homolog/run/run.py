@@ -128,6 +128,11 @@ class Run:
         """One line for each excluded subject, including those of a continued run."""
         return tuple(self._excluded.values())
 
+    @property
+    def refusal(self) -> str:
+        """Why files can't be used, a line for each or for several alike."""
+        return "\n".join(_refusals(self._excluded))
+
     def cancel(self) -> None:
         """Stop the run as soon as possible; its checkpoint remains for `resume`."""
         self._control.cancel_token.cancel()
@@ -242,7 +247,7 @@ class Run:
         problems = check_cohort(self._cohort, self._settings.groom, self._control.tick)
         self._excluded = {problem.subject: problem.message for problem in problems}
         if problems and not self._skip_bad:
-            raise InputError("\n".join(_refusals(self._excluded)))
+            raise InputError(self.refusal)
         cohort = self._cohort.without({problem.subject for problem in problems})
         self._check_number(cohort)
         check_sides(cohort, self._settings.groom)  # refuses sides that are none before any work

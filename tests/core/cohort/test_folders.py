@@ -62,7 +62,7 @@ def test_a_folder_for_each_structure_of_the_same_subjects_gives_their_structures
     names = [place.format(item, i) for item in ("liver", "spleen") for i in (1, 2, 3)]
     cohort = cohort_of(tmp_path, *names[:-1], "CT/p1.txt")
     assert [subject.name for subject in cohort.subjects] == ["p1", "p2", "p3"]
-    counts = {item.name: len(item.by_subject) for item in structures_of_files(cohort)}
+    counts = {item.name: len(item.by_subject) for item in structures_of_files(cohort).structures}
     assert counts == {"liver": 3, "spleen": 2}
     assert mask_files(cohort.subjects[0].path)["spleen"] == tmp_path / names[3]
 
@@ -127,7 +127,7 @@ def test_several_structures_of_each_subject_in_one_folder_are_told_apart_by_thei
     ]
     assert masks[1]["spleen"] == tmp_path / "p10_spleen.nii.gz"
     assert len(cohort.notes) == 1
-    counts = {item.name: len(item.by_subject) for item in structures_of_files(cohort)}
+    counts = {item.name: len(item.by_subject) for item in structures_of_files(cohort).structures}
     assert counts == {"liver": 3, "spleen": 3, "kidney_left": 1}
 
 

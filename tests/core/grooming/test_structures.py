@@ -1,6 +1,8 @@
 """Structures of a cohort, however its files are laid out."""
 
+import gzip
 import json
+import struct
 
 import nibabel
 import numpy as np
@@ -9,8 +11,9 @@ import pytest
 from homolog.cohort import Subject, read_cohort
 from homolog.errors import InputError
 from homolog.grooming import check_cohort
+from homolog.grooming.empty_masks import empty_masks
 from homolog.grooming.images import read_volume
-from homolog.grooming.structures import chosen_structures, list_structures, structures_of
+from homolog.grooming.structures import chosen_structures, list_structures, structures_of, structures_of_files
 from homolog.grooming.subject import read_source
 from homolog.settings import GroomSettings
 
@@ -239,3 +242,67 @@ def test_bids_table_at_the_top_of_the_data_set_names_the_labels(nifti, brain, tm
         (tmp_path / table).write_text(f"index\tname\n1\t{name}\n", encoding="utf-8")
     (structure,) = structures_of(Subject("sub-1", path))
     assert structure.name == "Cerebellum"
+
+
+def test_empty_masks_do_not_count_as_structures_of_their_subjects(tmp_path, nifti):
+    for number in range(1, 5):
+        for name in ("liver", "prostate", "uterus"):
+            is_empty = name == "uterus" or (name == "prostate" and number > 1)
+            values = np.zeros((48, 48, 48), np.uint8) if is_empty else ball(size=48)
+            nifti(f"p{number}/segmentations/{name}.nii.gz", values)
+    found = structures_of_files(read_cohort(tmp_path))
+    assert {item.name: len(item.by_subject) for item in found.structures} == {"liver": 4, "prostate": 1}
+    assert found.empty == ("uterus",)
+
+
+@pytest.mark.parametrize("suffix", ["nii", "nii.gz"])
+@pytest.mark.parametrize("kind", [nibabel.Nifti1Image, nibabel.Nifti2Image])
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_only_masks_without_a_voxel_are_empty(tmp_path, suffix, kind, order):
+    paths = []
+    for index in range(3):  # empty; empty with another header; one voxel
+        values = np.zeros((60, 60, 60), f"{order}i2")
+        values[-1, -1, -1] = index == 2
+        header = kind.header_class(endianness=order)
+        header.set_data_dtype(values.dtype)
+        paths.append(tmp_path / f"{index}.{suffix}")
+        nibabel.save(kind(values, np.diag([1.0 + index, 1.0, 1.0, 1.0]), header), paths[-1])
+    assert empty_masks(paths) == set(paths[:2])
+
+
+def test_a_mask_that_adds_a_number_to_its_voxels_is_not_empty(tmp_path):
+    path = tmp_path / "a.nii"
+    nibabel.save(nibabel.Nifti1Image(np.zeros((8, 8, 8), np.uint8), np.eye(4)), path)
+    content = bytearray(path.read_bytes())
+    content[112:120] = struct.pack("<ff", 1.0, 1.0)  # scl_slope, scl_inter
+    path.write_bytes(content)
+    assert nibabel.load(path).get_fdata().min() == 1.0
+    assert empty_masks([path]) == set()
+
+
+def test_what_is_no_readable_image_does_not_count_as_empty(tmp_path, nifti):
+    whole = nifti("whole.nii.gz", np.zeros((64, 64, 64), np.uint8)).read_bytes()
+    contents = {"nothing.nii": b"", "short.nii": bytes(20), "zeros.nii": bytes(900), "cut.nii.gz": whole[:-9]}
+    contents["text.nii.gz"] = b"no image"
+    for name, content in contents.items():
+        (tmp_path / name).write_bytes(content)
+    assert empty_masks(tmp_path / name for name in contents) == set()
+
+
+def test_of_many_masks_one_empty_and_one_other_are_unpacked(tmp_path, nifti, monkeypatch):
+    paths = [nifti(f"{index}.nii.gz", np.zeros((64, 64, 64), np.uint8)) for index in range(4)]
+    paths += [nifti(f"full{radius}.nii.gz", ball(radius, 64, 30)) for radius in (5, 6, 7)]
+    unpacked, opened = [], gzip.open
+    monkeypatch.setattr(gzip, "open", lambda file: unpacked.append(file) or opened(file))
+    assert empty_masks(paths) == set(paths[:4])
+    assert unpacked == [paths[0], paths[4]]
+
+
+def test_the_only_structure_of_a_file_may_have_the_files_name(nifti):
+    one, two = ball(), ball()
+    two[0, 0, 0] = 2
+    volume = read_volume(nifti("Left Kidney.nii.gz", one))
+    assert volume.segmentation(None, "kidney_left").mask.sum() == one.sum()
+    for path, name in ((nifti("a/kidney.nii.gz", two), "kidney"), (nifti("b/kidney.nii.gz", one), "liver")):
+        with pytest.raises(InputError, match="has no structure called"):
+            read_volume(path).segmentation(None, name)
