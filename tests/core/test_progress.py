@@ -4,7 +4,7 @@ import time
 import pytest
 
 from homolog.errors import Cancelled
-from homolog.progress import part_of, run_in_background, run_in_threads
+from homolog.progress import each_in_threads, part_of, run_in_background, run_in_threads
 
 
 def test_a_part_of_a_tick_covers_its_span():
@@ -98,3 +98,21 @@ def test_an_error_on_one_of_several_threads_is_the_callers():
 
     with pytest.raises(ValueError, match="broken"):
         run_in_threads([work] * 3, lambda fraction, message: None, "begin", 2)
+
+
+def test_each_result_is_handed_over_before_all_works_have_ended_and_messages_are_passed_on():
+    taken, heard = threading.Event(), []
+
+    def first(tick):
+        return "first"
+
+    def second(tick):
+        tick(0.5, "of the second")
+        assert taken.wait(10)  # for the result of the other work
+        return "second"
+
+    results = each_in_threads([second, first], lambda *what: heard.append(what), None, 2)
+    assert next(results) == (1, "first")
+    taken.set()
+    assert list(results) == [(0, "second")]
+    assert heard[-1] == (1.0, "of the second")
