@@ -17,7 +17,7 @@ from homolog.surfaces.sides import MeshSides, batches
 from homolog.surfaces.topology import check_arrays
 from homolog.threads import in_threads
 
-__all__ = ["TablePlan", "Task", "block_rows", "plan_tables"]
+__all__ = ["TablePlan", "Task", "block_rows", "plan_tables", "table_bytes"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +103,7 @@ def plan_tables(
         for task in _tasks(labels[some], meshes[some], limits[some]):
             tick(0.0, f"mesh of {task.name} checked")
             tasks.append(task)
-    nbytes = sum(_table_bytes(task) for task in tasks)
+    nbytes = sum(table_bytes(task) for task in tasks)
     if memory_limit is not None and nbytes > memory_limit:
         raise InputError(
             f"geodesic tables of {len(meshes)} shapes would take about {nbytes / 1e9:.3g} GB, above the "
@@ -142,5 +142,6 @@ def block_rows(task: Task) -> int:
     return int(1.05 * n / LANES * min(n, n * math.pi * radius**2 / task.area))
 
 
-def _table_bytes(task: Task) -> int:
+def table_bytes(task: Task) -> int:
+    """Predict the size of a table [bytes]."""
     return int(2.1 * len(task.mesh.vertices) ** 2 / LANES) + 2 * LANES * block_rows(task)

@@ -15,7 +15,7 @@ from homolog.device import choose_device, cores
 from homolog.errors import InputError
 from homolog.geodesics.cpu.solver import load_kernels, solve_on_cpu
 from homolog.geodesics.cuda.solver import solve_on_cuda
-from homolog.geodesics.plan import TablePlan, Task, plan_tables
+from homolog.geodesics.plan import TablePlan, Task, plan_tables, table_bytes
 from homolog.geodesics.table import GeodesicTable
 from homolog.memory import free_memory
 from homolog.progress import Tick, each_in_threads, no_tick
@@ -23,6 +23,9 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import MOST_THREADS
 
 __all__ = ["GeodesicSolver", "check_room", "each_table", "geodesic_distances", "solve_plan", "solve_tables"]
+
+_SOLVER_TABLES = 4
+"""The solver of a mesh needs less memory than this many of its tables."""
 
 
 class GeodesicSolver(Protocol):
@@ -155,7 +158,9 @@ def each_table(
         return
     load_kernels()
     threads = threads or cores()
-    at_once = max(1, min(threads, MOST_THREADS, len(plan.tasks)))
+    largest = max(map(table_bytes, plan.tasks), default=1)
+    fitting = (free_memory() - plan.nbytes) // (_SOLVER_TABLES * largest)
+    at_once = max(1, min(threads, MOST_THREADS, len(plan.tasks), fitting))
 
     def solve(task: Task, tick: Tick) -> GeodesicTable:
         return solve_on_cpu(task, threads // at_once, tick)
