@@ -22,9 +22,7 @@ from homolog.run import Phase, Run
 from homolog.run.table_files import save_table
 from homolog.surfaces.mesh import TriangleMesh
 
-FULL = (
-    r"can't be written: (File too large|the disk may be full); choose a folder that is writable and has room"
-)
+FULL = r"can't be written: (File too large|the disk may be full); choose a writable folder"
 
 
 def surface(project):

@@ -1,10 +1,10 @@
 """Assumptions of the tests: dispersion of the groups, skewness of sizes, outliers.
 
 Equal dispersion: each subject's distance to its group's centroid in the retained modes is compared between
-the groups (Anderson 2006, PERMDISP). Residuals are permuted, and centroids fitted to them again. Without
-groups, residuals are compared along the variable (Breusch and Pagan's idea). Tests of means of few and
-unequal groups do not bear skewed data. Subjects whose shape is far from all others have most often a broken
-segmentation or correspondence.
+the groups (Anderson 2006, PERMDISP). Residuals are permuted, and centroids are fitted to them again. Without
+groups, the residuals are compared along the variable (the idea of Breusch and Pagan). Tests of means are not
+robust to skewed data in few and unequal groups. A shape far from all others usually has a faulty segmentation
+or correspondence.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -35,9 +35,9 @@ __all__ = [
 _CHUNK = 500
 _CHUNK_VALUES = 2_000_000
 _LEAST_LEFT = 1e-6
-"""Lower bound of 1 - leverage, where it divides."""
+"""Lower bound of 1 - leverage as a divisor."""
 _FEWEST_OF_GROUP = 3
-"""Subjects of a group below which its dispersion gets no interval."""
+"""Least number of subjects for an interval of a group's dispersion."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,16 +54,16 @@ class Dispersion:
     f : float
         Ratio of the variances of the distances between and within groups.
     p : float
-        Share of the permutations with as large a ratio: residuals are permuted, and distances are those from
-        what is fitted to them again.
+        Share of the permutations with a ratio at least as large. Residuals are permuted, and distances are
+        those from centroids fitted to them again.
     permutations : int
         Number of permutations.
     intervals : dict
         Mean distance in each group with its 95 % interval [mm]; empty without groups, or if one of them has
         fewer than three subjects.
     effect : Effect or None
-        Of two groups the ratio of the second's mean distance to the first's, of a variable the change of the
-        distance per unit [mm]; with 95 % interval. None for more groups, which have `intervals`.
+        For two groups, the ratio of the second's mean distance to the first's; for a variable, the change of
+        the distance per unit [mm]; with 95 % interval. None for more groups, which have `intervals`.
     """
 
     distances: FloatArray
@@ -106,7 +106,7 @@ def dispersion_test(
     modes : int
         Number of leading modes.
     members : dict of (M,) bool arrays
-        Who is in each group; empty for a continuous variable.
+        Members of each group; empty for a continuous variable.
     permutations : int
         Permutations of the residuals.
     seed : int
@@ -115,7 +115,7 @@ def dispersion_test(
     Returns
     -------
     Dispersion or None
-        None for pairs, whose differences are one group, or without a mode.
+        None without a mode, and for pairs, whose differences form one group.
     """
     if design.exchange is Exchange.SIGNS or modes == 0:
         return None
@@ -129,7 +129,7 @@ def dispersion_test(
         rest, left = _rest(rows, columns)
         return _ratio(np.sqrt(np.square(rest).sum(axis=2) / left), columns, permuted.tested.shape[2])
 
-    # Distances from means that were fitted are less independent than the subjects: so are those of the null.
+    # Distances from fitted means are dependent, in the data as under the null.
     null_statistics = null_distribution(
         lambda some: ratio(standardized, some),
         design,
@@ -150,14 +150,14 @@ def dispersion_test(
 
 
 class _HeldOut:
-    """Distances when one subject after the other is held out, and what is fitted is fitted again."""
+    """Leave-one-out distances: centroids are fitted without the held-out subject."""
 
     def __init__(self, rows: FloatArray, columns: FloatArray) -> None:
         (self.rest,), (self.left,) = _rest(rows, columns[None])
         self.columns = columns
 
     def blocks(self, own: IntArray) -> Iterator[tuple[IntArray, FloatArray]]:
-        """Yield held-out subjects, and for each the distances of its group; its own is zero."""
+        """Yield held-out subjects, each with the distances of its group; its own distance is zero."""
         for held in np.array_split(own, max(1, len(own) ** 2 // _CHUNK_VALUES)):
             shared = self.columns[held] @ self.columns[own].T
             shift = shared / self.left[held, None]
@@ -171,7 +171,7 @@ class _HeldOut:
 def _of_groups(
     held_out: _HeldOut, by_group: dict[str, float], members: Mapping[str, BoolArray]
 ) -> tuple[dict[str, Effect], Effect | None]:
-    """Return mean distances of groups, and the ratio of two, with intervals by a jackknife of logarithms."""
+    """Return mean distances of groups, and the ratio of two, with jackknife intervals of their logarithms."""
     fewest = min(np.count_nonzero(own) for own in members.values())
     if fewest < _FEWEST_OF_GROUP or not all(by_group.values()):
         return {}, None
@@ -193,13 +193,13 @@ def _of_groups(
 
 
 def _of_logarithm(value: float, variance: float, dof: float) -> Effect:
-    """Return a positive value with the interval that the variance of its logarithm gives."""
+    """Return a positive value with the interval from the variance of its logarithm."""
     reach = float(np.exp(stats.t.ppf((1.0 + CONFIDENCE) / 2.0, dof) * np.sqrt(variance)))
     return Effect(value, value / reach, value * reach)
 
 
 def _along(held_out: _HeldOut, distances: FloatArray, unit: float) -> Effect:
-    """Return the change of the distances along a variable, with its interval by the jackknife."""
+    """Return the change of the distances along a variable, with its jackknife interval."""
     columns, count = held_out.columns, len(distances)
     slopes = []
     for held, values in held_out.blocks(np.arange(count)):
@@ -214,13 +214,13 @@ def _along(held_out: _HeldOut, distances: FloatArray, unit: float) -> Effect:
 
 
 def _rest(rows: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what columns (c, M, q) leave of rows (M, k), (c, M, k), and 1 - leverage (c, M)."""
+    """Return the residuals (c, M, k) of rows (M, k) after columns (c, M, q), and 1 - leverage (c, M)."""
     rest: FloatArray = rows - columns @ (np.swapaxes(columns, 1, 2) @ rows)
     return rest, np.maximum(1.0 - np.square(columns).sum(axis=2), _LEAST_LEFT)
 
 
 def _ratio(values: FloatArray, columns: FloatArray, tested: int) -> FloatArray:
-    """Return the F ratio (c,) of values (c, M) for the last columns (c, M, q), the others taken out."""
+    """Return the F ratio (c,) of values (c, M) for the last columns (c, M, q), adjusted for the others."""
     squares = np.square(np.swapaxes(columns, 1, 2) @ values[:, :, None])[:, :, 0]
     explained = squares[:, -tested:].sum(axis=1)
     rest = np.maximum(np.square(values).sum(axis=1) - squares.sum(axis=1), np.finfo(float).tiny)
@@ -229,7 +229,7 @@ def _ratio(values: FloatArray, columns: FloatArray, tested: int) -> FloatArray:
 
 
 _FEWEST = 8
-"""Subjects below which the test is not defined."""
+"""Least number of subjects for which the test is defined."""
 _MODES = 5
 
 
@@ -242,9 +242,9 @@ class SizeSkewness:
     value : float
         Skewness of the residuals, each divided by the standard deviation of its group.
     p : float
-        Of the test that sizes are not skewed (D'Agostino 1970).
+        p of the test that sizes are not skewed (D'Agostino 1970).
     shape_p : float
-        Of the test that scores in the five leading modes are not skewed: their squared deviates, summed.
+        p of the test that scores in the five leading modes are not skewed (sum of squared normal deviates).
     deviations : dict
         Standard deviation of size in each group [mm]; empty for pairs.
     """
@@ -260,7 +260,7 @@ def size_skewness(
 ) -> SizeSkewness | None:
     """Test whether sizes and shapes are skewed within groups; None for a variable or under eight subjects.
 
-    Few sizes seldom show that they are skewed. Shapes, of which they are a part, show it more often.
+    The test has little power for few sizes. Shapes, which include size, show skewness more often.
 
     Parameters
     ----------
@@ -269,9 +269,9 @@ def size_skewness(
     shapes : (M, N, 3) array
         Aligned positions, or the differences of pairs [mm].
     design : Design
-        What is tested.
+        The tested design.
     members : mapping of str to (M,) bool arrays
-        Who is in each group; empty for pairs and for a variable.
+        Members of each group; empty for pairs and for a variable.
     """
     paired = design.exchange is Exchange.SIGNS
     if len(size) < _FEWEST or not (paired or members):
@@ -293,7 +293,7 @@ def size_skewness(
 
 
 def _within(values: FloatArray, design: Design) -> FloatArray:
-    """Return what design and tested effect leave of values (M, P)."""
+    """Return the residuals of values (M, P) after nuisance columns and tested effect."""
     residuals = design.residuals(values)
     residuals -= design.tested @ (design.tested.T @ residuals)
     return residuals
@@ -311,15 +311,15 @@ _LIMIT = 5.0
 
 
 def shape_outliers(particles: FloatArray, *, limit: float = _LIMIT) -> IntArray:
-    """Return the indices of subjects that lie far from the median shape, the farthest first.
+    """Return the indices of subjects far from the median shape, the farthest first.
 
     Parameters
     ----------
     particles : (M, N, 3) array
         Aligned positions [mm].
     limit : float
-        A subject is far if its distance is above the median distance by more than so many standard
-        deviations, taken from the median absolute deviation (Leys et al. 2013).
+        A subject is far if its distance exceeds the median distance by more than this number of standard
+        deviations, estimated by the median absolute deviation (Leys et al. 2013).
 
     Returns
     -------
@@ -334,14 +334,14 @@ def shape_outliers(particles: FloatArray, *, limit: float = _LIMIT) -> IntArray:
 def relative_distances(
     particles: FloatArray, design: Design, members: Collection[BoolArray] = ()
 ) -> FloatArray:
-    """Return how far each subject lies from the mean of its group, (M,).
+    """Return the distance of each subject from the mean of its group, relative to the group's median, (M,).
 
     Parameters
     ----------
     particles : (M, N, 3) array
         Aligned positions, or differences of pairs [mm].
     design : Design
-        Distances are those from the shape that it fits to a subject.
+        Distances are those from the shape that the design fits to a subject.
     members : collection of (M,) bool arrays
         The groups; distances are divided by the median of their group.
     """
@@ -353,7 +353,7 @@ def relative_distances(
 
 
 def outlier_limit(distance: FloatArray, limit: float = _LIMIT) -> float:
-    """Return the distance above which subjects are outliers; infinite if half of them are alike."""
+    """Return the distance above which subjects are outliers; infinite if half of the distances are equal."""
     middle = float(np.median(distance))
     deviation = 1.4826 * float(np.median(np.abs(distance - middle)))
     return middle + limit * deviation if deviation > 0.0 else float("inf")

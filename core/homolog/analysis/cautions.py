@@ -1,4 +1,4 @@
-"""Cautions about a comparison, the same in every interface."""
+"""Cautions about a comparison, identical in every interface."""
 
 from collections.abc import Mapping, Sequence
 from math import ceil, log10
@@ -28,7 +28,7 @@ LEVEL = 0.05
 LOOSE = 0.02
 """Excess of false positives of F that raises a caution."""
 _UNLIKE = 1.5
-"""Ratio of two groups' dispersions, or numbers of subjects, that raises a caution."""
+"""Ratio of two groups' dispersions, or of their numbers of subjects, that raises a caution."""
 
 
 def cautions_of(comparison: "Comparison", names: Sequence[str] | None = None) -> tuple[str, ...]:
@@ -37,9 +37,9 @@ def cautions_of(comparison: "Comparison", names: Sequence[str] | None = None) ->
     Parameters
     ----------
     comparison : Comparison
-        Without its pairs, which have cautions of their own.
+        The comparison; its pairs have cautions of their own.
     names : sequence of str, optional
-        Of all subjects; they are called subject 1, 2 … without.
+        Names of all subjects; subject 1, 2 … by default.
     """
     of_size = comparison.reports_size and comparison.size is not None
     sentences = [
@@ -65,7 +65,7 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
     if not numbers:
         return (
             f"dispersion changes with the variable (test of dispersion {p}). The permutation tests account "
-            "for that only approximately, T² and F not at all."
+            "for this only approximately; T² and F do not."
         )
     mean = ", ".join(f"{name} {value:.2f} mm" for name, value in dispersion.by_group.items())
     what = (
@@ -86,12 +86,12 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
 
 
 def size_caution(skewness: SizeSkewness | None, counts: Mapping[str, int]) -> str:
-    """Return a caution if skewness of sizes or shapes matters for the test of size; empty otherwise."""
+    """Return a caution if skewness of sizes or shapes affects the test of size; empty otherwise."""
     if skewness is None or min(skewness.p, skewness.shape_p) > LEVEL:
         return ""
     skewed = f"sizes are skewed (skewness {skewness.value:.1f}, {p_text(skewness.p)})"
     if skewness.p > LEVEL:
-        skewed = f"shapes are skewed ({p_text(skewness.shape_p)}), which sizes may be too,"
+        skewed = f"shapes are skewed ({p_text(skewness.shape_p)}), and sizes may be skewed, too,"
     if not skewness.deviations:
         return f"differences of {skewed}. The test of size assumes symmetric differences without an effect."
     unlike = [
@@ -117,9 +117,9 @@ def outlier_caution(
     names: Sequence[str] | None = None,
     without: "Comparison | None" = None,
 ) -> str:
-    """Return a caution that names the subjects that lie far from the others of their group.
+    """Return a caution that names the outliers of each group.
 
-    It gives the test of the whole shape without them, if that is known.
+    It includes the test of the whole shape without them, if that is known.
     """
     if not len(outliers):
         return ""
@@ -138,17 +138,17 @@ def outlier_caution(
         rest = f" Without {pronoun}, the whole shape has {effect}{p}."
     outlying = "is an outlier" if len(outliers) == 1 else "are outliers"
     return (
-        f"{who} {outlying}, {_FAR.get(kind, _FAR_FROM_GROUP)}. Look at segmentation and particles before "
+        f"{who} {outlying}, {_FAR.get(kind, _FAR_FROM_GROUP)}. Check segmentation and particles before "
         f"trusting any test; p-values of F are unreliable with such subjects.{rest}"
     )
 
 
 _FAR_FROM_GROUP = "far from the rest of the group"
 _FAR = {
-    "all": "far from the shape that is fitted to the value of the variable",
+    "all": "far from the shape that the regression predicts",
     "pairs": "whose difference within the pair is far from the mean difference",
 }
-"""What an outlier is far from, by the name of the only group."""
+"""Descriptions of outliers in designs without groups, by the name of the only group."""
 
 
 def p_text(p: float, permutations: int | None = None) -> str:
@@ -165,7 +165,7 @@ def p_number(p: float, permutations: int | None = None) -> str:
     p : float
         The p-value.
     permutations : int, optional
-        Permutations that it was counted over: no more digits are given than these can tell.
+        Number of permutations, which limits the number of digits.
     """
     if p < 0.001:
         return "< 0.001"
@@ -184,7 +184,7 @@ def _unlike(values: Sequence[float]) -> bool:
 
 
 def f_excess(comparison: "Comparison") -> float:
-    """Return by how much the type I error rate of F exceeds that of permutations of the same null data.
+    """Return the excess of the type I error rate of F over that of permutations of the same null data.
 
     Excesses up to `LOOSE` are tolerated.
     """

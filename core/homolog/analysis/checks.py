@@ -29,8 +29,8 @@ def checked_particles(particles: ArrayLike, names: Sequence[str] | None = None) 
     Raises
     ------
     InputError
-        If the array has another shape, fewer than two subjects, values that are not finite, or another
-        number of subjects than there are names.
+        If the array has another shape, fewer than two subjects, or values that are not finite, or if the
+        numbers of subjects and names differ.
     """
     try:
         array = np.asarray(particles, dtype=np.float64)
@@ -57,19 +57,19 @@ def finite_numbers(values: ArrayLike, what: str) -> FloatArray:
     Parameters
     ----------
     values : array_like
-        Of any shape.
+        Array of any shape.
     what : str
-        Their name in the message.
+        Name of the values in the message.
 
     Returns
     -------
     float64 array
-        Of the same shape.
+        Array of the same shape.
 
     Raises
     ------
     InputError
-        If a value is no number or not finite, or rows differ in length.
+        If a value is not a finite number, or rows differ in length.
     """
     try:
         numbers = np.asarray(values, dtype=np.float64)

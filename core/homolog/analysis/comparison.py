@@ -45,10 +45,10 @@ class Options:
     Attributes
     ----------
     alignment : Alignment
-        How shapes are aligned before they are compared: as they lie, rigidly (form: size and shape, the
-        default), or by similarities (shape alone). Size is tested apart in any case.
+        How shapes are aligned before they are compared: not at all, rigidly (form: size and shape, the
+        default), or by similarities (shape alone). Size is always tested separately.
     modes : int or None
-        Number of modes; by parallel analysis if not given.
+        Number of modes; chosen by parallel analysis if not given.
     permutations : int
         Permutations of each test.
     bootstraps : int
@@ -58,8 +58,8 @@ class Options:
     null_repeats : int
         Permutations of the null simulation; 0 omits it.
     answers : int
-        Answers to the same question that are reported together, such as form and shape: p-values of the whole
-        shape, of particles and of the discriminant are corrected for their number (Bonferroni).
+        Number of answers to the same question that are reported together, such as form and shape. p-values of
+        the whole shape, of particles and of the discriminant are corrected for it (Bonferroni).
     seed : int
         Same seed, same result.
     """
@@ -75,7 +75,7 @@ class Options:
 
     @property
     def reports_size(self) -> bool:
-        """Whether the answer reports size: one on shape leaves it to the other answers, if there are any."""
+        """Whether the answer reports size; an answer on shape does not if there are other answers."""
         return self.answers == 1 or self.alignment is not Alignment.SIMILARITY
 
 
@@ -89,66 +89,66 @@ class Comparison:
     Attributes
     ----------
     title : str
-        Such as ``"HCM - NOR"``.
+        Title, such as ``"HCM - NOR"``.
     subjects : (m,) int array
-        Indices of the subjects that took part; for pairs, of their first.
+        Indices of the compared subjects; for pairs, those of the first members.
     counts : dict
-        Subjects in each group.
+        Number of subjects in each group.
     mean : (N, 3) array
         Mean shape of those subjects [mm].
     test : ModeTest
-        Of the whole shape.
+        Test of the whole shape.
     pointwise : PointwiseTest
-        At every particle; its effect is the difference, or the change per unit [mm].
+        Tests at every particle; the effect is the difference, or the change per unit [mm].
     size : Effect or None
-        Difference in size, or change per unit [mm], with permutation p; None where size itself is tested or
+        Difference in size, or change per unit [mm], with permutation p; None if size itself is tested or
         adjusted for.
     distance : Effect or None
         Mahalanobis distance of the means (or length of the change per unit) in the retained modes, corrected
-        for its bias. Of three or more groups the root mean square distance from their common mean.
+        for its bias. For three or more groups, the root mean square distance from their common mean.
     explained : Effect or None
         Share of the generalised variance in the retained modes that the tested effect explains (omega squared
         of Wilks' lambda).
     dispersion : Dispersion or None
-        Whether groups scatter alike; None for pairs.
+        Test of equal dispersion of the groups; None for pairs.
     discriminant : Discriminant or None
-        For two groups, if at least one mode is kept.
+        The discriminant of two groups, if at least one mode is retained.
     p_adjusted : float
         Permutation p of the whole shape, corrected for pairs of groups (Holm) and answers (Bonferroni).
     p_fwe : (N,) array
         Permutation p of each particle, corrected over the surface, pairs (Holm) and answers (Bonferroni).
     size_p_adjusted : float or None
-        Permutation p of size, corrected for several pairs of groups (Holm).
+        Permutation p of size, corrected for pairs of groups (Holm).
     accuracy_p_adjusted, auc_p_adjusted : float or None
         Permutation p of the discriminant's accuracy and AUC, corrected for pairs of groups (Holm) and answers
         (Bonferroni).
     false_positives : tuple of FalsePositives
         Type I error rates on this cohort with permuted labels; empty without a null simulation.
     size_skewness : SizeSkewness or None
-        Whether sizes are skewed; None for a continuous variable.
+        Test of skewness of size; None for a continuous variable.
     outliers : (n,) int array
-        Indices of subjects that lie far from the mean of their group, the farthest first; of pairs, of their
-        first.
+        Indices of subjects far from the mean of their group, the farthest first; for pairs, those of the
+        first members.
     without_outliers : Comparison or None
-        All results without them, corrected in the same way; None if there are none, or too few others.
+        All results without the outliers, corrected in the same way; None if there are no outliers, or too few
+        other subjects.
     notes : tuple of str
         Deviations from the request, in sentences.
     size_variance : SizeVariance or None
-        Size between three or more groups; None otherwise.
+        Variance of size between three or more groups; None otherwise.
     pairwise : tuple of Comparison
-        Each two groups, of three or more that `homolog.compare_groups` compared.
+        Comparisons of each pair of three or more groups, from `homolog.compare_groups`.
     size_standardized : Effect or None
         The effect on size in standard deviations within groups (Hedges' g), of the differences of pairs, or
-        of what a regression leaves; None where `size` is.
+        of the residuals of a regression; None if `size` is None.
     outlier_distances : tuple of float
-        How far the outliers lie from the mean of their group, divided by the median distance of the group.
+        Distances of the outliers from the mean of their group, divided by the median distance of the group.
     outlier_limit : float
-        From where on a subject is an outlier.
+        Relative distance above which a subject is an outlier.
     reports_size : bool
-        Whether size is reported, with its caution; one of several answers leaves it to the one on form, if it
-        is on shape.
+        Whether size is reported, with its caution; of several answers, only that on form reports it.
     covariates : tuple of Comparison
-        Effects of the covariates, each adjusted for what is tested and for the others.
+        Effects of the covariates, each adjusted for the tested effect and for the other covariates.
     """
 
     title: str
@@ -186,7 +186,7 @@ class Comparison:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def __repr__(self) -> str:
-        """Return a line for people."""
+        """Return a one-line summary."""
         particles = int(np.sum(self.p_fwe < 0.05))
         return (
             f"Comparison({self.title}, {len(self.subjects)} subjects: {p_text(self.p_adjusted)} of the whole "
@@ -206,13 +206,13 @@ class Comparison:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Cautions, in sentences, without those of the pairs."""
+        """Cautions as sentences, without those of the pairs."""
         return cautions_of(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sample:
-    """Who takes part in a comparison, and what is compared; see `run_comparison`."""
+    """The subjects and data of a comparison; see `run_comparison`."""
 
     shapes: FloatArray
     subjects: IntArray
@@ -225,7 +225,7 @@ class _Sample:
     size: FloatArray
 
     def tested(self, options: Options) -> FloatArray:
-        """Return what is tested: the aligned shapes, or differences of pairs."""
+        """Return the tested data: the aligned shapes, or differences of pairs."""
         return prepare_shapes(self.shapes[self.subjects], options) if self.data is None else self.data
 
     def of(self, kept: BoolArray) -> "_Sample":
@@ -264,23 +264,23 @@ def run_comparison(
     shapes : (M, N, 3) array
         Checked positions of the whole cohort [mm].
     subjects : (m,) int array
-        Those who take part.
+        Indices of the compared subjects.
     design : Design
-        What is tested, with m rows.
+        The tested design, with m rows.
     title, counts, options
         See `Comparison`.
     tick : Tick
         Progress and cancelling.
     members : dict of (m,) bool arrays, optional
-        Who is in each group, for groups.
+        Members of each group, for designs of groups.
     mean : (N, 3) array, optional
-        Mean shape to show, if it is not that of the subjects [mm].
+        Mean shape of the result, if it is not that of the subjects [mm].
     data : (m, N, 3) array, optional
-        What is tested in place of the subjects' shapes: differences of pairs [mm].
+        Tested data in place of the subjects' shapes: differences of pairs [mm].
     size : (m,) array, optional
-        The same for size [mm].
+        Tested sizes in place of the subjects' sizes [mm].
     nested : bool
-        Whether to repeat it without outliers.
+        Whether to repeat the comparison without outliers.
 
     Returns
     -------
@@ -292,7 +292,7 @@ def run_comparison(
     kept = ~np.isin(subjects, done.outliers)
     if not nested or kept.all() or any(np.count_nonzero(own & kept) < 2 for own in sample.members.values()):
         return done
-    with suppress(InputError):  # too few are left
+    with suppress(InputError):  # too few subjects remain
         remainder = _compared(sample.of(kept), replace(options, null_repeats=0), part_of(tick, 0.9, 1.0))
         return replace(done, without_outliers=remainder)
     return done

@@ -1,4 +1,4 @@
-"""Effects of the covariates of a study, each adjusted for what the study tests and for the others."""
+"""Effects of the covariates of a study, each adjusted for the tested effect and for the others."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
@@ -16,7 +16,7 @@ __all__ = ["with_covariate_effects", "with_unadjusted"]
 def with_unadjusted(
     pairs: Sequence[Comparison], table: Mapping[str, Sequence[str | float]]
 ) -> tuple[Comparison, ...]:
-    """Return comparisons of two of several groups with a note on covariates that are constant among these.
+    """Return comparisons of pairs of groups, with notes on covariates that are constant within a pair.
 
     Parameters
     ----------
@@ -49,13 +49,13 @@ def with_covariate_effects(
 ) -> Comparison:
     """Return a comparison with the effects of its covariates.
 
-    Each is tested as the comparison itself is, but in its own modes. Effects of numbers are per unit, of two
-    categories their difference, the second minus the first in alphabetical order.
+    Each covariate is tested like the comparison itself, but in its own modes. Effects of numbers are per
+    unit. Effects of two categories are the second minus the first in alphabetical order.
 
     Parameters
     ----------
     comparison : Comparison
-        Of groups or a continuous variable, adjusted for the covariates.
+        Comparison of groups or along a continuous variable, adjusted for the covariates.
     shapes : (M, N, 3) array
         Positions of the whole cohort [mm].
     tested : sequence of str, or (m,) array
@@ -65,7 +65,7 @@ def with_covariate_effects(
     categories : collection of str
         Covariates whose numbers are codes of categories.
     options : Options
-        Of the comparison.
+        Options of the comparison.
     tick : Tick
         Progress and cancelling.
     """

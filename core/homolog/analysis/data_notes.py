@@ -7,11 +7,11 @@ from homolog.analysis.design import lookalikes
 __all__ = ["PARTNER_MISSING", "exclusion_notes", "repeated_notes", "spelling_notes"]
 
 PARTNER_MISSING = "the other one of the pair is missing"
-"""Reason of an exclusion, beside missing values."""
+"""Reason of an exclusion other than missing values."""
 
 
 def exclusion_notes(left_out: Mapping[str, str]) -> list[str]:
-    """Return how many subjects complete cases excluded and why, and the first of them."""
+    """Return sentences on the subjects that complete cases excluded: number, reason, first names."""
     alone = [name for name, why in left_out.items() if why == PARTNER_MISSING]
     incomplete = [name for name in left_out if name not in alone]
     reasons = ((incomplete, "for missing values"), (alone, "because the other one of their pair is missing"))
@@ -36,7 +36,7 @@ def repeated_notes(individuals: Mapping[str, Hashable]) -> list[str]:
     Parameters
     ----------
     individuals : mapping of str to hashable
-        Who each subject is. If all are one, their names do not identify individuals.
+        Individual of each subject. If all are equal, names do not identify individuals.
     """
     names_of: dict[Hashable, list[str]] = {}
     for name, individual in individuals.items():
@@ -47,12 +47,12 @@ def repeated_notes(individuals: Mapping[str, Hashable]) -> list[str]:
     return [
         f"By their names, {len(individuals)} subjects are {len(names_of)} individuals, some at several times "
         f"or with both sides ({' and '.join(several[0][:2])}). Such subjects are not independent, so that "
-        "p-values and intervals may be too small. Compare one of each individual, or pairs."
+        "p-values and intervals may be too small. Compare one subject per individual, or pairs."
     ]
 
 
 def spelling_notes(title: str, values: Sequence[str]) -> list[str]:
-    """Return which values of a column are perhaps one value in several spellings."""
+    """Return a note on values of a column that may be spellings of one value."""
     return [
         f"{title} contains {' and '.join(map(repr, alike))}, which were treated as different values."
         for alike in lookalikes(values)

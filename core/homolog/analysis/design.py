@@ -1,8 +1,7 @@
 """Linear designs: tested columns, nuisance columns, and exchangeability under the null.
 
-Two groups, several groups, a continuous variable and paired subjects are one kind of test: columns that
-are tested, and nuisance columns (the intercept and covariates, whose columns come from a table's numbers and
-words).
+Two groups, several groups, a continuous variable and paired subjects are one kind of test, with tested
+columns and nuisance columns (the intercept, and covariates from a table's numbers and categories).
 """
 
 import re
@@ -49,12 +48,12 @@ def covariate_columns(
     *,
     categories: Collection[str] = (),
 ) -> FloatArray:
-    """Return covariates as standardised columns; categories become one column for each but the first.
+    """Return covariates as standardised columns; each category but the first becomes an indicator column.
 
     Parameters
     ----------
     table : mapping of str to sequences
-        Values of each covariate for the M subjects; numbers may come as text.
+        Values of each covariate for the M subjects; numbers may be text.
     names : sequence of str, optional
         Subject names, for messages.
     categories : collection of str
@@ -67,7 +66,7 @@ def covariate_columns(
     Raises
     ------
     InputError
-        If a value is missing, infinite or a word among numbers, or a covariate is the same for all subjects.
+        If a value is missing, infinite or a word among numbers, or a covariate is constant.
     """
     columns: list[FloatArray] = []
     for title, values in table.items():
@@ -80,7 +79,7 @@ def covariate_columns(
         numeric = None if title in categories else _numeric(title, values, names)
         block = indicators(values) if numeric is None else numeric[:, None]
         if block.shape[1] == 0 or np.ptp(block[:, 0]) == 0.0:
-            raise InputError(f"covariate {title!r} is the same for all subjects that take part; remove it")
+            raise InputError(f"covariate {title!r} is the same for all compared subjects; remove it")
         columns.append(block)
     joined = np.hstack(columns)
     standardised: FloatArray = (joined - joined.mean(axis=0)) / joined.std(axis=0)
@@ -88,7 +87,7 @@ def covariate_columns(
 
 
 def indicators(values: Sequence[str | float] | FloatArray) -> FloatArray:
-    """Return who has each value but the first in alphabetical order, one column for each."""
+    """Return an indicator column for each value but the first in alphabetical order."""
     texts = np.array([str(value).strip() for value in values])
     columns: FloatArray = (texts[:, None] == np.unique(texts)[1:]).astype(np.float64)
     return columns
@@ -106,7 +105,7 @@ def lookalikes(values: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _numeric(title: str, values: Sequence[str | float], names: Sequence[str] | None) -> FloatArray | None:
-    """Return the values as numbers, None if they are words; refuse a few words among numbers."""
+    """Return the values as numbers, None if they are words; refuse single words among numbers."""
     try:
         numeric = numbers(values)
     except InputError as error:
@@ -149,7 +148,7 @@ def numbers(values: Sequence[str | float]) -> FloatArray | None:
     Raises
     ------
     InputError
-        If commas may as well be between thousands.
+        If the commas may separate thousands.
     """
     texts = [str(value).strip() for value in values]
     commas = [text for text in texts if _COMMA.fullmatch(text)]
@@ -164,7 +163,7 @@ def numbers(values: Sequence[str | float]) -> FloatArray | None:
 
 
 _DEPENDENT = 1e-8
-"""A column is a combination of others if less than this fraction of its length is independent of them."""
+"""Least independent fraction of a column's length; below it, it is a combination of the others."""
 
 
 # fmt: off
@@ -177,7 +176,7 @@ _REFERENCES = frozenset([
 
 
 def names_reference(value: str) -> bool:
-    """Return whether the name of a group is one of controls, such as ``healthy``."""
+    """Return whether a group's name denotes controls, such as ``healthy``."""
     return value.lower() in _REFERENCES
 
 
@@ -198,20 +197,20 @@ class Exchange(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Design:
-    """A linear design with its bases made orthonormal. Arrays are read-only.
+    """A linear design with orthonormal bases. Arrays are read-only.
 
     Attributes
     ----------
     columns : (M, d) array
-        Tested columns with the nuisance columns projected out; in the units they came in.
+        Tested columns with the nuisance columns projected out, in their original units.
     tested : (M, d) array
-        Orthonormal basis of those.
+        Orthonormal basis of `columns`.
     nuisance : (M, q) array
         Orthonormal basis of intercept and covariates; the first column is the intercept, if there is one.
     exchange : Exchange
         Exchangeable units under the null.
     given : (M, d) array
-        Tested columns as they came in: indicators of all groups but the first, or the variable.
+        Original tested columns: indicators of all groups but the first, or the variable.
     """
 
     columns: FloatArray
@@ -241,7 +240,7 @@ class Design:
         Raises
         ------
         InputError
-            If what is tested can't be told from the nuisance columns there, or no error is left.
+            If these rows do not separate tested and nuisance columns, or leave no degrees of freedom.
         """
         columns, nuisance = self.given[rows], self.nuisance[rows]
         if self.exchange is Exchange.SIGNS:
@@ -266,9 +265,9 @@ def group_design(groups: Sequence[str], order: Sequence[str], covariates: FloatA
     groups : sequence of str
         Group of each of the M subjects.
     order : sequence of str
-        The groups; the coefficients are differences from the first.
+        The groups in order; the coefficients are differences from the first.
     covariates : (M, c) array, optional
-        As made by `homolog.analysis.design.covariate_columns`.
+        Columns from `homolog.analysis.design.covariate_columns`.
 
     Returns
     -------
@@ -278,7 +277,7 @@ def group_design(groups: Sequence[str], order: Sequence[str], covariates: FloatA
     ------
     InputError
         If a group has fewer than two subjects, a subject is in none of the groups, or group and covariates
-        can't be told apart.
+        are confounded.
     """
     if len(order) < 2 or len(set(order)) < len(order):
         raise InputError(
@@ -306,7 +305,7 @@ def regression_design(values: FloatArray, covariates: FloatArray | None = None) 
     values : (M,) array_like
         The variable; coefficients are per its unit.
     covariates : (M, c) array, optional
-        As made by `homolog.analysis.design.covariate_columns`.
+        Columns from `homolog.analysis.design.covariate_columns`.
 
     Returns
     -------
@@ -321,7 +320,7 @@ def regression_design(values: FloatArray, covariates: FloatArray | None = None) 
     if column.ndim != 1 or not np.isfinite(column).all():
         raise InputError("the variable has values that are missing or not finite; exclude those subjects")
     if np.ptp(column) == 0.0:
-        raise InputError("the variable is the same for all subjects; there is nothing to regress on")
+        raise InputError("the variable is the same for all subjects; it allows no regression")
     return _design(column[:, None], covariates, "the variable")
 
 
@@ -331,7 +330,7 @@ def adjusted_design(columns: FloatArray, nuisance: FloatArray, name: str) -> Des
     Raises
     ------
     InputError
-        If what is called `name` can't be told from the others.
+        If the tested columns, called `name` in the message, are confounded with the others.
     """
     return _design(columns, nuisance, repr(name))
 
@@ -349,7 +348,7 @@ def _design(columns: FloatArray, covariates: FloatArray | None, what: str) -> De
     nuisance = np.full((subjects, 1), 1.0 / np.sqrt(subjects))
     if covariates is not None:
         nuisance = _extended(nuisance, covariates, "a covariate is a combination of the others")
-    tested = _extended(nuisance, columns, f"{what} can't be told apart from the covariates")
+    tested = _extended(nuisance, columns, f"{what} is confounded with the covariates")
     basis = tested[:, nuisance.shape[1] :]
     projected = columns - nuisance @ (nuisance.T @ columns)
     design = Design(projected, basis, nuisance, Exchange.ROWS, columns)

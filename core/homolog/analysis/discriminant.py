@@ -18,14 +18,14 @@ from homolog.threads import on_one_thread
 __all__ = ["Discriminant", "discriminant", "shrunk_covariance"]
 
 MANY = 300
-"""Subjects from which cross-validation is done in the leading modes of all, and `_FURTHER` after them."""
+"""Number of subjects from which on cross-validation uses the leading modes of all and `_FURTHER` more."""
 _FURTHER = 24
 _CHUNK_VALUES = 1_000_000
 _FLAT = 1e-9
-"""Modes with less than this part of the first one's variance hold no variation."""
+"""Modes with less than this fraction of the first one's variance are rounding errors."""
 _MOST_FOLDS = 10
 _REPEATS_OF_P, _FURTHER_OF_P = 2, 8
-"""Repeats of the cross-validation in each permutation and for the observed labels; their further modes."""
+"""Repeats of the cross-validation for observed and permuted labels; number of further modes used there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,31 +35,31 @@ class Discriminant:
     Attributes
     ----------
     modes : (k, N, 3) array
-        Unit modes that the direction lies in.
+        Unit modes in which the direction is expressed.
     weights : (k,) array
         The difference of the group means along the unit discriminant direction, in the
         modes [mm].
     bootstrap : (B, k) array
-        The same of cohorts drawn with replacement within each group.
+        Weights of cohorts drawn with replacement within each group.
     second : (M,) bool array
         Members of the second group.
     scores : (M,) array
         Each subject's position along the direction [mm], as root mean square over the particles; zero is
         midway between the groups' means.
     shrinkage : float
-        Weight of the sphere in the covariance (Ledoit and Wolf 2004), in [0, 1].
+        Weight of the identity in the shrunk covariance (Ledoit and Wolf 2004), in [0, 1].
     accuracy : Effect
-        Cross-validated balanced accuracy: mean of the shares of the two groups that fall on their own side.
-        Its interval joins those of the two shares (Wilson 1927, joined as by Newcombe 1998).
+        Cross-validated balanced accuracy: mean of the shares of both groups that are classified correctly.
+        Its interval combines those of the two shares (Wilson 1927, combined as by Newcombe 1998).
     auc : Effect
         Cross-validated area under the receiver operating characteristic. Its interval is that of
         method 5 of Newcombe (2006) for the mean over the repeats and the numbers of both groups.
     held_out : (M,) array
         Cross-validated score of each subject, mean over the repeats, relative to the distance of the groups.
     right : (float, float)
-        Subjects of the first and of the second group that fall on their own side, mean over the repeats.
+        Correctly classified subjects of the first and of the second group, mean over the repeats.
     folds, repeats : int
-        Of the cross-validation; modes and direction are fitted without the left-out subjects.
+        Of the cross-validation. Modes and direction are fitted without the held-out subjects.
     """
 
     modes: FloatArray
@@ -95,7 +95,7 @@ class Discriminant:
         mode_maps : (k, V) array
             The map of each unit mode, such as its signed normal displacement at the vertices.
         percent : float
-            Between lower and upper bound lie so many percent of the bootstrap.
+            Percentage of the bootstrap samples between the bounds.
 
         Returns
         -------
@@ -131,11 +131,11 @@ def discriminant(
     modes : int
         Number of leading modes, at least 1.
     covariates : (M, c) array, optional
-        Regressed out, inside every fold of the cross-validation from its training subjects only.
+        Columns to regress out; every fold of the cross-validation uses only its training subjects for this.
     repeats : int
-        Repeats of the stratified cross-validation with other folds.
+        Repeats of the stratified cross-validation with different folds.
     bootstraps : int
-        Cohorts drawn for the bounds.
+        Number of bootstrap samples for the bounds.
     permutations : int
         Permutations for the p-values of accuracy and AUC; 0 omits them. With covariates, rows of
         labels and covariates are exchanged together.
@@ -166,14 +166,14 @@ def discriminant(
     generator = np.random.default_rng(seed)
     drawn = _bootstrapped(scores, second, bootstraps, generator, part_of(tick, 0.0, 0.5))
     folds = min(_MOST_FOLDS, smallest)
-    # Of many subjects the leading modes without one fold hardly leave those of all.
+    # With many subjects, the leading modes of a training set are nearly in the span of those of all.
     reduced, _ = leading_scores(rows, len(rows) if len(rows) <= MANY else modes + _FURTHER)
     tick(0.5, "cross-validation of the discriminant")
     fold_of = np.stack([stratified_folds(second, folds, generator) for _ in range(repeats)])
     own = second[None], extra[None]
     rounds = np.concatenate([_held_out(reduced, *own, each[None], modes) for each in fold_of])
     accuracy, auc = (float(item) for item in _rates(rounds, np.tile(second, (repeats, 1))).mean(axis=0))
-    # A permutation test holds for any statistic: its rounds can do with the leading modes.
+    # A permutation test is valid for any statistic, so that leading modes suffice here.
     tick_of_p = part_of(tick, 0.6, 1.0)
     some = reduced[:, : modes + _FURTHER_OF_P]
     rates = _permuted_rates(some, second, extra, modes, folds, permutations, generator, tick_of_p)
@@ -202,21 +202,21 @@ def discriminant(
 def shrunk_covariance(
     centred: FloatArray, weights: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return covariances drawn towards the sphere, and by how much (Ledoit and Wolf 2004).
+    """Return covariances shrunk towards a multiple of the identity, and the weights (Ledoit and Wolf 2004).
 
     Parameters
     ----------
     centred : (..., M, k) array
         Rows with mean zero. Columns of zeros stay zeros.
     weights : (..., M) array, optional
-        How often each row counts; once by default.
+        Multiplicity of each row; 1 by default.
 
     Returns
     -------
     (..., k, k) array
         The covariances.
     (...) array
-        Weight of the sphere in each.
+        Weight of the identity in each.
     """
     often = np.ones(centred.shape[:-1]) if weights is None else weights
     count = often.sum(axis=-1)[..., None, None]
@@ -247,7 +247,7 @@ class _Fit:
 
 
 def _fit(scores: FloatArray, second: BoolArray, weights: FloatArray) -> _Fit:
-    """Fit discriminants to scores (..., M, k) of subjects who count so often (..., M); labels (..., M)."""
+    """Fit discriminants to scores (..., M, k) with labels and multiplicities (..., M) of the subjects."""
     means = []
     for own in (~second, second):
         part = weights * own
@@ -279,7 +279,7 @@ def _bootstrapped(
 
 
 def _resampled(groups: Sequence[IntArray], generator: np.random.Generator) -> FloatArray:
-    """Draw subjects with replacement within each group, two different ones at least; how often each (M,)."""
+    """Draw subjects with replacement, at least two different ones per group; return multiplicities (M,)."""
     often = np.zeros(sum(map(len, groups)))
     for members in groups:
         drawn = generator.integers(len(members), size=len(members))
@@ -290,7 +290,7 @@ def _resampled(groups: Sequence[IntArray], generator: np.random.Generator) -> Fl
 
 
 def _leading(rows: FloatArray, modes: int) -> tuple[FloatArray, FloatArray]:
-    """Return the scores (M, k) and unit modes (k, P) of centred rows, signed as those of a shape model."""
+    """Return scores (M, k) and unit modes (k, P) of centred rows, with the signs of a shape model."""
     if len(rows) <= MANY:
         scores, basis, _ = principal_components(rows)
         return scores[:, :modes], basis[:modes]
@@ -304,12 +304,12 @@ def _leading(rows: FloatArray, modes: int) -> tuple[FloatArray, FloatArray]:
 def _without_covariates(
     rows: FloatArray, second: BoolArray, covariates: FloatArray, trains: FloatArray
 ) -> FloatArray:
-    """Return rows (..., M, P) without what covariates (..., M, c) do to the training subjects (..., M)."""
+    """Regress covariates (..., M, c), fitted to the training subjects (..., M), out of rows (..., M, P)."""
     if not covariates.shape[-1]:
         return rows
     others = np.stack([np.ones(second.shape), second], axis=-1)
     columns = np.concatenate([covariates, others], axis=-1)
-    # The pseudoinverse of rows of zeros is zero: those who are left out have no effect.
+    # The pseudoinverse of zero rows is zero: held-out subjects have no effect.
     effect = np.linalg.pinv(columns * trains[..., None])[..., : covariates.shape[-1], :]
     rest: FloatArray = rows - covariates @ (effect @ rows)
     return rest
@@ -325,9 +325,9 @@ def _permuted_rates(
     generator: np.random.Generator,
     tick: Tick,
 ) -> FloatArray:
-    """Return balanced accuracy and area under the curve (1 + B, 2): of labels as they are, then permuted."""
+    """Return balanced accuracy and area under the curve (1 + B, 2) for observed, then permuted labels."""
     count = len(second)
-    # Of many subjects it hardly matters; like every part of the statistic, it must not depend on the labels.
+    # With many subjects it hardly matters. It must not depend on the labels.
     shrinkage = float(shrunk_covariance(rows - rows.mean(axis=0))[1])
     rates = np.empty((1 + permutations, 2))
     chunk = max(1, _CHUNK_VALUES // (_REPEATS_OF_P * folds * rows.size))
@@ -359,7 +359,7 @@ def _held_out(
     ----------
     rows : (M, k) array
     second : (R, M) bool array
-        Labels in each of R cross-validations; all have as many subjects in each group.
+        Labels in each of R cross-validations; group sizes are equal in all.
     covariates : (R, M, c) array
     fold_of : (R, M) int array
         The fold in which a subject is held out.
@@ -389,7 +389,7 @@ def _held_out(
 def _rates(held_out: FloatArray, second: BoolArray) -> FloatArray:
     """Return balanced accuracy and area under the curve (R, 2) of cross-validated scores (R, M).
 
-    All rows have as many subjects in each group. The area follows from the ranks (Mann and Whitney 1947).
+    Group sizes are equal in all rows. The area follows from the ranks (Mann and Whitney 1947).
     """
     high, low = (held_out[labels].reshape(len(held_out), -1) for labels in (second, ~second))
     accuracy = ((high > 0.0).mean(axis=1) + (low <= 0.0).mean(axis=1)) / 2.0

@@ -43,7 +43,7 @@ CONFIDENCE = 0.95
 _TAILS = (1.0 + CONFIDENCE) / 2.0, (1.0 - CONFIDENCE) / 2.0
 _CHUNK = 500
 _NEGLIGIBLE = 1e-9
-"""Fraction of the variation of size below which nothing is left to be tested: size is adjusted for."""
+"""Least residual fraction of the variation of size; below it, size is adjusted for and not tested."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class Effect:
     p : float or None
         Two-sided (for accuracy and AUC: one-sided) permutation p-value; None if not tested.
     permutations : int
-        Number of permutations of that; 0 if not tested.
+        Number of permutations; 0 if not tested.
     """
 
     value: float
@@ -70,9 +70,9 @@ class Effect:
 def corrected_distance(t_squared: float, modes: int, error_dof: int, scale: float) -> Effect | None:
     """Return the Mahalanobis distance corrected for its bias, with its interval.
 
-    The square is made unbiased for normal data, ``(v - k - 1) / v D² - k / scale`` with v degrees of freedom
-    of the error and k modes, and is no less than zero. Bounds come from the noncentral F distribution
-    (Reiser 2001); they hold for normal data with equal covariances.
+    The square is unbiased for normal data, ``(v - k - 1) / v D² - k / scale`` with v degrees of freedom of
+    the error and k modes; negative values become zero. Bounds from the noncentral F distribution (Reiser
+    2001) are valid for normal data with equal covariances.
 
     Parameters
     ----------
@@ -104,10 +104,10 @@ def distance_of_several(
 ) -> Effect | None:
     """Return the root mean square Mahalanobis distance of three or more groups from their common mean.
 
-    Means are over the subjects. The square is made unbiased for normal data, ``((v - k - 1) U - k d) / M``
-    with v degrees of freedom of the error, k modes and d columns. Bounds come from the noncentral F
-    distribution that McKeon (1974) approximates the trace U by, and hold for equal covariances. For one
-    column of two equal groups it is half of their distance.
+    Means are over the subjects. The square is unbiased for normal data, ``((v - k - 1) U - k d) / M`` with v
+    degrees of freedom of the error, k modes and d columns. Bounds use McKeon's (1974) approximation of the
+    trace U by a noncentral F distribution and are valid for equal covariances. For one column of two equal
+    groups the result is half their distance.
 
     Parameters
     ----------
@@ -142,9 +142,9 @@ def explained_variance(
 ) -> Effect | None:
     """Return the share of the generalised variance that the tested effect explains, with its interval.
 
-    That is ``1 - lambda ** (1 / s)`` of Wilks' lambda, with s as in Rao's F, made nearly unbiased (omega
-    squared). Bounds come from the noncentral F distribution (Steiger 2004). They hold for normal data with
-    equal covariances; those of more than two modes and columns are approximate (O'Brien and Shieh 1992).
+    This is ``1 - lambda ** (1 / s)`` of Wilks' lambda, with s as in Rao's F, corrected for bias (omega
+    squared). Bounds from the noncentral F distribution (Steiger 2004) are valid for normal data with equal
+    covariances; for more than two modes and columns they are approximate (O'Brien and Shieh 1992).
 
     Parameters
     ----------
@@ -189,21 +189,22 @@ def _noncentrality(f: float, between: float, within: float, probability: float) 
 def effect_bounds(
     values: FloatArray, design: Design, members: Sequence[BoolArray] = ()
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the coefficient of one tested column for many numbers, with bounds of its 95 % interval.
+    """Return the coefficient of one tested column for many variables, with bounds of its 95 % interval.
 
     Parameters
     ----------
     values : (M, N) array
-        Numbers of each subject.
+        Variables of each subject.
     design : Design
-        With one tested column.
+        Design with one tested column.
     members : sequence of (M,) bool arrays, optional
-        Groups without covariates: degrees of freedom are then those of Welch (1947), else the design's.
+        Groups of a design without covariates. Degrees of freedom are then those of Welch (1947), otherwise
+        those of the design.
 
     Returns
     -------
     value, low, high : (N,) arrays
-        Standard errors are those of each group's own variance (HC2 where there are covariates or a variable).
+        Standard errors use each group's own variance (HC2 with covariates or a variable).
     """
     column = design.tested[:, 0]
     unit = float(np.linalg.norm(design.columns[:, 0]))
@@ -240,7 +241,7 @@ def size_effect(
     size : (M,) array
         Size of each subject, or the differences of pairs [mm].
     design : Design
-        What is tested.
+        The tested design.
     members : sequence of (M,) bool arrays, optional
         The groups, without covariates; see `effect_bounds`.
     permutations, seed : int
@@ -250,7 +251,7 @@ def size_effect(
     -------
     Effect or None
         Difference or change per unit [mm]; value and bounds are NaN for more than two groups. None if size
-        is what is tested or adjusted for.
+        itself is tested or adjusted for.
     """
     residuals = design.residuals(size[:, None])
     spread = float(np.square(size - (size.mean() if design.nuisance.shape[1] else 0.0)).sum())
@@ -284,17 +285,17 @@ def size_effect(
 
 @dataclass(frozen=True, slots=True)
 class SizeVariance:
-    """How much of the variance of size lies between three or more groups.
+    """Share of the variance of size between three or more groups.
 
     Attributes
     ----------
     f : float
-        Welch's F (1951); with covariates that of the analysis of covariance.
+        Welch's F (1951); with covariates, F of the analysis of covariance.
     dof : (float, float)
-        Its degrees of freedom, of numerator and denominator.
+        Degrees of freedom of numerator and denominator.
     omega_squared : Effect
-        Share of the variance (with covariates: of what they leave) that lies between the groups, made nearly
-        unbiased (Hays 1963), with bounds from the noncentral F distribution. Without p: see `size_effect`.
+        Share of the variance (with covariates, of the residual variance) between the groups, corrected for
+        bias (Hays 1963), with bounds from the noncentral F distribution. It has no p; see `size_effect`.
     """
 
     f: float
@@ -303,14 +304,14 @@ class SizeVariance:
 
 
 def size_variance(size: FloatArray, design: Design, members: Sequence[BoolArray] = ()) -> SizeVariance:
-    """Return how much of the variance of size lies between groups.
+    """Return the share of the variance of size between groups.
 
     Parameters
     ----------
     size : (M,) array
         Size of each subject [mm].
     design : Design
-        Of three or more groups.
+        Design of three or more groups.
     members : sequence of (M,) bool arrays, optional
         The groups, without covariates.
     """
@@ -329,11 +330,11 @@ def size_variance(size: FloatArray, design: Design, members: Sequence[BoolArray]
 
 
 def standardized_size(size: FloatArray, design: Design) -> Effect | None:
-    """Return the effect on size in standard deviations of what the design leaves, for one tested column.
+    """Return the effect of one tested column on size in residual standard deviations.
 
-    Of two groups it is Hedges' g, of pairs the mean difference in standard deviations of the differences.
-    Bounds come from the noncentral t distribution and assume equal variances. None for several columns, or
-    if nothing is left.
+    For two groups this is Hedges' g; for pairs, the mean difference in standard deviations of the
+    differences. Bounds from the noncentral t distribution assume equal variances. None for several columns,
+    or without residual variation.
     """
     residuals = design.residuals(size[:, None])[:, 0]
     along = design.tested.T @ residuals
@@ -355,7 +356,7 @@ def _noncentral_t(t: float, dof: int, probability: float) -> float:
         return float(special.nctdtr(dof, noncentrality, t)) - probability
 
     step, way = 1.0, 1.0 if above(t) > 0.0 else -1.0
-    while above(t + way * step) * way > 0.0:  # also ends where the distribution can't be computed
+    while above(t + way * step) * way > 0.0:  # comparison with NaN ends it, too
         step *= 1.5
     low, high = sorted((t, t + way * step))
     if not np.isfinite([above(low), above(high)]).all():

@@ -25,7 +25,7 @@ def compactness(model: ShapeModel) -> FloatArray:
 def generalization(
     particles: FloatArray, *, names: Sequence[str] | None = None, tick: Tick = no_tick
 ) -> FloatArray:
-    """Return the distance of a left-out shape from its best fit by k modes of the others, for k = 1 … M - 2.
+    """Return the distance of a held-out shape from its best fit by k modes of the others, for k = 1 … M - 2.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def generalization(
     Returns
     -------
     (M - 2,) array
-        Mean over the left-out shapes of the mean particle distance [mm].
+        Mean over the held-out shapes of the mean particle distance [mm].
 
     Raises
     ------
@@ -60,7 +60,7 @@ def generalization(
         rest = rows[left_out] - mean
         scores = modes @ rest
         for k in range(count - 2):
-            if k < len(modes):  # modes without variance can't fit anything
+            if k < len(modes):  # modes without variance fit nothing
                 rest = rest - scores[k] * modes[k]
             distances[left_out, k] = np.linalg.norm(rest.reshape(-1, 3), axis=1).mean()
     mean_distance: FloatArray = distances.mean(axis=0)
@@ -78,18 +78,18 @@ def specificity(
 ) -> FloatArray:
     """Return the distance of shapes drawn from the first k modes to the nearest real one, for each k.
 
-    Scores are drawn from normal distributions with the modes' own standard deviations.
+    Scores are drawn from normal distributions with the standard deviations of the modes.
 
     Parameters
     ----------
     model : ShapeModel
-        Fitted to the particles.
+        The model, fitted to the particles.
     particles : (M, N, 3) array
-        The aligned shapes that it was fitted to [mm].
+        The aligned shapes to which it was fitted [mm].
     modes : sequence of int
         Numbers of modes k, each from 1 to K.
     draws : int
-        Shapes drawn for each k.
+        Number of shapes drawn for each k.
     seed : int
         Same seed, same result.
     tick : Tick
@@ -106,7 +106,7 @@ def specificity(
     for row, k in enumerate(modes):
         if not 1 <= k <= len(model.explained_variance):
             raise InputError(
-                f"specificity of {k} modes: the model has {len(model.explained_variance)}; use fewer"
+                f"specificity of {k} modes: the model has only {len(model.explained_variance)}; use fewer"
             )
         for draw in range(draws):
             tick((row + draw / draws) / len(modes), "specificity")

@@ -1,4 +1,4 @@
-"""Cross-validation of a linear discriminant: from moments, for permutations of many subjects; intervals."""
+"""Cross-validation of a linear discriminant from moments, for many subjects, and its intervals."""
 
 from itertools import pairwise
 
@@ -11,7 +11,7 @@ from homolog.arrays import BoolArray, FloatArray, IntArray
 __all__ = ["accuracy_bounds", "auc_bounds", "held_out_by_moments", "stratified_folds"]
 
 _FLAT = 1e-9
-"""Modes with less than this part of the first one's variance hold no variation."""
+"""Modes with less than this fraction of the first one's variance are rounding errors."""
 
 
 def held_out_by_moments(
@@ -24,8 +24,8 @@ def held_out_by_moments(
 ) -> FloatArray:
     """Return each subject's score when it is held out, in distances of the groups.
 
-    Sums and products over the training subjects are those over all subjects without those over a fold: each
-    subject is used once and not in every fold.
+    Sums and products over the training subjects are those over all subjects minus those over the fold, so
+    that each subject is summed once and not for every fold.
 
     Parameters
     ----------
@@ -34,13 +34,13 @@ def held_out_by_moments(
     second : (M,) bool array
         Members of the second group.
     covariates : (M, c) array
-        Regressed out within the groups, from the training subjects of each fold.
+        Columns to regress out within the groups, as fitted to the training subjects of each fold.
     fold_of : (M,) int array
-        The fold in which a subject is held out; each has members of both groups left.
+        The fold in which a subject is held out; each leaves members of both groups.
     modes : int
-        Leading modes of the training subjects, in which the discriminant is fitted.
+        Number of leading modes of the training subjects in which the discriminant is fitted.
     shrinkage : float
-        Weight of the sphere in the covariance.
+        Weight of the identity in the covariance.
 
     Returns
     -------
@@ -58,7 +58,7 @@ def held_out_by_moments(
         np.stack([cell.T @ cell for cell in cells]).reshape(folds, 2, *2 * [sorted_rows.shape[1]]).sum(1)
     )
     counts, sums, products = (whole.sum(axis=0) - whole for whole in (counts, sums, products))
-    means = sums / counts[..., None]  # of the groups, in the training subjects of each fold
+    means = sums / counts[..., None]  # by group, over the training subjects of each fold
     within = products - np.einsum("fgi,fgj->fij", sums, means)
     kept = np.tile(np.eye(sorted_rows.shape[1], width), (folds, 1, 1))
     if covariates.shape[1]:
@@ -83,7 +83,7 @@ def held_out_by_moments(
 
 
 def stratified_folds(second: BoolArray, folds: int, generator: np.random.Generator) -> IntArray:
-    """Return a random fold (M,) of each subject, the groups spread evenly over the folds."""
+    """Return a random fold (M,) for each subject, with the groups spread evenly over the folds."""
     fold_of = np.empty(len(second), np.int64)
     for members in (np.flatnonzero(~second), np.flatnonzero(second)):
         fold_of[generator.permutation(members)] = np.arange(len(members)) % folds
@@ -106,7 +106,7 @@ def _direction(
 
 
 def accuracy_bounds(correct: FloatArray, second: BoolArray, accuracy: float) -> tuple[float, float]:
-    """Join the Wilson intervals of both groups' shares, as Newcombe (1998) joins them for a difference."""
+    """Combine the Wilson intervals of both groups' shares, as Newcombe (1998) does for a difference."""
     z = float(stats.norm.ppf((1.0 + CONFIDENCE) / 2.0))
     below = above = 0.0
     for own in (correct[second], correct[~second]):
@@ -121,9 +121,9 @@ def accuracy_bounds(correct: FloatArray, second: BoolArray, accuracy: float) -> 
 def auc_bounds(auc: float, second: BoolArray) -> tuple[float, float]:
     """Return the interval of an area under the curve by method 5 of Newcombe (2006).
 
-    It holds the values from which the estimate is at most z standard errors away, by the variance of Hanley
-    and McNeil (1982) of those values. It depends on the area and the numbers of both groups alone, lies in
-    [0, 1], and rises with the area up to 1.
+    It contains the values that differ from the estimate by at most z of their standard errors (variance of
+    Hanley and McNeil 1982). It depends only on the area and the numbers of both groups, lies in [0, 1], and
+    increases with the area up to 1.
     """
     high = int(np.count_nonzero(second))
     low, z = len(second) - high, float(stats.norm.ppf((1.0 + CONFIDENCE) / 2.0))

@@ -1,12 +1,12 @@
 """The test of whole shapes in the modes that parallel analysis retains.
 
-The p-value to trust is that of the permutation of a studentized statistic (`homolog.analysis.statistics`),
-which holds when the groups' covariances differ. Hotelling's T², Wilks' lambda and F are reported with it.
+The primary p-value is from permutations of a studentized statistic (`homolog.analysis.statistics`) and valid
+if the groups' covariances differ. Hotelling's T², Wilks' lambda and F are reported in addition.
 
-The modes are those of the data with covariates regressed out but with the tested effect still in, so they
-don't depend on the labels. For normal data the subjects' scores, scaled to unit variance, are then a
-uniformly distributed orthonormal frame whatever the variances of the modes are: choosing modes by their
-variance costs nothing. F is exact for normal data of equal covariance.
+The modes are those of the data with covariates regressed out, but including the tested effect, so that they
+do not depend on the labels. For normal data the subjects' scores, scaled to unit variance, are then a
+uniformly distributed orthonormal frame for any variances of the modes: the choice of modes by variance does
+not bias the test. F is exact for normal data of equal covariance.
 """
 
 from dataclasses import dataclass
@@ -45,10 +45,10 @@ __all__ = ["ModeStatistic", "ModeTest", "mode_test"]
 _CHUNK = 500
 _CHUNK_VALUES = 4_000_000
 MANY = 300
-"""Subjects from which shapes are reduced to the leading modes and `_FURTHER` after them."""
+"""Number of subjects from which on shapes are reduced to the leading modes and `_FURTHER` more."""
 _FURTHER = 24
 _MIN_DOF_PER_MODE = 3
-"""Degrees of freedom of the error for each mode below which a test is said to have low power."""
+"""Degrees of freedom of the error per mode below which a test gets a warning about low power."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class ModeTest:
     Attributes
     ----------
     modes : int
-        Number of modes tested in, retained by parallel analysis or given.
+        Number of modes of the test, retained by parallel analysis or given.
     wilks : float
         Wilks' lambda: share of the generalised variance that the tested effect leaves unexplained.
     pillai : float
@@ -74,20 +74,20 @@ class ModeTest:
         F statistic and its degrees of freedom; for Wilks' lambda of more than two modes and columns Rao's
         approximation. Both 0 if no mode is retained.
     p : float
-        Parametric p-value of F; of groups it needs equal covariances.
+        Parametric p-value of F; for groups it assumes equal covariances.
     studentized : float
         Welch's F of groups in standardized modes; with covariates or for a variable the ratio of the tested
         sum of squares to the one expected without an effect.
     p_permutation : float
-        Share of the permutations whose studentized statistic is as large.
+        Share of the permutations whose studentized statistic is at least as large.
     permutations : int
         Number of permutations.
     exact : bool
-        Whether these are all different permutations that there are.
+        Whether these are all distinct permutations.
     parallel : ParallelAnalysis
         The choice of modes.
     warnings : tuple of str
-        Cautions, in sentences.
+        Cautions as sentences.
     """
 
     modes: int
@@ -115,9 +115,9 @@ class ModeStatistic:
     residuals : (M, P) array
         Data with the nuisance columns of the design regressed out.
     design : Design
-        Whose rows are exchanged.
+        The design whose rows are exchanged.
     n_modes : int
-        Modes of the test.
+        Number of modes of the test.
     scaled : bool
         Whether the dispersions of groups, or along a variable, are equalized before subjects are exchanged;
         see `equalize_groups` and `equalize_subjects`. The modes of the permutation statistic are then those
@@ -236,7 +236,7 @@ def mode_test(
     particles : (M, N, 3) array_like
         Aligned positions, or differences of pairs [mm].
     design : Design
-        What is tested.
+        The tested design.
     modes : int, optional
         Number of modes; chosen by parallel analysis if not given.
     permutations : int
@@ -259,7 +259,7 @@ def mode_test(
     residuals = design.residuals(shapes.reshape(len(shapes), -1))
     null = Null.SIGNS if design.exchange is Exchange.SIGNS else Null.PERMUTATION
     count, exact = permutation_count(design, permutations)
-    drawn = 0 if exact else seed  # p of all permutations does not depend on the seed
+    drawn = 0 if exact else seed  # p from all permutations does not depend on the seed
     parallel = parallel_analysis(
         residuals, nuisance=design.nuisance, null=null, seed=drawn, tick=part_of(tick, 0.0, 0.3)
     )
@@ -347,6 +347,6 @@ def _warnings(n_modes: int, design: Design) -> tuple[str, ...]:
     if design.error_dof < _MIN_DOF_PER_MODE * n_modes:
         return (
             f"Low power: {design.error_dof} degrees of freedom for {n_modes} modes. Only large effects can "
-            "be found, and intervals are wide.",
+            "be detected, and intervals are wide.",
         )
     return ()

@@ -1,9 +1,9 @@
 """Type I error rate of each test on the user's own cohort, estimated with permuted labels.
 
-Labels are exchanged, so every subject is as likely in one group as in another. The rows of permutation tests
-are therefore 5 % by construction: they show that the computation is right. Only the rows of parametric tests
-say something about the cohort, such as that its shapes are not normally distributed. None of them can show
-what groups of different dispersion do; `homolog.analysis.assumptions` tests for that.
+Labels are exchanged, so that every subject is equally likely in each group. The rates of permutation tests
+are therefore 5 % by construction and verify the computation. Only the rates of parametric tests depend on the
+cohort, such as on deviations from the normal distribution. No rate shows the effect of groups with different
+dispersions; `homolog.analysis.assumptions` tests for them.
 """
 
 from dataclasses import dataclass
@@ -38,11 +38,11 @@ class FalsePositives:
     Attributes
     ----------
     test : str
-        What was tested and how it was corrected.
+        Description of the test and its correction.
     false_positives : int
-        Permutations in which the test was significant.
+        Number of permutations in which the test was significant.
     repeats : int
-        Permutations.
+        Number of permutations.
     low, high : float
         95 % confidence bounds of the rate (Clopper and Pearson 1934).
     """
@@ -73,23 +73,23 @@ def null_simulation(
 ) -> tuple[FalsePositives, ...]:
     """Permute the labels many times and count how often each test is significant.
 
-    The permutation tests of all permutations share one set of permutations, drawn apart from them: without
-    covariates the permutation distribution is the same for every permutation.
+    The permutation tests share one separate set of permutations for their null distribution: without
+    covariates this distribution is the same for all permuted labels.
 
     Parameters
     ----------
     particles : (M, N, 3) array_like
         Aligned positions, or differences of pairs [mm].
     design : Design
-        What is tested.
+        The tested design.
     modes : int
         Number of modes of the test of whole shapes, at least 1.
     repeats : int
-        Permutations that are tested like the observed labels.
+        Number of permutations that are tested like the observed labels.
     permutations : int
-        Permutations that give the permutation tests' distribution.
+        Number of permutations for the null distribution of the permutation tests.
     alpha : float
-        Level that each test claims.
+        Nominal significance level of each test.
     seed : int
         Same seed, same result.
     tick : Tick

@@ -1,4 +1,4 @@
-"""Parallel analysis: how many modes have more variance than uncorrelated data (Horn 1965)."""
+"""Parallel analysis: the number of modes with more variance than uncorrelated data (Horn 1965)."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -13,16 +13,16 @@ __all__ = ["Null", "ParallelAnalysis", "parallel_analysis"]
 
 
 MOST = 400
-"""Rows of the smaller Gram matrix of null data at most; larger null data are drawn in part."""
+"""Largest size of the Gram matrix of null data; of larger null data a part is drawn."""
 
 
 class Null(StrEnum):
-    """How null data are made."""
+    """How null data are generated."""
 
     PERMUTATION = "permutation"
-    """Each coordinate is permuted among the subjects by itself: distributions stay, correlations vanish."""
+    """Each coordinate is permuted separately among the subjects: this removes only correlations."""
     GAUSSIAN = "gaussian"
-    """Each coordinate is drawn from a normal distribution with the variance it has in the data."""
+    """Each coordinate is drawn from a normal distribution with its variance in the data."""
     SIGNS = "signs"
     """Each coordinate of each subject gets a random sign: the null of differences about zero."""
 
@@ -40,11 +40,11 @@ class ParallelAnalysis:
     null_mean : (K,) array
         Mean of each eigenvalue under the null [mm²].
     n_retained : int
-        Leading modes above the threshold, up to the first that is not.
+        Number of leading modes above the threshold, up to the first below it.
     null : Null
         The kind of null data.
     percentile : float
-        In percent.
+        Percentile of the threshold, in percent.
     repeats : int
         Number of null data sets.
     """
@@ -76,21 +76,21 @@ def parallel_analysis(
 ) -> ParallelAnalysis:
     """Count the modes whose variance exceeds that of the same mode in uncorrelated data.
 
-    The spectrum of large data without correlation depends only on the variances of the coordinates and on the
-    number of coordinates for each subject (Marchenko and Pastur 1967). Of large cohorts each null data set
-    therefore takes a random part of the subjects and the same part of the coordinates; its eigenvalues are
-    interpolated. The largest then scatter more than those of whole data: the threshold is some tenths of a
-    percent higher.
+    The spectrum of large uncorrelated data depends only on the variances of the coordinates and on the number
+    of coordinates per subject (Marchenko and Pastur 1967). For large cohorts each null data set therefore
+    uses a random fraction of the subjects and the same fraction of the coordinates, and its eigenvalues are
+    interpolated. The largest eigenvalues then vary more than those of whole data: the threshold is some
+    tenths of a percent higher.
 
     Parameters
     ----------
     data : (M, N, 3) or (M, P) array
         One row for each subject [mm].
     nuisance : (M, q) array, optional
-        Orthonormal columns that are regressed out of data and null alike; by default the intercept, so
-        that rows are centred. With no columns rows stay as they are.
+        Orthonormal columns that are regressed out of data and null data; by default the intercept, which
+        centres the rows. Without columns rows are unchanged.
     null : Null
-        How null data are made.
+        How null data are generated.
     repeats : int
         Number of null data sets.
     percentile : float
@@ -110,7 +110,7 @@ def parallel_analysis(
     rows = _without(np.asarray(data, dtype=np.float64).reshape(subjects, -1), nuisance)
     dof = subjects - nuisance.shape[1]
     modes = min(dof, rows.shape[1])
-    # Shuffled residuals have lost the covariates' share of their variance a second time.
+    # Regressing covariates out of shuffled residuals removes their share of the variance a second time.
     restored = (subjects - 1) / dof if nuisance.shape[1] else 1.0
     generator = np.random.default_rng(seed)
     null_eigenvalues = np.empty((repeats, modes))
@@ -140,7 +140,7 @@ class _Part:
         Coordinates in the order of their variance.
     nuisance : (M, q) array
     factor : float
-        How many times fewer subjects and coordinates are drawn.
+        Ratio of all subjects and coordinates to those drawn.
     """
 
     rows: FloatArray
@@ -149,7 +149,7 @@ class _Part:
 
     @classmethod
     def of(cls, rows: FloatArray, nuisance: FloatArray) -> "_Part | None":
-        """Return None if the data are small enough to be drawn whole."""
+        """Return the part for some data; None if they are small enough to be drawn as a whole."""
         factor = min(rows.shape) / MOST
         if factor <= 1.0:
             return None

@@ -22,15 +22,15 @@ __all__ = [
 ]
 
 _ROUNDING = 1e-9
-"""Statistics that differ by less than this part are equal: the same split computed in another order."""
+"""Statistics with a smaller relative difference are equal: rounding depends on the order of subjects."""
 _MOST_DRAWS = 10
-"""All permutations are taken if those with all means (see `mean_draws`) are no more than so many times the
-number asked for."""
+"""All permutations are used if their number, with all means (see `mean_draws`), is at most this many times
+the requested number."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PermutedDesigns:
-    """Designs whose rows were exchanged, many at a time.
+    """Several designs whose rows were exchanged.
 
     Exchanging residuals among subjects and permuting the rows of the design inversely are
     equivalent; the latter leaves the data unchanged.
@@ -40,9 +40,9 @@ class PermutedDesigns:
     tested : (c, M, d) array
         The tested basis of each of c permutations.
     covariates : (c, M, q - 1) array
-        The nuisance basis of each, without the intercept.
+        The nuisance basis of each permutation, without the intercept.
     signs : (c, M) array, optional
-        A weight for each subject, of mean square 1: a random sign, or those of `mean_draws`.
+        A weight for each subject, of mean square 1: a random sign, or a weight of `mean_draws`.
     """
 
     tested: FloatArray
@@ -51,7 +51,7 @@ class PermutedDesigns:
 
 
 def permutation_count(design: Design, count: int) -> tuple[int, bool]:
-    """Return how many permutations `draw_permutations` yields, and whether these are all distinct ones.
+    """Return the number of permutations from `draw_permutations`, and whether these are all distinct ones.
 
     Small groups have fewer distinct permutations than requested. Each is then used once. The observed
     labels are not among them.
@@ -63,10 +63,10 @@ def permutation_count(design: Design, count: int) -> tuple[int, bool]:
 
 
 def mean_draws(design: Design) -> int:
-    """Return how many means each of all permutations is taken with, where a statistic takes any.
+    """Return the number of means with which each of all permutations is used, if a statistic uses means.
 
-    The mean that equalizing took from the subjects (`homolog.analysis.statistics`) is put back as that of
-    each subject in turn, with both signs: so that it has the covariance of the data, and nothing is random.
+    The mean that equalizing subtracted (`homolog.analysis.statistics`) is replaced by the values of each
+    subject in turn, with both signs. It thus has the covariance of the data without randomness.
     """
     return 1 if design.exchange is Exchange.SIGNS else 2 * len(design.tested)
 
@@ -79,17 +79,18 @@ def draw_permutations(
     Parameters
     ----------
     design : Design
-        Its rows, or signs, are exchanged.
+        The design whose rows, or signs, are exchanged.
     count : int
-        Permutations in all.
+        Total number of permutations.
     chunk : int
-        Most permutations at a time.
+        Largest number of permutations per chunk.
     seed : int
-        Same seed, same permutations, whatever the chunk.
+        Same seed, same permutations, for any size of the chunks.
     exhaustive : bool
-        Take each different permutation once where there are no more than `count`; else draw always.
+        Whether to yield each distinct permutation once if there are no more than `count`; otherwise
+        permutations are always drawn.
     means : bool
-        Take each of all permutations with each of its means, one after another.
+        Whether to combine each of all permutations with each of its means, one after another.
     """
     if exhaustive and permutation_count(design, count)[1]:
         yield from _all_permutations(design, chunk, means=means)
@@ -119,9 +120,9 @@ def null_distribution(
     tick: Tick = no_tick,
     message: str = "permutations",
 ) -> FloatArray:
-    """Return a statistic of each permutation, shape (P,); as many as `permutation_count` says.
+    """Return a statistic of each permutation, shape (P,); their number is that of `permutation_count`.
 
-    Of all permutations with means it is that of each of these (`mean_draws`), one after another.
+    If all permutations are combined with means (`mean_draws`), it has a value for each combination.
 
     Parameters
     ----------
@@ -156,7 +157,7 @@ def permutation_p_value(
     null_statistics : (P,) array
         The statistic, or its maximum over the surface, of each permutation.
     permutations : int, optional
-        Their number, if there are several statistics of each.
+        Number of permutations, if there are several statistics of each.
 
     Returns
     -------
@@ -177,7 +178,7 @@ def subtract_rounding(observed: FloatArray) -> FloatArray:
 
 
 def _kinds(design: Design) -> IntArray:
-    """Return the number of the kind of row that each subject has; rows of one kind are alike."""
+    """Return the kind of each subject's row; rows of one kind are equal."""
     rows = np.round(np.hstack([design.tested, design.covariates]), 10)
     kinds: IntArray = np.unique(rows, axis=0, return_inverse=True)[1].reshape(-1)
     return kinds
@@ -219,7 +220,7 @@ def _all_permutations(design: Design, chunk: int, *, means: bool) -> Iterator[Pe
 
 
 def _distinct_orders(kinds: list[int]) -> Iterator[list[int]]:
-    """Yield each different order of the kinds once."""
+    """Yield each distinct order of the kinds once."""
     left = Counter(kinds)
 
     def grown(start: list[int]) -> Iterator[list[int]]:

@@ -1,10 +1,10 @@
 """Pointwise tests: one at every particle, corrected over the surface.
 
-Each particle's position is tested by a studentized statistic (`homolog.analysis.statistics`), which holds
-when the groups' dispersions differ. Over the surface, family-wise error is held by the permutation
-distribution of the largest statistic (Westfall and Young 1993) and the false discovery rate by Benjamini
-and Hochberg (1995).
-Hotelling's T² (Wilks' lambda for several columns) and its parametric p are reported with it.
+Each particle's position is tested by a studentized statistic (`homolog.analysis.statistics`), which is valid
+if the groups' dispersions differ. Over the surface, family-wise error is controlled by the permutation
+distribution of the largest statistic (Westfall and Young 1993), and the false discovery rate by the method
+of Benjamini and Hochberg (1995).
+Hotelling's T² (Wilks' lambda for several columns) and its parametric p are reported in addition.
 """
 
 from collections.abc import Sequence
@@ -46,9 +46,9 @@ __all__ = ["PointwiseStatistic", "PointwiseTest", "pointwise_test"]
 
 _CHUNK_VALUES = 200_000
 _MANY = 300
-"""Subjects from which several chunks of permutations are computed at once."""
+"""Number of subjects from which on several chunks of permutations are computed in parallel."""
 _MIN_VARIANCE_FRACTION = 1e-12
-"""Directions at a particle with less than this fraction of the largest variance hold no variation."""
+"""Directions at a particle with less than this fraction of the largest variance do not vary."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,24 +62,26 @@ class PointwiseTest:
     explained : (N,) array
         1 - Wilks' lambda: share of variance explained, in [0, 1].
     p_f : (N,) array
-        Parametric p of that (Hotelling's T²), not corrected; of groups it needs equal covariances.
+        Parametric p of Hotelling's T², not corrected; for groups it assumes equal covariances.
     studentized : (N,) array
         Welch's F of groups; with covariates or for a variable the ratio of the tested sum of squares to the
         one expected without an effect.
     p : (N,) array
-        Its permutation p, for each particle by itself, not corrected.
+        Permutation p of the studentized statistic at each particle, not corrected.
     p_fwe : (N,) array
-        FWE-corrected: probability of so large a statistic at any particle of the surface without an effect.
+        FWE-corrected p: probability of a statistic this large at any particle of the surface without an
+        effect.
     q : (N,) array
         False discovery rate at which the particle is significant (Benjamini and Hochberg).
     permutations : int
         Number of permutations.
     variables : int
-        Directions in which a particle varies, at most 3.
+        Number of directions in which a particle varies, at most 3.
     covariance : (N, 3, 3) array
-        Of the effect of one tested column, from each subject's own residual (HC2) [mm²]; empty of several.
+        Covariance of the effect of one tested column, from each subject's own residual (HC2) [mm²]; empty for
+        several columns.
     dof : (N,) array
-        Degrees of freedom of that.
+        Degrees of freedom of `covariance`.
     """
 
     effect: FloatArray
@@ -102,7 +104,7 @@ class PointwiseTest:
     def bounds(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the bounds of the 95 % interval of the effect along unit directions (N, 3) [mm], each (N,).
 
-        The intervals are of each particle by itself, not corrected over the surface.
+        The intervals of the particles are separate and not corrected over the surface.
         """
         along = np.einsum("ni,ni->n", self.effect[0], directions)
         error = np.sqrt(np.einsum("ni,nij,nj->n", directions, self.covariance, directions))
@@ -118,7 +120,7 @@ class PointwiseStatistic:
     residuals : (M, N, 3) array
         Positions with the nuisance columns of the design regressed out [mm].
     design : Design
-        Whose rows are exchanged.
+        The design whose rows are exchanged.
     scaled : bool
         Whether dispersions are equalized before subjects are exchanged; see `equalize_groups` and
         `equalize_subjects`.
@@ -206,7 +208,7 @@ class PointwiseStatistic:
 
     @staticmethod
     def _residual_determinant(squares: FloatArray) -> FloatArray:
-        """Return the determinant of identity minus the scatter taken out, (6, c, N) to (c, N)."""
+        """Return the determinant of the identity minus the explained scatter, (6, c, N) to (c, N)."""
         xx, yy, zz, xy, xz, yz = squares
         a, b, c = 1.0 - xx, 1.0 - yy, 1.0 - zz
         determinant: FloatArray = a * b * c - 2.0 * xy * xz * yz - a * yz**2 - b * xz**2 - c * xy**2
@@ -230,11 +232,11 @@ def pointwise_test(
     particles : (M, N, 3) array_like
         Aligned positions, or differences of pairs [mm].
     design : Design
-        What is tested.
+        The tested design.
     members : sequence of (M,) bool arrays, optional
         The groups, without covariates: intervals then have the degrees of freedom of Welch (1947).
     permutations : int
-        Permutations for the correction over the surface.
+        Number of permutations for the correction over the surface.
     seed : int
         Same seed, same result.
     tick : Tick
@@ -265,7 +267,7 @@ def pointwise_test(
     limit, done = subtract_rounding(observed), 0
     chunk = max(1, _CHUNK_VALUES // (statistic.particles * (1 + design.tested.shape[1])))
     draws = draw_permutations(design, permutations, chunk=chunk, seed=seed, means=repeats > 1)
-    from homolog.device import cores  # loads Warp, which the window's start does without
+    from homolog.device import cores  # loads Warp, which the window does not need at its start
 
     workers = cores() if len(shapes) >= _MANY else 1
     with ThreadPoolExecutor(workers) as pool:
@@ -298,7 +300,7 @@ def _product(rows: FloatArray, axis: FloatArray, mean: FloatArray) -> FloatArray
 
 
 def _whitened(residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return positions of unit scatter at each particle, (3, M, N), and how many directions vary there, (N,).
+    """Return positions of unit scatter at each particle, (3, M, N), and numbers of varying directions, (N,).
 
     Coordinates in flat directions are 0. 1 - lambda does not depend on the axes.
     """

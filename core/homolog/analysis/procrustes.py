@@ -14,15 +14,15 @@ class Alignment(StrEnum):
     """How shapes are aligned before they are compared."""
 
     AS_IT_LIES = "as-it-lies"
-    """As the run left them: position, rotation, size and shape are compared together."""
+    """Not aligned further: position, rotation, size and shape are compared together."""
     RIGID = "rigid"
-    """Position and rotation are taken out: size and shape are compared (form)."""
+    """Position and rotation are removed: size and shape are compared (form)."""
     SIMILARITY = "similarity"
-    """Position, rotation and size are taken out: shape alone is compared."""
+    """Position, rotation and size are removed: shape alone is compared."""
 
 
 def aligned(particles: FloatArray, alignment: Alignment) -> FloatArray:
-    """Return the particles (M, N, 3) as they are compared [mm]."""
+    """Return the particles (M, N, 3) in the alignment of a comparison [mm]."""
     if alignment is Alignment.AS_IT_LIES:
         return particles
     return align(particles, scaling=alignment is Alignment.SIMILARITY)
@@ -56,16 +56,16 @@ def align(
     particles : (M, N, 3) array
         Positions [mm].
     scaling : bool
-        Also bring every shape to the mean size of the cohort.
+        Whether to scale every shape to the mean size of the cohort.
     tolerance : float
-        Ends when the mean moves by less than this part of its size.
+        Iterations end when the mean moves by less than this fraction of its size.
     iterations : int
         Largest number of iterations.
 
     Returns
     -------
     (M, N, 3) array
-        Positions [mm]; their mean lies as the mean of the given shapes does.
+        Positions [mm]; their mean has the pose of the mean of the given shapes.
     """
     place = particles.mean(axis=0)
     middle = place.mean(axis=0)
@@ -86,7 +86,7 @@ def align(
 
 
 def _rotations(shapes: FloatArray, target: FloatArray) -> FloatArray:
-    """Return the rotation that brings each centred shape nearest to the target (Kabsch 1976), (M, 3, 3)."""
+    """Return the rotations that best align each centred shape with the target (Kabsch 1976), (M, 3, 3)."""
     left, right, _ = fit_rotation(np.einsum("mni,nj->mij", shapes, target))
     rotations: FloatArray = left @ right
     return rotations

@@ -1,6 +1,6 @@
-"""Surfaces that follow particles: one subject's mesh, warped to the mean and from there to any other shape.
+"""Surfaces that follow particles: a subject's mesh is warped to the mean, and from there to any other shape.
 
-The carrier is a thin-plate spline (`homolog.analysis.thin_plate`), made smoother where it would fold faces.
+The warp is a thin-plate spline (`homolog.analysis.thin_plate`), smoothed locally where it would fold faces.
 """
 
 from dataclasses import dataclass
@@ -21,16 +21,18 @@ from homolog.progress import Tick, no_tick, part_of
 __all__ = ["MeanSurface", "mean_surface", "medoid", "warp_surface"]
 
 ROUNDS = 16
-"""Most times that the spline is made smoother where faces are folded."""
+"""Largest number of rounds in which the spline is smoothed at folded faces."""
 
 _FIRST_SMOOTHING = 0.1
-"""Of a centre near a folded face, in mean distances of neighbouring centres; doubled in each round."""
+"""First smoothing of a centre near a folded face, in mean distances of neighbouring centres; doubled in
+each round."""
 
 _NEAR = 3
-"""Centres made smoother for each folded face."""
+"""Number of centres smoothed for each folded face."""
 
 _AROUND = 4.0
-"""Faces so near to folded ones, in mean distances of neighbouring centres, are looked at again at once."""
+"""Distance from folded faces within which faces are checked again in each round, in mean distances of
+neighbouring centres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,12 +44,12 @@ class MeanSurface:
     vertices : (V, 3) array
         The mean surface [mm].
     faces : (F, 3) int array
-        Those of the template mesh.
+        Faces of the template mesh.
     smoothing : (N,) array
-        Smoothing of the spline at each particle [mm]: 0, where it interpolates, but near faces that would
-        have come out folded; see `warp_surface`.
+        Smoothing of the spline at each particle [mm]: 0 (interpolation) except near faces that would
+        otherwise fold; see `warp_surface`.
     folded : int
-        Faces of the mean that are folded even so: 0 unless correspondences cross each other.
+        Number of faces of the mean that remain folded: 0 unless correspondences cross each other.
     """
 
     vertices: FloatArray
@@ -62,7 +64,7 @@ class MeanSurface:
 
     @property
     def smoothed(self) -> int:
-        """Particles at which the spline does not interpolate."""
+        """Number of particles at which the spline does not interpolate."""
         return int(np.count_nonzero(self.smoothing))
 
 
@@ -82,13 +84,13 @@ def mean_surface(
     mean : (N, 3) array
         Mean particles [mm].
     particles : (N, 3) array
-        The subject's particles [mm], best those of the `medoid`.
+        The subject's particles [mm], preferably those of the `medoid`.
     vertices : (V, 3) array
         The subject's mesh in the same frame as its particles [mm].
     faces : (F, 3) int array
         Its faces, counter-clockwise seen from outside.
     moves : (K, N, 3) array, optional
-        Displacements of the mean particles that should fold no face, forth or back: modes [mm].
+        Displacements of the mean particles that should fold no face in either direction, such as modes [mm].
     tick : Tick
 
     Returns
@@ -128,7 +130,7 @@ def warp_surface(
     displacements : (K, N, 3) array
         K displacements of the mean particles, such as modes [mm].
     smoothing : (N,) array
-        That of the `MeanSurface` [mm].
+        Smoothing of the `MeanSurface` [mm].
 
     Returns
     -------
@@ -159,7 +161,7 @@ def _unfolded(
 ) -> tuple[FloatArray, int]:
     """Smooth the spline until no move (K, n, 3) of its centres folds a face.
 
-    Returns the smoothing, and how many faces are folded even so.
+    Returns the smoothing, and the number of faces that remain folded.
     """
     tree, spacing = KDTree(centres), _mean_spacing(centres)
     columns = moves.transpose(1, 0, 2).reshape(len(centres), -1)
@@ -174,7 +176,7 @@ def _unfolded(
             touched = np.unique(near)
             smoothing[touched] = np.maximum(2.0 * smoothing[touched], _FIRST_SMOOTHING * spacing)
             apart, _ = KDTree(middles[folded]).query(middles, distance_upper_bound=_AROUND * spacing)
-            checked = np.flatnonzero(np.isfinite(apart))  # elsewhere little changes: checked in the end
+            checked = np.flatnonzero(np.isfinite(apart))  # others are checked at the end
         elif len(checked) == len(faces):
             break
         else:
@@ -185,7 +187,7 @@ def _unfolded(
 def _folded(
     centres: FloatArray, vertices: FloatArray, faces: IntArray, weights: FloatArray, tick: Tick
 ) -> BoolArray:
-    """Whether any move turns a face inside out: its outward side has come to lie inside."""
+    """Whether any move turns a face inside out."""
     used, corners = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], corners.reshape(faces.shape)
     moved = _by_move(evaluate_spline(centres, vertices, weights, part_of(tick, 0.0, 0.2)))
@@ -202,12 +204,12 @@ def _folded(
 
 
 def _by_move(columns: FloatArray) -> FloatArray:
-    """Three columns a move (P, 3 K) to moves (K, P, 3)."""
+    """Convert three columns per move (P, 3 K) to moves (K, P, 3)."""
     return columns.reshape(len(columns), -1, 3).transpose(1, 0, 2)
 
 
 def _across(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Return normals of the faces, twice their area long."""
+    """Return normals of the faces, whose length is twice the area."""
     corners = vertices[faces]
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 

@@ -20,17 +20,17 @@ from homolog.files.arrays import read_arrays, write_arrays
 __all__ = ["ShapeModel", "leading_scores", "principal_components"]
 
 NEGLIGIBLE = 1e-9
-"""Modes with less than this part of the first one's variance are rounding of the Gram matrix."""
+"""Modes with less than this fraction of the first one's variance are rounding errors of the Gram matrix."""
 _FEW = 8
-"""A Gram matrix with more than so many rows for each mode asked for is decomposed by Lanczos' method."""
+"""Number of rows per requested mode above which a Gram matrix is decomposed by Lanczos' method."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeModel:
     """Mean shape and orthogonal modes of variation of a cohort: a point distribution model.
 
-    Made by `ShapeModel.fit` or `ShapeModel.load`. Names are those of scikit-learn's `PCA` where both have
-    the same thing; lengths are root mean squares over the particles. All arrays are read-only.
+    Made by `ShapeModel.fit` or `ShapeModel.load`. Names are those of scikit-learn's `PCA` for equal
+    quantities; lengths are root mean squares over the particles. All arrays are read-only.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class ShapeModel:
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
     def __repr__(self) -> str:
-        """Return a line for people."""
+        """Return a one-line summary."""
         subjects, modes = self.scores.shape
         return f"ShapeModel({len(self.mean)} particles of {subjects} subjects, {modes} modes)"
 
@@ -96,8 +96,8 @@ class ShapeModel:
         particles : (M, N, 3) array_like
             World positions [mm], already aligned, such as `Correspondence.aligned`.
         scaling : bool
-            Take size out: all shapes are brought to the mean size and aligned again (generalized Procrustes
-            analysis). By default size is part of the model.
+            Whether to remove size: all shapes are scaled to the mean size and aligned again (generalized
+            Procrustes analysis). By default size is part of the model.
         names : sequence of str, optional
             Subject names, for messages.
 
@@ -109,7 +109,8 @@ class ShapeModel:
         Raises
         ------
         InputError
-            If there are fewer than two subjects, positions are not finite, or names are not one a subject.
+            If there are fewer than two subjects, positions are not finite, or the numbers of names and
+            subjects differ.
         """
         positions = checked_particles(particles, names)
         shapes = align(positions, scaling=True) if scaling else positions
@@ -218,7 +219,7 @@ class ShapeModel:
         count : int
             Number of shapes, 0 or more.
         seed : int, optional
-            Same seed, same shapes; other ones at each call if not given.
+            Same seed, same shapes; by default, they differ in each call.
 
         Returns
         -------
@@ -228,7 +229,7 @@ class ShapeModel:
         Raises
         ------
         InputError
-            If the number of shapes is negative or no whole number.
+            If the number of shapes is negative or not a whole number.
         """
         if not isinstance(count, int | np.integer) or count < 0:
             raise InputError(f"count={count!r}: must be a whole number, 0 or more")
@@ -241,12 +242,12 @@ class ShapeModel:
         Parameters
         ----------
         path : path
-            A file that ends in ``.npz``; replaced only once everything is written.
+            A file that ends in ``.npz``. An existing file is replaced only after everything is written.
 
         Raises
         ------
         InputError
-            If the name ends otherwise, or the file can't be written.
+            If the name has another suffix, or the file can't be written.
         """
         if Path(path).suffix != ".npz":
             raise InputError(f"{path}: a shape model is written as .npz; choose such a name")
@@ -259,7 +260,7 @@ class ShapeModel:
         Parameters
         ----------
         path : path
-            The file.
+            File that `save` wrote.
 
         Returns
         -------
@@ -268,7 +269,7 @@ class ShapeModel:
         Raises
         ------
         InputError
-            If the file is missing, damaged, or holds no shape model.
+            If the file is missing, damaged, or contains no shape model.
         """
         stored = read_arrays(Path(path))
         try:
@@ -283,9 +284,7 @@ class ShapeModel:
             or model.explained_variance.shape != (modes,)
             or model.scores.shape != (*model.sizes.shape, modes)
         ):
-            raise InputError(
-                f"{path}: contains no shape model: its arrays do not belong together; save it again"
-            )
+            raise InputError(f"{path}: contains no shape model: its arrays are inconsistent; save it again")
         return model._in_root_mean_squares()
 
     def _in_root_mean_squares(self) -> ShapeModel:
@@ -336,14 +335,14 @@ def principal_components(
 
 
 def leading_scores(rows: FloatArray, modes: int) -> tuple[FloatArray, FloatArray]:
-    """Return the scores in the first modes only, which many subjects do not make slow.
+    """Return the scores in the first modes only; fast also for many subjects.
 
     Parameters
     ----------
     rows : (M, P) array
-        One row for each subject; not centred here.
+        One row for each subject; the function does not centre them.
     modes : int
-        Modes at most.
+        Largest number of modes.
 
     Returns
     -------

@@ -1,18 +1,18 @@
-"""The statistics of all permutation tests: studentized, so that they hold when dispersions differ.
+"""The statistics of all permutation tests: studentized, so that they are valid if dispersions differ.
 
-Groups are compared by Welch's F (1951), extended to several coordinates of one variance within a group and
-expressed as the normal deviate that is as unlikely (Paulson 1942). Before subjects are exchanged, the groups
-are scaled to one dispersion; each group's own dispersion is restored afterwards. The permutation
-distribution then is that of groups with these dispersions and equal means (Chung and Romano 2013 show that
-studentizing alone suffices for many subjects; scaling serves few).
+Groups are compared by Welch's F (1951), extended to several coordinates of equal variance within a group and
+expressed as the normal deviate of equal probability (Paulson 1942). Before subjects are exchanged, the groups
+are scaled to one dispersion; each group's own dispersion is restored afterwards. The permutation distribution
+is then that of groups with these dispersions and equal means. (Chung and Romano 2013 show that studentizing
+alone suffices for many subjects; scaling helps with few.)
 
-With covariates and for a continuous variable the sum of squares of the tested effect is divided by what it
-would be on average without an effect, given each subject's own residual (Brown and Forsythe 1974, with the
-variances of MacKinnon and White's HC2, 1985). Dispersions are scaled and restored in the same way: those of
-groups, or along a variable, of which the logarithm of the dispersion is a linear function. What is exchanged
-are the residuals of covariates that are fitted with each subject's weight (Freedman and Lane 1983).
+With covariates and for a continuous variable the sum of squares of the tested effect is divided by its
+expectation without an effect, given each subject's own residual (Brown and Forsythe 1974, with the variances
+of MacKinnon and White's HC2, 1985). Dispersions of groups are scaled and restored in the same way; along a
+variable, the logarithm of the dispersion is a linear function. The residuals of a weighted fit of the
+covariates are exchanged (Freedman and Lane 1983).
 
-Wilks' lambda with its F distribution, which assumes equal covariances, is reported beside them; with one
+Wilks' lambda with its F distribution, which assumes equal covariances, is reported in addition; with one
 tested column it is Hotelling's T².
 """
 
@@ -42,9 +42,9 @@ __all__ = [
 ]
 
 _MIN_RESIDUAL_FRACTION = 1e-6
-"""Lower bound of 1 - leverage, and of variances relative to the largest, where these divide."""
+"""Lower bound of 1 - leverage, and of variances relative to the largest, as divisors."""
 _MIN_SQUARES = 1e-20
-"""Lower bound of the sum of squares of standardized coordinates, where nothing varies."""
+"""Lower bound of the sum of squares of standardized coordinates, for constant ones."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,9 +56,9 @@ class EqualizedGroups:
     values : (M, P) array
         Differences from the weighted mean of the groups, divided by the dispersion of the subject's group.
     dispersions : (K,) array
-        Of the groups, relative to their geometric mean.
+        Dispersions of the groups, relative to their geometric mean.
     mean_spread : float
-        Standard deviation that centring took from the mean of `values`, relative to that of one subject.
+        Standard deviation of the mean that centring removed, relative to that of one subject.
     """
 
     values: FloatArray
@@ -79,9 +79,9 @@ def equalize_groups(values: FloatArray, design: Design, *, scaled: bool = True) 
     values : (M, P) array
         Data with the intercept regressed out.
     design : Design
-        With the observed labels.
+        Design with the observed labels.
     scaled : bool
-        Whether to scale; the dispersions are taken as equal otherwise.
+        Whether to scale; otherwise dispersions are assumed equal.
     """
     memberships = _memberships(observed_design(design), design)
     if memberships is None:
@@ -114,9 +114,9 @@ class EqualizedSubjects:
     values : (M, P) array
         Differences from the weighted fit of the nuisance columns, divided by the dispersion of the subject.
     exponents : (q + d,) array
-        Of nuisance and tested basis in the logarithm of the dispersion.
+        Coefficients of nuisance and tested basis in the logarithm of the dispersion.
     mean_spread : float
-        As of `EqualizedGroups`; 0 along a variable.
+        See `EqualizedGroups`; 0 along a variable.
     """
 
     values: FloatArray
@@ -129,12 +129,12 @@ class EqualizedSubjects:
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
     def dispersions(self, columns: FloatArray) -> FloatArray:
-        """Return the dispersion that each subject gets from permuted columns (c, M, q + d), (c, M)."""
+        """Return the dispersions of the subjects (c, M) for permuted columns (c, M, q + d)."""
         dispersions: FloatArray = np.exp(columns @ self.exponents)
         return dispersions
 
     def random_mean(self, values: FloatArray, permuted: PermutedDesigns) -> FloatArray:
-        """Return random means (c, k) to add to values (M, k), for those that the fit took from them."""
+        """Return random means (c, k) to add to values (M, k) in place of those that the fit removed."""
         if permuted.signs is None or not self.mean_spread:
             return np.zeros((len(permuted.tested), values.shape[1]))
         return _random_mean(self.mean_spread, permuted.signs, values)
@@ -152,7 +152,7 @@ class EqualizedSubjects:
 def equalize_subjects(
     values: FloatArray, design: Design, *, variables: bool = False
 ) -> EqualizedSubjects | None:
-    """Scale subjects to one dispersion; None for pairs, and for a variable unless that is asked for.
+    """Scale subjects to one dispersion; None for pairs, and for a variable unless requested.
 
     Groups have the dispersion of their residuals. Along a variable its logarithm is a linear function.
 
@@ -161,10 +161,10 @@ def equalize_subjects(
     values : (M, P) array
         Data with the nuisance columns regressed out.
     design : Design
-        With the observed labels or values.
+        Design with the observed labels or values.
     variables : bool
-        Whether to scale along a variable, which whole shapes need; of a single number the statistic by itself
-        holds its level.
+        Whether to scale along a variable. Whole shapes need this; for a single number the statistic alone
+        controls its level.
     """
     kinds, of_kind = np.unique(design.given, axis=0, return_inverse=True)
     of_groups = len(kinds) == design.given.shape[1] + 1
@@ -190,7 +190,7 @@ def equalize_subjects(
     fitted = np.linalg.qr(design.nuisance / scale)[0]
     equal = values / scale
     equal -= fitted @ (fitted.T @ equal)
-    # Along a variable the error of the fitted dispersions has already widened the null distribution.
+    # Along a variable the error of the fitted dispersions already widens the null distribution.
     spread = float(np.linalg.norm(fitted.sum(axis=0))) / len(values) if of_groups else 0.0
     return EqualizedSubjects(equal, columns.T @ logarithms, spread)
 
@@ -201,13 +201,13 @@ class WelchStatistic:
     Parameters
     ----------
     coordinates : (v, M, N) array
-        Of the equalized groups, standardized: of about one variance within a group.
+        Standardized coordinates of the equalized groups, with similar variances within a group.
     varying : (N,) array
-        How many of the v coordinates vary at each point, at least 1.
+        Number of the v coordinates that vary at each point, at least 1.
     groups : EqualizedGroups
-        The dispersions that are restored.
+        The groups whose dispersions are restored.
     design : Design
-        Whose rows are exchanged.
+        The design whose rows are exchanged.
     """
 
     def __init__(
@@ -250,7 +250,7 @@ class WelchStatistic:
         return ratio, (groups**2 - 1.0) / (3.0 * spread)
 
     def deviate(self, permuted: PermutedDesigns) -> FloatArray:
-        """Return the normal deviate that is as unlikely as F, (c, N)."""
+        """Return the normal deviate of the same probability as F, (c, N)."""
         ratio, dof = self.f(permuted)
         across = self._varying * float(self._design.tested.shape[1])
         of_numerator, of_denominator = 2.0 / (9.0 * across), 2.0 / (9.0 * dof)
@@ -277,7 +277,7 @@ def _group_sums(memberships: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def _memberships(permuted: PermutedDesigns, design: Design) -> FloatArray | None:
-    """Return who is in which group, (c, K, M) of 0 and 1; None if anything else than groups is in the design.
+    """Return the group indicators (c, K, M) of 0 and 1; None if the design contains more than groups.
 
     The intercept and the tested columns of K groups span the groups' indicators.
     """
@@ -325,7 +325,7 @@ def studentized_ratio(scores: FloatArray, permuted: PermutedDesigns, design: Des
     scores : (M, k) or (c, M, k) array
         Standardized coordinates with the (permuted) nuisance columns regressed out.
     permuted : PermutedDesigns
-        Of c designs.
+        Permutations of c designs.
     design : Design
         The design that was permuted.
     """
@@ -379,14 +379,14 @@ def wilks_p(
     Parameters
     ----------
     wilks, variables, columns, error_dof
-        As of `rao_f`.
+        See `rao_f`.
     log : bool
-        Whether the natural logarithm of p is returned, which does not underflow.
+        Whether to return the natural logarithm of p, which does not underflow.
 
     Returns
     -------
     array
-        Of the shape of wilks.
+        p-values in the shape of `wilks`.
     """
     f, between, within = rao_f(wilks, variables, columns, error_dof)
     tail = stats.f.logsf if log else stats.f.sf

@@ -39,9 +39,9 @@ def compare_two_groups(
     between : (str, str)
         The two groups.
     covariates : (M, c) array, optional
-        Adjusted for; as made by `homolog.analysis.design.covariate_columns`.
+        Columns to adjust for, from `homolog.analysis.design.covariate_columns`.
     options : Options
-        How it is computed.
+        Options of the computation.
     names : sequence of str, optional
         Subject names, for messages.
     tick : Tick
@@ -54,7 +54,7 @@ def compare_two_groups(
     Raises
     ------
     InputError
-        If a group is too small, subjects are there twice, or covariates can't be told from the group.
+        If a group is too small, subjects are duplicated, or covariates are confounded with the group.
     """
     shapes = checked_particles(particles, names)
     labels = np.asarray(groups)
@@ -120,12 +120,12 @@ def compare_groups(
     particles, groups, covariates, options, names, tick
         As in `compare_two_groups`.
     order : sequence of str
-        The groups.
+        The groups in order.
 
     Returns
     -------
     Comparison
-        Multivariate analysis of variance in the modes; effects are differences from the first group.
+        The multivariate analysis of variance in the modes; effects are differences from the first group.
     tuple of Comparison
         The pairs; their adjusted p-values and `p_fwe` are corrected over these (Holm).
     """
@@ -160,7 +160,7 @@ def compare_groups(
 
 
 def _independent(covariates: FloatArray | None, members: BoolArray) -> FloatArray | None:
-    """Omit columns that are constant among some subjects, or combinations of those before them."""
+    """Omit columns that are constant among the members, or combinations of preceding columns."""
     if covariates is None:
         return None
     kept, base = [], np.ones((np.count_nonzero(members), 1))
@@ -193,7 +193,7 @@ def _corrected(pairs: Sequence[Comparison]) -> tuple[Comparison, ...]:
 
 
 def _holm_of_known(values: Sequence[float | None]) -> list[float | None]:
-    """Correct p-values for their number; pairs without one count, since it was looked for."""
+    """Correct p-values for their number; pairs without a p-value count as tests, too."""
     adjusted = holm(np.array([1.0 if value is None else value for value in values])).tolist()
     return [None if value is None else p for value, p in zip(values, adjusted, strict=True)]
 
@@ -201,7 +201,7 @@ def _holm_of_known(values: Sequence[float | None]) -> list[float | None]:
 def _holm_of_surfaces(surfaces: Sequence[FloatArray]) -> list[FloatArray]:
     """Correct p-values that hold over each of several surfaces for the number of surfaces.
 
-    Surfaces are stepped through by their smallest p, as Holm (1979) steps through single tests.
+    Holm's (1979) procedure is applied to surfaces in the order of their smallest p.
     """
     adjusted: list[FloatArray] = [np.zeros(0)] * len(surfaces)
     least = 0.0
@@ -250,9 +250,9 @@ def compare_pairs(
     particles : (M, N, 3) array_like
         Aligned positions [mm].
     first, second : (P,) int arrays
-        Indices of the two of each pair.
+        Indices of the two members of each pair.
     title : str
-        Such as ``"after - before"``.
+        Title, such as ``"after - before"``.
     options, names, tick
         As in `compare_two_groups`.
 
@@ -263,7 +263,7 @@ def compare_pairs(
     Raises
     ------
     InputError
-        If a subject is in more than one pair, or the two of a pair are the same shape.
+        If a subject is in more than one pair, or both members of a pair have the same shape.
     """
     shapes = checked_particles(particles, names)
     members = np.concatenate([first, second])
@@ -294,7 +294,7 @@ def pair_members(
     *,
     column: str = "",
 ) -> tuple[IntArray, IntArray]:
-    """Return the indices of the first and the second of each pair, (P,) each.
+    """Return the indices of the first and the second member of each pair, (P,) each.
 
     Parameters
     ----------
@@ -303,16 +303,16 @@ def pair_members(
     labels : sequence of str
         The group of each.
     between : (str, str)
-        The groups of the first and the second of each pair.
+        The groups of the first and the second member of each pair.
     names : sequence of str, optional
         Subject names, for messages.
     column : str
-        What names the pairs, for messages.
+        Column that identifies the pairs, for messages.
 
     Raises
     ------
     InputError
-        If a pair has two subjects of a group, or one subject only, or there is but one pair.
+        If a pair has two subjects of one group or only one subject, or there is only one pair.
     """
     by_pair: dict[str, dict[str, int]] = {}
     for index, (pair, label) in enumerate(zip(pairs, labels, strict=True)):
@@ -324,7 +324,7 @@ def pair_members(
     alone = [pair for pair, both in by_pair.items() if len(both) < 2]
     if alone:
         raise InputError(
-            f"pair {alone[0]!r} has one subject only; add the other one, or exclude such pairs "
+            f"pair {alone[0]!r} has only one subject; add the other one, or exclude such pairs "
             "(complete cases)"
         )
     if len(by_pair) < 2:

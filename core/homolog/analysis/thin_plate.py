@@ -1,7 +1,7 @@
 """Thin-plate splines in three dimensions: warps of points by displacements of centres.
 
 The spline is the interpolant with the smallest bending energy, kernel ``r`` and an affine part (Bookstein
-1989; Wahba 1990). It is linear in the target positions, so with fixed centres any warp is one matrix product.
+1989; Wahba 1990). It is linear in the target positions: with fixed centres, any warp is a matrix product.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,7 +26,8 @@ __all__ = [
 ]
 
 MOST_CENTRES = 2048
-"""Above this count the spline uses an evenly spread subset of particles: more add cost, not accuracy."""
+"""Largest number of centres; of more particles an evenly spread subset is used, since more do not add
+accuracy."""
 
 _CHUNK = 4096
 
@@ -34,22 +35,22 @@ _CHUNK = 4096
 def thin_plate_operator(
     centres: FloatArray, points: FloatArray, *, smoothing: float | FloatArray = 0.0
 ) -> FloatArray:
-    """Return the matrix that takes target positions of the centres to those of the points.
+    """Return the matrix that maps target positions of the centres to those of the points.
 
     Parameters
     ----------
     centres : (N, 3) array
-        Where the particles are before the warp [mm]; not all in one plane.
+        Particles before the warp [mm]; not all in one plane.
     points : (V, 3) array
-        Where the vertices are before the warp [mm].
+        Vertices before the warp [mm].
     smoothing : float or (N,) array
-        Of each centre [mm]: 0 interpolates, larger values trade fidelity for smoothness.
+        Smoothing of each centre [mm]: 0 interpolates, larger values trade fidelity for smoothness.
 
     Returns
     -------
     (V, N) array
-        ``operator @ targets`` are the warped points; it has the affine part in it, so an affine motion of
-        the particles moves the points by exactly that.
+        ``operator @ targets`` are the warped points. The operator includes the affine part, so that an affine
+        motion of the particles moves the points by exactly the same motion.
 
     Raises
     ------
@@ -71,18 +72,18 @@ def warp_displacements(
     Parameters
     ----------
     centres : (N, 3) array
-        The particles before they move [mm]; not all in one plane.
+        Particles before the warp [mm]; not all in one plane.
     points : (V, 3) array
-        The vertices before they move [mm].
+        Vertices before the warp [mm].
     displacements : (K, N, 3) array
         K displacements of the centres, such as modes [mm].
     smoothing : float or (N,) array
-        As for `thin_plate_operator`.
+        See `thin_plate_operator`.
 
     Returns
     -------
     (K, V, 3) array
-        The result of `thin_plate_operator` for each of them.
+        Displacements of the points [mm], as by `thin_plate_operator`.
 
     Raises
     ------
@@ -95,7 +96,7 @@ def warp_displacements(
 
 
 def farthest_points(points: FloatArray, most: int) -> IntArray:
-    """Return the indices of at most this many points by farthest-point sampling."""
+    """Return the indices of at most `most` points, chosen by farthest-point sampling."""
     if len(points) <= most:
         return np.arange(len(points))
     return np.sort(farthest_point_sampling(points, most))
@@ -111,7 +112,7 @@ def spline_weights(centres: FloatArray, targets: FloatArray, smoothing: float | 
     targets : (N, c) array
         Values of the spline at the centres, one column for each coordinate.
     smoothing : float or (N,) array
-        As for `thin_plate_operator` [mm].
+        See `thin_plate_operator` [mm].
 
     Returns
     -------
@@ -124,7 +125,7 @@ def spline_weights(centres: FloatArray, targets: FloatArray, smoothing: float | 
     """
     count = len(centres)
     system = np.zeros((count + 4, count + 4))
-    # The kernel r is conditionally negative definite, so smoothing makes the diagonal smaller.
+    # The kernel r is conditionally negative definite, so that smoothing reduces the diagonal.
     system[:count, :count] = cdist(centres, centres) - np.diag(np.broadcast_to(smoothing, count))
     system[:count, count] = system[count, :count] = 1.0
     middle = centres.mean(axis=0)
@@ -146,11 +147,11 @@ def evaluate_spline(
     Parameters
     ----------
     centres : (N, 3) array
-        Those of `spline_weights` [mm].
+        Centres of `spline_weights` [mm].
     points : (V, 3) array
-        Where the spline is evaluated [mm].
+        Points at which the spline is evaluated [mm].
     weights : (N + 4, c) array
-        What `spline_weights` returned.
+        Result of `spline_weights`.
     tick : Tick
         Progress and cancelling.
 
@@ -173,23 +174,24 @@ def landmark_errors(
     landmarks: FloatArray,
     snap: Sequence[Callable[[FloatArray], FloatArray]] | None = None,
 ) -> FloatArray:
-    """Return how far each landmark of each subject, carried to each other subject, is from that one's own.
+    """Return the distances between warped and placed landmarks for each ordered pair of subjects.
 
-    A landmark is carried by the thin-plate spline that takes the one subject's particles to the other's.
+    The warp is the thin-plate spline that maps the particles of one subject to those of the other.
 
     Parameters
     ----------
     particles : (M, N, 3) array
         Corresponding particles, each subject's in its own frame [mm].
     landmarks : (M, L, 3) array
-        The same landmarks of each subject, in the frame of its particles [mm]; NaN where one was not placed.
+        The same landmarks of each subject, in the frame of its particles [mm]; NaN for landmarks that were
+        not placed.
     snap : sequence of M functions, optional
-        Take points (L, 3) to the nearest ones of the subject's surface.
+        Functions that map points (L, 3) to the nearest points of a subject's surface.
 
     Returns
     -------
     (M, M, L) array
-        Distances [mm] by source, target and landmark; NaN from a subject to itself and where one is missing.
+        Distances [mm] by source, target and landmark; NaN from a subject to itself and for missing landmarks.
 
     Raises
     ------

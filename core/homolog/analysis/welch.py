@@ -1,4 +1,4 @@
-"""Welch's tests of a number, for groups of unequal variances: at each particle, and of a whole subject."""
+"""Welch's tests of a number for groups of unequal variances: at each particle, and per subject."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,10 +31,10 @@ class WelchMap:
     t : (N,) array
         Welch's t; 0 where nothing varies.
     p : (N,) array
-        Parametric and two-sided, for each particle by itself, not corrected.
+        Parametric, two-sided p at each particle, not corrected.
     p_fwe : (N,) array
-        Corrected by the permutation distribution of the largest magnitude of t over the surface, each as a
-        normal deviate, so that t of few and of many degrees of freedom compare.
+        p corrected by the permutation distribution of the largest magnitude of t over the surface; t is
+        expressed as a normal deviate to make different degrees of freedom comparable.
     q : (N,) array
         Benjamini-Hochberg false discovery rate.
     """
@@ -69,7 +69,7 @@ def welch_map(
     second : (M,) bool array
         Members of the second group; the others are the first.
     permutations : int
-        Permutations for the correction over the surface.
+        Number of permutations for the correction over the surface.
     seed : int
         Same seed, same result.
     tick : Tick
@@ -120,11 +120,12 @@ class GroupMeasure:
     Attributes
     ----------
     groups : tuple of str
-        Their names, sorted.
+        Names of the groups, sorted.
     counts : tuple of int
-        Subjects with a value.
+        Numbers of subjects with a value.
     means, deviations : tuple of float
-        Mean and standard deviation of each group, in the measure's unit; not a number for a single subject.
+        Mean and standard deviation of each group, in the measure's unit; the deviation of a single subject is
+        NaN.
     p : float or None
         Two-sided p-value of equal means; None if it can't be tested.
     """
@@ -139,21 +140,21 @@ class GroupMeasure:
 def compare_measure(values: FloatArray, groups: Sequence[str]) -> GroupMeasure:
     """Return mean and standard deviation of each group, and the p-value of Welch's test.
 
-    Welch's t-test for two groups, and his analysis of variance for more, hold when variances differ
+    Welch's t-test for two groups, and his analysis of variance for more, are valid for unequal variances
     (Welch 1951).
     The p-value is not corrected for the number of measures.
 
     Parameters
     ----------
     values : (M,) array
-        One for each subject; those that are not numbers are excluded.
+        Value of each subject; NaN is excluded.
     groups : sequence of str
         The group of each subject; those without a name are excluded.
 
     Raises
     ------
     InputError
-        If there are not as many groups as values.
+        If the numbers of groups and values differ.
     """
     if len(values) != len(groups):
         raise InputError(
@@ -178,7 +179,7 @@ def mean_difference(first: FloatArray, second: FloatArray) -> Effect | None:
     Parameters
     ----------
     first, second : (n,) arrays
-        Values that are not numbers are left out.
+        Values; NaN is excluded.
 
     Returns
     -------

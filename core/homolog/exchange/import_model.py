@@ -33,7 +33,7 @@ from homolog.settings import Method, OptimizeSettings, RunSettings
 
 __all__ = ["domains_of", "import_model"]
 
-_FEWEST = 4  # particles that are a shape
+_FEWEST = 4  # particles that define a shape
 
 
 def import_model(
@@ -47,9 +47,9 @@ def import_model(
         A ``.swproj`` or ``.xlsx`` file, or a folder of ``.particles`` (``NAME.particles``, or
         ``NAME_local.particles`` and ``NAME_world.particles``).
     project : ProjectFolder
-        To be created; its folder is empty or missing.
+        The project to create; its folder is empty or missing.
     domain : str, optional
-        Which anatomy, where the project has several.
+        The anatomy, if the project has several.
     tick : Tick
 
     Returns
@@ -60,7 +60,7 @@ def import_model(
     Raises
     ------
     InputError
-        If the source can't be read, its subjects don't correspond, or the project can't be made.
+        If the source can't be read, its subjects do not correspond, or the project can't be created.
     """
     source = Path(source)
     project.check_is_free()
@@ -109,7 +109,7 @@ def _check(source: Path, model: ForeignModel) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(
-            f"{source}: several subjects are called {', '.join(twice[:5])}; give each its own name"
+            f"{source}: several subjects are named {', '.join(twice[:5])}; give each its own name"
         )
 
 
@@ -117,7 +117,7 @@ def _write(project: ProjectFolder, model: ForeignModel, tick: Tick) -> list[str]
     """Write the project; return notes on subjects, one line each."""
     local, world, alignments = with_alignments(model.subjects)
     if len(world[0]) < _FEWEST:
-        raise InputError(f"{model.source}: has {len(world[0])} particles a shape; {_FEWEST} or more make one")
+        raise InputError(f"{model.source}: has {len(world[0])} particles per shape; {_FEWEST} are needed")
     stems = file_stems([subject.name for subject in model.subjects])
     surfaces = surfaces_of(model.subjects, local, world, alignments, part_of(tick, 0.1, 0.6))
     cohort = _cohort(project, model, stems, surfaces)
@@ -141,7 +141,7 @@ def _write(project: ProjectFolder, model: ForeignModel, tick: Tick) -> list[str]
 def _cohort(
     project: ProjectFolder, model: ForeignModel, stems: Sequence[str], surfaces: Sequence[SubjectSurface]
 ) -> Cohort:
-    """Return the subjects for a later run: with the input, else the surface, else the particles."""
+    """Return the subjects for a later run, with their inputs, otherwise their surfaces or particles."""
     subjects = []
     for subject, stem, shape in zip(model.subjects, stems, surfaces, strict=True):
         path = particle_file(project, stem, "local")

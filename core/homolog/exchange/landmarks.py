@@ -1,4 +1,4 @@
-"""A project's landmarks: read from the subjects' markups, compared through the correspondence."""
+"""A project's landmarks: read from the subjects' markups and compared through the correspondence."""
 
 from dataclasses import dataclass
 
@@ -23,11 +23,11 @@ class LandmarkErrors:
     Attributes
     ----------
     names : tuple of str
-        The L landmarks that two or more subjects have.
+        The L landmarks that exist on two or more subjects.
     subjects : tuple of str
-        The subjects that have any.
+        The subjects with landmarks.
     errors : (M, M, L) array
-        Distances [mm] by source, target and landmark; NaN where there is nothing to compare.
+        Distances [mm] by source, target and landmark; NaN for missing landmarks.
     """
 
     names: tuple[str, ...]
@@ -57,7 +57,7 @@ def project_landmark_errors(project: ProjectFolder) -> LandmarkErrors | None:
     Parameters
     ----------
     project : ProjectFolder
-        With a result. Landmarks are those of its cohort's markups files.
+        A project with a result. Landmarks are read from the markups files of its cohort.
 
     Raises
     ------

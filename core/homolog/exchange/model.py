@@ -15,7 +15,7 @@ from homolog.geometry import fit_similarity, rms_radius, transform_points
 __all__ = ["ForeignModel", "ForeignSubject", "particles_of", "with_alignments"]
 
 _FARTHEST = 1e6  # mm
-_FITS = 1e-3  # of the size: rounding to six digits, but no other transform
+_FITS = 1e-3  # tolerance relative to the size: rounding to six digits, but no other transform
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,11 +26,11 @@ class ForeignSubject:
     ----------
     name : str
     local, world : (N, 3) float64 array or None
-        Particles [mm] in the frame of the subject's file and in the common one; at least one is there.
+        Particles [mm] in the frame of the subject's file and in the common one; at least one is given.
     alignment : (4, 4) float64 array or None
-        From local to world, if the other program says.
+        From local to world, if stored by the other program.
     shapes : tuple of Path
-        Files that may hold its surface, the best first.
+        Files that may contain its surface, the best first.
     group : str or None
     columns : mapping of str to str
     landmarks : Path or None
@@ -56,11 +56,11 @@ class ForeignModel:
     source : str
     subjects : tuple of ForeignSubject
     geodesic, normals : bool or None
-        Whether particles were kept apart by geodesic distance, and normals used; None if nobody says.
+        Whether sampling used geodesic distances, and whether normals were used; None if unknown.
     landmark_names : tuple of str
-        In the order of the landmark files' lines.
+        Names in the order of the lines of the landmark files.
     notes : tuple of str
-        What the user should know.
+        Notes for the user.
     """
 
     source: str
@@ -72,7 +72,7 @@ class ForeignModel:
 
 
 def particles_of(path: Path | None) -> FloatArray | None:
-    """Read particles if there is such a file at all."""
+    """Read particles, or return None without a path."""
     return None if path is None else read_particles(path)
 
 
@@ -84,8 +84,8 @@ def with_alignments(
     Raises
     ------
     InputError
-        If subjects have different numbers of particles, or a subject's local and world particles are not
-        the same shape.
+        If subjects have different numbers of particles, or a subject's local and world particles differ in
+        shape.
     """
     given = [
         (subject.name, points)
@@ -100,7 +100,7 @@ def with_alignments(
                 "model whose particles correspond"
             )
         _check_near(name, points)
-    with np.errstate(all="ignore"):  # of a matrix that makes no sense
+    with np.errstate(all="ignore"):  # for invalid matrices
         world = _world(subjects)
     for item, points in zip(subjects, world, strict=True):
         _check_near(item.name, points)
@@ -138,11 +138,11 @@ def _alignment(subject: ForeignSubject, local: FloatArray, world: FloatArray) ->
     fitted = (fit_similarity(local, world, scaling=True, mirrored=mirrored) for mirrored in (False, True))
     for matrix in (*candidates, *fitted):
         matrix[3] = [0.0, 0.0, 0.0, 1.0]
-        with np.errstate(all="ignore"):  # of a matrix that makes no sense
+        with np.errstate(all="ignore"):  # for invalid matrices
             fits = np.abs(transform_points(matrix, local) - world).max() <= _FITS * size
         if fits:
             return matrix
     raise InputError(
-        f"{subject.name}: its local and world particles are not the same shape; export the model again, or "
+        f"{subject.name}: its local and world particles differ in shape; export the model again, or "
         "import its world particles alone"
     )

@@ -23,13 +23,13 @@ def write_morphometrics(
     Parameters
     ----------
     folder : Path
-        Where the files are written.
+        Folder of the files.
     names : sequence of str
-        M subjects. Blanks become underscores in the NTS file, which separates names by blanks.
+        Names of the M subjects. Blanks become underscores in the NTS file, which separates names by blanks.
     points : (M, N, 3) array
         Their corresponding points [mm].
     groups : sequence of str or None
-        Their groups; written to the Morphologika file if all have one.
+        Their groups, written to the Morphologika file if all subjects have one.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The surfaces of an imported model: its files if they fit its particles, else made from particles."""
+"""The surfaces of an imported model: from its files if they fit the particles, else from the particles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,14 +25,14 @@ from homolog.surfaces.topology import check_mesh
 
 __all__ = ["SubjectSurface", "surfaces_of"]
 
-_NEAR = 0.05  # of the size, plus half an edge: largest distance of particles from vertices and face centres
-_MOST = 0.95  # of them
-_VERTICES = 8000  # enough to see, and few enough to be carried by particles
+_NEAR = 0.05  # of the size, plus half an edge: largest distance to vertices and face centres
+_MOST = 0.95  # least fraction of particles within that distance
+_VERTICES = 8000  # enough for display, and few enough for warping
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SubjectSurface:
-    """A subject's surface in local coordinates, the file that it is of (None if of no file), and notes."""
+    """A subject's surface in local coordinates, its file (None without one), and notes."""
 
     mesh: TriangleMesh
     path: Path | None
@@ -49,8 +49,8 @@ def surfaces_of(
     """Return a surface for every subject.
 
     A file's surface is used if the subject's particles lie on it. A subject without one gets the surface of
-    the most typical subject that has one, carried by the particles; if no subject has one, discs at its
-    particles. Notes say which.
+    the most typical subject that has one, warped by the particles; if no subject has one, it gets discs at
+    its particles. Notes describe the choice.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def surfaces_of(
     positions = np.array(world)
     template = have[medoid(positions[have], positions.mean(axis=0))]
     mesh = surfaces[template]
-    assert mesh is not None, "the template is one of those that were found"
+    assert mesh is not None, "the template has a surface"
     template_mesh = mesh.mesh.placed(alignments[template])
     result = []
     for index, surface in enumerate(surfaces):
@@ -98,7 +98,7 @@ def surfaces_of(
 
 
 def _own(subject: ForeignSubject, points: FloatArray) -> tuple[SubjectSurface | None, str]:
-    """Return the surface of the first file with one, or the reason why there is none."""
+    """Return the surface of the first usable file, or the reason why there is none."""
     reason = "has no surface"
     for path in subject.shapes:
         try:

@@ -25,16 +25,16 @@ __all__ = ["write_shapeworks"]
 def write_shapeworks(project: ProjectFolder, folder: Path, tick: Tick = no_tick) -> Path:
     """Write a project's result so that ShapeWorks opens it.
 
-    Coordinates are written with all their digits. The rest of an imported ShapeWorks project (settings,
-    columns, other anatomies) is written again.
+    Coordinates are written with all their digits. Other content of an imported ShapeWorks project (settings,
+    columns, anatomies) is preserved.
 
     Parameters
     ----------
     project : ProjectFolder
-        With a result.
+        A project with a result.
     folder : Path
-        Where to write ``NAME.swproj``, ``NAME_particles/`` and ``NAME_groomed/``, with the project's name;
-        made if need be.
+        Folder for ``NAME.swproj``, ``NAME_particles/`` and ``NAME_groomed/``, where NAME is the project's;
+        created if necessary.
     tick : Tick
 
     Returns
@@ -104,18 +104,18 @@ class _Target:
 
 
 def _described(row: Row, subject: ResultSubject) -> Row:
-    """Return the columns of a subject's name, group and table data, under the names that its row has."""
+    """Return the columns of a subject's name, group and table data, under the column names of its row."""
     columns, groups = {"name": subject.name}, [key for key in row if key.startswith("group_")]
     for key, value in subject.columns.items():
         group = f"group_{key}"
         columns[group if group in row else key if key in row else escape_column(key)] = value
-    if subject.group is not None:  # in front of further ones: whoever imports takes the first for the group
+    if subject.group is not None:  # first, since importers use the first column as group
         columns = {groups[0] if groups else "group_group": subject.group} | columns
     return columns
 
 
 def _settings(source: ShapeWorksProject, record: ResultRecord, domain: str) -> dict[str, Any]:
-    """Return the tables besides the rows: those that were imported, with what this result changes."""
+    """Return the tables other than the rows: the imported ones, updated by this result."""
     tables = tables_of(source)
     tables["groom"] = tables["groom"] or {domain: {}}
     tables["project"] = {"version": "2"} | tables["project"]

@@ -1,7 +1,7 @@
-"""ShapeWorks project files, ``.swproj`` (JSON) and ``.xlsx``: rows of texts, and whatever else is in them.
+"""ShapeWorks project files, ``.swproj`` (JSON) and ``.xlsx``: rows of texts, and other tables.
 
 The layout is that of ShapeWorks 6.4 to 6.7 (``Libs/Project`` of its sources): every value is a text, a row is
-a subject, columns of files and transforms end in the name of their domain (anatomy).
+a subject, and columns of files and transforms end in the name of their domain (anatomy).
 """
 
 import zipfile
@@ -19,14 +19,14 @@ __all__ = ["INPUTS", "PATH_PREFIXES", "PREFIXES", "Row", "ShapeWorksProject", "r
 Row = dict[str, str]
 
 INPUTS = ("segmentation_", "shape_", "mesh_", "contour_")
-"""Beginnings of columns that hold the path of an input."""
+"""Prefixes of columns with the path of an input."""
 PATH_PREFIXES = (
     *INPUTS, "groomed_", "local_particles_", "world_particles_", "landmarks_file_", "constraints_", "image_",
     "feature_",
 )  # fmt: skip
-"""Beginnings of columns that hold paths, relative to the project's folder."""
+"""Prefixes of columns with paths relative to the project's folder."""
 PREFIXES = (*PATH_PREFIXES, "alignment_", "procrustes_", "group_")
-"""Beginnings of all columns that mean something to ShapeWorks; others are table data."""
+"""Prefixes of all columns that ShapeWorks interprets; other columns are table data."""
 
 LARGEST_UNPACKED = 256 * 2**20
 _MOST_ROWS = 100_000
@@ -43,7 +43,7 @@ class ShapeWorksProject:
     rows : tuple of Row
         Columns of each subject.
     others : dict
-        Everything else, by key: ``groom``, ``optimize``, ``landmarks`` and whatever there is.
+        Other content by key, such as ``groom``, ``optimize`` and ``landmarks``.
     """
 
     path: Path
@@ -52,7 +52,7 @@ class ShapeWorksProject:
 
     @property
     def domains(self) -> list[str]:
-        """Names of the anatomies, in the order of their columns; a project of particles only has ``"1"``."""
+        """Names of the anatomies, in the order of their columns; without files only ``"1"``."""
         keys = list(dict.fromkeys(key for row in self.rows for key in row))
         for prefixes in (INPUTS, ("groomed_",), ("world_particles_", "local_particles_")):
             names = [
@@ -63,7 +63,7 @@ class ShapeWorksProject:
         return ["1"]
 
     def table(self, key: str) -> Row:
-        """Return one of the other tables, such as ``optimize``; empty if it is not there or no table."""
+        """Return one of the other tables, such as ``optimize``; empty if it is missing or not a table."""
         nested = self.others.get(key)
         return self.texts(nested) if isinstance(nested, dict) else {}
 
@@ -73,7 +73,7 @@ class ShapeWorksProject:
         return {str(name): _text(value) for name, value in table.items()}
 
     def inputs(self, row: Row, domain: str) -> list[str]:
-        """Return the paths of a subject's groomed and original shape, as far as they are given."""
+        """Return the paths of a subject's groomed and original shapes, if given."""
         values = [row.get(f"{prefix}{domain}", "") for prefix in ("groomed_", *INPUTS)]
         return [value for value in values if value]
 
@@ -84,7 +84,7 @@ def read_shapeworks_file(path: Path) -> ShapeWorksProject:
     Parameters
     ----------
     path : Path
-        Ends in .swproj or .xlsx.
+        File that ends in .swproj or .xlsx.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def _from_json(path: Path) -> tuple[list[Row], dict[str, Any]]:
     data = content.pop("data", None)
     if not isinstance(data, list) or not all(isinstance(row, dict) for row in data):
         raise InputError(
-            f"{path}: is not a ShapeWorks project (it has no list called data); choose another file"
+            f"{path}: is not a ShapeWorks project (it has no list named data); choose another file"
         )
     return [{str(key): _text(value) for key, value in row.items()} for row in data], content
 
@@ -121,16 +121,16 @@ def _from_xlsx(path: Path) -> tuple[list[Row], dict[str, Any]]:
         with zipfile.ZipFile(path) as archive:
             if sum(item.file_size for item in archive.infolist()) > LARGEST_UNPACKED:
                 raise InputError(
-                    f"{path}: unpacks to more than a ShapeWorks project contains; choose another file"
+                    f"{path}: is implausibly large for a ShapeWorks project; choose another file"
                 )
         sheets = {}
         with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
             for sheet in book.worksheets:
-                sheet.reset_dimensions()  # what a sheet claims of its size would be filled with blanks
+                sheet.reset_dimensions()  # the declared size of a sheet would be filled with blanks
                 sheets[sheet.title] = _table(path, sheet.iter_rows(values_only=True))
     except InputError:
         raise
-    except Exception as error:  # what zip, XML and openpyxl raise on damaged files is no short list
+    except Exception as error:  # zip, XML and openpyxl raise many kinds of errors
         raise InputError(f"{path}: can't be read as a ShapeWorks project: {error}; save it again") from error
     first = next(iter(sheets), "")
     rows = sheets.pop("data" if "data" in sheets else first, [])
@@ -141,13 +141,13 @@ def _from_xlsx(path: Path) -> tuple[list[Row], dict[str, Any]]:
         elif title == "groom":
             others[title] = _by_domain(table)
         else:
-            pairs = (list(row.values())[:2] for row in table)  # whatever the heads are, as ShapeWorks does
+            pairs = (list(row.values())[:2] for row in table)  # for any headings, as in ShapeWorks
             others[title] = {pair[0]: pair[-1] for pair in pairs if len(pair) == 2 and pair[0]}
     return rows, others
 
 
 def _table(path: Path, lines: Any) -> list[Row]:  # noqa: ANN401 - openpyxl has no types
-    """Return a sheet's rows by the names in its first; blank ones are omitted."""
+    """Return a sheet's rows by the names in its first row, without blank rows."""
     heads: list[str] = []
     rows: list[Row] = []
     for number, line in enumerate(lines):

@@ -22,11 +22,11 @@ def save_source_metadata(project: ProjectFolder, source: ShapeWorksProject, doma
     Parameters
     ----------
     project : ProjectFolder
-        Where it is stored.
+        The project that stores it.
     source : ShapeWorksProject
-        What was imported.
+        The imported project.
     domain : str
-        The anatomy that was imported.
+        The imported anatomy.
     """
     rows = [moved_paths(row, source.path.parent, project.folder) for row in source.rows]
     content = {"file": source.path.name, "domain": domain, "data": rows, "others": source.others}
@@ -58,14 +58,14 @@ def load_source_metadata(project: ProjectFolder) -> tuple[ShapeWorksProject, str
 
 
 def moved_paths(row: Row, old: Path, new: Path) -> Row:
-    """Return a row whose paths start at another folder.
+    """Return a row with paths relative to another folder.
 
     Parameters
     ----------
     row : dict
         A subject's row of a ShapeWorks project.
     old, new : Path
-        The folder that relative paths start at, before and after.
+        The folders to which paths are relative, before and after.
 
     Returns
     -------
@@ -84,6 +84,6 @@ def _moved(value: str, old: Path, new: Path) -> str:
         if place is None:
             return value
         moved = Path(os.path.relpath(place, new.resolve())).as_posix()
-    except (InputError, ValueError):  # no path, or on another drive
+    except (InputError, ValueError):  # not a path, or on another drive
         return value
     return moved.replace(" ", "%20") if "%20" in value else moved

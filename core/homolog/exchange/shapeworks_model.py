@@ -22,7 +22,7 @@ def model_of_project(source: ShapeWorksProject, domain: str) -> ForeignModel:
     Raises
     ------
     InputError
-        If a file is missing or damaged, a subject has no particles, or two have one name.
+        If a file is missing or damaged, a subject has no particles, or two have the same name.
     """
     rows = [row for row in source.rows if row.get("excluded", "").lower() not in _YES]
     out = [_name(row, domain) for row in source.rows if row not in rows]
@@ -56,12 +56,12 @@ def model_of_project(source: ShapeWorksProject, domain: str) -> ForeignModel:
 
 
 def model_of_folder(folder: Path) -> ForeignModel:
-    """Return the model of a folder with one file of particles for each subject, or two, local and world.
+    """Return the model of a folder with one particle file per subject, or two (local and world).
 
     Raises
     ------
     InputError
-        If there are fewer than two, or one can't be read.
+        If there are fewer than two subjects, or a file can't be read.
     """
     files: dict[str, dict[str, Path]] = {}
     for path in sorted(folder.iterdir()):
@@ -129,7 +129,7 @@ def _needed(path: Path, name: str, value: str) -> Path:
 
 
 def _name(row: Row, domain: str) -> str:
-    """Return a subject's name; ShapeWorks itself falls back on the name of the shape's file."""
+    """Return a subject's name; like ShapeWorks, fall back on the name of the shape's file."""
     if row.get("name"):
         return row["name"]
     for prefix in (*INPUTS, "groomed_", "local_particles_", "world_particles_"):
@@ -152,7 +152,7 @@ def _alignment(path: Path, row: Row, domain: str) -> FloatArray | None:
 
 
 def _matrix(path: Path, text: str) -> FloatArray:
-    """Read a transform: 16 numbers by rows, or the old form of 12, which is but a translation."""
+    """Read a transform: 16 numbers by rows, or 12 in the old form, of which only the translation is used."""
     try:
         numbers = np.array([float(word) for word in text.split()])
     except ValueError as error:

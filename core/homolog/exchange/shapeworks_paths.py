@@ -15,7 +15,7 @@ def plain_path(path: str) -> str:
     Raises
     ------
     InputError
-        If no system would take it for one.
+        If it is not a valid path on any system.
     """
     try:
         return checked_path(path.replace("\\", "/").replace("%20", " "))
@@ -26,13 +26,13 @@ def plain_path(path: str) -> str:
 def place_of(path: str, folder: Path) -> Path | None:
     r"""Return the target of a path in a project of a folder.
 
-    For a whole path of another machine (``C:\study\a.ply``, ``\\server\study\a.ply``, ``/home/me/a.ply``) it
-    is the file in the folder with the longest end of that path, None if there is none.
+    For an absolute path of another machine (``C:\study\a.ply``, ``\\server\study\a.ply``, ``/home/me/a.ply``)
+    it is the file in the folder with the longest end of that path, None if there is none.
     """
     plain = plain_path(path)
     place = folder / plain
-    literal = folder / path.replace("\\", "/")  # a file may be called a%20b
-    if os.path.exists(literal):  # which never raises
+    literal = folder / path.replace("\\", "/")  # a file may be named a%20b
+    if os.path.exists(literal):  # it never raises
         return literal
     if not _is_integer(plain) or os.path.exists(place):
         return place

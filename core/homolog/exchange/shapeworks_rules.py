@@ -1,7 +1,7 @@
 """Requirements of ShapeWorks on projects, after ``Libs/Project`` of its sources.
 
-Its reader takes columns by their beginnings, refuses every value that is no text, and a subject that has a
-kind of column for some of its anatomies only.
+Its reader identifies columns by prefixes. It refuses values that are not text, and a subject with a kind of
+column for only some of its anatomies.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ _OF_EACH = {
     "landmarks_file_": "", "constraints_": "", "groomed_": "", "local_particles_": "", "world_particles_": "",
     "alignment_": _IDENTITY, "procrustes_": _IDENTITY,
 }  # fmt: skip
-"""Beginnings of columns that all anatomies have or none, and what stands for nothing."""
+"""Prefixes of columns that must exist for all anatomies or none, and their empty values."""
 
 
 def escape_column(name: str) -> str:
@@ -29,7 +29,8 @@ def escape_column(name: str) -> str:
 def complete_row(row: Row, domains: Sequence[str]) -> Row:
     """Return a subject's row with each kind of column for all anatomies or for none, inputs first.
 
-    Paths that are missing are empty, transforms the identity. The order of inputs is that of the anatomies.
+    Missing paths are empty, and missing transforms are the identity. Inputs are in the order of the
+    anatomies.
     """
     inputs: Row = {}
     for domain in domains:
@@ -44,7 +45,7 @@ def complete_row(row: Row, domains: Sequence[str]) -> Row:
 
 
 def tables_of(source: ShapeWorksProject) -> dict[str, Any]:
-    """Return all but a project's rows; the tables that ShapeWorks reads hold texts only."""
+    """Return a project's tables without its rows; the tables that ShapeWorks reads contain only texts."""
     groom, landmarks = source.others.get("groom"), source.others.get("landmarks")
     return source.others | {
         "groom": {

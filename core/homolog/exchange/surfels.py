@@ -1,6 +1,6 @@
-"""Surfaces drawn from particles alone: a small disc at each, across the direction that is outward there.
+"""Surfaces shown by particles alone: a small disc at each particle, facing outward.
 
-Discs show what is known, where the surface runs and which way it faces, and claim nothing between particles.
+Discs show only the known positions and orientations of the surface, and nothing between particles.
 """
 
 import numpy as np
@@ -15,19 +15,19 @@ __all__ = ["outward_directions", "surfels"]
 
 _NEIGHBOURS = 8
 _CORNERS = 8
-_RADIUS = 0.5  # of the distance to the nearest neighbours
+_RADIUS = 0.5  # relative to the distance to the nearest neighbours
 
 
 def outward_directions(points: FloatArray) -> FloatArray:
-    """Return unit normals of a closed surface at scattered points of it.
+    """Return unit normals of a closed surface at scattered points on it.
 
-    Planes are fitted to neighbours and turned alike along the tree that joins those most nearly parallel
-    (Hoppe et al., SIGGRAPH 1992), starting outward at the highest point.
+    Planes are fitted to neighbours and oriented consistently along the tree that connects the most nearly
+    parallel ones (Hoppe et al., SIGGRAPH 1992), starting outward at the highest point.
 
     Parameters
     ----------
     points : (N, 3) array
-        At least four.
+        At least four points.
     """
     near = np.asarray(KDTree(points).query(points, k=min(_NEIGHBOURS + 1, len(points)))[1])[:, 1:]
     offsets = points[near] - points[near].mean(axis=1, keepdims=True)
@@ -45,7 +45,7 @@ def outward_directions(points: FloatArray) -> FloatArray:
         if normals[item] @ normals[parents[item]] < 0.0:
             normals[item] *= -1.0
     away = points - points.mean(axis=0)
-    for entry in np.setdiff1d(np.arange(len(points)), order):  # apart from the rest: away from the middle
+    for entry in np.setdiff1d(np.arange(len(points)), order):  # separate components: away from the centre
         if normals[entry] @ away[entry] < 0.0:
             normals[entry] *= -1.0
     return normals

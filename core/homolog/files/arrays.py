@@ -37,15 +37,15 @@ def read_arrays(
     ----------
     path : Path
     remedy : str
-        What to do if the file is damaged.
+        The remedy in messages about a damaged file.
     names : collection of str, optional
-        Read only these, as far as the file has them.
+        Names of the arrays to read, if present; by default all.
 
     Raises
     ------
     InputError
-        If the file is missing or damaged, holds anything but plain arrays, or unpacks to more than memory
-        holds.
+        If the file is missing or damaged, contains anything but plain arrays, or unpacks to more than the
+        memory.
     """
     check_is_file(Path(path))
     try:
@@ -59,5 +59,5 @@ def read_arrays(
             return {name: frozen(array) if array.ndim else array for name, array in arrays.items()}
     except InputError:
         raise
-    except Exception as error:  # what zip, zlib and npy readers raise on damaged files is no short list
+    except Exception as error:  # zip, zlib and npy readers raise many kinds of errors
         raise InputError(f"{path}: is damaged: {error}; {remedy}") from error

@@ -23,7 +23,7 @@ def report_os_errors(path: Path) -> Iterator[None]:
     except OSError as error:
         reason = error.strerror or error
         raise InputError(
-            f"{path}: can't be written: {reason}; choose a folder that is writable and has room"
+            f"{path}: can't be written: {reason}; choose a writable folder with enough free space"
         ) from error
 
 
@@ -34,7 +34,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
     Parameters
     ----------
     path : Path
-        The file to make or replace. Its folder is made if need be.
+        The file to create or replace. Its folder is created if necessary.
 
     Yields
     ------
@@ -44,14 +44,14 @@ def atomic_write(path: Path) -> Iterator[Path]:
     Raises
     ------
     InputError
-        If the folder can't be written to or the disk is full; `path` is then as it was.
+        If the folder can't be written to or the disk is full; `path` is then unchanged.
     """
     path = Path(path)
     temp = path.with_name(f"{_TEMP_PREFIX}{os.getpid()}-{path.name}")
     with report_os_errors(path):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            temp.unlink(missing_ok=True)  # what has that name is never written through
+            temp.unlink(missing_ok=True)  # an existing file or link of this name is never written to
             yield temp
             with temp.open("rb+") as stream:
                 os.fsync(stream.fileno())
@@ -64,14 +64,14 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def replace_folder(path: Path) -> Iterator[Path]:
-    """Yield a folder to write to, which becomes `path` when the block ends without an error, or is removed.
+    """Yield a folder to write to. It becomes `path` if the block ends without an error, or is removed.
 
     Remains of killed processes for the same folder are removed, too.
 
     Raises
     ------
     InputError
-        If `path` is a file or a folder that holds anything, or the place can't be written to.
+        If `path` is a file or a folder that is not empty, or can't be written to.
     """
     path = Path(path)
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
@@ -103,7 +103,7 @@ def _remove_abandoned(path: Path) -> None:
 
 
 def _in_place(error: InputError, temp: Path, path: Path) -> InputError:
-    """Return an error that names the file that was wanted, not the hidden one."""
+    """Return an error that names the requested file instead of the hidden one."""
     return InputError(str(error).replace(str(temp), str(path)))
 
 

@@ -16,17 +16,17 @@ def read_bytes(path: Path, kind: str) -> bytes:
     ----------
     path : Path
     kind : str
-        What the file should be, for messages: ``"ShapeWorks project"``.
+        Expected kind of file, for messages, such as ``"ShapeWorks project"``.
 
     Returns
     -------
     bytes
-        The whole file.
+        Content of the file.
 
     Raises
     ------
     InputError
-        If it is missing, no file, too large, or can't be read.
+        If it is missing, not a file, too large, or can't be read.
     """
     check_is_file(path)
     try:
@@ -45,6 +45,6 @@ def check_is_file(path: Path) -> None:
         if path.is_file():
             return
         there = path.exists()
-    except (OSError, ValueError) as error:  # no path, or a folder on the way that can't be looked into
+    except (OSError, ValueError) as error:  # not a path, or in a folder without permission
         raise InputError(f"{path}: can't be read: {error}; correct the path") from error
     raise InputError(f"{path}: {'is not a file' if there else 'does not exist'}; correct the path")

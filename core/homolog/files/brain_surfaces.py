@@ -1,6 +1,6 @@
-"""Surfaces of brain imaging: GIFTI (``.gii``) and FreeSurfer's (``lh.pial``), placed in the scanner's RAS.
+"""Surfaces of brain imaging: GIFTI (``.gii``) and FreeSurfer's (``lh.pial``), in the scanner's RAS frame.
 
-Parsed here rather than by nibabel, which unpacks arrays of any length and warns on the standard error.
+This module does not use nibabel, which unpacks arrays of any length and prints to the standard error.
 """
 
 import base64
@@ -29,24 +29,24 @@ _SCANNER, _UNKNOWN = "NIFTI_XFORM_SCANNER_ANAT", "NIFTI_XFORM_UNKNOWN"
 _TRIANGLES, _QUADRANGLES = b"\xff\xff\xfe", (b"\xff\xff\xff", b"\xff\xff\xfd")
 _VECTOR = re.compile(rb"(?:^|\x14)(valid|xras|yras|zras|cras)\s*=([^\n]*)", re.MULTILINE)
 _SURFACE_AXES = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-"""Columns: how the axes of a volume lie in the frame of FreeSurfer's surfaces, whatever its orientation."""
+"""Axes (columns) of a volume in the frame of FreeSurfer's surfaces, which is the same for any orientation."""
 _REAL_RAS = b"\x00\x00\x00\x02\x00\x00\x00\x01"
-"""Tag of a surface whose points are in the scanner's frame already."""
+"""Tag of a surface whose points are already in the scanner's frame."""
 
 
 def read_gifti(content: bytes) -> Polygons:
-    """Read the points and triangles of a GIFTI file; its matrix is applied if it leads to the scanner.
+    """Read the points and triangles of a GIFTI file; its matrix is applied if it maps to the scanner's frame.
 
     Raises
     ------
     ValueError
-        If it is damaged, holds no surface, or its arrays are in other files.
+        If it is damaged, contains no surface, or its arrays are in other files.
     """
     if b"<!ENTITY" in content:
         raise ValueError("a document type with entities")
     root = ElementTree.fromstring(content)
     if root.tag != "GIFTI":
-        raise ValueError("no GIFTI file")
+        raise ValueError("not a GIFTI file")
     arrays = {item.get("Intent", ""): item for item in reversed(root.findall("DataArray"))}
     points, faces = arrays.get("NIFTI_INTENT_POINTSET"), arrays.get("NIFTI_INTENT_TRIANGLE")
     if points is None or faces is None:
@@ -56,7 +56,7 @@ def read_gifti(content: bytes) -> Polygons:
 
 
 def _to_scanner(points: ElementTree.Element) -> FloatArray:
-    """Return the matrix of the points, or no motion where they lie in a frame that is named already."""
+    """Return the matrix of the points, or the identity if their frame is already a named one."""
     for system in points.findall("CoordinateSystemTransformMatrix"):
         source = (system.findtext("DataSpace") or "").strip()
         target = (system.findtext("TransformedSpace") or "").strip()
@@ -69,10 +69,10 @@ def _to_scanner(points: ElementTree.Element) -> FloatArray:
 
 
 def _table(item: ElementTree.Element) -> Array:
-    """Return an array (N, 3), not unpacked further than its size goes."""
+    """Return an array (N, 3), unpacking no more than its declared size."""
     rows, columns = int(item.get("Dim0", "0")), int(item.get("Dim1", "1"))
     if columns != 3 or not 0 <= rows <= MOST:
-        raise ValueError("an array of another shape than points or triangles have")
+        raise ValueError("an array whose shape is not that of points or triangles")
     name, order = item.get("DataType", ""), item.get("ArrayIndexingOrder", "RowMajorOrder")
     kind = np.dtype(("<" if "Little" in item.get("Endian", "") else ">") + (_KINDS | _CODES)[name])
     encoding, text = item.get("Encoding", ""), item.findtext("Data") or ""
@@ -83,7 +83,7 @@ def _table(item: ElementTree.Element) -> Array:
     else:
         raise ValueError("arrays in another file; save the surface as one file")
     if len(flat) != rows * columns:
-        raise ValueError("cut short, or an array of another length than it says")
+        raise ValueError("cut short, or an array whose length differs from the declared one")
     return flat.reshape(rows, columns, order="F" if order.startswith("Column") else "C")
 
 
@@ -98,18 +98,18 @@ def _bytes(text: str, encoding: str, size: int) -> bytes:
 
 
 def read_freesurfer(content: bytes) -> Polygons:
-    """Read a triangle surface of FreeSurfer's; placed by the volume that it was made of, if it names one.
+    """Read a triangle surface of FreeSurfer, positioned by the volume that it names, if any.
 
     Raises
     ------
     ValueError
-        If it is damaged, or no triangle surface.
+        If it is damaged, or not a triangle surface.
     """
     if content.startswith(_QUADRANGLES):
-        raise ValueError("values of a surface or FreeSurfer's old quadrangles, no triangle surface")
-    begin = content.find(b"\n", content.find(b"\n") + 1) + 1  # after a line by whom, and one that is empty
+        raise ValueError("values of a surface or FreeSurfer's old quadrangles, not a triangle surface")
+    begin = content.find(b"\n", content.find(b"\n") + 1) + 1  # after a line with the author, and an empty one
     if not content.startswith(_TRIANGLES) or begin == 0:
-        raise ValueError("no surface of FreeSurfer's")
+        raise ValueError("not a FreeSurfer surface")
     points, faces = (int(number) for number in np.frombuffer(content, ">i4", 2, begin))
     if not (0 <= points <= MOST and 0 <= faces <= MOST):
         raise ValueError("claims more points or faces than it can contain")
@@ -121,7 +121,7 @@ def read_freesurfer(content: bytes) -> Polygons:
 
 
 def _volume(footer: bytes) -> tuple[FloatArray, FloatArray]:
-    """Return how the surface's frame lies in the scanner's: rotation, and the volume's centre (``cras``)."""
+    """Return the surface's frame in the scanner's: its rotation, and the volume's centre (``cras``)."""
     said = {name.decode(): value for name, value in _VECTOR.findall(footer)}
     if footer.startswith(_REAL_RAS) or not said.get("valid", b"").strip().startswith(b"1"):
         return np.eye(3), np.zeros(3)

@@ -17,7 +17,7 @@ def write_image(path: Path, values: Array, index_to_world: FloatArray) -> None:
     Parameters
     ----------
     path : Path
-        Its ending tells the format: ``.nrrd``.
+        File that ends in ``.nrrd``.
     values : (I, J, K) array
         One number for each voxel.
     index_to_world : (4, 4) array
@@ -38,5 +38,5 @@ def write_image(path: Path, values: Array, index_to_world: FloatArray) -> None:
             SimpleITK.WriteImage(image, str(part), useCompression=True)
         except RuntimeError as error:
             raise InputError(
-                f"{path}: can't be written; choose a folder that is writable and has room"
+                f"{path}: can't be written; choose a writable folder with enough free space"
             ) from error

@@ -17,7 +17,7 @@ def read_json(path: Path, kind: str) -> dict[str, Any]:
     ----------
     path : Path
     kind : str
-        What the file should be, for messages: ``"ShapeWorks project"``.
+        Expected kind of file, for messages, such as ``"ShapeWorks project"``.
 
     Returns
     -------
@@ -27,7 +27,7 @@ def read_json(path: Path, kind: str) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If the file is missing, too large, or holds no JSON object.
+        If the file is missing, too large, or not a JSON object.
     """
     stored = read_bytes(path, kind)
     try:

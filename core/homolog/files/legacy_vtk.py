@@ -1,4 +1,4 @@
-"""Legacy VTK files (``.vtk``), text and binary, versions 1 to 5: VTK's own reader crashes on damaged ones.
+"""Legacy VTK files (``.vtk``), text and binary, versions 1 to 5; VTK's own reader crashes on damaged files.
 
 After *VTK File Formats* (Kitware) and the sources of ``vtkDataReader``. Everything is big-endian.
 """
@@ -33,7 +33,7 @@ _SETS = (b"polydata", b"unstructured_grid")
 
 
 def read_legacy_vtk(content: bytes) -> Polygons:
-    """Read the surface of a legacy file, of volume cells the outer one; values are not looked at.
+    """Read the surface of a legacy file; of volume cells, the outer surface. Values are ignored.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def read_legacy_vtk(content: bytes) -> Polygons:
     head = _HEAD.match(content)
     if head is None or head[4].lower() not in _SETS:
         kind = "" if head is None else head[4].decode("latin-1").upper()
-        raise ValueError(f"it holds {kind}, no surface; save images as NRRD" if head else "no VTK file")
+        raise ValueError(f"contains {kind}, not a surface; save images as NRRD" if head else "not a VTK file")
     file = _File(content, head.end(), binary=head[3].lower() == b"binary", version=int(head[1]))
     points, cells, space = np.empty((0, 3)), dict.fromkeys(_CELLS, Cells.of_lists([])), ""
     types: Array = np.empty(0, np.int64)
@@ -121,7 +121,7 @@ class _File:
         return self._content[start : self._at]
 
     def cells(self) -> Cells:
-        """Return lists of vertices in the way of the file's version."""
+        """Return lists of vertices in the format of the file's version."""
         count, size = self.number(), self.number()
         if self._version >= 5:
             starts, corners = (
@@ -138,7 +138,7 @@ class _File:
             lists.append(flat[at + 1 : at + 1 + max(int(flat[at]), 0)].tolist())
             at += 1 + len(lists[-1])
         if at != size or len(lists) != count:
-            raise ValueError("faces that do not fit together")
+            raise ValueError("inconsistent faces")
         return Cells.of_lists(lists)
 
     def _named(self, name: str, count: int) -> Array:
@@ -152,7 +152,7 @@ class _File:
         space = ""
         for _ in range(self.number()):
             name = self._text()
-            if name.lower() == "metadata":  # of the array before
+            if name.lower() == "metadata":  # of the preceding array
                 self.skip_metadata()
                 name = self._text()
             count, kind = self.number() * self.number(), self.word()
@@ -166,7 +166,7 @@ class _File:
         return space
 
     def _texts(self, count: int) -> list[str]:
-        """Return texts: each a line, or bytes after a length whose first two bits tell its own size."""
+        """Return texts: lines, or bytes after a length whose first two bits give its own size."""
         self._bytes(0)
         strings = []
         for _ in range(count):

@@ -19,26 +19,26 @@ __all__ = ["MappedArrays", "mapped_within"]
 _Item = TypeVar("_Item", bound=np.generic)
 
 _BLOCK = 64 * 2**20
-"""Smallest file [bytes]; one for each array would be too many open files."""
+"""Smallest file [bytes]; a file for each array would be too many open files."""
 _LINE = 64
 """Arrays begin at multiples of it [bytes]."""
 _INTERVAL_S = 0.02
-"""Between two looks at the memory in use."""
+"""Interval between checks of the memory in use."""
 
 
 class MappedArrays:
-    """A `Store` that copies arrays to files without a name, mapped into memory.
+    """A `Store` that copies arrays to unnamed files, mapped into memory.
 
     Used pages count as memory of the process. A thread releases them while the process exceeds the
-    budget; they are read again from the file, or the system's cache, when they are needed. The files
+    budget; they are read again from the file, or the system's cache, on access. The files
     are removed when the process ends.
 
     Parameters
     ----------
     folder : Path
-        On the disk that is used.
+        Folder on the disk to use.
     budget : int
-        Memory of the process [bytes].
+        Largest memory of the process [bytes].
     """
 
     def __init__(self, folder: Path, budget: int) -> None:
@@ -55,7 +55,7 @@ class MappedArrays:
         return sum(len(block) for block in self._blocks)
 
     def __call__(self, array: NDArray[_Item], /) -> NDArray[_Item]:
-        """Return a copy of an array in a file; writable, as memory is.
+        """Return a writable copy of an array in a file.
 
         Raises
         ------
@@ -71,8 +71,8 @@ class MappedArrays:
         return place
 
     def release_pages(self) -> None:
-        """Release all mapped pages; they are mapped again when needed."""
-        if hasattr(mmap, "MADV_DONTNEED"):  # Windows takes pages of mapped files from processes by itself
+        """Release all mapped pages; they are read again on access."""
+        if hasattr(mmap, "MADV_DONTNEED"):  # Windows releases pages of mapped files itself
             for block in list(self._blocks):
                 block.madvise(mmap.MADV_DONTNEED)
 
@@ -84,7 +84,7 @@ class MappedArrays:
     def _add_block(self, size: int) -> None:
         with report_os_errors(self._folder), tempfile.TemporaryFile(dir=self._folder) as file:
             zeros = bytes(_BLOCK)
-            for first in range(0, size, _BLOCK):  # takes the room now: a full disk is no fault of a page then
+            for first in range(0, size, _BLOCK):  # allocates the space, so that a full disk is reported here
                 file.write(zeros[: size - first])
             file.flush()
             self._blocks.append(mmap.mmap(file.fileno(), size))

@@ -24,7 +24,7 @@ _SCHEMA = (
 )
 _TO_LPS = {"LPS": (1.0, 1.0, 1.0), "1": (1.0, 1.0, 1.0), "RAS": (-1.0, -1.0, 1.0), "0": (-1.0, -1.0, 1.0)}
 _NOT_SET = ("undefined", "missing", "preview")
-_IDENTITY = [-1.0, -0.0, -0.0, -0.0, -1.0, -0.0, 0.0, 0.0, 1.0]  # of RAS axes, as Slicer writes them in LPS
+_IDENTITY = [-1.0, -0.0, -0.0, -0.0, -1.0, -0.0, 0.0, 0.0, 1.0]  # RAS axes as Slicer writes them in LPS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +34,7 @@ class Markups:
     Attributes
     ----------
     names : tuple of str
-        L names, no two alike.
+        L distinct names.
     points : (L, 3) float64 array
         Positions [mm, LPS], read-only.
     """
@@ -51,11 +51,11 @@ def write_markups(
     Parameters
     ----------
     path : Path
-        By Slicer's custom ends in ``.mrk.json``. Replaced whole or not at all.
+        File that by Slicer's convention ends in ``.mrk.json``. It is replaced atomically.
     points : (N, 3) array
         Positions [mm, LPS].
     names : sequence of str, optional
-        Labels of the points; their numbers from 0, which are those of the correspondence, if not given.
+        Labels of the points; by default their indices, which are those of the correspondence.
     title : str
         Name of the list in Slicer.
 
@@ -98,8 +98,8 @@ def read_markups(path: Path) -> Markups:
     Raises
     ------
     InputError
-        If the file can't be read, holds no point list or several, two points have one name, or a position,
-        unit or coordinate system makes no sense.
+        If the file can't be read, contains no or several point lists, two points have the same name, or a
+        position, unit or coordinate system is invalid.
     """
     path = Path(path)
     axes, placed = _fcsv_points(path) if path.suffix.lower() == ".fcsv" else _json_points(path)
@@ -110,7 +110,7 @@ def read_markups(path: Path) -> Markups:
     names = tuple(name for name, _ in placed)
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise InputError(f"{path}: several points are called {', '.join(twice[:5])}; give each its own name")
+        raise InputError(f"{path}: several points are named {', '.join(twice[:5])}; give each its own name")
     return Markups(names, frozen(np.array([point for _, point in placed]) * _TO_LPS[axes.upper()]))
 
 
@@ -134,7 +134,7 @@ _SETTING = re.compile(r"#\s*(CoordinateSystem|columns)\s*=\s*(.+)", re.IGNORECAS
 def _fcsv_points(path: Path) -> tuple[str, list[tuple[str, list[float]]]]:
     """Return the coordinate system of a file of older versions of Slicer and its points, with their names.
 
-    Without a line that says which, coordinates are RAS, as in versions that wrote none.
+    Without a line that names the coordinate system it is RAS, as in versions that wrote none.
     """
     stored = read_bytes(path, "Slicer markups file")
     try:
@@ -160,7 +160,7 @@ def _is_placed(control_point: object) -> bool:
 
 
 def _point(path: Path, control_point: Any) -> tuple[str, list[float]]:  # noqa: ANN401 - JSON
-    """Return a control point's name and position as they are in the file."""
+    """Return a control point's name and position in the file's coordinates."""
     name = (
         str(control_point.get("label") or control_point.get("id") or "")
         if isinstance(control_point, Mapping)
@@ -178,7 +178,7 @@ def _point(path: Path, control_point: Any) -> tuple[str, list[float]]:  # noqa: 
 
 
 def landmark_table(markups: Sequence[Markups]) -> tuple[tuple[str, ...], FloatArray]:
-    """Return the names that two or more lists have, and all positions, (M, L, 3), NaN if missing."""
+    """Return the names in two or more lists, and all positions, (M, L, 3), NaN if missing."""
     every = [name for markup in markups for name in markup.names]
     shared = tuple(name for name in dict.fromkeys(every) if every.count(name) > 1)
     table = np.full((len(markups), len(shared), 3), np.nan)

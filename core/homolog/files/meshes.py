@@ -1,6 +1,6 @@
 """Surface meshes as files: VTP, VTU, VTK, PLY, STL, OBJ, OFF, glTF, 3MF, GIFTI and FreeSurfer's.
 
-VTK's readers follow damaged files out of memory, which ends the program; here files are read without it.
+Files are read without VTK, whose readers access invalid memory on damaged files, which ends the program.
 """
 
 import gzip
@@ -45,11 +45,11 @@ _READERS: dict[str, Callable[[bytes], Polygons]] = {
 }
 _WRITTEN = (".vtp", ".vtk", ".ply", ".stl", ".obj")
 _PACKED = (".vtk", ".ply", ".stl", ".obj", ".off")
-"""Types that are read compressed by gzip, too."""
+"""Types that may also be compressed by gzip."""
 _PART = 2**24  # bytes that are unpacked at once
-_READ_BYTES = 32  # of memory for each byte of a file, at most about
+_READ_BYTES = 32  # approximate largest memory per byte of a file
 _MOST_LOST = 0.01
-"""Of the faces: with more corners that aren't numbers a file is damaged; fewer leave holes."""
+"""Largest fraction of faces with vertices that are not finite; with more the file counts as damaged."""
 _LPS_HEADER = "SPACE=LPS"  # 3D Slicer's mark for the patient frame used here
 
 
@@ -68,13 +68,13 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     Returns
     -------
     TriangleMesh
-        In LPS millimetres.
+        The surface in LPS [mm]; it may be open.
 
     Raises
     ------
     InputError
-        If the file is missing or can't be read, contains no triangles, or more than 1 % of them have
-        vertices that are not finite (fewer are removed). The surface may be open.
+        If the file is missing or can't be read, contains no triangles, or more than 1 % of them have vertices
+        that are not finite (fewer are removed).
 
     Examples
     --------
@@ -99,9 +99,9 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     try:
         surface = read_gltf(content, path.parent) if reader is read_gltf else reader(content)
         every = surface.triangles()
-    except ModuleNotFoundError:  # nothing is wrong with the file
+    except ModuleNotFoundError:  # not a fault of the file
         raise
-    except Exception as error:  # what parsers raise on damaged files is no short list
+    except Exception as error:  # parsers raise many kinds of errors on damaged files
         raise InputError(
             f"{path}: can't be read as a mesh (truncated, damaged or of another type: "
             f"{_parser_message(error)}); "
@@ -111,7 +111,7 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     if len(every) - len(faces) > _MOST_LOST * len(every):
         raise InputError(f"{path}: contains coordinates that aren't numbers; export the surface again")
     if not len(faces):
-        raise InputError(f"{path}: contains no triangles; export the surface, not its points only")
+        raise InputError(f"{path}: contains no triangles; export the surface, not only its points")
     turn = (-1.0, -1.0, 1.0) if "SPACE=RAS" in surface.header else (1.0, 1.0, 1.0)
     return TriangleMesh(*_welded(surface.points * turn, faces))
 
@@ -130,8 +130,8 @@ def _unpacked(path: Path) -> bytes:
 
 
 def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """Merge coinciding vertices and drop unused ones, the rest in order; drop faces that lost a corner."""
-    if may_have_twins(vertices):  # the sorting of rows takes ten times as long
+    """Merge coinciding vertices and drop unused ones, keeping the order; drop faces that lose a corner."""
+    if may_have_twins(vertices):  # sorting rows is ten times slower
         _, first, same = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
         faces = first[same.ravel()][faces]
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
@@ -151,15 +151,15 @@ def write_mesh(
     path : path
         File with suffix .vtp, .vtk, .ply, .stl or .obj, replaced atomically.
     mesh : TriangleMesh
-        The surface, in LPS millimetres.
+        The surface in LPS [mm].
     point_data : mapping of str to (V,) or (V, C) array, optional
         Values at the vertices, for .vtp, .vtk and, as float properties, .ply.
 
     Raises
     ------
     InputError
-        If the suffix is unknown, the file can't be written, .stl or .obj is given values, or `mesh` is no
-        TriangleMesh.
+        If the suffix is unknown, the file can't be written, values are given for .stl or .obj, or `mesh` is
+        not a TriangleMesh.
 
     Examples
     --------
@@ -173,11 +173,11 @@ def write_mesh(
     TriangleMesh(4 vertices, 4 faces)
     """
     if not isinstance(mesh, TriangleMesh):
-        raise InputError(f"{path}: a file is written of a TriangleMesh, not of {type(mesh).__name__}")
+        raise InputError(f"{path}: the mesh must be a TriangleMesh, not {type(mesh).__name__}")
     path = Path(path)
     suffix = path.suffix.lower()
     if point_data and suffix in (".stl", ".obj"):
-        raise InputError(f"{path}: {suffix} files can't hold values at vertices; use .vtp or .ply")
+        raise InputError(f"{path}: {suffix} files can't store values at vertices; use .vtp or .ply")
     if suffix == ".ply":
         write_ply(path, mesh, point_data or {}, _LPS_HEADER)
         return
@@ -186,7 +186,7 @@ def write_mesh(
         return
     writer = _writer(path)
     for item in (writer, writer.GetExecutive()):
-        item.AddObserver("ErrorEvent", lambda *_: None)  # observed, so that nothing is printed
+        item.AddObserver("ErrorEvent", lambda *_: None)  # an observer prevents printing
     writer.SetInputData(_as_polydata(mesh, point_data or {}))
     if suffix == ".vtk" or suffix == ".stl":
         writer.SetHeader(_LPS_HEADER)
@@ -198,7 +198,7 @@ def write_mesh(
 
 
 def _write_obj(path: Path, mesh: TriangleMesh) -> None:
-    """Write an OBJ file; VTK's writer keeps six digits and does not notice when the disk is full."""
+    """Write an OBJ file; VTK's writer writes six digits and does not detect a full disk."""
     points = (" ".join(map(repr, point)) for point in mesh.vertices.tolist())
     corners = (" ".join(map(str, face)) for face in (mesh.faces + 1).tolist())
     lines = [f"# {_LPS_HEADER}", *(f"v {point}" for point in points), *(f"f {face}" for face in corners)]
@@ -242,6 +242,6 @@ def _as_polydata(mesh: TriangleMesh, point_data: Mapping[str, Array]) -> Any:  #
 
 
 def _parser_message(error: Exception) -> str:
-    """Return what a parser says, without the bytes that it may have taken for numbers."""
+    """Return a parser's message, without the bytes that it could not parse."""
     text = str(error) or type(error).__name__
     return "".join(sign if sign.isascii() and sign.isprintable() else "?" for sign in text[:80])

@@ -1,4 +1,4 @@
-"""Subjects' names as file names: portable, inside their folder, unique."""
+"""File names from subjects' names: portable, unique, and inside their folder."""
 
 import re
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ def file_stems(names: Sequence[str]) -> list[str]:
     """Return one file name without suffix for each name.
 
     Letters of any script, digits, ``.``, ``_`` and ``-`` are kept, everything else becomes ``_``. Names that
-    are then alike on some file system (``a`` and ``A``) get a number.
+    would then be equal on some file system (``a`` and ``A``) get a number.
     """
     stems: list[str] = []
     taken: set[str] = set()
@@ -31,7 +31,7 @@ def file_stems(names: Sequence[str]) -> list[str]:
 
 
 def checked_stem(text: str) -> str:
-    """Return a file name without suffix; raises ValueError if `file_stems` gives none like it."""
+    """Return a file name without suffix; raises ValueError if `file_stems` can't produce it."""
     if len(text) > _LONGEST + 20 or not re.fullmatch(r"\w[\w.-]*", text):
         raise ValueError("is not a plain file name")
     return text

@@ -1,8 +1,8 @@
-"""The particles of a result: text files for other programs, and one array of all of them.
+"""The particles of a result: text files for other programs, and one array for all subjects.
 
-The array is mapped into memory, so that large projects open quickly. The text files remain the particles. A
-second file has the size and time of each text file when the array was written, as Git has in its index;
-those that have changed since, or were copied without their times, are read instead of the array.
+The array is mapped into memory, so that large projects open quickly. The text files are authoritative. A
+second file contains the size and time of each text file when the array was written, like Git's index;
+text files that have changed since, or were copied without their times, are read instead of the array.
 """
 
 import json
@@ -43,11 +43,11 @@ def write_all_particles(
     Parameters
     ----------
     project : ProjectFolder
-        What `ProjectFolder.replacing_result` gave.
+        The new project folder, from `ProjectFolder.replacing_result`.
     stems : sequence of M str
-        Of the subjects' files.
+        Stems of the subjects' files.
     local, world : (M, N, 3) arrays or sequences of (N, 3) arrays
-        In file coordinates and aligned [mm].
+        Particles in file and in aligned coordinates [mm].
     tick : Tick
 
     Raises
@@ -68,7 +68,7 @@ def write_particle_array(
     local: FloatArray | Sequence[FloatArray],
     world: FloatArray | Sequence[FloatArray],
 ) -> None:
-    """Write the array of particles that their text files have now; see `write_all_particles`."""
+    """Write the array of the particles in the existing text files; see `write_all_particles`."""
     stamps = _stamps_of_files(project)
     known = {stem: stamps[stem] for stem in stems}
     with atomic_write(_array_file(project)) as part:
@@ -90,17 +90,17 @@ def read_all_particles(
     ----------
     project : ProjectFolder
     stems, names : sequences of M str
-        Of the subjects' files, and their names for messages.
+        Stems of the subjects' files, and names for messages.
     count : int
-        Of the particles of each.
+        Number of particles of each subject.
     tick : Tick
 
     Returns
     -------
     local, world : (M, N, 3) arrays
-        [mm], read-only. Mapped from the disk if no text file has changed.
+        Particles [mm], read-only; memory-mapped if no text file has changed.
     parsed : int
-        How many subjects were read from text files.
+        Number of subjects that were read from text files.
 
     Raises
     ------
@@ -131,11 +131,11 @@ def read_all_particles(
 def _mapped(
     project: ProjectFolder, stems: Sequence[str], count: int
 ) -> tuple[FloatArray | None, list[int | None]]:
-    """Return the array and which row of it is each subject's, None where its text files are to be read."""
+    """Return the array, and the row of each subject or None if its text files are to be read."""
     none: list[int | None] = [None] * len(stems)
     try:
         stored = json.loads(_stamp_file(project).read_bytes())["files"]
-        # An open map would keep Windows from replacing the file.
+        # Windows can't replace a file that is mapped.
         array = np.load(_array_file(project), mmap_mode=None if os.name == "nt" else "r", allow_pickle=False)
         known = {
             stem: (row, tuple(tuple(map(int, stamp)) for stamp in stamps))
@@ -152,7 +152,7 @@ def _mapped(
 
 
 def _stamps_of_files(project: ProjectFolder) -> _Stamps:
-    """Return size [bytes] and time [ns] of the files in both frames, by stem; of those that have both."""
+    """Return size [bytes] and time [ns] of the files in both frames, by stem, if both exist."""
     states: dict[str, _Stamp] = {}
     try:
         with os.scandir(project.particles) as entries:

@@ -1,4 +1,4 @@
-"""Particles as text, one ``x y z`` a line, as ShapeWorks reads and writes them."""
+"""Particles as text, one ``x y z`` per line, as ShapeWorks reads and writes them."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ def write_particles(path: Path, points: FloatArray) -> None:
     Parameters
     ----------
     path : Path
-        The ``.particles`` file, replaced whole or not at all.
+        The ``.particles`` file, replaced atomically.
     points : (N, 3) array
         Positions [mm].
 
@@ -35,13 +35,13 @@ def write_particles(path: Path, points: FloatArray) -> None:
 def read_particles(path: Path) -> FloatArray:
     """Read particles, shape (N, 3) [mm], read-only.
 
-    ShapeWorks also keeps them as the points of a legacy ``.vtk`` file. Like ShapeWorks, passes
-    over empty lines and stops at the first one that doesn't start with a number.
+    ShapeWorks also stores them as the points of a legacy ``.vtk`` file. As in ShapeWorks, empty lines are
+    skipped, and reading stops at the first line that does not start with a number.
 
     Raises
     ------
     InputError
-        If the file is missing, empty, implausibly large, or holds a line of other than three finite numbers.
+        If the file is missing, empty, implausibly large, or has a line that is not three finite numbers.
     """
     path = Path(path)
     stored = read_bytes(path, "list of particles")
@@ -72,14 +72,14 @@ def _of_lines(path: Path, lines: list[str]) -> FloatArray:
 
 
 def _of_plain_lines(lines: list[str]) -> FloatArray | None:
-    """Return the points of lines as `write_particles` writes them, several times as fast; None for others."""
+    """Return the points of lines in the format of `write_particles`, several times as fast; else None."""
     text = " ".join(lines)
     if any(line.count(" ") != 2 for line in lines) or "_" in text:
         return None
     tokens = text.split(" ")
     try:
         return np.array(list(map(float, tokens))).reshape(-1, 3)
-    except ValueError:  # also of an empty token, so that each line has three
+    except ValueError:  # also for an empty token, so that each line has three
         return None
 
 
@@ -96,4 +96,4 @@ def _is_number(word: str) -> bool:
         float(word)
     except ValueError:
         return False
-    return "_" not in word  # which Python allows between digits
+    return "_" not in word  # Python accepts it between digits

@@ -1,4 +1,4 @@
-"""PLY surfaces where VTK falls short: it writes single precision only, and crashes on damaged files."""
+"""PLY surfaces without VTK, which only writes single precision, and crashes on damaged files."""
 
 import io
 import re
@@ -21,7 +21,7 @@ def read_ply(content: bytes) -> Polygons:
     Raises
     ------
     ValueError
-        If the file is cut short or holds no surface. trimesh raises others on damaged ones.
+        If the file is cut short or contains no surface. trimesh raises further errors on damaged files.
     """
     from trimesh.exchange.ply import load_ply
 
@@ -29,7 +29,7 @@ def read_ply(content: bytes) -> Polygons:
     counts = {kind: int(count) for kind, count in re.findall(r"element\s+(\w+)\s+(\d+)", header)}
     if "vertex" not in counts or b"end_header" not in content:
         raise ValueError("no points")
-    if not counts.get("face"):  # a cloud of points
+    if not counts.get("face"):  # a point cloud
         return Polygons(np.empty((0, 3)), Cells.of_lists([]), header=header)
     if max(counts["vertex"], counts["face"]) > len(content):
         raise ValueError("fewer bytes than points or faces")
@@ -51,11 +51,11 @@ def write_ply(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array], c
     path : Path
         The file.
     mesh : TriangleMesh
-        What is written.
+        The surface.
     point_data : mapping of str to array
         Values (V,) or (V, c) at the vertices.
     comment : str
-        A line of the header; none if empty.
+        Comment line of the header; may be empty.
     """
     columns: dict[str, FloatArray] = {}
     for name, values in point_data.items():

@@ -11,9 +11,9 @@ from homolog.arrays import Array, FloatArray, IntArray
 __all__ = ["MOST", "Cells", "Polygons", "numbers_of"]
 
 MOST = 10_000_000
-"""Points or corners of a surface; a file of a few bytes may unpack to more."""
+"""Largest number of points or corners of a surface; a file of a few bytes may unpack to more."""
 _MOST_CORNERS = 1000
-"""Of one face: the time to split it grows with their square."""
+"""Largest number of corners of a face: the time to triangulate it is quadratic."""
 _ASTRAY = "refers to vertices that it does not contain"
 
 
@@ -24,9 +24,9 @@ class Cells:
     Attributes
     ----------
     corners : (N,) int64 array
-        All of them.
+        Vertex numbers of all lists.
     starts : (C + 1,) int64 array
-        Where each list starts, and the end of the last.
+        Start of each list, and the end of the last one.
     """
 
     corners: IntArray
@@ -34,7 +34,7 @@ class Cells:
 
     @classmethod
     def of(cls, corners: Array, starts: Array) -> "Cells":
-        """Return checked lists; raises ValueError if they overlap or leave something over."""
+        """Return checked lists; raises ValueError if they overlap or omit entries."""
         corners, starts = np.asarray(corners, np.int64), np.asarray(starts, np.int64)
         whole = len(starts) > 0 and starts[0] == 0 and starts[-1] == len(corners)
         if not whole or (np.diff(starts) < 0).any():
@@ -43,7 +43,7 @@ class Cells:
 
     @classmethod
     def of_lists(cls, lists: Sequence[Sequence[int]]) -> "Cells":
-        """Return the lists as one."""
+        """Return the lists as one object."""
         corners = [corner for item in lists for corner in item]
         return cls.of(np.array(corners, np.int64), np.cumsum([0, *map(len, lists)]))
 
@@ -54,7 +54,7 @@ class Cells:
 
     @classmethod
     def joined(cls, parts: Iterable["Cells"]) -> "Cells":
-        """Return the lists of several, those of the first to begin with."""
+        """Return the lists of several objects, in their order."""
         several = list(parts)
         counts = np.concatenate([np.empty(0, np.int64), *(np.diff(item.starts) for item in several)])
         corners = np.concatenate([np.empty(0, np.int64), *(item.corners for item in several)])
@@ -63,18 +63,18 @@ class Cells:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Polygons:
-    """A surface as a file lists it.
+    """A surface as stored in a file.
 
     Attributes
     ----------
     points : (V, 3) float64 array
-        In the file's frame.
+        Points in the file's frame.
     faces : Cells
         Polygons.
     strips : Cells
         Triangle strips.
     header : str
-        Where the file may say ``SPACE=RAS`` or ``SPACE=LPS``.
+        Header text, which may contain ``SPACE=RAS`` or ``SPACE=LPS``.
     """
 
     points: FloatArray
@@ -88,7 +88,7 @@ class Polygons:
         Raises
         ------
         ValueError
-            If a face refers to a point that is not there, or the surface or a face is implausibly large.
+            If a face refers to a missing point, or the surface or a face is implausibly large.
         """
         corners = [self.faces.corners, self.strips.corners]
         if max(len(self.points), *map(len, corners)) > MOST:
@@ -102,7 +102,7 @@ class Polygons:
         return np.concatenate([plain, self._split(counts > 3), _of_strips(self.strips)])
 
     def _split(self, chosen: Array) -> IntArray:
-        """Return the triangles of some polygons, which may have corners that turn inward."""
+        """Return the triangles of some polygons, which need not be convex."""
         if not chosen.any():
             return np.empty((0, 3), np.int64)
         from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
@@ -118,7 +118,7 @@ class Polygons:
         surface.SetPoints(points)
         surface.SetPolys(cells)
         splitter = vtkTriangleFilter(pass_verts=False, pass_lines=False)
-        splitter.AddObserver("ErrorEvent", lambda *_: None)  # observed, so that nothing is printed
+        splitter.AddObserver("ErrorEvent", lambda *_: None)  # an observer prevents printing
         splitter.SetInputData(surface)
         splitter.Update()
         corners = vtk_to_numpy(splitter.GetOutput().GetPolys().GetConnectivityArray())
@@ -127,7 +127,7 @@ class Polygons:
 
 
 def _of_strips(strips: Cells) -> IntArray:
-    """Return the triangles of strips: each three corners in a row, every second turned over."""
+    """Return the triangles of strips: three successive corners each, every second one reversed."""
     parts: list[IntArray] = [np.empty((0, 3), np.int64)]
     for start, end in pairwise(strips.starts.tolist()):
         corners = strips.corners[start:end]
@@ -140,7 +140,7 @@ def _of_strips(strips: Cells) -> IntArray:
 def numbers_of(tokens: Sequence[str] | Sequence[bytes], *, whole: bool) -> Array:
     """Return numbers written as text, int64 or float64.
 
-    One by one: an array of texts would be as wide as the longest.
+    They are converted one by one: an array of texts would be as wide as the longest.
     """
     if whole:
         return np.array([int(word) for word in tokens], np.int64)

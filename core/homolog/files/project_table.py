@@ -12,15 +12,15 @@ __all__ = ["update_table"]
 
 
 def update_table(project: ProjectFolder, subjects: Sequence[Subject]) -> None:
-    """Set groups, columns and scans of a project's subjects, and of its result, from others by name.
+    """Set groups, columns and scans of a project's subjects, and of its result, from subjects of equal names.
 
-    Particles, surfaces and models stay; the groups in ``model/scores.csv`` follow. Each file is replaced
-    whole or not at all.
+    Particles, surfaces and models are unchanged; the groups in ``model/scores.csv`` are updated. Each file is
+    replaced atomically.
 
     Parameters
     ----------
     project : ProjectFolder
-        Locked by the caller.
+        The project, locked by the caller.
     subjects : sequence of Subject
 
     Raises
@@ -45,7 +45,7 @@ def update_table(project: ProjectFolder, subjects: Sequence[Subject]) -> None:
 
 
 def _with_columns(record: ProjectRecord, subjects: Sequence[SubjectRecord]) -> ProjectRecord:
-    """Return a record with the groups, columns and scans of others by name; its result keeps no scans."""
+    """Return a record with the groups, columns and scans of others by name; its result stores no scans."""
     changed = {subject.name: {"group": subject.group, "columns": subject.columns} for subject in subjects}
     images = {subject.name: {"image": subject.image} for subject in subjects}
     listed = [

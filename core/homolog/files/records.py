@@ -42,7 +42,7 @@ class _Record(BaseModel):
 
 
 class SubjectRecord(_Record):
-    """A subject of the project's cohort; paths start at the project's folder, with forward slashes."""
+    """A subject of the project's cohort; paths are relative to the project's folder, with forward slashes."""
 
     name: str
     path: _Path
@@ -56,10 +56,10 @@ class ResultSubject(_Record):
     """A subject of the result, with everything needed to use the result without the input files.
 
     `file` is the stem of the subject's files, `content` the hash of its groomed surface, `alignment` the
-    similarity from local to world coordinates (a reflection for a subject that was mirrored), `side` that of
-    the body as far as it was known, `notes` what grooming found and changed, `spacing` the distance of the
-    nodes of its grid [mm] and `vertices` the number of those of its surface, both 0 if not known, `voxel` the
-    edges of the voxels of its file [mm], empty for surfaces and if not known.
+    similarity from local to world coordinates (a reflection for a mirrored subject), `side` the side of the
+    body if known, and `notes` are the findings and changes of grooming. `spacing` is the distance of its
+    grid's nodes [mm] and `vertices` the number of its surface's vertices, both 0 if unknown. `voxel` contains
+    the edges of its file's voxels [mm]; it is empty for surfaces and if unknown.
     """
 
     name: str
@@ -76,18 +76,18 @@ class ResultSubject(_Record):
 
     @property
     def is_mirrored(self) -> bool:
-        """Whether world coordinates are those of its mirror image."""
+        """Whether world coordinates are those of the subject's mirror image."""
         return bool(mirrors(np.array(self.alignment)))
 
 
 class ResultRecord(_Record):
     """The record of a result, to compare and to repeat it.
 
-    `ended` says why the optimizer stopped, `metric` which distance kept particles on a surface apart,
-    `folded_faces` counts those of the mean surface, `smoothed_particles` those which it follows only on the
-    average, for it or a mode would have folds otherwise, `fingerprint` is a hash of the settings and of every
-    groomed surface, `seconds` the time by phase, `source` where an imported model comes from, `excluded`
-    why subjects of the cohort were excluded, a line each.
+    `ended` is the reason why the optimizer stopped, and `metric` the distance between particles on a surface.
+    `folded_faces` is the number of folded faces of the mean surface, and `smoothed_particles` that of the
+    particles which it does not interpolate, to avoid folds. `fingerprint` is a hash of the settings and of
+    every groomed surface, `seconds` the time by phase, `source` the origin of an imported model, and
+    `excluded` has a line for each excluded subject of the cohort.
     """
 
     finished: str
@@ -108,12 +108,12 @@ class ResultRecord(_Record):
 
     @property
     def remarks(self) -> list[str]:
-        """Notes as by `note_lines`; of many subjects the first two are named."""
+        """Notes by `note_lines`, which name at most two subjects."""
         return note_lines({subject.name: subject.notes for subject in self.subjects})
 
     @property
     def end_text(self) -> str:
-        """Why and when the optimization ended: "converged after 970 iterations"."""
+        """Reason and iteration of the optimization's end: "converged after 970 iterations"."""
         return _ENDINGS.get(self.ended, self.ended).format(self.iterations)
 
     @property
@@ -146,9 +146,9 @@ class ResultRecord(_Record):
 class ProjectRecord(_Record):
     """The content of project.json.
 
-    `subjects` and `settings` are those of the next run, `unfinished` says that a run was begun and did not
-    come to its end, `from_result` that it started from the result, which is the last that did, `excluded`
-    why subjects were excluded from it, by name.
+    `subjects` and `settings` are those of the next run. `unfinished` means that a run was started and has not
+    finished, and `from_result` that it started from the last result. `excluded` contains the reasons for its
+    excluded subjects, by name.
     """
 
     format: Literal["homolog-project"] = "homolog-project"
@@ -162,7 +162,7 @@ class ProjectRecord(_Record):
 
 
 def _kind_of(note: str) -> str:
-    """Return a note without its numbers and their plurals."""
+    """Return a note without its numbers and plurals."""
     return _PLURAL.sub("", _NUMBER.sub("#", note))
 
 
@@ -183,7 +183,7 @@ class NoteKind:
 
     @property
     def names(self) -> list[str]:
-        """The subjects, each once."""
+        """Names of the subjects, each once."""
         return list(dict.fromkeys(name for name, _ in self.notes))
 
 

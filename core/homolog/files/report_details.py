@@ -1,4 +1,4 @@
-"""What only the authors know of a project, kept for its reports: structure, cohort, meaning of the axes."""
+"""Details of a project for its reports, entered by the authors: structure, cohort, meaning of the axes."""
 
 import json
 import re
@@ -18,7 +18,7 @@ _FILE = "report.json"
 
 
 class Axes(StrEnum):
-    """What the axes of the files are."""
+    """Meaning of the axes of the files."""
 
     AUTO = "auto"
     PATIENT = "patient"
@@ -43,11 +43,11 @@ class ReportDetails(BaseModel):
     Attributes
     ----------
     structure : str
-        What the shapes are.
+        Name of the structure.
     cohort : str
-        Who the subjects are.
+        Description of the subjects.
     axes : Axes
-        How places are named: by the patient's directions or by the axes of the files.
+        How locations are named: by the patient's directions or by the axes of the files.
     places : str
         Own names of the structure's sides, such as ``"septal/lateral anterior/inferior basal/apical"``. Two
         for each axis: towards smaller and towards larger coordinates.
@@ -93,17 +93,17 @@ class ReportDetails(BaseModel):
 
 
 def read_details(project: ProjectFolder) -> ReportDetails:
-    """Return the details kept in a project; raises InputError if their file is damaged."""
+    """Return the details stored in a project; raises InputError if their file is damaged."""
     path = project.folder / _FILE
     try:
         return ReportDetails.model_validate(json.loads(path.read_bytes()))
     except FileNotFoundError:
         return ReportDetails()
     except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is damaged; delete it and give its details again") from error
+        raise InputError(f"{path}: is damaged; delete it and enter the details again") from error
 
 
 def write_details(project: ProjectFolder, details: ReportDetails) -> None:
-    """Keep the details in a project; raises InputError if it can't be written to."""
+    """Store the details in a project; raises InputError if it can't be written to."""
     if details != read_details(project):
         write_text(project.folder / _FILE, details.model_dump_json(indent=2) + "\n")

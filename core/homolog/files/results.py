@@ -33,7 +33,7 @@ __all__ = [
 ]
 
 _MANY_FILES = 100
-"""More text files of particles than these are not read a second time: their array is written."""
+"""Number of parsed text files above which the array of particles is written again."""
 MODE_DEVIATIONS = 2.0
 """Position of the mode surfaces in standard deviations."""
 
@@ -47,9 +47,9 @@ class Result:
     names : tuple of str
         The M subjects, in the project's order.
     groups : tuple of str or None
-        Their groups.
+        Groups of the subjects.
     columns : tuple of mappings
-        The manifest's further columns of each.
+        Further columns of the cohort's table, by subject.
     world, local : (M, N, 3) float64 arrays
         Particles [mm] in aligned coordinates and in those of the input files, read-only.
     alignments : (M, 4, 4) float64 array
@@ -57,11 +57,11 @@ class Result:
     mean_surface : TriangleMesh
         The mean shape, in world coordinates.
     smoothing : (N,) float64 array
-        Of the spline by which the mean surface follows the particles, at each of them [mm]; 0 but where it
-        or a mode would have folds. See `homolog.analysis.reconstruction.warp_surface`.
+        Smoothing at each particle of the spline by which the mean surface follows the particles [mm]: 0
+        except where the surface or a mode would fold. See `homolog.analysis.reconstruction.warp_surface`.
     voxels : tuple of tuples of float
-        Edges of the voxels of each subject's file [mm], the shortest first; empty for surfaces and where they
-        are not known.
+        Edges of the voxels of each subject's file [mm], the shortest first; empty for surfaces and if
+        unknown.
     """
 
     names: tuple[str, ...]
@@ -96,7 +96,7 @@ def mode_file(project: ProjectFolder, mode: int, side: str) -> Path:
 
 
 def read_result(project: ProjectFolder, tick: Tick = no_tick) -> Result:
-    """Read the last result of a project, with the present groups and columns of the cohort's table.
+    """Read the last result of a project, with the current groups and columns of the cohort's table.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def read_result(project: ProjectFolder, tick: Tick = no_tick) -> Result:
     Raises
     ------
     InputError
-        If there is none, or one of its files is missing or damaged.
+        If there is no result, or one of its files is missing or damaged.
     """
     whole = _read_whole(project)
     record = _result_of(project, whole)
@@ -117,7 +117,7 @@ def read_result(project: ProjectFolder, tick: Tick = no_tick) -> Result:
     names, stems = [subject.name for subject in subjects], [subject.file for subject in subjects]
     local, world, parsed = read_all_particles(project, stems, names, record.particles, tick)
     if parsed > _MANY_FILES and project.is_held:
-        with suppress(InputError):  # a full disk, or one that is read-only
+        with suppress(InputError):  # a full or read-only disk
             write_particle_array(project, stems, local, world)
     return Result(
         names=tuple(names),
@@ -141,7 +141,7 @@ def read_surface(project: ProjectFolder, subject: ResultSubject) -> TriangleMesh
         If it is missing or damaged.
     """
     mesh = read_mesh(surface_file(project, subject.file))
-    if subject.is_mirrored and mesh.volume < 0.0:  # of an import by an older version
+    if subject.is_mirrored and mesh.volume < 0.0:  # imported by an older version
         return TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
     return mesh
 
@@ -170,12 +170,12 @@ def read_modes(project: ProjectFolder, mean: TriangleMesh) -> FloatArray:
     ----------
     project : ProjectFolder
     mean : TriangleMesh
-        Its mean surface, V vertices.
+        The project's mean surface, V vertices.
 
     Returns
     -------
     (K, V, 3) float64 array
-        Displacement of the vertices [mm] for one standard deviation, K >= 1.
+        Displacements of the vertices [mm] for one standard deviation, K >= 1.
 
     Raises
     ------

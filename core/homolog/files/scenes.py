@@ -15,11 +15,11 @@ __all__ = ["read_3mf", "read_gltf"]
 
 _METRE = 1000.0
 _LONGEST = 3.0
-"""Length [m] above which units are taken as millimetres."""
+"""Length [m] above which units are assumed to be millimetres."""
 _UNITS = {"micron": 1e-3, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8, "meter": _METRE}
 _MOST_BYTES = 100 * MOST
 _DEEPEST = 20
-"""Components within components."""
+"""Largest depth of nested components."""
 
 _Part = tuple[FloatArray, IntArray]
 
@@ -27,20 +27,20 @@ _Part = tuple[FloatArray, IntArray]
 def read_gltf(content: bytes, folder: Path | None = None) -> Polygons:
     """Read the triangles of a glTF scene, through trimesh.
 
-    The standard's unit is the metre. Medical programs write millimetres: where metres would make a shape of
-    more than 3 m, the numbers are millimetres.
+    The standard's unit is the metre, but medical programs write millimetres: if metres would give a shape of
+    more than 3 m, the unit is assumed to be the millimetre.
 
     Parameters
     ----------
     content : bytes
-        Of a ``.glb`` or ``.gltf`` file.
+        Content of a ``.glb`` or ``.gltf`` file.
     folder : Path, optional
-        Where a ``.gltf`` file's buffers are.
+        Folder of a ``.gltf`` file's buffers.
 
     Raises
     ------
     ValueError
-        If it holds compressed meshes (Draco) or none. trimesh raises others on damaged files.
+        If it contains compressed meshes (Draco) or no mesh. trimesh raises further errors on damaged files.
     """
     import trimesh
 
@@ -69,15 +69,15 @@ def read_3mf(content: bytes) -> Polygons:
     Raises
     ------
     ValueError
-        If it holds no model, or parts refer to each other endlessly.
+        If it contains no model, or parts refer to each other in cycles.
     """
     try:
         archive = zipfile.ZipFile(io.BytesIO(content))
     except zipfile.BadZipFile as error:
-        raise ValueError("no 3MF file") from error
+        raise ValueError("not a 3MF file") from error
     models = [item for item in archive.infolist() if item.filename.lower().endswith(".model")]
     if sum(item.file_size for item in models) > _MOST_BYTES:
-        raise ValueError("unpacks to more than a surface needs")
+        raise ValueError("unpacks to an implausible size")
     roots = {item.filename.lstrip("/"): _parsed(archive.read(item)) for item in models}
     scene = _Scene(roots)
     parts: list[_Part] = []
@@ -86,7 +86,7 @@ def read_3mf(content: bytes) -> Polygons:
         for item in root.findall("./{*}build/{*}item"):
             parts += [(scale * points, faces) for points, faces in scene.placed(item, name, 0)]
     if not parts:
-        raise ValueError("builds nothing")
+        raise ValueError("the build list is empty")
     return _joined(parts)
 
 
@@ -108,12 +108,12 @@ class _Scene:
         self._count = 0
 
     def placed(self, use: ElementTree.Element, name: str, depth: int) -> list[_Part]:
-        """Return the meshes of an item or component, in the frame of what uses it."""
+        """Return the meshes of an item or component, in the frame of the item or component that uses it."""
         elsewhere = next((value for key, value in use.attrib.items() if key.endswith("}path")), name)
         name = elsewhere.lstrip("/")
         item = self._objects.get((name, use.get("objectid", "")))
         if item is None or depth > _DEEPEST:
-            raise ValueError("parts that are not there, or refer to each other endlessly")
+            raise ValueError("parts that are missing, or refer to each other in cycles")
         parts = [_mesh(mesh) for mesh in item.findall("./{*}mesh")]
         for component in item.findall("./{*}components/{*}component"):
             parts += self.placed(component, name, depth + 1)

@@ -17,7 +17,7 @@ _OFF = re.compile(rb"\s*(?:ST|C|N)*OFF(?=\s|$)")
 
 
 def read_stl(content: bytes) -> Polygons:
-    """Read an STL file; some binary ones begin with ``solid`` as those of text do.
+    """Read an STL file; some binary files begin with ``solid`` like text files.
 
     Raises
     ------
@@ -31,9 +31,9 @@ def read_stl(content: bytes) -> Polygons:
     text = content.lstrip().lower()
     if text.startswith(b"solid") and b"facet" in text and b"\0" not in text:
         return _text(text, content)
-    if needed < len(content) < needed + _FACET.itemsize:  # some programs fill up the end
+    if needed < len(content) < needed + _FACET.itemsize:  # some programs pad the end
         return _binary(content, count)
-    raise ValueError("cut short, or no STL")
+    raise ValueError("cut short, or not an STL file")
 
 
 def _binary(content: bytes, count: int) -> Polygons:
@@ -55,12 +55,12 @@ def _of_corners(corners: FloatArray, content: bytes) -> Polygons:
 
 
 def read_obj(content: bytes) -> Polygons:
-    """Read the points and faces of an OBJ file; groups, textures and normals are not looked at.
+    """Read the points and faces of an OBJ file; groups, textures and normals are ignored.
 
     Raises
     ------
     ValueError
-        If a point or face makes no sense.
+        If a point or face is invalid.
     """
     points: list[list[float]] = []
     faces: list[list[int]] = []
@@ -70,7 +70,7 @@ def read_obj(content: bytes) -> Polygons:
         if kind == "v":
             points.append([float(word) for word in tokens[:3]])
             if len(tokens) < 3:
-                raise ValueError("a point of fewer than three numbers")
+                raise ValueError("a point with fewer than three numbers")
         elif kind in ("f", "fo"):
             corners = [int(word.partition("/")[0]) for word in tokens]
             faces.append(
@@ -81,17 +81,17 @@ def read_obj(content: bytes) -> Polygons:
 
 
 def read_off(content: bytes) -> Polygons:
-    """Read the points and faces of an OFF file of text; colours, normals and textures are not looked at.
+    """Read the points and faces of an OFF file of text; colours, normals and textures are ignored.
 
     Raises
     ------
     ValueError
-        If it is cut short, binary, or no OFF.
+        If it is cut short, binary, or not an OFF file.
     """
     lines = [line for item in content.split(b"\n") if (line := item.partition(b"#")[0].strip())]
     kind = _OFF.match(lines[0]) if lines else None
     if kind is None:
-        raise ValueError("no OFF, or one of points that are not three numbers")
+        raise ValueError("not an OFF file, or points that are not three numbers")
     rest = lines[0][kind.end() :].split()
     counts = rest or lines.pop(1).split() if len(lines) > 1 else rest
     if counts[:1] == [b"BINARY"]:
@@ -110,5 +110,5 @@ def read_off(content: bytes) -> Polygons:
 
 def _first(tokens: list[bytes], count: int) -> list[bytes]:
     if not 0 <= count <= len(tokens):
-        raise ValueError("a line of too few numbers")
+        raise ValueError("a line with too few numbers")
     return tokens[:count]

@@ -13,7 +13,7 @@ __all__ = ["write_table"]
 def write_table(
     path: Path, columns: Sequence[str], rows: Iterable[Sequence[str | float | int | None]]
 ) -> None:
-    """Write a table, whole or not at all.
+    """Write a table atomically.
 
     Parameters
     ----------

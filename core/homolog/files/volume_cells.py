@@ -1,6 +1,6 @@
 """The outer surface of volume meshes: tetrahedra, hexahedra and other cells of VTK's unstructured grids.
 
-Numbers of cell types, and the order of their corners, after *VTK File Formats* and ``vtkCellType.h``.
+Cell types and the order of their corners follow *VTK File Formats* and ``vtkCellType.h``.
 """
 
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ _SOLIDS = {
     13: _WEDGE, 26: _WEDGE, 31: _WEDGE, 32: _WEDGE, 73: _WEDGE, 80: _WEDGE,
     14: _PYRAMID, 27: _PYRAMID, 37: _PYRAMID, 74: _PYRAMID, 81: _PYRAMID,
 }  # fmt: skip
-"""Faces of volume cells by type; of curved ones those between the corners, which come first."""
+"""Faces of volume cells by type; curved cells use only their corners, which come first."""
 _PIXEL = ((0, 1, 3, 2),)
 _TRIANGLE, _QUAD = ((0, 1, 2),), ((0, 1, 2, 3),)
 _FLAT = {
@@ -36,12 +36,12 @@ _WITHOUT_AREA = (0, 1, 2, 3, 4, 21, 35, 68, 75)
 
 
 def surface_of_cells(points: FloatArray, cells: Cells, types: Array, header: str = "") -> Polygons:
-    """Return the faces of volume cells that no two share; where there are none, the flat cells.
+    """Return the faces that belong to a single volume cell; without volume cells, the flat cells.
 
     Parameters
     ----------
     points : (V, 3) float64 array
-        Those that coincide are one.
+        Points; coinciding ones are identified.
     cells : Cells
         Corners of each cell.
     types : (C,) int array
@@ -52,7 +52,7 @@ def surface_of_cells(points: FloatArray, cells: Cells, types: Array, header: str
     Raises
     ------
     ValueError
-        If there are cells of other types (polyhedra), too few corners, or points that are not there.
+        If there are cells of other types (polyhedra), too few corners, or missing points.
     """
     types = np.asarray(types, np.int64)
     if len(types) != len(cells.starts) - 1:
@@ -61,7 +61,7 @@ def surface_of_cells(points: FloatArray, cells: Cells, types: Array, header: str
         raise ValueError("refers to vertices that it does not contain")
     known = (*_SOLIDS, *_FLAT, _STRIP, _POLYGON, *_WITHOUT_AREA)
     if unknown := set(np.unique(types).tolist()).difference(known):
-        raise ValueError(f"cells of the types {', '.join(map(str, sorted(unknown)))} are not read")
+        raise ValueError(f"cells of the types {', '.join(map(str, sorted(unknown)))} are not supported")
     if np.isin(types, list(_SOLIDS)).any():
         same = np.unique(points, axis=0, return_index=True, return_inverse=True)
         cells = Cells.of(same[1][same[2].ravel()][cells.corners], cells.starts)
@@ -81,7 +81,7 @@ def _faces(
         chosen = np.flatnonzero(types == kind)
         corners = 1 + max(map(max, faces))
         if (np.diff(cells.starts)[chosen] < corners).any():
-            raise ValueError("cells of too few corners")
+            raise ValueError("cells with too few corners")
         table = cells.corners[cells.starts[chosen][:, None] + np.arange(corners)]
         for face in faces:
             tables[len(face)].append(table[:, face])
@@ -89,7 +89,7 @@ def _faces(
 
 
 def _met_once(faces: IntArray) -> IntArray:
-    """Return the faces whose corners no other face has."""
+    """Return the faces whose corners differ from those of all other faces."""
     _, same, counts = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True)
     return np.asarray(faces[counts[same.ravel()] == 1])
 

@@ -1,10 +1,10 @@
 """XML surfaces and grids of VTK (``.vtp``, ``.vtu``), read without VTK.
 
-VTK's own reader allocates gigabytes for damaged ones.
+VTK's own reader allocates gigabytes for damaged files.
 
 After *VTK XML Formats* (docs.vtk.org) and the sources of ``vtkXMLDataParser``: text, base64 and raw, inline
-and appended, compressed by zlib, LZMA and LZ4. How long each array is follows from the counts before it, and
-is compared with what it says of itself before anything is unpacked.
+and appended, compressed by zlib, LZMA and LZ4. The length of each array follows from the counts before it,
+and is compared with its declared length before anything is unpacked.
 """
 
 import binascii
@@ -28,13 +28,13 @@ _KINDS = {
     "Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4", "UInt32": "u4", "Int64": "i8",
     "UInt64": "u8", "Float32": "f4", "Float64": "f8", "String": "u1",
 }  # fmt: skip
-_DEFLATED = 1032  # bytes that one compressed byte can stand for
+_DEFLATED = 1032  # largest number of bytes per compressed byte
 _LONGEST_TEXT = 100
 _SPACE = "FieldData/*[@Name='SPACE']"
 
 
 def read_vtp(content: bytes) -> Polygons:
-    """Read the surface of an XML file, of volume cells the outer one; values are not looked at.
+    """Read the surface of an XML file; of volume cells, the outer surface. Values are ignored.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def _moved(cells: Cells, count: int, shift: int) -> Cells:
 
 
 class _File:
-    """The arrays of a file, wherever they are."""
+    """The arrays of a file, inline or appended."""
 
     def __init__(self, root: ElementTree.Element, tail: bytes) -> None:
         self._order = ">" if root.get("byte_order") == "BigEndian" else "<"
@@ -118,7 +118,7 @@ class _File:
         self._tail_is_raw = appended is not None and appended.get("encoding") == "raw"
 
     def text(self, node: ElementTree.Element | None) -> str:
-        """Return a short text, as codes with a zero at the end; empty if it is not there."""
+        """Return a short text, stored as codes with a final zero; empty if it is missing."""
         if node is None or node.get("type") != "String":
             return ""
         codes = self._codes(node)[:_LONGEST_TEXT]
@@ -200,7 +200,7 @@ class _Source:
 
 def _check(claimed: int, size: int | None) -> None:
     if claimed > _LONGEST_TEXT if size is None else claimed != size:
-        raise ValueError("its arrays are not as long as its points and faces need")
+        raise ValueError("the length of its arrays does not match its points and faces")
 
 
 def _whole(content: bytes, size: int) -> bytes:
@@ -221,7 +221,7 @@ def _from_lz4(part: bytes, size: int) -> bytes:
     from vtkmodules.vtkIOCore import vtkLZ4DataCompressor
 
     unpacker, unpacked = vtkLZ4DataCompressor(), bytearray(size)
-    unpacker.AddObserver("ErrorEvent", lambda *_: None)  # observed, so that nothing is printed
+    unpacker.AddObserver("ErrorEvent", lambda *_: None)  # an observer prevents printing
     return bytes(unpacked[: unpacker.Uncompress(part, len(part), unpacked, size)])
 
 

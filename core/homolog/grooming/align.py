@@ -38,23 +38,24 @@ class RegisterPair(Protocol):
     def __call__(
         self, moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False, bends: bool = False
     ) -> Fit:
-        """Return what `registered` does."""
+        """Return the registration of `moving` to `fixed`; see `registered`."""
 
 
 _OTHER_UNIT = 100.0
-_OTHER_SIZE = 5.0  # times the median: a file in cm among files in mm is ten times smaller
-_RARE_SIZE = 2.2  # times the median: rare in one structure, of children and adults too
-_FEWEST = 3  # subjects that it takes to say which is the odd one
-_TURNED = 60.0  # degrees
-_DOUBTFUL = 40.0  # degrees: a turn away from the others that is looked at again
+_OTHER_SIZE = 5.0  # times the median size: a file in cm among files in mm is ten times smaller
+_RARE_SIZE = 2.2  # times the median size: rare for one structure, even of children and adults
+_MIN_SUBJECTS = 3  # fewer subjects do not show which of them is unusual
+_TURNED = 60.0  # degrees: a larger rotation gets a note
+_DOUBTFUL = 40.0  # degrees: a larger rotation relative to the others is checked again
 _NEIGHBOURS = 3
-_LINKS = 4  # shapes that each is registered to where files lie in any orientation
-_NOTHING = 1e-6  # no distance; in graphs, up to 1e-8 means that there is no edge
+_LINKS = 4  # shapes to which each is registered if files have arbitrary orientations
+_EPSILON = 1e-6  # stands for distance zero, since SciPy's graphs drop edges up to 1e-8
 _CLEARLY_BETTER, _UNLIKE = 0.6, 1.5
-"""When a held shape is turned far: of its distance; and times the usual distance, which its own exceeds."""
+"""A held shape is rotated freely if that reduces its distance to less than the first factor, and if its
+distance exceeds the second factor times the median."""
 _CLOSER = 0.75
-"""Of the distances: when the orientations of files that do not agree are ignored."""
-_KEPT = "the shapes are nearly round or symmetric; the orientation of the files, which agree, was kept"
+"""Inconsistent orientations of files are ignored if the sum of distances then falls below this fraction."""
+_KEPT = "the shapes are nearly round or symmetric; the consistent orientation of the files was kept"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +67,7 @@ class Registration:
     alignments : (M, 4, 4) float64 array
         From local to world coordinates: a proper rotation times one positive scale, and a translation [mm].
     notes : tuple of M str or None
-        On a subject that does not look like the others, or had another orientation.
+        Notes on subjects that do not look like the others, or had another orientation.
     """
 
     alignments: FloatArray
@@ -77,8 +78,8 @@ class Registration:
 class _Fits:
     """Registrations to the medoid.
 
-    `held` says whether they keep the orientations of the files; `turns` are the angles [degrees] by which
-    shapes fit clearly better, by index.
+    `held` says whether they keep the orientations of the files. `turns` contains the rotation angles
+    [degrees] that would improve the fit clearly, by index of the shape.
     """
 
     fits: list[Fit]
@@ -95,9 +96,9 @@ def align(groomed: Sequence[GroomedSubject], settings: GroomSettings, tick: Tick
     groomed : sequence of GroomedSubject
         The cohort.
     settings : GroomSettings
-        How it is aligned.
+        Method of alignment and scaling.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Returns
     -------
@@ -116,10 +117,10 @@ def register(
 ) -> Registration:
     """Align a cohort.
 
-    With *center* each surface's centre becomes the origin. *Axes* also turns the principal axes onto
-    those of a reference subject, and *ICP* registers the surface to the reference (`registered`, or `held` if
-    shapes hardly determine their orientations, and those of the files agree); the world
-    then has the reference's directions. Surfaces are compared at one size. The reference is the medoid of the
+    *Center* moves each surface's centre to the origin. *Axes* also rotates the principal axes onto
+    those of a reference subject. *ICP* registers the surface to the reference: by `registered`, or by `held`
+    if shapes hardly determine their orientations and those of the files agree. The world then has the
+    reference's directions. Surfaces are compared at one size. The reference is the medoid of the
     distributions of distances from the centre, which do not depend on pose.
 
     Parameters
@@ -131,12 +132,12 @@ def register(
     tick : Tick
         Called at least every 0.2 s.
     register_pair : callable
-        What registers a shape to another.
+        Registers one shape to another.
 
     Raises
     ------
     InputError
-        If a shape is a hundred times as large or small as the others: then its unit is another.
+        If a shape is a hundred times as large or small as the others, which means another unit.
     """
     oriented_shapes = [oriented_points(item.coarse_mesh) for item in groomed]
     names, sizes = [item.name for item in groomed], np.array([shape.size for shape in oriented_shapes])
@@ -163,7 +164,7 @@ def register(
             pose[:3, 3] += unit.centre
         result[index] = pose
     freely = partial(register_pair, free=True)
-    odd = odd_ones(units, distances, freely, tick) if len(units) >= _FEWEST else set()
+    odd = odd_ones(units, distances, freely, tick) if len(units) >= _MIN_SUBJECTS else set()
     return Registration(result, _notes(result, distances, odd, sizes, registrations))
 
 
@@ -185,10 +186,10 @@ def _fits(
         return register_pair(unit, reference)
 
     fits = run_in_threads([partial(fit, unit) for unit in units], tick, "aligning", cores())
-    if len(units) < _FEWEST:
+    if len(units) < _MIN_SUBJECTS:
         return _Fits(fits)
     is_soft, doubtful, turns = are_soft(units, reference, fits), _doubtful(fits), {}
-    alike = agree(units) if is_soft or doubtful.any() else True  # registration itself turned no shape far
+    alike = agree(units) if is_soft or doubtful.any() else True  # no registration rotated a shape far
     holds = is_soft and alike
     if holds:
         fits = _held(units, middle, fits, tick)
@@ -207,7 +208,7 @@ def _fits(
 
 
 def _doubtful(fits: Sequence[Fit]) -> BoolArray:
-    """Return which shapes are turned far from most others."""
+    """Return which shapes are rotated far relative to most others."""
     return _turns(np.array([fit.pose for fit in fits])) > _DOUBTFUL
 
 
@@ -216,9 +217,10 @@ def _distance(fits: Sequence[Fit]) -> float:
 
 
 def _held(units: Sequence[OrientedPoints], middle: int, fits: Sequence[Fit], tick: Tick) -> list[Fit]:
-    """Register shapes that hardly determine how they lie, and whose files lie alike.
+    """Register shapes that hardly determine their orientation and whose files agree in it.
 
-    A shape is turned far only if it fits less well than others do as its file lies, and clearly better so.
+    A shape is rotated far only if it fits less well than others in the file's orientation, and clearly better
+    after the rotation.
     """
 
     def fit(unit: OrientedPoints, inner: Tick) -> Fit:
@@ -226,10 +228,10 @@ def _held(units: Sequence[OrientedPoints], middle: int, fits: Sequence[Fit], tic
         return Fit(np.eye(4), 0.0) if unit is units[middle] else held(unit, units[middle])
 
     result = run_in_threads([partial(fit, unit) for unit in units], tick, "aligning", cores())
-    usual = float(np.median([fit.distance for fit in result]))
+    median = float(np.median([fit.distance for fit in result]))
     return [
         other
-        if kept.distance > _UNLIKE * usual and other.distance < _CLEARLY_BETTER * kept.distance
+        if kept.distance > _UNLIKE * median and other.distance < _CLEARLY_BETTER * kept.distance
         else kept
         for kept, other in zip(result, fits, strict=True)
     ]
@@ -245,9 +247,9 @@ def _reconsidered(
 ) -> list[Fit]:
     """Register shapes that were rotated relative to all others through their neighbours.
 
-    A shape that differs much from the reference may fit it better the wrong way round. Where the files of
-    most shapes lie alike, one that was turned is compared with the shapes that it resembles most, and keeps
-    the common orientation if that fits one of them.
+    A shape that differs much from the reference may fit it better in a wrong orientation. If the files of
+    most shapes agree in orientation, a rotated shape is compared with the shapes that it resembles most. It
+    keeps the common orientation if that fits one of them.
     """
     result = list(fits)
     poses = np.array([fit.pose for fit in fits])
@@ -268,14 +270,14 @@ def _reconsidered(
 def _by_neighbours(
     units: Sequence[OrientedPoints], middle: int, register_pair: RegisterPair, tick: Tick
 ) -> list[Fit]:
-    """Register shapes whose files lie in any orientation to the middle one, by way of shapes between.
+    """Register shapes from files of arbitrary orientation to the medoid through chains of similar shapes.
 
-    Shapes that resemble each other leave the least doubt about how they lie: each is registered to those with
-    the most similar radii, and the closest fits that connect all of them count (the minimum spanning tree).
-    The orientation of the file does not.
+    Relative orientations of similar shapes are the most certain: each shape is registered to those with the
+    most similar radii, and the minimum spanning tree of the distances connects all of them. The orientations
+    of the files are ignored.
     """
     radii = radii_of(units)
-    apart = np.abs(radii[:, None] - radii).sum(axis=2) + _NOTHING
+    apart = np.abs(radii[:, None] - radii).sum(axis=2) + _EPSILON
     linked = minimum_spanning_tree(apart).toarray() > 0.0
     nearest = np.argsort(apart, axis=1, kind="stable")[:, : _LINKS + 1]  # the first is the shape itself
     np.put_along_axis(linked, nearest, True, axis=1)
@@ -289,7 +291,7 @@ def _by_neighbours(
     fits = run_in_threads([partial(fit, pair) for pair in pairs], tick, "aligning", cores())
     onto = {pair: item.pose for pair, item in zip(pairs, fits, strict=True)}
     distances = np.zeros_like(apart)
-    distances[first, second] = [item.distance + _NOTHING for item in fits]
+    distances[first, second] = [item.distance + _EPSILON for item in fits]
     order, before = breadth_first_order(minimum_spanning_tree(distances), middle, directed=False)
     poses = {middle: np.eye(4)}
     for index in order[1:].tolist():
@@ -300,7 +302,7 @@ def _by_neighbours(
 
 
 def _turns(alignments: FloatArray) -> FloatArray:
-    """Return by what angle each similarity (M, 4, 4) turns relative to the most typical one [degrees]."""
+    """Return the rotation angle of each similarity (M, 4, 4) relative to the most typical one [degrees]."""
     turns = Rotation.from_matrix(rotation_of(alignments))
     between = np.degrees([(turns * turn.inv()).magnitude() for turn in turns])
     angles: FloatArray = between[int(np.argmin(np.median(between, axis=1)))]
@@ -311,7 +313,7 @@ def _notes(
     alignments: FloatArray, distances: FloatArray, odd: set[int], sizes: FloatArray, registrations: _Fits
 ) -> tuple[str | None, ...]:
     """Return notes on the registrations, by subject."""
-    if len(distances) < _FEWEST:
+    if len(distances) < _MIN_SUBJECTS:
         return (None,) * len(distances)
     typical = float(np.median(distances))
     angles = _turns(alignments)
@@ -327,8 +329,8 @@ def _notes(
             note = f"is {times:.0f} times as {word} as most others; check that its unit is mm"
         elif index in registrations.turns:
             note = (
-                f"fits the others clearly better turned by {registrations.turns[index]:.0f}°, but was kept "
-                "as its file lies: check its orientation and side, and correct the file or exclude it"
+                f"fits the others clearly better after a rotation by {registrations.turns[index]:.0f}°, but "
+                "the file's orientation was kept: check it and the side, and correct the file or exclude it"
             )
         elif index in odd:
             note = (

@@ -10,17 +10,17 @@ __all__ = ["antialiased", "near_distance", "smoothed"]
 _ROUNDS = 8
 _SLACK = 0.1  # voxels
 _REACH = 10
-"""Voxels: farther from the border, distances make no difference to the surface."""
+"""Distances farther from the border than this do not affect the surface [voxels]."""
 
 
 def antialiased(mask: BoolArray, sigma: float = 1.0, *, near_only: bool = False) -> Float32Array:
     """Return a level function of a binary grid without the grid's steps.
 
-    The signed distance of the voxels is smoothed over and over, and after each round the voxels on either
-    side of the border are put back to their own side and within one voxel of it, as in Whitaker's
-    antialiasing (Reducing aliasing artifacts in iso-surfaces of binary volumes, VolVis 2000). There the
-    surface moves by mean curvature, which shrinks convex shapes within the bounds; here the smoothing is of
-    fourth order (`smoothed`), which does not.
+    The signed distance of the voxels is smoothed repeatedly. After each iteration the voxels next to the
+    border are constrained to their own side and to within one voxel of it, as in Whitaker's antialiasing
+     (Reducing aliasing artifacts in iso-surfaces of binary volumes, VolVis 2000). There the
+    surface moves by mean curvature, which shrinks convex shapes within the bounds. The smoothing used here is
+    of fourth order (`smoothed`) and does not shrink them.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def antialiased(mask: BoolArray, sigma: float = 1.0, *, near_only: bool = False)
     sigma : float
         Standard deviation of the smoothing [voxels].
     near_only : bool
-        Whether distances far from the border are not to be computed, which takes most of the time.
+        Whether to omit distances far from the border, which take most of the time.
 
     Returns
     -------
@@ -55,16 +55,16 @@ def antialiased(mask: BoolArray, sigma: float = 1.0, *, near_only: bool = False)
 
 
 def near_distance(mask: BoolArray, reach: int) -> Float32Array:
-    """Return the distance to the nearest voxel of a mask, exact up to `reach`, that value beyond [voxels].
+    """Return the distance to the nearest voxel of a mask [voxels], exact up to `reach` and clipped there.
 
-    Squared distances are the least sums over the three axes one after another; small ones fit into a byte.
+    Squared distances are minimized along one axis after another; small ones fit into a byte.
 
     Parameters
     ----------
     mask : bool array of any dimension
-        Where the distance is 0.
+        Voxels at distance 0.
     reach : int
-        At most 10.
+        Largest distance computed [voxels], at most 10.
     """
     most = reach**2
     squared = np.where(mask, np.uint8(0), np.uint8(most))
@@ -87,7 +87,7 @@ def smoothed(values: Array, sigma: float | tuple[float, ...]) -> Float32Array:
     values : array
         Any dimension.
     sigma : float or tuple of float
-        Standard deviation of G, of all axes or of each [nodes].
+        Standard deviation of G, common to all axes or one for each [nodes].
     """
     once = ndimage.gaussian_filter(values, sigma, mode="nearest", output=np.float32)
     return 2.0 * once - ndimage.gaussian_filter(once, sigma, mode="nearest", output=np.float32)

@@ -28,9 +28,9 @@ __all__ = [
 ]  # fmt: skip
 
 _VERSION = "10"
-"""To be raised whenever grooming gives other results: older archives are then made again."""
+"""Increase this number whenever results of grooming change: older archives are then recomputed."""
 _REGISTRATION_VERSION = "3"
-"""To be raised whenever `registered` gives other results."""
+"""Increase this number whenever results of `registered` change."""
 
 
 def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) -> str:
@@ -49,16 +49,16 @@ def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) ->
 
 
 def is_outdated(folder: Path, name: str, key: str) -> bool:
-    """Return whether the cache entry of a subject is of other content of its file.
+    """Return whether the cache entry of a subject was made from another content of its file.
 
     Parameters
     ----------
     folder : Path
         The cache.
     name : str
-        The subject's.
+        Name of the subject.
     key : str
-        What `content_key` returned.
+        Result of `content_key`.
 
     Returns
     -------
@@ -73,16 +73,16 @@ def is_outdated(folder: Path, name: str, key: str) -> bool:
 
 
 def load_groomed(folder: Path, name: str, key: str) -> GroomedSubject | None:
-    """Return a subject from the cache; None if it is not there, of other content, or damaged.
+    """Return a subject from the cache; None if it is missing, damaged, or made from other content.
 
     Parameters
     ----------
     folder : Path
         The cache.
     name : str
-        The subject's.
+        Name of the subject.
     key : str
-        What `content_key` returned.
+        Result of `content_key`.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def read_groomed(folder: Path, name: str) -> GroomedSubject:
     Raises
     ------
     InputError
-        If it is not there, or damaged.
+        If it is missing or damaged.
     """
     path = _file(folder, name, "npz")
     groomed = load_groomed(folder, name, str(read_arrays(path).get("key", "")))
@@ -119,7 +119,7 @@ def read_groomed(folder: Path, name: str) -> GroomedSubject:
 
 
 def load_report(folder: Path, name: str) -> GroomReport | None:
-    """Return the last grooming report of a subject; None if there is none."""
+    """Return the last grooming report of a subject, or None."""
     try:
         return _report(read_arrays(_file(folder, name, "npz")))
     except _DAMAGED:
@@ -137,7 +137,7 @@ def _report(stored: Mapping[str, Array]) -> GroomReport:
 
 
 def _mesh(stored: Mapping[str, Array], prefix: str) -> TriangleMesh:
-    """Return a surface, refusing faces that would lead kernels out of its vertices."""
+    """Return a surface; refuse faces whose indices exceed its vertices, since kernels do not check them."""
     mesh = TriangleMesh(stored[f"{prefix}vertices"], stored[f"{prefix}faces"])
     if mesh.vertices.shape[1:] != (3,) or mesh.faces.shape[1:] != (3,):
         raise ValueError("no triangles in space")
@@ -154,9 +154,9 @@ def save_groomed(folder: Path, groomed: GroomedSubject, key: str) -> None:
     folder : Path
         The cache.
     groomed : GroomedSubject
-        What is stored.
+        The subject to store.
     key : str
-        What `content_key` returned.
+        Result of `content_key`.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def save_groomed(folder: Path, groomed: GroomedSubject, key: str) -> None:
 
 
 def _file(folder: Path, name: str, kind: str) -> Path:
-    """Return a file's path within the folder; subjects with the same path are groomed again each time."""
+    """Return a file's path within the folder; subjects with equal paths overwrite each other."""
     return folder / f"{file_stems([name])[0]}.{kind}"
 
 
@@ -189,7 +189,7 @@ class RegistrationCache:
     Parameters
     ----------
     path : Path, optional
-        File with those of earlier; damaged, or of another version, it counts as missing.
+        File of stored registrations; a damaged file, or one of another version, is ignored.
     """
 
     def __init__(self, path: Path | None = None) -> None:
@@ -200,7 +200,7 @@ class RegistrationCache:
     def registered(
         self, moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False, bends: bool = False
     ) -> Fit:
-        """Return what `icp.registered` returns, computed if it is not here; may be called from any thread."""
+        """Return the result of `icp.registered`, from the cache if possible; safe from any thread."""
         way = "bends" if bends else free
         digest = hashlib.blake2b(f"{_REGISTRATION_VERSION} {way}".encode(), digest_size=16)
         for array in (moving.points, moving.normals, fixed.points, fixed.normals):
@@ -215,7 +215,7 @@ class RegistrationCache:
     def save(self) -> None:
         """Store the requested registrations, if there are new ones.
 
-        What can't be kept, as in a folder that is only read, is computed again the next time.
+        Registrations that can't be stored, as in a read-only folder, are computed again the next time.
         """
         if self._path is None or self._used.keys() <= self._before.keys():
             return

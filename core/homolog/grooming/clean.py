@@ -15,12 +15,13 @@ __all__ = ["Cleaned", "cleaned", "is_pair"]
 
 _ANY_NEIGHBOUR = np.ones((3, 3, 3), dtype=bool)
 _LEAST_OF_PAIR, _MOST_OF_ALL = 0.5, 0.9
-"""The smaller of two pieces that are a pair, over the larger; of all voxels, what both have."""
+"""Two pieces are a pair if the smaller has at least the first fraction of the larger one's voxels, and both
+have at least the second fraction of all voxels."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cleaned:
-    """A cleaned segmentation of one solid piece, with the changes.
+    """A cleaned segmentation of one solid piece, and the changes made.
 
     Attributes
     ----------
@@ -58,7 +59,7 @@ def cleaned(segmentation: Segmentation, pieces: Pieces = Pieces.LARGEST) -> Clea
         )
     if count > 1:
         mask = labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
-    del labels  # of four bytes a voxel
+    del labels  # it has four bytes per voxel
     filled = without_cavities(mask)
     cavities = filled & ~mask
     holes = int(ndimage.label(cavities)[1]) if cavities.any() else 0

@@ -1,4 +1,4 @@
-"""Grooming of a cohort: checked in advance, groomed in parallel, cached."""
+"""Grooming of a cohort: checks in advance, parallel grooming, cache."""
 
 import logging
 from collections import Counter
@@ -28,13 +28,13 @@ __all__ = ["Problem", "check_cohort", "groom_cohort"]
 
 _log = logging.getLogger(__name__)
 
-_PATIENCE = 0.1  # s between looks at the tick while workers are busy
+_PATIENCE = 0.1  # s between ticks while workers are busy
 
 _MANY_PAIRS = 0.5
-"""Of the subjects: with fewer pairs, pieces are noise rather than two organs under one label."""
+"""Fraction of subjects with pairs; below it, pieces are noise rather than two organs under one label."""
 _PAIR = (
-    "is in two separate pieces of similar size, as both lungs under one label are, of which only the larger "
-    "would be used; give each piece its own label (in 3D Slicer: Islands), or join them"
+    "has two separate pieces of similar size, such as both lungs under one label; only the larger one "
+    "would be used. Give each piece its own label (in 3D Slicer: Islands), or join them"
 )
 
 NO_SOURCES: Mapping[str, Source] = {}
@@ -58,8 +58,8 @@ def check_cohort(
 ) -> list[Problem]:
     """Read every file and return the problems, in the cohort's order.
 
-    Nothing is groomed or written. Faults that only grooming can find are few: a grid that would not fit
-    into memory, a mesh too small for the edges asked for, or nothing left after smoothing.
+    Nothing is groomed or written. Only grooming itself detects a grid that does not fit into memory, a mesh
+    too small for the requested edge length, and a shape that vanishes in smoothing.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def check_cohort(
 
 
 def _of_other_names(called: dict[str, str]) -> list[Problem]:
-    """Return the subjects whose files name the structure differently: its value may mean another."""
+    """Return the subjects whose files give the label another name: it may mean another structure."""
     names = Counter(item.casefold() for item in called.values())
     usual = max(names, key=names.__getitem__, default="")
     return [
@@ -132,21 +132,21 @@ def groom_cohort(
     settings : GroomSettings
         Alignment and scaling are ignored.
     executor : Executor, optional
-        Where subjects are groomed, on workers that see the files; processes of this machine if not given.
+        Runs the grooming on workers that can read the files; by default, processes of this machine.
     cache : Path, optional
-        Folder of groomed subjects; only those that changed are groomed again and added. A file that has
-        changed since gets a note and a line in the log.
+        Folder of groomed subjects. Only changed subjects are groomed again, with a note and a line in the log
+        if their file has changed.
     tick : Tick
         Called at least every 0.1 s.
     left_out : list of Problem, optional
-        Subjects that fail, or whose unit differs, are added to it and excluded from the result; without it
-        the first one that fails is raised.
+        Receives the subjects that fail or have another unit; the result excludes them. If it is not given,
+        the first failure is raised.
     sources : mapping of str to Segmentation or TriangleMesh, optional
-        Shapes in memory, by subject, in place of their files; not for a cache.
+        Shapes in memory, by subject, in place of their files; they are not cached.
     keys : dict, optional
-        Filled with the `content_key` of each groomed subject, for `save_groomed`.
+        Receives the `content_key` of each groomed subject, for `save_groomed`.
     reduced : callable, optional
-        Converts each groomed subject to what is returned for it, so that memory need not hold all of them.
+        Converts each groomed subject to a smaller one, which is returned, so that memory need not hold all.
 
     Returns
     -------
@@ -156,9 +156,9 @@ def groom_cohort(
     Raises
     ------
     InputError, NumericalError
-        Of the first subject that fails, if a file changes meanwhile, or if a worker process died.
+        If a subject fails, a file changes during the grooming, or a worker process dies.
     Cancelled
-        From the tick; processes of our own end at once, those of a given executor finish what they began.
+        From the tick. Own processes end at once; a given executor finishes pending work.
     """
     taken = reduced or _whole
     groomed, cached = _from_cache(cohort, settings, cache, part_of(tick, 0.0, 0.1), taken)
@@ -202,7 +202,7 @@ def _with_twins(groomed: Sequence[GroomedSubject], keys: Mapping[str, str]) -> l
     for subject in groomed:
         content = keys.get(subject.name, subject.name).partition(" ")[0]
         twin = first.setdefault(content, subject.name)
-        note = f"its file holds exactly what that of {twin} holds; exclude one of them, or correct its file"
+        note = f"its file has the same content as that of {twin}; exclude one of them, or correct its file"
         noted.append(subject if twin == subject.name else _with_note(subject, note))
     return noted
 
@@ -231,7 +231,7 @@ def _whole(groomed: GroomedSubject) -> GroomedSubject:
 
 
 def _source(subject: Subject, settings: GroomSettings, source: Source | None) -> Source:
-    """Return the checked shape of a subject: the one in memory, or its file's."""
+    """Return the checked shape of a subject, from memory or from its file."""
     return read_source(subject, settings) if source is None else check_source(source, settings, subject.name)
 
 
@@ -269,7 +269,7 @@ def _as_they_finish(futures: dict[_Work, Subject], tick: Tick) -> Iterator[tuple
                             "a grooming process ended unexpectedly, probably for lack of memory: use fewer "
                             f"workers or a larger grid spacing{main_guard_hint()}"
                         ) from error
-                    yield futures.pop(future), future  # whose result is not kept
+                    yield futures.pop(future), future  # popped, so that its result can be freed
     finally:
         for future in pending:
             future.cancel()

@@ -19,7 +19,7 @@ def read_dicom(path: Path) -> Volume:
     Raises
     ------
     InputError
-        If a package is missing, the file is no SEG, or the folder holds several series or lacks slices.
+        If a package is missing, the file is not a SEG, or the folder contains several series or lacks slices.
     """
     files = dicom_files(path) if path.is_dir() else [path]
     if contours := [file for file in files if is_rtstruct(file)]:
@@ -48,7 +48,7 @@ def read_dicom_scan(path: Path, tick: Tick) -> StoredScan:
     Raises
     ------
     InputError
-        If the path is a single file, or the folder holds no or several series or lacks slices.
+        If the path is a single file, or the folder contains no or several series or lacks slices.
     """
     if not path.is_dir():
         raise InputError(f"{path}: is one DICOM file; give the folder of the scan's slices")

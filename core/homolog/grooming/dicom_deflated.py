@@ -1,4 +1,4 @@
-"""DICOM files that are deflated as a whole (dcmqi and so 3D Slicer can write SEGs so), unpacked in bounds."""
+"""Bounded decompression of wholly deflated DICOM files, such as SEGs by dcmqi and 3D Slicer."""
 
 import os
 import zlib
@@ -15,14 +15,14 @@ _PREAMBLE, _GROUP_LENGTH = 132, 12  # bytes before the file's meta information
 
 
 def unpacked(path: Path) -> str | BinaryIO:
-    """Return a file's path, or, if the file is deflated, its content unpacked (explicit, little-endian).
+    """Return a file's path, or the unpacked content of a deflated file (explicit, little-endian).
 
     Raises
     ------
     InputError
         If it unpacks to more than 256 MB.
     Exception
-        Whatever pydicom raises on damaged files.
+        Any error of pydicom on damaged files.
     """
     from pydicom.filebase import DicomBytesIO
     from pydicom.filereader import read_file_meta_info

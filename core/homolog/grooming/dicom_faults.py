@@ -15,13 +15,13 @@ __all__ = ["dicom_faults"]
 def dicom_faults(path: Path, kind: str) -> Iterator[None]:
     """Convert any exception into an InputError, and suppress other output.
 
-    Both packages write file names and values of the header, which may be a patient's, to the standard error.
+    Both packages print file names and header values, which may identify a patient, to the standard error.
 
     Parameters
     ----------
     path : Path
     kind : str
-        What the file should be: ``"DICOM SEG"``.
+        Expected kind of file, such as ``"DICOM SEG"``.
     """
     with redirect_stderr(io.StringIO()), warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -29,7 +29,7 @@ def dicom_faults(path: Path, kind: str) -> Iterator[None]:
             yield
         except (InputError, ModuleNotFoundError):
             raise
-        except Exception as error:  # what they raise on bad files is no short list
+        except Exception as error:  # they raise many kinds of errors on bad files
             raise InputError(
                 f"{path}: can't be read as {kind}; export it again ({_reason(error)})"
             ) from error

@@ -19,11 +19,11 @@ _EXTRA = 'DICOM SEG needs the package highdicom; install it: pip install "homolo
 
 
 _ROOM = ((1, 1), (0, 0), (0, 0))
-"""Frames that are left out hold nothing: an empty one at either end says that nothing is cut off there."""
+"""Omitted frames are empty: an empty frame at either end shows that the structure is not cut off there."""
 
 
 class _Layers(Sequence[Array]):
-    """The segments of a DICOM SEG as layers, each made of its frames when it is asked for."""
+    """The segments of a DICOM SEG as layers, each assembled from its frames on access."""
 
     def __init__(self, path: Path, seg: Any, numbers: list[int]) -> None:  # noqa: ANN401 - highdicom's
         self._path, self._seg, self._numbers = path, seg, numbers
@@ -54,7 +54,7 @@ def read_seg(path: Path) -> Volume:
     Raises
     ------
     InputError
-        If the package is missing, or the file is damaged, too large or no stack of slices.
+        If the package is missing, or the file is damaged, too large or not a stack of slices.
     """
     try:
         from highdicom.seg import segread

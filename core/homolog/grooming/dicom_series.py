@@ -1,4 +1,4 @@
-"""Label maps as series of DICOM slices, through pydicom: GDCM takes gigabytes for damaged lengths."""
+"""Label maps as series of DICOM slices, read by pydicom: GDCM allocates gigabytes for damaged lengths."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ from homolog.progress import Tick, no_tick
 __all__ = ["read_series", "series_voxels"]
 
 _KIND = "a slice of a DICOM series"
-_UNEVEN = 0.01  # of the slice distance
+_UNEVEN = 0.01  # tolerance of positions, as a fraction of the slice distance
 _SPACINGS = ("PixelSpacing", "NominalScannedPixelSpacing", "ImagerPixelSpacing")
-"""Where the pixels' size is, by the kind of image; the first that is there holds."""
+"""Attributes that give the pixel size, depending on the kind of image; the first one present is used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Slice:
-    """The header of a slice: series, size (columns, rows), place and axes [mm, LPS], slope and intercept."""
+    """Header of a slice: series, size (columns, rows), position and axes [mm, LPS], slope and intercept."""
 
     path: Path
     series: str
@@ -39,7 +39,7 @@ class _Slice:
 
 
 def read_series(folder: Path, files: Sequence[Path]) -> Volume:
-    """Read the slices of one series, in the order in which they lie.
+    """Read the slices of one series, ordered by position.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def series_voxels(folder: Path, files: Sequence[Path], tick: Tick) -> tuple[Arra
     Parameters
     ----------
     folder : Path
-        Where the files are.
+        Folder of the files.
     files : sequence of Path
         The slices, in any order.
     tick : Tick
@@ -67,10 +67,10 @@ def series_voxels(folder: Path, files: Sequence[Path], tick: Tick) -> tuple[Arra
     Returns
     -------
     values : array
-        As stored where all slices have the same slope and intercept, else scaled float64.
+        As stored if all slices have the same slope and intercept, else scaled float64.
     index_to_world : (4, 4) array
     slope, intercept : float
-        By which values are to be scaled.
+        Grey value = slope * value + intercept.
     """
     slices = []
     for number, path in enumerate(files):
@@ -129,7 +129,7 @@ def _read(path: Path, *, without_pixels: bool) -> Any:  # noqa: ANN401 - pydicom
 
 
 def _step(folder: Path, slices: Sequence[_Slice]) -> FloatArray:
-    """Return the way from slice to slice [mm], refusing slices that are not parallel and evenly spaced."""
+    """Return the step from slice to slice [mm]; refuse slices that are not parallel and evenly spaced."""
     alike = all(
         item.size == slices[0].size and np.allclose(item.axes, slices[0].axes, rtol=0.0, atol=1e-3)
         for item in slices
@@ -145,9 +145,9 @@ def _step(folder: Path, slices: Sequence[_Slice]) -> FloatArray:
     if not alike or not length > 0.0 or np.abs(steps - usual).max() > _UNEVEN * length:
         raise InputError(
             f"{folder}: its {len(slices)} slices are not equal in size, parallel and {length:.3g} mm apart "
-            "throughout; copy the missing ones, or export a label map with even slices"
+            "throughout; copy the missing ones, or export a label map with evenly spaced slices"
         )
-    whole: FloatArray = steps.mean(axis=0)  # places are rounded in many files: from the first to the last
+    whole: FloatArray = steps.mean(axis=0)  # the mean, since many files round positions
     return whole
 
 

@@ -1,4 +1,4 @@
-"""Signed distance maps, as ShapeWorks grooms segmentations to."""
+"""Signed distance maps, such as those that ShapeWorks makes in grooming."""
 
 from pathlib import Path
 
@@ -18,17 +18,17 @@ _VERTICES = 6000
 
 
 def read_distance_map(path: Path) -> TriangleMesh:
-    """Read the zero level of a distance map; outside is what the border of the image is.
+    """Read the zero level of a distance map; the sign at the border of the image means outside.
 
     Parameters
     ----------
     path : Path
-        NRRD or MetaImage of numbers on both sides of zero.
+        NRRD or MetaImage with positive and negative values.
 
     Raises
     ------
     InputError
-        If the file can't be read or holds no closed surface.
+        If the file can't be read or contains no closed surface.
     """
     from skimage.measure import marching_cubes
 

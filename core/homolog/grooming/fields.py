@@ -16,13 +16,13 @@ from homolog.surfaces.topology import without_cavities
 
 __all__ = ["ENOUGH", "distance_field", "restored", "volume_inside"]
 
-_FINAL = 0.85  # of the smoothing, after the distances are made
+_FINAL = 0.85  # fraction of the smoothing that is applied to the distances
 ENOUGH = 0.95
-"""Of a structure's volume: a surface that encloses less is moved outward."""
-_FARTHEST = 0.4  # voxels: how far it is moved
-_ROUNDS, _EXACT = 4, 0.02  # of the volume: what is too much is taken back
-_OF_PATCHES = -0.3  # nodes: the level of nodes that fill a tunnel
-_KEPT = 0.2  # nodes: how far from zero a node on its own side is kept, if the topology would change
+"""Fraction of a structure's volume; a surface that encloses less is moved outward."""
+_FARTHEST = 0.4  # voxels: largest such displacement
+_ROUNDS, _EXACT = 4, 0.02  # iterations of the displacement; tolerance as a fraction of the volume
+_OF_PATCHES = -0.3  # nodes: level of the nodes that fill a tunnel
+_KEPT = 0.2  # nodes: least distance from zero of nodes kept on their side to preserve the topology
 
 
 def distance_field(
@@ -33,11 +33,11 @@ def distance_field(
     Parameters
     ----------
     level : Level
-        Of whatever scale away from the surface.
+        Its scale away from the surface does not matter.
     smoothing : float
         Standard deviation [nodes].
     tunnels : float
-        Tunnels narrower than this are filled [nodes].
+        Width below which tunnels are filled [nodes].
 
     Returns
     -------
@@ -46,7 +46,7 @@ def distance_field(
     tuple of str
         Notes for the user, those of the level function first.
     int
-        Number of pieces that came loose in smoothing and were dropped.
+        Number of pieces that smoothing separated and that were dropped.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def distance_field(
         If no node is inside.
     """
     if not (level.values < 0.0).any():
-        raise InputError("nothing is left of the shape on this grid; use a finer grid spacing")
+        raise InputError("the shape vanishes on this grid; use a finer grid spacing")
     solid, loose = _one_solid(level.values)
     notes = level.notes
     inside, filled = fill_tunnels(solid < 0.0, tunnels)
@@ -76,21 +76,21 @@ def volume_inside(field: DistanceField) -> float:
 def restored(field: DistanceField, volume: float, voxel: float) -> DistanceField:
     """Return a field whose surface is moved outward until it encloses enough of a structure's volume.
 
-    Smoothing shrinks structures of few voxels. The surface is moved by less than half a voxel, and not if
-    that would change its topology.
+    Smoothing shrinks structures of few voxels. The surface is moved by less than half a voxel, and only if
+    this does not change its topology.
 
     Parameters
     ----------
     field : DistanceField
     volume : float
-        Of the structure's voxels [mm³].
+        Volume of the structure's voxels [mm³].
     voxel : float
         Edge of a voxel [mm].
 
     Returns
     -------
     DistanceField
-        The same if nothing is missing.
+        The input field if it encloses enough.
     """
     moved = 0.0
     for _ in range(_ROUNDS):
@@ -113,7 +113,7 @@ def _alike(values: Array, others: Array) -> bool:
 
 
 def _smoothed_alike(distances: Float32Array, sigma: float) -> Float32Array:
-    """Smooth; where this would change the topology, keep every node on its own side of the zero level."""
+    """Smooth; if this changes the topology, keep every node on its own side of the zero level."""
     result = smoothed(distances, sigma)
     if _pieces(result) != 1 or _pieces(-result) != 1:
         return _on_own_side(result, distances)
@@ -129,7 +129,7 @@ def _pieces(values: Array) -> int:
 
 
 def _on_own_side(result: Float32Array, distances: Float32Array) -> Float32Array:
-    """Return smoothed values that leave every node on the side of the zero level where it was."""
+    """Return smoothed values constrained so that every node stays on its side of the zero level."""
     return np.where((result < 0.0) == (distances < 0.0), result, np.clip(distances, -_KEPT, _KEPT))
 
 
@@ -141,7 +141,7 @@ def _euler_number(values: Array) -> int:
 
 
 def _doubtful(inside: BoolArray, euler: int) -> bool:
-    """Whether a handle less may be right: it hangs on nodes that touch at an edge or corner only."""
+    """Whether a handle may be spurious: it depends on nodes that touch only at an edge or corner."""
     from skimage import measure
 
     bounds = sorted(2 * measure.euler_number(inside, connectivity) for connectivity in (1, 3))
@@ -149,7 +149,7 @@ def _doubtful(inside: BoolArray, euler: int) -> bool:
 
 
 def _one_solid(level: Array) -> tuple[Array, int]:
-    """Keep the largest component of the inside, without cavities; return how many were dropped."""
+    """Keep the largest component of the inside and fill its cavities; also return how many were dropped."""
     labels, count = ndimage.label(level < 0.0)
     solid = without_cavities(labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:])))
     return np.where(solid, -1.0, 1.0) * np.maximum(np.abs(level), 1e-3), count - 1

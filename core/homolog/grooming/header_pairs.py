@@ -1,4 +1,4 @@
-"""Volumes in two files: Analyze 7.5 and NIfTI pairs (``.hdr`` and ``.img``), each may be packed by gzip."""
+"""Volumes in two files, optionally compressed by gzip: Analyze 7.5 and NIfTI pairs (``.hdr``, ``.img``)."""
 
 import gzip
 import zlib
@@ -23,8 +23,8 @@ __all__ = ["read_pair", "read_pair_scan"]
 _HEADER, _MAGIC = 348, 344  # bytes
 _TO_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 _ASSUMED = (
-    "Analyze headers don't tell left from right: LAS axes were assumed, as FSL and SPM do; shapes are "
-    "mirror images if the files were stored otherwise"
+    "Analyze headers do not distinguish left from right: LAS axes were assumed, as in FSL and SPM; shapes "
+    "are mirror images if the files use other axes"
 )
 
 
@@ -34,12 +34,13 @@ def read_pair(path: Path) -> Volume:
     Parameters
     ----------
     path : Path
-        The header: ends in .hdr or .hdr.gz. The voxels have its name and end in .img or .img.gz.
+        The header, ending in .hdr or .hdr.gz. The file of voxels has the same name and ends in .img or
+        .img.gz.
 
     Raises
     ------
     InputError
-        If a file is missing or can't be read, or holds no 3-D volume of single numbers.
+        If a file is missing, can't be read, or is not a 3-D volume of single numbers.
     """
     values, matrix, slope, intercept, notes = read_pair_scan(path, no_tick)
     if (slope, intercept) != (1.0, 0.0):

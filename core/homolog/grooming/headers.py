@@ -19,7 +19,7 @@ from homolog.grooming.volumes import Segment
 __all__ = ["Header", "read_header", "segments_of"]
 
 _LONGEST = 2**20
-"""A text header that is longer than this is none."""
+"""Longest text header in bytes; longer ones are refused."""
 _MOST_FILES = 100_000
 _ZLIB_OR_GZIP = 47
 _MILLIMETRES = ("", "mm", "millimeter", "millimeters", "millimetre", "millimetres")
@@ -29,20 +29,20 @@ _RESCUE = "correct its header or export it again"
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """A header of text.
+    """A text header.
 
     Attributes
     ----------
     path : Path
-        The file that begins with it.
+        The file that begins with the header.
     is_nrrd : bool
-        NRRD rather than MetaImage.
+        Whether it is NRRD rather than MetaImage.
     values : mapping of str to str
-        By key in lower case without blanks.
+        Values by key, in lower case without blanks.
     files : tuple of str
-        Where the voxels are, next to the header; none if they follow it.
+        Names of the files of voxels next to the header; empty if the voxels follow the header.
     length : int
-        Bytes before the voxels that follow.
+        Bytes of the header before the voxels.
     """
 
     path: Path
@@ -58,12 +58,12 @@ class Header:
         return () if any(key in self.values for key in keys) else (_NO_SIZE,)
 
     def check_length(self, needed: int) -> None:
-        """Refuse more or fewer bytes of voxels than a header tells of: its sizes or its offset are wrong.
+        """Refuse more or fewer bytes of voxels than the header declares: its sizes or its offset are wrong.
 
         Parameters
         ----------
         needed : int
-            Bytes of all voxels.
+            Number of bytes of all voxels.
         """
         if self._is("compresseddata") and not self.is_nrrd:
             self._check_deflated(needed)
@@ -75,7 +75,7 @@ class Header:
             encoding == "raw" if self.is_nrrd else not self._is("compresseddata") and self._is("binarydata")
         )
         if skip < 0 or not (packed or plain):
-            return  # voxels at the end of the file, or as many as the decoder finds
+            return  # the voxels are at the end of the file, or the decoder determines their number
         places = [self.path.parent / name for name in self.files] or [self.path]
         there = sum(os.path.getsize(place) for place in places)
         before = (skip + self._skipped_lines(places[0])) * len(places) if self.files else self.length + skip
@@ -83,7 +83,7 @@ class Header:
             with places[0].open("rb") as stream:
                 stream.seek(max(there - 4, 0))
                 there, before = int.from_bytes(stream.read(4), "little"), skip
-            if there - before > needed:  # of several packed parts only the last counts
+            if there - before > needed:  # of several compressed parts only the last one counts
                 raise InputError(
                     f"{self.path}: may be cut short, or contains more than the {needed} bytes of voxels that "
                     "its header declares; copy or export it again"
@@ -100,12 +100,12 @@ class Header:
             )
 
     def _check_deflated(self, needed: int) -> None:
-        """Refuse compressed voxels of a MetaImage unless they are whole: SimpleITK would read noise."""
+        """Refuse incomplete compressed voxels of a MetaImage: SimpleITK would read noise."""
         place, begin = (self.path.parent / self.files[0], 0) if self.files else (self.path, self.length)
         size, is_whole = _unpacked_size(place, begin, needed)
         stored = os.path.getsize(place) - begin
         declared = self._number("compresseddatasize")
-        if size == needed and is_whole and declared == 0:  # SimpleITK then takes a data file as a whole
+        if size == needed and is_whole and declared == 0:  # SimpleITK then reads the whole data file
             if self.files:
                 return
             raise InputError(
@@ -119,7 +119,7 @@ class Header:
             )
 
     def check(self) -> None:
-        """Refuse inconsistent headers, and missing data files or ones outside the header's folder."""
+        """Refuse inconsistent headers, and data files that are missing or outside the header's folder."""
         for name in self.files:
             self._check_beside(name)
         (self._check_nrrd if self.is_nrrd else self._check_metaimage)()
@@ -147,7 +147,7 @@ class Header:
             if not np.allclose(turn @ turn.T, np.eye(edge), atol=1e-3):
                 raise InputError(f"{self.path}: its axes {self.values[key]} are not a rotation; {_RESCUE}")
         if not self.files and self._number("headersize") > 0:
-            raise InputError(f"{self.path}: declares its voxels both in this and in another file; {_RESCUE}")
+            raise InputError(f"{self.path}: declares voxels both in this file and in another one; {_RESCUE}")
 
     def _check_spacing(self, key: str) -> None:
         sizes = [number for number in self._numbers(key) if not (self.is_nrrd and math.isnan(number))]
@@ -170,7 +170,7 @@ class Header:
         return self.values.get(key, "").lower() in ("true", "t", "yes", "1")
 
     def _skipped_lines(self, place: Path) -> int:
-        """Return how many bytes a NRRD header's `line skip` leaves out."""
+        """Return the number of bytes that the `line skip` of a NRRD header omits."""
         with place.open("rb") as stream:
             return sum(
                 len(stream.readline(_LONGEST)) for _ in range(min(self._number("lineskip"), _MOST_FILES))
@@ -183,16 +183,16 @@ class Header:
                 f"{self.path}: its voxels are in {name}; put that file next to the header, and "
                 "name it there without a folder"
             )
-        if not os.path.isfile(self.path.parent / place):  # no name is too long for it
+        if not os.path.isfile(self.path.parent / place):  # accepts names of any length
             raise InputError(
-                f"{self.path}: its voxels are in {name}, which is not there; put that file next to it"
+                f"{self.path}: its voxels are in {name}, which is missing; put that file next to it"
             )
 
 
 def _unpacked_size(place: Path, begin: int, most: int) -> tuple[int, bool]:
-    """Return how many bytes a file has from a place on when unpacked, up to about `most`; and if that is all.
+    """Return the number of unpacked bytes from an offset on, up to about `most`, and whether these are all.
 
-    Part by part, so that the volume is not in memory for it; -1 for damaged ones.
+    The file is unpacked in parts to save memory. The number is -1 for damaged files.
     """
     unpacker = zlib.decompressobj(_ZLIB_OR_GZIP)
     size = 0
@@ -224,7 +224,7 @@ def read_header(path: Path) -> Header:
         length += len(line)
         key, _, value = (part.strip() for part in line.partition(":" if is_nrrd else "="))
         key = key.lower().replace(" ", "")
-        if not (is_nrrd and value.startswith("=")):  # which is somebody's own
+        if not (is_nrrd and value.startswith("=")):  # a key defined by the user
             values.setdefault(key, value)
         if key == ("datafile" if is_nrrd else "elementdatafile"):
             files = tuple(_names(value.replace("\\", "/"), lines[number + 1 :]))
@@ -239,7 +239,7 @@ def segments_of(path: Path, values: Mapping[str, str]) -> tuple[Segment, ...]:
     Raises
     ------
     InputError
-        If a value or layer is no number.
+        If a value or layer is not a number.
     """
     segments = []
     for number in sorted(int(key[1]) for key in map(_NAMED.fullmatch, values) if key):
@@ -254,12 +254,12 @@ def segments_of(path: Path, values: Mapping[str, str]) -> tuple[Segment, ...]:
     return tuple(segments)
 
 
-_NAMED = re.compile(r"Segment(0|[1-9][0-9]{0,5})_Name")  # some programs begin with 1, or leave gaps
+_NAMED = re.compile(r"Segment(0|[1-9][0-9]{0,5})_Name")  # some programs begin with 1 or skip numbers
 _DEFAULTS = (("LabelValue", "1"), ("Layer", "0"))
 
 
 def _names(value: str, following: list[str]) -> list[str]:
-    """Return the files that a header names: one, a list, or those of a pattern."""
+    """Return the files that a header names: a single one, a list, or a pattern."""
     tokens = value.split()
     if not tokens or tokens[0].upper() == "LOCAL":
         return []

@@ -46,7 +46,7 @@ def read_segmentation(path: Path, label: int | None, segment: str | None = None)
     ------
     InputError
         If the file is missing, cut short, not a 3-D label map, larger than memory, contradicts itself about
-        where it lies, or does not hold the structure.
+        its position, or lacks the structure.
     """
     return read_volume(path).segmentation(label, segment)
 
@@ -79,7 +79,7 @@ def read_volume(path: Path) -> Volume:
 
 
 def check_kind(path: Path) -> str:
-    """Return a file's name in lower case; raises InputError if it is missing or no image by its name."""
+    """Return a file's name in lower case; raises InputError if it is missing or not named like an image."""
     name = path.name.lower()
     if not path.is_file() and not path.is_dir():
         raise InputError(f"{path}: does not exist; correct the path or exclude it")
@@ -91,7 +91,7 @@ def check_kind(path: Path) -> str:
         )
     if suffix_of(path) not in IMAGE_SUFFIXES:
         raise InputError(
-            f"{path}: has an unsupported type; convert it, or give its header if it has one "
+            f"{path}: has an unsupported type; convert it, or choose its header file if there is one "
             f"({', '.join(IMAGE_SUFFIXES)})"
         )
     return name
@@ -120,7 +120,7 @@ def read_itk_scan(path: Path, tick: Tick) -> StoredScan:
 
 
 class _Pixels:
-    """The voxels of an image of SimpleITK, for numpy: not copied, and alive as long as an array of them."""
+    """The voxels of a SimpleITK image for numpy: not copied, and kept alive by the arrays that use them."""
 
     def __init__(self, image: Any) -> None:  # noqa: ANN401 - SimpleITK is untyped
         import SimpleITK
@@ -144,14 +144,14 @@ def _itk_image(path: Path) -> tuple[Any, FloatArray, tuple[Segment, ...], tuple[
         raise InputError(
             f"{path}: is not a readable image; export it again, or exclude it ({_reason(error)})"
         ) from error
-    known = (key for key in reader.GetMetaDataKeys() if key.isascii())  # others can't be asked for
+    known = (key for key in reader.GetMetaDataKeys() if key.isascii())  # SimpleITK fails on other keys
     header = {key: reader.GetMetaData(key) for key in known}
     named, count = segments_of(path, header), reader.GetNumberOfComponents()
     if any(not 0 <= item.layer < count for item in named):
         raise InputError(f"{path}: refers to layers that it does not contain; save it again")
     voxel = SimpleITK.GetArrayViewFromImage(SimpleITK.Image([1, 1, 1], reader.GetPixelID())).itemsize
     size = list(reader.GetSize())
-    while len(size) > 3 and size[-1] == 1:  # one point in time
+    while len(size) > 3 and size[-1] == 1:  # a single point in time
         size.pop()
     check_size(path, size, voxel * count)
     text.check_length(math.prod(size) * voxel * count)
@@ -173,6 +173,6 @@ def _notes(path: Path, header: dict[str, str]) -> tuple[str, ...]:
 
 
 def _reason(error: BaseException) -> str:
-    """Return the last line of an ITK message, which says what happened."""
+    """Return the last line of an ITK message, which contains the reason."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return lines[-1] if lines else type(error).__name__

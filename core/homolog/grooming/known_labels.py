@@ -1,7 +1,7 @@
 """Public numbers of structures: FreeSurfer's (FreeSurferColorLUT.txt), and TotalSegmentator's task `total`.
 
-A list applies to a file only if its numbers, or the names of its folders, match:
-the values 1, 2 and 3 are in every list.
+A list applies to a file only if its numbers, or the names of its folders, match: every list contains the
+values 1, 2 and 3.
 """
 
 import re
@@ -20,17 +20,18 @@ class KnownList:
     Attributes
     ----------
     source : str
-        Whose it is, for messages.
+        Origin of the list, for messages.
     names : mapping of int to str
-        Every number that the list names.
+        Names by number.
     hints : re.Pattern
-        What the names of files and folders of such labels hold.
+        Pattern in the names of files and folders with such labels.
     common : frozenset of int
-        Numbers that the program's files hold; the rest is in the list only.
+        Numbers that occur in the program's files; the others occur in the list only.
     fewest : int
-        With so many different values in a file, all of them common, the file is taken to follow the list.
+        Least number of different values, all of them common, from which on a file is assumed to follow the
+        list.
     telling : frozenset of int
-        One of these values does so too.
+        Values any one of which has the same effect.
     """
 
     source: str
@@ -51,7 +52,7 @@ def known_list(path: Path, values: frozenset[int]) -> KnownList | None:
     Parameters
     ----------
     path : Path
-        The file; its name and those of the two folders above it are looked at.
+        The file; its name and those of the two folders above it are matched.
     values : frozenset of int
         The values above 0 that have voxels.
     """
@@ -72,7 +73,7 @@ _SIDED = {  # number on the left, on the right
     "non-WM-hypointensities": (81, 82),
 }  # fmt: skip
 _RARE = frozenset({1, 6, 9, 19, 20, 25, 27, 29, 40, 45, 48, 55, 56, 57, 59, 61})
-"""Numbers that FreeSurfer's own maps do not hold. Lists that count from 1 hold them."""
+"""Numbers that do not occur in FreeSurfer's own maps, but in lists that count from 1."""
 _MIDDLE = {
     14: "3rd-Ventricle", 15: "4th-Ventricle", 16: "Brain-Stem", 24: "CSF", 72: "5th-Ventricle",
     77: "WM-hypointensities", 80: "non-WM-hypointensities", 85: "Optic-Chiasm", 192: "Corpus_Callosum",
@@ -117,7 +118,7 @@ _CORTEX = [
     "transversetemporal",
     "insula",
 ]
-"""Of the atlas of Desikan and Killiany, from 1000 on the left and from 2000 on the right."""
+"""Regions of the atlas of Desikan and Killiany, numbered from 1000 (left) and from 2000 (right)."""
 
 
 def _freesurfer() -> dict[int, str]:

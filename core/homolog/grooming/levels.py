@@ -17,9 +17,9 @@ from homolog.surfaces.redistance import redistanced
 from homolog.surfaces.solid import Solid
 
 __all__ = [
+    "AUTOMATIC_NODES",
     "MANY_CROSSED",
     "MAX_NODES",
-    "USUAL_NODES",
     "Level",
     "edges_crossed",
     "level_of_mesh",
@@ -31,12 +31,12 @@ PADDING = 6
 """Nodes between the structure and the border of the grid."""
 MAX_NODES = 2**26
 """Larger grids are refused: they need several gigabytes per subject."""
-USUAL_NODES = 2**24
+AUTOMATIC_NODES = 2**24
 """Largest grid where the spacing is automatic."""
 MANY_CROSSED = 1_000_000
 """Largest number of grid edges that the surface crosses, where the spacing is automatic."""
 MANY_NODES = 2_000_000
-"""A larger grid is made coarser, as far as the thinnest parts of the structure allow."""
+"""Larger automatic grids are made coarser, as far as the thinnest parts of the structure allow."""
 NEAR = 4
 """Nodes from the surface up to which distances are exact (eikonal equation)."""
 NODES_ACROSS_VOXELS = 4.0
@@ -46,19 +46,19 @@ SAMPLED_VOXELS = 250_000
 UNRESOLVED_SHARE = 0.005
 """Largest share of a label map's volume that need not be resolved."""
 LEAST_COARSENING = 1.15
-"""Spacing of a large grid over the finest voxel spacing, at least; the cube root of a voxel if smaller."""
+"""Least ratio of a large grid's spacing to the finest voxel spacing, or to a voxel's cube root if smaller."""
 NODES_ACROSS_MESH = 2.5
 """Nodes across a thin part of a mesh that resolve it: with fewer its walls get holes."""
 THIN_SHARE = 0.05
 """Share of a mesh's surface whose thickness is not considered: rims are thin on every shape."""
 THIN_NODES = 2**22
-"""Largest grid that is chosen for the thin parts of a mesh."""
+"""Largest automatic grid for the thin parts of a mesh."""
 WALL_NODES = 1.8
-"""Least number of nodes across the walls of a mesh: thinner ones are thickened to it."""
+"""Least number of nodes across the walls of a mesh; thinner walls are thickened to it."""
 RIM_SHARE = 0.01
-"""Walls are not thickened if this share of the surface or less is thinner."""
+"""Largest share of thin walls in the surface for which no wall is thickened."""
 STACK_RATIO = 2.0
-"""Distance of slices, in pixels, above which they are interpolated as outlines."""
+"""Distance between slices, in pixels, above which outlines are interpolated."""
 HOLE_WALL_NODES = 2.0
 """Nodes across the wall around a hole between slices: thinner walls would be lost on the grid."""
 
@@ -93,7 +93,7 @@ def level_of_voxels(segmentation: Segmentation, spacing: float | None, sigma: fl
     segmentation : Segmentation
         One piece, cropped.
     spacing : float or None
-        Distance between nodes [mm]; that of the finest axis if None, more for very large structures.
+        Distance between nodes [mm]; that of the finest axis if None, or more for very large structures.
     sigma : float
         Standard deviation of the smoothing [voxels].
 
@@ -151,14 +151,14 @@ def level_of_mesh(mesh: TriangleMesh, spacing: float | None) -> Level:
 
 
 def level_of_solid(solid: Solid, spacing: float | None) -> Level:
-    """Return the distance to the boundary of what repaired triangles wind around at least half.
+    """Return the distance to the boundary of the region with winding numbers of at least 1/2.
 
-    Where no face is near that boundary, it is made even as that of voxels is.
+    Where no face is near that boundary, it is smoothed like that of voxels.
 
     Parameters
     ----------
     solid : Solid
-        With faces.
+        The repaired triangles, at least one.
     spacing : float or None
         As for `level_of_mesh`.
     """
@@ -194,7 +194,7 @@ def _grid_around(
 
 
 def _closed_at_border(values: Array) -> Array:
-    """Return values that are outside at the border: open meshes and interpolated slices may reach it."""
+    """Make the border nodes outside, since open meshes and interpolated slices may reach it."""
     result = np.full_like(values, REACH)
     inner = (slice(PADDING // 2, -(PADDING // 2)),) * 3
     result[inner] = values[inner]
@@ -213,7 +213,7 @@ def _sparing_step(segmentation: Segmentation) -> float:
     finest = float(spacing.min())
     of_voxel = float(min(spacing.prod() ** (1 / 3), LEAST_COARSENING * finest))
     of_surface = float(np.sqrt(edges_crossed(segmentation, 1.0) / MANY_CROSSED))
-    step = least = max(of_voxel, of_surface, float((extent.prod() / USUAL_NODES) ** (1 / 3)))
+    step = least = max(of_voxel, of_surface, float((extent.prod() / AUTOMATIC_NODES) ** (1 / 3)))
     while _count(extent, step) > MANY_NODES:
         step *= 1.02
     every = max(1, round((segmentation.mask.size / SAMPLED_VOXELS) ** (1 / 3)))
@@ -231,7 +231,8 @@ def _sparing_step(segmentation: Segmentation) -> float:
 def _thickened(mesh: TriangleMesh, least: float) -> tuple[TriangleMesh, tuple[str, ...]]:
     """Return a mesh with walls of a minimum thickness [mm], and a note on the changes.
 
-    A wall thinner than the grid resolves would have holes. Rims are thin on every shape and are left alone.
+    A wall thinner than the grid resolves would have holes. Rims, which are thin on every shape, are not
+    changed.
     """
     through = thickness(mesh)
     if mesh.face_areas[through < least].sum() <= RIM_SHARE * mesh.area:
@@ -248,7 +249,7 @@ def _thickened(mesh: TriangleMesh, least: float) -> tuple[TriangleMesh, tuple[st
 
 
 def _thin_part(mesh: TriangleMesh) -> float:
-    """Return the thickness [mm] that the surface has everywhere but on `THIN_SHARE` of its area."""
+    """Return the thickness [mm] that all but `THIN_SHARE` of the surface's area exceeds."""
     through, areas = thickness(mesh), mesh.face_areas
     order = np.argsort(through)
     share = np.cumsum(areas[order]) / max(float(areas.sum()), 1e-300)
@@ -269,8 +270,8 @@ def _turned(segmentation: Segmentation) -> Segmentation:
 def _coarsened(segmentation: Segmentation, step: float, is_large: bool) -> Segmentation:
     """Merge voxels where the grid is at least twice as coarse as the image.
 
-    Of blocks that are half inside all count as inside, or every second one: of many voxels none are lost, and
-    the volume stays.
+    Blocks that are exactly half inside become inside. In a large structure only every second one does, which
+    preserves the volume.
     """
     from skimage.measure import block_reduce
 
@@ -294,7 +295,7 @@ def _coarsened(segmentation: Segmentation, step: float, is_large: bool) -> Segme
 
 
 def _grid(extent: FloatArray, margin: FloatArray, step: float) -> tuple[tuple[int, ...], FloatArray]:
-    """Return number of nodes and place of the first one [mm from the structure's corner]."""
+    """Return the number of nodes and the position of the first one [mm from the structure's corner]."""
     shape = np.ceil((extent + 2.0 * margin) / step - 1e-6) + 1 + 2 * PADDING
     if shape.prod() > MAX_NODES:
         least = step * (shape.prod() / MAX_NODES) ** (1 / 3)
@@ -343,7 +344,7 @@ def _from_stack(
 def _padded(
     segmentation: Segmentation, start: FloatArray, axes: tuple[int, ...]
 ) -> tuple[BoolArray, FloatArray]:
-    """Pad the mask so that it covers the grid; return it and the place of its first voxel [mm]."""
+    """Pad the mask so that it covers the grid; return it and the position of its first voxel [mm]."""
     width = np.zeros(3, int)
     width[list(axes)] = np.ceil(-start / segmentation.spacing - 1e-6)[list(axes)]
     padded = np.pad(segmentation.mask, [(int(item), int(item)) for item in width])

@@ -1,4 +1,4 @@
-"""Subjects that fit the others better as mirror images: a test that knows how much subjects differ."""
+"""Subjects that fit the others better as mirror images, tested relative to the variation of the cohort."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -19,28 +19,29 @@ from homolog.surfaces.mirroring import MIRROR
 __all__ = ["better_mirrored", "reversed_ones"]
 
 _MOVING, _FIXED = 300, 800
-"""Points of a subject, and of one that it and its mirror image are compared with."""
+"""Number of points of a subject and its mirror image, and of a subject that both are compared with."""
 _REFERENCES, _COMPARISONS = 4, 240
-"""Most subjects that each is compared with, and about how many comparisons there are beyond the first."""
+"""Largest number of references for each subject, and approximate number of comparisons beyond the first."""
 _SAMPLE = 16
-"""Subjects of a result that show how much mirror images differ."""
+"""Number of subjects of a result that show how much mirror images differ."""
 _CLEAR = 2.0
-"""Preferences of the usual subjects over their spread, at least, if shapes are to tell sides at all."""
+"""Least median of the usual preferences relative to their spread; below it shapes do not show sides."""
 _LEAST_SPREAD = 0.05
 _LIKELY = np.log(100.0)
-"""Logarithm of how much likelier a preference is among mirror images than among the usual subjects."""
+"""Least log-likelihood ratio of a preference: mirror image versus usual subject."""
 _LEAST, _NOTABLE = 0.5, 0.5
-"""Of the usual preference: what a mirror image has at least, and what tells a side."""
+"""Fractions of the median preference: least magnitude of a mirror image's, and of one that shows a side."""
 _FEWEST = 3
 _SLIGHT, _FEW = 0.25, 0.05
-"""Preferences between those of usual subjects and of mirror images are below minus so much of the usual one;
-largest share of the subjects that have them."""
+"""A preference below minus this fraction of the median is ambiguous unless it is that of a mirror image;
+largest share of subjects with ambiguous preferences."""
 _MOST, _FAR = 0.7, 5.0
-"""Share of the subjects whose preferences exceed `_NOTABLE`; spreads between usual ones and mirror images."""
+"""Least share of subjects whose preferences exceed `_NOTABLE`; least distance of a mirror image in
+spreads."""
 
 _RARE, _DISTINCT = 0.25, 0.5
-"""Largest share of mirror images where the usual preference is below this one: wrong files are rare, and
-where both sides are mixed, they differ clearly."""
+"""Largest share of mirror images if the median preference is below the second value: wrong files are rare,
+and mixed sides have larger preferences."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,11 +53,11 @@ class _Pair:
     fixed: OrientedPoints
 
     def preference(self, surface: OrientedPoints) -> float:
-        """Return the logarithm of how much nearer to a surface the mirror image is than the subject."""
+        """Return the logarithm of the subject's distance to a surface over that of its mirror image."""
         return float(np.log(_gap(self.image, surface) / _gap(self.own, surface)))
 
     def searched(self, surface: OrientedPoints) -> "_Pair":
-        """Return the pair, each placed better if an evenly spaced orientation leads to a closer fit."""
+        """Return the pair, registered again if evenly spaced orientations lead to a closer fit."""
         own, image = (
             min(item, _moved(item, sought(item, surface).pose), key=lambda placed: _gap(placed, surface))
             for item in (self.own, self.image)
@@ -72,19 +73,19 @@ def better_mirrored(
     register_pair: RegisterPair,
     tick: Tick,
 ) -> set[str]:
-    """Return the names of subjects whose mirror image fits the others far better than they do.
+    """Return the names of subjects whose mirror images fit the others far better.
 
     A subject and its mirror image are registered to the most typical subjects; its preference is the
-    logarithm of the ratio of their distances. See `reversed_ones` for what is decided from all preferences.
+    logarithm of the ratio of their distances. `reversed_ones` decides from all preferences.
 
     Parameters
     ----------
     groomed : sequence of GroomedSubject
         The cohort.
     alignments : (M, 4, 4) float64 array
-        Of the subjects.
+        Alignments of the subjects.
     known : collection of str
-        Subjects of a result, which are not decided upon.
+        Subjects of a result; their sides are not changed.
     registered_already : bool
         Whether alignments register shapes to the most typical one.
     register_pair : callable
@@ -98,8 +99,8 @@ def better_mirrored(
     ]
     units = [cloud.scaled(1.0 / cloud.size) for cloud in placed]
     order = by_typicality(units).tolist()
-    looked_at, references = _looked_at(order, {k for k in order if groomed[k].name in known})
-    if len(looked_at) <= _FEWEST:
+    tested, references = _tested_and_references(order, {k for k in order if groomed[k].name in known})
+    if len(tested) <= _FEWEST:
         return set()
     middle = references[0]
     fixed = _thinned(units[middle], _FIXED)
@@ -113,52 +114,50 @@ def better_mirrored(
         else:
             pose[:3, 3] = (placed[k].centre - placed[middle].centre) / placed[k].size
         image = _turned(cloud, MIRROR[:3, :3])
-        image = _moved(image, register_pair(image, fixed, free=True).pose)  # its orientation means nothing
+        image = _moved(image, register_pair(image, fixed, free=True).pose)  # its orientation is arbitrary
         return _Pair(_moved(cloud, pose), image, _moved(_thinned(units[k], _FIXED), pose))
 
-    every = sorted({*looked_at, *references})
-    tasks = [partial(pair_of, k) for k in every]
+    involved = sorted({*tested, *references})
+    tasks = [partial(pair_of, k) for k in involved]
     made = run_in_threads(tasks, part_of(tick, 0.0, 0.7), "comparing with mirror images", cores())
-    pairs = dict(zip(every, made, strict=True))
+    pairs = dict(zip(involved, made, strict=True))
 
     def preference(k: int, inner: Tick) -> FloatArray:
         inner(0.0, "comparing with mirror images")
         return np.array([0.0 if j == k else pairs[k].preference(pairs[j].fixed) for j in references])
 
-    works = [partial(preference, k) for k in every]
+    works = [partial(preference, k) for k in involved]
     further = part_of(tick, 0.7, 1.0)
     rows = np.array(run_in_threads(works, further, "comparing with mirror images", cores()))
-    sides = _sides(rows[[every.index(j) for j in references]])
-    others = len(references) - np.isin(every, references)
-    preferences = (rows @ sides / others)[[every.index(k) for k in looked_at]]
+    sides = _sides(rows[[involved.index(j) for j in references]])
+    others = len(references) - np.isin(involved, references)
+    preferences = (rows @ sides / others)[[involved.index(k) for k in tested]]
     are_images = reversed_ones(preferences, majority=not known)
     flagged = [
-        k
-        for k, is_image in zip(looked_at, are_images, strict=True)
-        if is_image and groomed[k].name not in known
+        k for k, is_image in zip(tested, are_images, strict=True) if is_image and groomed[k].name not in known
     ]
-    for k in flagged:  # a registration that missed the best orientation looks like a mirror image
+    for k in flagged:  # failed registrations resemble mirror images
         tick(1.0, "comparing with mirror images")
         pairs[k] = pairs[k].searched(fixed)
         row = [0.0 if j == k else pairs[k].preference(pairs[j].fixed) for j in references]
-        preferences[looked_at.index(k)] = row @ sides / (len(references) - (k in references))
+        preferences[tested.index(k)] = row @ sides / (len(references) - (k in references))
     are_images = reversed_ones(preferences, majority=not known) if flagged else are_images
-    return {groomed[k].name for k in flagged if are_images[looked_at.index(k)]}
+    return {groomed[k].name for k in flagged if are_images[tested.index(k)]}
 
 
-def _looked_at(order: list[int], known: set[int]) -> tuple[list[int], list[int]]:
-    """Return whom to compare with mirror images, and the most typical to compare with, from typical on.
+def _tested_and_references(order: list[int], known: set[int]) -> tuple[list[int], list[int]]:
+    """Return the subjects to test, and the references to compare them with, both in order of typicality.
 
-    Of subjects of a result, which are not decided upon, a sample takes part.
+    Only a sample of the subjects of a result is tested, since their sides are not changed.
     """
     sample = [k for k in order if k in known][:_SAMPLE]
-    looked_at = [k for k in order if k in sample or k not in known]
-    count = 1 + int(np.clip(_COMPARISONS // max(len(looked_at), 1), 1, _REFERENCES))
-    return looked_at, (sample if len(sample) > 1 else order)[:count]
+    tested = [k for k in order if k in sample or k not in known]
+    count = 1 + int(np.clip(_COMPARISONS // max(len(tested), 1), 1, _REFERENCES))
+    return tested, (sample if len(sample) > 1 else order)[:count]
 
 
 def _sides(preferences: FloatArray) -> FloatArray:
-    """Return 1 for references on the side of the first one, and -1 for those on the other.
+    """Return 1 for references on the same side as the first one, and -1 for the others.
 
     They are the signs of the first eigenvector of the preferences among references (synchronization over
     the group of two elements; Singer 2011).
@@ -170,17 +169,18 @@ def _sides(preferences: FloatArray) -> FloatArray:
 def reversed_ones(preferences: FloatArray, *, majority: bool = True) -> list[bool]:
     """Return which subjects are mirror images of the usual ones, by their preferences for their own side.
 
-    The usual subjects have positive preferences. They tell sides if the median is twice their spread (the
-    standard deviation) and most preferences exceed half of it: otherwise shapes are too symmetric, or differ
-    too much. A negative preference is a mirror image's if it is a hundred times likelier about minus the
-    median than about the median, and farther from it than five spreads. Where more than a few preferences
-    lie between, or many seem to be mirror images by small preferences, subjects differ in chance asymmetries,
-    and none is a mirror image.
+    The usual subjects have positive preferences. Shapes show sides if the median is at least twice the spread
+    (standard deviation) and most preferences exceed half the median; otherwise they are too symmetric or too
+    variable. A subject with a negative preference is a mirror image if the preference is a hundred times
+    likelier in a distribution about minus the median than in one about the median, and farther than five
+    spreads from the median. If more than a few preferences are ambiguous, or many subjects seem to be mirror
+    images with small preferences, the asymmetries are random, and no subject is a mirror image.
 
     Parameters
     ----------
     preferences : (M,) float64 array
-        Logarithms of the distance of the mirror image over the subject's own, positive if the own one fits.
+        Logarithms of the mirror image's distance relative to the subject's, positive if the subject fits
+        better.
     majority : bool
         Whether the usual subjects are those of the more frequent sign; otherwise they are the positive ones.
     """
@@ -190,8 +190,8 @@ def reversed_ones(preferences: FloatArray, *, majority: bool = True) -> list[boo
         return [False] * len(values)
     middle = float(np.median(usual))
     spread = float(np.hypot(usual.std(), _LEAST_SPREAD))
-    tell = np.mean(np.abs(values) >= _NOTABLE * middle)
-    if middle < _CLEAR * spread or tell < _MOST:
+    showing = np.mean(np.abs(values) >= _NOTABLE * middle)
+    if middle < _CLEAR * spread or showing < _MOST:
         return [False] * len(values)
     is_image = (-values >= _LEAST * middle) & (-2.0 * middle * values >= _LIKELY * spread**2)
     is_image &= middle - values >= _FAR * spread
@@ -216,7 +216,7 @@ def _thinned(cloud: OrientedPoints, points: int) -> OrientedPoints:
 
 
 def _gap(moving: OrientedPoints, fixed: OrientedPoints) -> float:
-    """Return the mean distance of points from a point set's surface, once registered; sizes are about 1."""
+    """Return the mean distance of registered points from the surface of a point set; sizes are about 1."""
     points = transform_points(refined(moving, fixed).pose, moving.points)
     nearest = KDTree(fixed.points).query(points)[1]
     away = np.einsum("ni,ni->n", points - fixed.points[nearest], fixed.normals[nearest])

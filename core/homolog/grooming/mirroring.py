@@ -38,29 +38,30 @@ def align_cohort(
 ) -> tuple[list[GroomedSubject], FloatArray]:
     """Align groomed subjects, those of one side of the body mirrored.
 
-    If only names tell the sides, and most subjects to be mirrored fit the others far better unmirrored, their
-    files already hold mirror images: then nobody is mirrored.
+    If the sides are known from names only, and most subjects to be mirrored fit the others far better
+    unmirrored, their files already contain mirror images. Then no subject is mirrored.
 
     Parameters
     ----------
     cohort : Cohort
         Its columns and names give the sides.
     groomed : sequence of GroomedSubject
-        Of the cohort, in its order.
+        The groomed subjects, in the order of the cohort.
     settings : GroomSettings
         Its `alignment`, `scaling` and `mirror`.
     tick : Tick
         Progress and cancelling.
     known : mapping of str to (4, 4) array, optional
-        Alignments of a result's subjects: those are mirrored as there, new ones are brought to their side.
+        Alignments of a result's subjects. These are mirrored as in the result, and new subjects are mirrored
+        to the same side.
     cache : Path, optional
-        File with earlier registrations; only what changed is registered again and added.
+        File with earlier registrations; only changed subjects are registered again.
 
     Returns
     -------
     list of GroomedSubject
-        The same, with notes on who was mirrored, who would fit far better mirrored, and who does not look
-        like the others.
+        The subjects, with notes on those that were mirrored, that would fit far better mirrored, or that do
+        not look like the others.
     (M, 4, 4) float64 array
         Similarities from local to world coordinates, as `align` gives them; a reflection for a mirrored
         subject.
@@ -101,7 +102,7 @@ def _aligned(
     register_pair: RegisterPair,
     tick: Tick,
 ) -> tuple[Registration, set[str]]:
-    """Return alignments, reflections where mirrored, and the names of who would fit far better otherwise."""
+    """Return alignments (reflections if mirrored), and the names of subjects that fit far better reversed."""
     taken = [_image(item) if item.name in plan.mirrored else item for item in groomed]
     registered = register(taken, settings, part_of(tick, 0.0, 0.5), register_pair=register_pair)
     alignments = registered.alignments
@@ -117,7 +118,7 @@ def _aligned(
 
 
 def _are_opposed(mirrored: Collection[str], better: Collection[str], subjects: int) -> bool:
-    """Return whether the mirrored subjects fit better otherwise and others do not, or the reverse."""
+    """Return whether the mirrored subjects fit better unmirrored and the others do not, or the reverse."""
     among = sum(name in better for name in mirrored)
     others = (len(better) - among) / max(subjects - len(mirrored), 1)
     return bool(abs(among / max(len(mirrored), 1) - others) > 0.5)
@@ -132,7 +133,7 @@ class _Plan:
     from_names: bool = False
 
     def without_mirroring(self) -> "_Plan":
-        """Return the plan for files that hold mirror images already."""
+        """Return the plan for files that already contain mirror images."""
         note = (
             "was not mirrored although its name says the other side, because its shape already fits the "
             "others; a column side of the cohort's table decides"

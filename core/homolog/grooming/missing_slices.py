@@ -1,4 +1,4 @@
-"""Slices of a label map that were left out: one forgotten between others, or all but every n-th."""
+"""Missing slices of a label map: a single empty one between others, or labels on every n-th slice only."""
 
 from dataclasses import replace
 
@@ -11,17 +11,17 @@ from homolog.grooming.images import Segmentation
 __all__ = ["with_missing_slices"]
 
 _ALIKE = 0.5
-"""Dice overlap of two slices that are of one structure."""
+"""Least Dice overlap of two slices of one structure."""
 _FEWEST = 4
-"""Labelled slices that show a regular distance."""
+"""Least number of labelled slices that show a regular distance."""
 _ORDINALS = {2: "second", 3: "third"}
 
 
 def with_missing_slices(segmentation: Segmentation) -> tuple[Segmentation, tuple[str, ...]]:
-    """Return a structure with slices that were left out between labelled ones, and notes on them.
+    """Return a structure with its missing slices filled, and notes on them.
 
-    If only every n-th slice is labelled, these become a stack of thick slices. A single empty slice between
-    two that overlap is filled halfway between their outlines.
+    If only every n-th slice is labelled, the labelled slices become a stack of thick slices. A single empty
+    slice between two that overlap is filled halfway between their outlines.
 
     Parameters
     ----------
@@ -45,14 +45,12 @@ def with_missing_slices(segmentation: Segmentation) -> tuple[Segmentation, tuple
             for index in missing.tolist():
                 mask[index] = _between(slices[index - 1], slices[index + 1])
             segmentation = replace(segmentation, mask=np.moveaxis(mask, 0, axis))
-            notes.append(
-                f"slices without the structure between others that show it were filled: {len(missing)}"
-            )
+            notes.append(f"empty slices between slices of the structure were filled: {len(missing)}")
     return segmentation, tuple(notes)
 
 
 def _single(slices: BoolArray, empty: IntArray) -> IntArray:
-    """Return those of the empty slices whose neighbours overlap."""
+    """Return the empty slices whose neighbours overlap."""
     return (
         empty[[_overlap(slices[[index - 1, index + 1]]) for index in empty.tolist()]] if len(empty) else empty
     )
@@ -66,7 +64,7 @@ def _overlap(slices: BoolArray) -> bool:
 
 
 def _thick(segmentation: Segmentation, axis: int, labelled: IntArray, every: int) -> Segmentation:
-    """Return the labelled slices alone, each as thick as their distance, and an empty one at either end."""
+    """Return only the labelled slices, each as thick as their distance, with an empty slice at either end."""
     first = int(labelled[0])
     mask = np.take(segmentation.mask, labelled, axis)
     ends = [(0, 0)] * 3
@@ -77,7 +75,7 @@ def _thick(segmentation: Segmentation, axis: int, labelled: IntArray, every: int
 
 
 def _between(below: BoolArray, above: BoolArray) -> BoolArray:
-    """Return the outline halfway between two."""
+    """Return the outline halfway between two outlines."""
     return np.asarray(_signed(below) + _signed(above) < 0.0)
 
 

@@ -19,12 +19,12 @@ from homolog.spreadsheets import read_rows
 __all__ = ["LabelTable", "label_table", "matching", "near", "read_label_table", "same_name"]
 
 _LARGEST = 2**20
-"""Bytes; larger files are no tables of labels."""
+"""Largest table of labels in bytes; larger files are ignored."""
 _KINDS = (".txt", ".ctbl", ".label", ".labels", ".lut", ".json", ".tsv", ".csv")
 _INHERITED = 5
-"""Folders above a file in which BIDS' tables are looked for."""
+"""Number of parent folders that are searched for BIDS tables."""
 _NEAR = 6
-"""Names that a message offers, at most."""
+"""Largest number of names in a message."""
 
 _Named = TypeVar("_Named")
 
@@ -36,11 +36,11 @@ class LabelTable:
     Attributes
     ----------
     source : str
-        The file, or the public list, for messages.
+        Name of the file or public list, for messages.
     names : mapping of int to str
-        By value, above 0.
+        Names by value; values are above 0.
     is_known_list : bool
-        Whether it is a public list that the file's values speak for, not a table that somebody put there.
+        Whether it is a public list inferred from the file's values, rather than a table next to the file.
     """
 
     source: str
@@ -51,7 +51,7 @@ class LabelTable:
 def same_name(name: str, other: str) -> bool:
     """Return whether two names denote the same structure.
 
-    Case, blanks, dashes, underscores and the order of the words don't matter; ``L`` and ``lh`` are left.
+    Case, blanks, dashes, underscores and the order of words are ignored; ``L`` and ``lh`` mean left.
     """
     return not _keys(name).isdisjoint(_keys(other))
 
@@ -103,23 +103,23 @@ def label_table(path: Path, values: Iterable[int], wanted: str | None = None) ->
     Parameters
     ----------
     path : Path
-        The label map. Tables are looked for under its own name, then in its folder, then in the folder
-        above; the first place that has one counts.
+        The label map. Tables are searched for under its own name, then in its folder, then in the folder
+        above; the first ones found are used.
     values : iterable of int
         The values that have voxels.
     wanted : str, optional
-        What the user asks for. A name of FreeSurfer's speaks for its list where the values allow it, also in
-        files of a few labels.
+        The structure that the user requests. If it is a FreeSurfer name and the values allow it, FreeSurfer's
+        list is used even for files with few labels.
 
     Returns
     -------
     LabelTable or None
-        A table next to the file; else the public list that the values follow, if there is one.
+        A table next to the file; otherwise the public list that matches the values, or None.
 
     Raises
     ------
     InputError
-        If two tables in one place contradict each other.
+        If two tables of the same precedence contradict each other.
     """
     for tables in _places(path):
         if tables:
@@ -145,7 +145,7 @@ def _places(path: Path) -> Iterable[list[LabelTable]]:
         yield _read(folder / table for table in tables if table.stem not in images)
     for folder in path.parents[
         2:_INHERITED
-    ]:  # BIDS: a table above holds for files whose names end like its own
+    ]:  # BIDS: a table in a parent folder applies to files with the same suffix
         yield _read(table for table in sorted(folder.glob("*dseg.tsv")) if stem.endswith(table.stem))
 
 
@@ -169,7 +169,7 @@ def _joined(tables: Sequence[LabelTable]) -> LabelTable:
             before, source = names.setdefault(value, (name, table.source))
             if not same_name(before, name):
                 raise InputError(
-                    f"{table.source}: calls label {value} {name!r}, and {source} calls it {before!r}; keep "
+                    f"{table.source}: names label {value} {name!r}, and {source} names it {before!r}; keep "
                     "the correct table next to the files, and move the other one"
                 )
     joined = {value: name for value, (name, _) in names.items()}
@@ -177,7 +177,7 @@ def _joined(tables: Sequence[LabelTable]) -> LabelTable:
 
 
 def read_label_table(path: Path) -> LabelTable | None:
-    """Read a table of labels; None if the file is none.
+    """Read a table of labels; return None for other files.
 
     FreeSurfer's colour tables, ITK-SNAP's label descriptions, 3D Slicer's colour tables (``.ctbl``,
     ``.csv``), BIDS' (``_dseg.tsv``), JSON of numbers and names in either order (also nnU-Net's
@@ -203,7 +203,7 @@ _SNAP = re.compile(r'(\d{1,9})((?:\s+\d{1,3}){3})\s+[\d.]+\s+[01]\s+[01]\s+"(.*)
 
 
 def _of_lines(text: str) -> dict[int, str]:
-    """Return the names of a FreeSurfer, ITK-SNAP or Slicer table, all of whose lines must be of one kind."""
+    """Return the names of a FreeSurfer, ITK-SNAP or Slicer table; all lines must have the same format."""
     lines = [line.strip() for line in text.splitlines()]
     lines = [line for line in lines if line and not line.startswith("#")]
     for pattern, name in ((_SNAP, 3), (_COLOURED, 2)):
@@ -248,7 +248,7 @@ def _of_mapping(content: Mapping[str, object]) -> dict[int, str]:
 
 
 def _of_entries(content: object) -> dict[int, str]:
-    """Return the names of ``[{"value": 1, "name": "spleen"}]``, whatever the two are called."""
+    """Return the names of ``[{"value": 1, "name": "spleen"}]``, with any names of the two keys."""
     names: dict[int, str] = {}
     for entry in content if isinstance(content, list) else ():
         if not isinstance(entry, dict):

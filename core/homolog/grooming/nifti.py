@@ -1,4 +1,4 @@
-"""NIfTI 1 and 2 volumes, with their two placements, and FreeSurfer's MGH and MGZ."""
+"""NIfTI 1 and 2 volumes, whose orientation is stored twice (qform, sform), and FreeSurfer's MGH and MGZ."""
 
 import gzip
 import html
@@ -36,7 +36,7 @@ __all__ = [
     "stored_values",
 ]
 
-logger.setLevel(logging.CRITICAL + 1)  # nibabel's findings become messages, not lines on the standard error
+logger.setLevel(logging.CRITICAL + 1)  # faults that nibabel logs are reported as InputError
 
 _TO_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 _UNITS = {"meter": 1000.0, "mm": 1.0, "micron": 0.001, "unknown": 1.0}
@@ -48,11 +48,11 @@ _NAMED = re.compile(
     r"""<Label\s[^>]*?\bKey=["'](\d{1,9})["'][^>]*>\s*(?:<!\[CDATA\[(.{1,200}?)\]\]>|([^<]{1,200}))""",
     re.DOTALL,
 )
-"""An entry of the table of labels that TotalSegmentator and Connectome Workbench put into an extension."""
+"""An entry of the label table that TotalSegmentator and Connectome Workbench write into an extension."""
 _GZIP = b"\x1f\x8b"
 _NIFTI_2 = (b"\x1c\x02", b"\x02\x1c")
-"""How a header of 540 bytes begins."""
-DUBIOUS = 30  # of nibabel's levels: sizes of zero or below, unknown codes
+"""First bytes of a header of 540 bytes."""
+DUBIOUS = 30  # nibabel's level of sizes of zero or below and of unknown codes
 _FAULTS = (
     ImageFileError,
     HeaderDataError,
@@ -63,7 +63,7 @@ _FAULTS = (
     ValueError,
     OverflowError,
 )
-_AGREE = 0.1  # voxels: more than rounding makes qform and sform differ anywhere in the volume
+_AGREE = 0.1  # voxels: larger differences of qform and sform are not due to rounding
 _SCANNER = 1
 _FRAMES = {_SCANNER: "scanner", 2: "aligned", 3: "Talairach", 4: "MNI", 5: "template"}
 
@@ -74,13 +74,13 @@ def read_nifti(path: Path) -> Volume:
     Parameters
     ----------
     path : Path
-        Ends in .nii or .nii.gz.
+        File that ends in .nii or .nii.gz.
 
     Raises
     ------
     InputError
-        If it can't be read, is no 3-D volume of single numbers, too large, or if nothing tells which of
-        qform and sform is true.
+        If it can't be read, is not a 3-D volume of single numbers, is too large, or if qform and sform
+        contradict each other in left and right.
     """
     image, shape, matrix, notes = _nifti_header(path, channels=True)
     kind, proxy = image.header.get_data_dtype(), image.dataobj
@@ -161,7 +161,7 @@ def read_mgh(path: Path) -> Volume:
     Raises
     ------
     InputError
-        If it can't be read, is cut short, no 3-D volume, or too large.
+        If it can't be read, is cut short, not a 3-D volume, or too large.
     """
     shape, kind, matrix, notes = _mgh_header(path)
     size = math.prod(shape) * kind.itemsize
@@ -204,12 +204,12 @@ def _mgh_header(path: Path) -> tuple[list[int], np.dtype[Any], FloatArray, tuple
 def stored_values(
     path: Path, begin: int, shape: Sequence[int], kind: np.dtype[Any], tick: Tick, *, to_end: bool = True
 ) -> Array:
-    """Return a file's voxels as stored: mapped, or unpacked into one array, part by part.
+    """Return a file's voxels as stored: memory-mapped, or unpacked in parts into one array.
 
     With `to_end`, data after the voxels are an error.
     """
     if not 0 <= begin <= _FARTHEST:
-        raise InputError(f"{path}: says that its voxels begin at byte {begin}; export it again")
+        raise InputError(f"{path}: its header says that voxels begin at byte {begin}; export it again")
     count = math.prod(shape)
     size = count * kind.itemsize
     cut = f"{path}: is cut short, or contains more voxels than its header declares; copy or export it again"
@@ -241,17 +241,15 @@ def _is_packed(path: Path) -> bool:
 
 
 def _misnamed(path: Path) -> tuple[str, ...]:
-    """Return a note on a file whose name says wrongly whether it is packed."""
+    """Return a note on a file whose suffix does not match its compression."""
     packed = _is_packed(path)
     if packed == path.name.lower().endswith((".gz", ".mgz")):
         return ()
-    return (
-        f"is {'' if packed else 'not '}compressed, although its name says otherwise; it was read as it is",
-    )
+    return (f"is {'' if packed else 'not '}compressed, although its name says otherwise; it was read anyway",)
 
 
 def _opened(path: Path) -> Any:  # noqa: ANN401 - half of nibabel is untyped
-    """Return an image with a valid header; nibabel would correct others."""
+    """Return an image with a valid header; refuse invalid headers, which nibabel would correct silently."""
     with ErrorLevel(DUBIOUS):  # type: ignore[no-untyped-call]
         if not _misnamed(path):
             return nibabel.load(path, mmap=False)
@@ -262,9 +260,9 @@ def _opened(path: Path) -> Any:  # noqa: ANN401 - half of nibabel is untyped
 
 
 def _content(path: Path, begin: int, end: int) -> bytes:
-    """Return a file's bytes, unpacked; as many as its header tells of, and with the right checksum."""
+    """Return a file's unpacked bytes; their number must be that of the header, and their checksum correct."""
     if not _HEADER <= begin <= _FARTHEST:
-        raise InputError(f"{path}: says that its voxels begin at byte {begin}; export it again")
+        raise InputError(f"{path}: its header says that voxels begin at byte {begin}; export it again")
     content = _unpacked(path, end + 1)
     if len(content) < end:
         raise InputError(f"{path}: is cut short ({len(content)} of {end} bytes); copy or export it again")
@@ -276,7 +274,7 @@ def _content(path: Path, begin: int, end: int) -> bytes:
 
 
 def _unpacked(path: Path, count: int) -> bytes:
-    """Return the first bytes of a file, unpacked, as many as there are up to a number."""
+    """Return the first unpacked bytes of a file, at most `count`."""
     try:
         with gzip.open(path) if _is_packed(path) else path.open("rb") as stream:
             content: bytes = stream.read(count)
@@ -294,7 +292,7 @@ def placement(
     header: Any,  # noqa: ANN401 - half of nibabel is untyped
     shape: list[int],
 ) -> tuple[FloatArray, tuple[str, ...]]:
-    """Return the matrix from indices to RAS [mm], and notes; refuses headers that can't be right."""
+    """Return the matrix from indices to RAS [mm], and notes; refuses inconsistent headers."""
     try:
         (q, q_code), (s, s_code) = header.get_qform(coded=True), header.get_sform(coded=True)
         unit = _UNITS[header.get_xyzt_units()[0]]
@@ -322,18 +320,18 @@ def placement(
 def _decided(
     path: Path, qform: tuple[FloatArray, int], sform: tuple[FloatArray, int], zooms: FloatArray, apart: float
 ) -> tuple[FloatArray, tuple[str, ...]]:
-    """Return which of two different matrices is used, and a note if they should not differ.
+    """Choose one of two different matrices, with a note if they should not differ.
 
-    As ITK and so 3D Slicer, ITK-SNAP and ANTs do: the sform if it leads to the scanner's frame, else the
-    qform. Codes that differ name different frames, which is no fault. A sform of other voxel sizes (a
-    registration that stretches) is not taken: sizes would be wrong.
+    The choice is that of ITK, and so of 3D Slicer, ITK-SNAP and ANTs: the sform if it maps to the scanner's
+    frame, else the qform. Different codes denote different frames, which is not a fault. A sform with other
+    voxel sizes (a registration that scales) is not used, because sizes would be wrong.
     """
     (q, q_code), (s, s_code) = qform, sform
     mirrored = np.linalg.det(q[:3, :3]) * np.linalg.det(s[:3, :3]) < 0.0
     if mirrored and q_code == s_code:
         raise InputError(
             f"{path}: its qform and sform are mirror images of each other, both called {_frame(q_code)}, so "
-            "that left and right can't be told apart; export it again with one of them"
+            "that left and right can't be distinguished; export it again with one of them"
         )
     stretched = s_code == _SCANNER and not _fits(s, zooms)
     taken, name = (s, "sform") if s_code == _SCANNER and not stretched else (q, "qform")
@@ -348,14 +346,14 @@ def _decided(
 
 
 def _apart(q: FloatArray, s: FloatArray, shape: list[int]) -> float:
-    """Return how far two matrices put a voxel apart at most, in the file's units; infinite for no numbers."""
+    """Return the largest distance between the two positions of a voxel [file's units]; infinite for NaN."""
     corners = np.stack(np.meshgrid(*[(0.0, size - 1.0) for size in shape], indexing="ij"), axis=-1)
     farthest = np.linalg.norm(corners @ (q - s)[:3, :3].T + (q - s)[:3, 3], axis=-1).max()
     return float(farthest) if np.isfinite(farthest) else math.inf
 
 
 def _fits(matrix: FloatArray, zooms: FloatArray) -> bool:
-    """Return whether a matrix has right angles and a header's voxel sizes."""
+    """Return whether a matrix has orthogonal axes and the header's voxel sizes."""
     axes = matrix[:3, :3] / zooms
     return bool(np.allclose(axes.T @ axes, np.eye(3), atol=0.02))
 

@@ -1,7 +1,7 @@
-"""Whether the orientations of a cohort's files are alike, and whether shapes determine how they lie.
+"""Whether the orientations of a cohort's files agree, and whether shapes determine their orientations.
 
-Closest points turn a shape that is nearly round to any of many minima, none of which is meaningful. Where the
-files agree, as medical images in patient coordinates do, their common orientation is better than those.
+Iterative closest points rotates a nearly round shape into one of many meaningless minima. If the files agree,
+as medical images in patient coordinates do, their common orientation is better.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,30 +21,30 @@ from homolog.progress import Tick, run_in_threads
 __all__ = ["agree", "are_soft", "better_turned"]
 
 _MOST_COMPARED = 40
-"""Shapes whose orientations are compared."""
+"""Largest number of shapes whose orientations are compared."""
 _DIRECTIONS, _TURNS = 150, 60
-"""In which shapes are compared; by which they are turned to see what chance would give."""
+"""Number of directions in which shapes are compared, and of random rotations that represent chance."""
 _CHANCE, _LARGEST_SHARE, _DEVIATIONS = 0.5, 0.4, 2.8
-"""Share of random turns that fit better than the files' orientations: by chance; the largest one of a cohort
-whose files agree; and how many standard deviations it must be smaller than chance."""
+"""Share of random rotations that fit better than the files' orientations: expected by chance; largest if
+files agree; and its least distance from chance in standard deviations."""
 _SOFT = 0.5
-"""`softness_of_fit` from which the orientation of a typical shape is hardly determined."""
+"""Least `softness_of_fit` of a typical shape that hardly determines its orientation."""
 
 _DISTANT, _GAIN = 1.1, 0.35
-"""When a shape seems to be turned in its file: its distance, times the usual one; and the mean logarithm of
-the distances from typical shapes, as its file lies, over those once it is turned."""
+"""A shape may be rotated in its file if its distance exceeds this factor times the median, and if a rotation
+reduces the mean logarithm of its distances from typical shapes by this difference."""
 _REFERENCES = 4
 _NEARER = 0.84
-"""Times its distance from the most typical shape: how near a shape must be to it, once turned."""
+"""The rotation must reduce the distance from the most typical shape to less than this fraction."""
 _FAR = 60.0
-"""Degrees: a smaller turn is none."""
+"""Smallest rotation that is reported [degrees]."""
 
 
 def agree(shapes: Sequence[OrientedPoints]) -> bool:
-    """Return whether shapes (sizes about 1) are more alike as they lie in their files than turned at random.
+    """Return whether shapes (sizes about 1) are more similar in their files' orientations than by chance.
 
-    Compared are support functions: how far shapes extend in each direction. Were orientations meaningless,
-    half of all random turns of one shape would bring it nearer to another.
+    The test compares support functions (the extent in each direction). If orientations were arbitrary, half
+    of all random rotations of a shape would make it more similar to another.
     """
     step = -(-len(shapes) // _MOST_COMPARED)
     some, rng = shapes[::step], np.random.default_rng(0)
@@ -68,7 +68,7 @@ def agree(shapes: Sequence[OrientedPoints]) -> bool:
 
 
 def are_soft(shapes: Sequence[OrientedPoints], reference: OrientedPoints, fits: Sequence[Fit]) -> bool:
-    """Return whether the typical shape, registered to the reference, hardly determines how it lies."""
+    """Return whether the typical shape, registered to the reference, hardly determines its orientation."""
     step = -(-len(shapes) // _MOST_COMPARED)
     values = [
         softness_of_fit(shape, reference, fit.pose)
@@ -85,21 +85,21 @@ def better_turned(
     register_freely: Callable[[OrientedPoints, OrientedPoints], Fit],
     tick: Tick,
 ) -> dict[int, float]:
-    """Return by what angle shapes fit clearly better [degrees], by index: their files may be turned.
+    """Return rotation angles [degrees] that clearly improve the fit, by index: those files may be rotated.
 
-    One turn must bring a shape nearer to typical ones, all of which are held as their files lie. Looked at
-    are the most typical shape, and those that are farther from it than usual.
+    A single rotation must bring a shape nearer to typical shapes, which all keep their files' orientations.
+    The test includes the most typical shape, and those that are unusually far from it.
 
     Parameters
     ----------
     shapes : sequence of OrientedPoints
-        Sizes about 1, as their files lie.
+        Shapes of sizes about 1, in their files' orientations.
     fits : sequence of Fit
         Their registrations to the most typical one, `held`.
     order : sequence of int
-        The shapes, the most typical first.
+        Indices of the shapes, the most typical first.
     register_freely : callable
-        Registers one to another, whatever the orientation of its file.
+        Registers one shape to another, regardless of the orientations of the files.
     tick : Tick
         Progress and cancelling.
     """
@@ -110,7 +110,7 @@ def better_turned(
     references = [shapes[k] for k in order if k not in distant][:_REFERENCES]
 
     def turn(index: int, inner: Tick) -> float:
-        """Return by what angle a shape fits best, 0 where it does as its file lies."""
+        """Return the angle of the best-fitting rotation, or 0 for the file's orientation."""
         shape = shapes[index]
         free = register_freely(shape, references[0])
         if free.distance > _NEARER * held(shape, references[0]).distance:

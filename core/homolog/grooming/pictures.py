@@ -18,13 +18,13 @@ __all__ = ["read_picture_scan", "read_pictures"]
 
 _VOXEL_SIZE = "voxel_size.txt"
 _ABOVE = 3
-"""Folders in which the voxel size is looked for: the slices' own, and those above."""
+"""Number of folders searched for the voxel size: that of the slices and its parents."""
 _NO_FRAME = (
     "pictures give no patient orientation: axial slices from the feet upward, with the patient's left on the "
     "right, were assumed"
 )
 _FEW_VALUES = 8
-"""With more values in between, a mask of full pixels has soft edges."""
+"""Least number of intermediate values that show soft edges of a mask."""
 _DESCRIPTION, _X_RESOLUTION, _Y_RESOLUTION = 270, 282, 283
 _UNITS = {"nm": 1e-6, "um": 1e-3, "micron": 1e-3, "microns": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 _OME = re.compile(r'PhysicalSize([XYZ])(Unit)?\s*=\s*"([^"]*)"')
@@ -34,8 +34,9 @@ _IMAGEJ = re.compile(r"^(unit|spacing)=(\S+)", re.MULTILINE)
 def read_pictures(path: Path) -> Volume:
     """Read the slices in a folder, or the pages of a TIFF file.
 
-    The voxel size is that of ``voxel_size.txt`` in the slices' folder or one of those above it: the width and
-    the height of a pixel and the distance of the slices [mm]; else what ImageJ or OME noted in a TIFF file.
+    The voxel size is that of ``voxel_size.txt`` in the slices' folder or a parent folder: the width and
+    the height of a pixel and the distance of the slices [mm]; otherwise that stored by ImageJ or OME in a
+    TIFF file.
 
     Raises
     ------
@@ -92,7 +93,7 @@ def _check_numbers(folder: Path, files: Sequence[Path]) -> None:
         shown = ", ".join(file.name for file in files[:3])
         raise InputError(
             f"{folder}: the order of its slices is not clear ({shown}, …); keep the slices of one stack in a "
-            "folder, with names that differ by one number only"
+            "folder, with names that differ only by one number"
         )
     places = sorted(row[int(np.argmax(varying))] for row in numbers)
     steps = np.diff(places)
@@ -102,7 +103,7 @@ def _check_numbers(folder: Path, files: Sequence[Path]) -> None:
 
 
 def _grey(file: Path, picture: Image.Image) -> Array:
-    """Return the values of a picture (rows, columns); of colour pictures, if all channels are alike."""
+    """Return the values of a picture (rows, columns); colour pictures must have equal channels."""
     values = np.array(picture)
     if picture.mode == "LA":
         values = values[..., 0]
@@ -117,7 +118,7 @@ def _grey(file: Path, picture: Image.Image) -> Array:
 
 
 def _hardened(values: Array) -> tuple[Array, tuple[str, ...]]:
-    """Return masks whose edges were drawn softly with two values only, and a note of that."""
+    """Return masks with soft edges reduced to two values, and a note on this."""
     if values.dtype != np.uint8:
         return values, ()
     counts = np.bincount(values.ravel(), minlength=256)
@@ -130,7 +131,7 @@ def _hardened(values: Array) -> tuple[Array, tuple[str, ...]]:
 
 
 def _given_size(folder: Path) -> FloatArray | None:
-    """Return the voxel size of the nearest file that gives one [mm]; None if there is none."""
+    """Return the voxel size of the nearest file that contains one [mm], or None."""
     places = [item / _VOXEL_SIZE for item in (folder.absolute(), *folder.absolute().parents)[:_ABOVE]]
     place = next((place for place in places if place.is_file()), None)
     if place is None:
@@ -145,9 +146,9 @@ def _given_size(folder: Path) -> FloatArray | None:
 
 
 def _noted_size(picture: Image.Image) -> FloatArray | None:
-    """Return the voxel size that OME or ImageJ noted in a TIFF file [mm]; None if it is not complete.
+    """Return the voxel size that OME or ImageJ stored in a TIFF file [mm]; None if it is incomplete.
 
-    Resolutions alone are not looked at: most programs write 72 or 96 pixels for each inch.
+    The resolution alone is ignored: most programs write 72 or 96 pixels per inch.
     """
     tags = getattr(picture, "tag_v2", {})
     text = str(tags.get(_DESCRIPTION, "")).replace("\xb5", "u").replace("\u03bc", "u").replace("\\u00B5", "u")

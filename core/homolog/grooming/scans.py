@@ -16,11 +16,11 @@ StoredScan = tuple[Array, FloatArray, float, float, tuple[str, ...]]
 """A file of grey values: as stored (I, J, K), matrix from indices to LPS [mm], slope, intercept, notes."""
 
 _LOOKED_AT = 500_000
-"""Voxels that the automatic window is taken from, at most."""
+"""Largest number of voxels from which the automatic window is computed."""
 _LOWEST, _HIGHEST = 1.0, 99.5
-"""Percentiles between which an automatic window lies."""
+"""Percentiles of the grey values at the ends of an automatic window."""
 _INSIDE = 0.5
-"""Part of a structure that must lie within its scan."""
+"""Least fraction of a structure that must lie within its scan."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +37,7 @@ class Scan:
     slope, intercept : float
         Grey value = slope * stored value + intercept (Hounsfield units in CT).
     notes : tuple of str
-        What the user should know of the file.
+        Notes on the file for the user.
     """
 
     path: Path
@@ -59,33 +59,33 @@ class Scan:
 
     @property
     def box(self) -> FloatArray:
-        """Least and largest LPS coordinates of the voxel centres [mm], (2, 3)."""
+        """Smallest and largest LPS coordinates of the voxel centres [mm], (2, 3)."""
         ends = [(0.0, size - 1.0) for size in self.values.shape]
         corners = np.stack(np.meshgrid(*ends, indexing="ij"), axis=-1).reshape(-1, 3)
         there = transform_points(self.index_to_world, corners)
         return np.stack([there.min(axis=0), there.max(axis=0)])
 
     def plane(self, axis: int, index: int) -> Float32Array:
-        """Return the grey values of one slice of the grid, along its two other axes in their order."""
+        """Return the grey values of one slice of the grid, indexed by the other two axes in order."""
         values: Float32Array = np.moveaxis(self.values, axis, 0)[index].astype(np.float32)  # take copies all
         values *= np.float32(self.slope)
         values += np.float32(self.intercept)
         return values
 
     def automatic_window(self) -> tuple[float, float]:
-        """Return the grey values between which nearly all voxels lie: percentiles of evenly spread ones."""
+        """Return percentiles of a sample of voxels: the grey values between which nearly all voxels lie."""
         step = max(1, round((self.values.size / _LOOKED_AT) ** (1.0 / 3.0)))
         some = self.values[::step, ::step, ::step].astype(np.float32)
         some = some[np.isfinite(some)] * self.slope + self.intercept
         if not some.size:
             return 0.0, 1.0
-        inside = some[some > some.min()]  # the air around the patient is no part of the contrast
+        inside = some[some > some.min()]  # the contrast excludes the air around the patient
         low, high = np.percentile(inside if inside.size else some, (_LOWEST, _HIGHEST)).tolist()
         return (low, high) if high > low else (low, low + 1.0)
 
 
 def read_scan(path: Path, tick: Tick = no_tick) -> Scan:
-    """Read a grey-value scan, once and in the type of its file.
+    """Read a grey-value scan in the data type of its file.
 
     Parameters
     ----------
@@ -97,8 +97,8 @@ def read_scan(path: Path, tick: Tick = no_tick) -> Scan:
     Raises
     ------
     InputError
-        If the file is missing, cut short, no volume of single numbers or larger than memory, or contradicts
-        itself about where it lies.
+        If the file is missing, cut short, not a volume of single numbers or larger than memory, or
+        contradicts itself about its position.
     """
     from homolog.grooming.images import check_kind
 
@@ -120,25 +120,25 @@ def read_scan(path: Path, tick: Tick = no_tick) -> Scan:
 
 
 def check_frame(scan: Scan, points: FloatArray, name: str) -> float:
-    """Refuse a scan that does not contain a structure, because they are not in one frame.
+    """Refuse a scan that does not contain a structure, because their coordinate frames differ.
 
     Parameters
     ----------
     scan : Scan
     points : (P, 3) array
-        Of the structure, LPS [mm].
+        Points of the structure, LPS [mm].
     name : str
-        Whose it is, for the message.
+        Name of the subject, for the message.
 
     Returns
     -------
     float
-        Part of the points that lie within the scan.
+        Fraction of the points that lie within the scan.
 
     Raises
     ------
     InputError
-        If less than half of the points lie within the scan; with the boxes of both.
+        If less than half of the points lie within the scan. The message contains the extents of both.
     """
     indices = transform_points(np.asarray(np.linalg.inv(scan.index_to_world), np.float64), points)
     limits: FloatArray = np.array(scan.values.shape) - 0.5

@@ -1,4 +1,4 @@
-"""Shape-based interpolation of a stack of slices that lie far apart."""
+"""Shape-based interpolation of a stack of distant slices."""
 
 from dataclasses import dataclass
 
@@ -11,18 +11,18 @@ from homolog.surfaces.topology import without_cavities
 
 __all__ = ["Stack", "interpolated"]
 
-_CLOSES_BELOW = 0.5  # of a hole's largest area
+_CLOSES_BELOW = 0.5  # fraction of a hole's largest area: a narrower end is closed
 _BOTTOM = 0.1  # slices: distance that a closing hole continues beyond the last slice
 _ALONG = 0.6  # slices: standard deviation of the smoothing from slice to slice
-_FLAT = 0.5  # slices beyond the last one: where an open end is cut
-_DOME = 0.75  # slices: height of an ellipsoidal cap that holds as much as half a slice of its outline
+_FLAT = 0.5  # slices: distance of the cut of an open end beyond the last slice
+_DOME = 0.75  # slices: height of an ellipsoidal cap with the volume of half a slice
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stack:
     """Level functions between slices, negative inside [in-plane voxels].
 
-    The structure lies within `outline` and the `ends` and outside of the `hole`.
+    The structure lies inside `outline` and `ends` and outside `hole`.
 
     Attributes
     ----------
@@ -45,21 +45,21 @@ class Stack:
 def interpolated(mask: BoolArray, thickness: float, heights: FloatArray, sigma: float) -> Stack:
     """Interpolate a stack of slices.
 
-    The outline of each slice and the hole in it are interpolated one by one as signed distances in the
-    plane (Raya and Udupa 1990): where the wall between them moves by more than its thickness from one
-    slice to the next, it stays whole. A hole through the whole stack stays open at its wider end; at the
-    narrower one it is closed if it has less than half of its largest area there (a ventricle's apex). Open
-    ends are cut flat half a slice beyond the last one, closed ends become domes of the same volume.
+    The outline of each slice and the hole in it are interpolated separately as signed distances in the plane
+    (Raya and Udupa 1990). The wall between them therefore stays closed even if it moves by more than its
+    thickness from one slice to the next. A hole through the whole stack stays open at its wider end. Its
+    narrower end is closed if its area is less than half of the largest (a ventricle's apex). Open ends are
+    cut flat half a slice beyond the last one; closed ends become domes of the same volume.
 
     Parameters
     ----------
     mask : (I, J, K) bool array
-        True inside. Slices follow each other along the last axis; the first and last hold something; the
-        borders of the other two axes are outside.
+        True inside. Slices are stacked along the last axis. The first and last slices are not empty; the
+        borders along the other two axes are outside.
     thickness : float
         Distance between slices [in-plane voxels].
     heights : (L,) float64 array
-        Where along the last axis the function is wanted, as slice numbers; from -0.5 to K - 0.5 is inside.
+        Positions of the result along the last axis, in slices; the structure spans -0.5 to K - 0.5.
     sigma : float
         Standard deviation of the in-plane smoothing [voxels].
     """
@@ -89,9 +89,9 @@ def interpolated(mask: BoolArray, thickness: float, heights: FloatArray, sigma: 
 
 
 def _dome(level: Array, beyond: FloatArray, thickness: float) -> FloatArray:
-    """Return what to add to a level function so that it ends as a dome; `beyond` is how far it is passed.
+    """Return a term that makes a level function end in a dome; `beyond` is the distance past the last slice.
 
-    No dome is higher than half a ball, so that a last slice with next to nothing makes no spike.
+    A dome is at most as high as a hemisphere, so that a tiny last slice does not become a spike.
     """
     inradius = max(float(-level[..., np.argmin(np.abs(beyond))].min()), 0.5)
     height = min(_DOME, inradius / thickness)
@@ -101,7 +101,7 @@ def _dome(level: Array, beyond: FloatArray, thickness: float) -> FloatArray:
 
 
 def _distances(masks: BoolArray, sigma: float) -> Float32Array:
-    """Signed distances in each slice; where a slice has nothing, the next slice's shape ends half-way."""
+    """Signed distances in each slice; in empty slices, such that the neighbour's shape ends half-way."""
     present = np.flatnonzero(masks.any(axis=(0, 1)))
     result = np.empty(masks.shape, np.float32)
     for k in present:

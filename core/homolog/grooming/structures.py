@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 _LISTED = 12
-"""Structures that a message names, at most."""
+"""Largest number of structures in a message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,13 +38,13 @@ class SubjectStructure:
     Attributes
     ----------
     name : str
-        Empty if nothing names it.
+        Name of the structure; empty if unknown.
     value : int or None
-        Its label; None if it has a file of its own.
+        Label of the structure; None if it has a file of its own.
     volume : float
-        Of its voxels or its surface, in ml.
+        Volume of its voxels or its surface [ml].
     at_border : bool
-        Whether it touches the border of its image, where it may be cut off.
+        Whether it touches the border of its image and may be cut off there.
     """
 
     name: str
@@ -60,11 +60,11 @@ class Structure:
     Attributes
     ----------
     name : str
-        As most subjects' files call it; empty if nothing names it.
+        The most frequent name in the files; empty if unknown.
     values : tuple of int
-        Its labels, one where all files agree; none if it has files of its own.
+        Its labels: a single one if all files agree; empty if it has files of its own.
     by_subject : mapping of str to SubjectStructure
-        By the names of the subjects that have it.
+        The structure of each subject that has it, by the subject's name.
     """
 
     name: str
@@ -84,7 +84,7 @@ class Structure:
 
     @property
     def at_border(self) -> list[str]:
-        """The subjects in whose images it touches the border."""
+        """Names of the subjects in whose images it touches the border."""
         return [name for name, item in self.by_subject.items() if item.at_border]
 
 
@@ -95,11 +95,11 @@ class Structures:
     Attributes
     ----------
     structures : tuple of Structure
-        In the order of their labels, then of their names.
+        Ordered by label, then by name.
     problems : mapping of str to str
-        Why a subject's files can't be read, by its name.
+        Reasons why files can't be read, by the subject's name.
     empty : tuple of str
-        Structures that have files of their own, in none of which is a voxel.
+        Structures with files of their own that are all empty.
     """
 
     structures: tuple[Structure, ...]
@@ -108,7 +108,7 @@ class Structures:
 
 
 def masks_of(subject: Subject) -> dict[str, Path]:
-    """Return a subject's files by structure, if it has a folder with a file for each; empty otherwise."""
+    """Return a subject's files by structure if it has a folder of such files, otherwise an empty dict."""
     if subject.path.is_file():
         return {}
     masks = mask_files(subject.path)
@@ -121,7 +121,7 @@ def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segm
     Parameters
     ----------
     subject : Subject
-        Whose folder has one mask for each structure.
+        Subject with a folder that contains one mask per structure.
     masks : mapping of str to Path
         Files by structure.
     label : int, optional
@@ -136,7 +136,7 @@ def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segm
     Raises
     ------
     InputError
-        If there is none, or several may be meant.
+        If there is no such structure, or the name is ambiguous.
     """
     listed = ", ".join(list(masks)[:_LISTED]) + (" …" if len(masks) > _LISTED else "")
     if segment is None and len(masks) == 1:
@@ -150,7 +150,7 @@ def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segm
     matches = matching(masks.items(), segment)
     if len(matches) > 1:
         names = " and ".join(item.name for item in matches)
-        raise InputError(f"{subject.path}: {segment!r} is {names}; give the full name of one")
+        raise InputError(f"{subject.path}: {segment!r} matches {names}; give the full name of one")
     if not matches:
         alike = near(masks, segment)
         nearest = f"similar names: {', '.join(alike)}; " if alike else ""
@@ -159,10 +159,10 @@ def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segm
 
 
 def structures_of_files(cohort: Cohort) -> Structures:
-    """Return the structures that subjects have a file for each of, by the files' names, the commonest first.
+    """Return the structures that have files of their own, by the files' names, the most frequent first.
 
-    A subject whose mask is empty (`empty_masks`) does not have the structure; else no file is read. There are
-    none if every subject has just one file.
+    A subject with an empty mask (`empty_masks`) does not have the structure; other files are not read. The
+    result is empty if every subject has only one file.
     """
     by_subject = {subject.name: masks for subject in cohort.subjects if (masks := masks_of(subject))}
     if all(len(masks) == 1 for masks in by_subject.values()):
@@ -189,7 +189,7 @@ def _unknown(names: Iterable[str], found: Sequence[Structure]) -> tuple[str, ...
 
 
 def structures_of(subject: Subject) -> list[SubjectStructure]:
-    """Return what a subject's files hold; each file is read once. A surface alone is no structure to choose.
+    """Return the structures in a subject's files, reading each file once; none for a single surface.
 
     Raises
     ------
@@ -209,7 +209,7 @@ def structures_of(subject: Subject) -> list[SubjectStructure]:
 
 
 def _structure_in(name: str, path: Path) -> SubjectStructure | None:
-    """Return the structure of a file of its own; None if it is empty."""
+    """Return the structure of a file that contains only this one; None if it is empty."""
     if Subject(name, path).is_mesh:
         return SubjectStructure(name, None, abs(read_mesh(path).volume) / 1000.0)
     parts = read_volume(path).extents()
@@ -220,7 +220,8 @@ def _structure_in(name: str, path: Path) -> SubjectStructure | None:
 def list_structures(cohort: Cohort, tick: Tick = no_tick) -> Structures:
     """Read every file of a cohort and return its structures.
 
-    Those of one name are one structure, whatever their numbers; those without a name go by their number.
+    Structures of equal name are identified, whatever their numbers; structures without a name are identified
+    by number.
     """
     problems: dict[str, str] = {}
     by_subject: dict[str, list[SubjectStructure]] = {}
@@ -238,7 +239,7 @@ def list_structures(cohort: Cohort, tick: Tick = no_tick) -> Structures:
 def _named_alike(
     by_subject: Mapping[str, Sequence[SubjectStructure]],
 ) -> dict[str, Sequence[SubjectStructure]]:
-    """Return the structures, named by FreeSurfer's list also in files with too few labels to recognize it."""
+    """Apply names of FreeSurfer's list also to files with too few labels to recognize it."""
     names = FREESURFER.names
     follow = any(
         item.name and item.name == names.get(item.value or 0) for ones in by_subject.values() for item in ones
@@ -287,16 +288,16 @@ def chosen_structures(
     Parameters
     ----------
     structures : sequence of Structure
-        To choose from.
+        The available structures.
     wanted : sequence of str
         Names or numbers.
     empty : sequence of str
-        Names of structures without a voxel, which may be named too and are passed over.
+        Names of structures without a voxel, which are ignored if they are chosen.
 
     Raises
     ------
     InputError
-        A line for each name that is unknown or ambiguous, with near ones.
+        With a line for each unknown or ambiguous name, and similar names.
     """
     if [item.casefold() for item in wanted] == ["all"]:
         return list(structures)
@@ -311,7 +312,7 @@ def chosen_structures(
             continue
         elif matches:
             titles = " and ".join(structure.title for structure in matches)
-            wrong.append(f"{text!r} is {titles}; give the full name of one")
+            wrong.append(f"{text!r} matches {titles}; give the full name of one")
         else:
             alike = near([structure.name for structure in structures], text)
             nearest = (

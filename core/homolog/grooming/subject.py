@@ -11,7 +11,7 @@ from homolog.files.meshes import read_mesh
 from homolog.grooming.clean import cleaned
 from homolog.grooming.fields import ENOUGH, distance_field, restored, volume_inside
 from homolog.grooming.images import Segmentation, read_segmentation
-from homolog.grooming.levels import MANY_CROSSED, USUAL_NODES, edges_crossed, level_of_voxels
+from homolog.grooming.levels import AUTOMATIC_NODES, MANY_CROSSED, edges_crossed, level_of_voxels
 from homolog.grooming.missing_slices import with_missing_slices
 from homolog.grooming.structures import mask_of, masks_of
 from homolog.grooming.triangles import check_triangles, level_of_triangles, notes_on_groomed
@@ -40,16 +40,16 @@ Source = Segmentation | TriangleMesh
 
 _FEWEST_VOXELS = 8
 _MUCH_LOST = 0.75
-"""Of the voxels' volume: a field that holds less is made again on a finer grid."""
+"""Fraction of the voxels' volume; a field that encloses less is computed again on a finer grid."""
 _FULL = 0.75
-"""Of an image: what has more of it and all of its corners is the background of a structure."""
+"""Fraction of an image; a region that is larger and contains all corners is a background."""
 _POINTER = b"version https://git-lfs"
 _SHORTEST, _LONGEST = 0.5, 3000.0
-"""mm: a shape beyond is probably in another unit."""
+"""Plausible lengths of a shape [mm]; a shape outside this range is probably in another unit."""
 _SHRUNK = 0.9
-"""Of the voxels' volume: a surface that encloses less gets a note."""
+"""Fraction of the voxels' volume; a surface that encloses less gets a note."""
 _LEAST_HELD = 0.3
-"""Of the voxels' volume: what holds less is refused."""
+"""Fraction of the voxels' volume; a field that encloses less is refused."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,17 +61,18 @@ class GroomReport:
     components_dropped : int
         Separate pieces that were removed; the largest is kept.
     holes_filled : int
-        Enclosed cavities of a segmentation that were filled, openings of a mesh that were closed.
+        Number of enclosed cavities of a segmentation that were filled, or openings of a mesh that were
+        closed.
     padded : bool
         Whether the structure touched the border of its image.
     borders : tuple of (3,) tuples
-        Unit vectors out of the image (LPS) where it did.
+        Outward unit vectors of the borders that it touched (LPS).
     volume_before, volume_after : float
         Volume of the input and of the groomed mesh [ml].
     genus : int
         Number of handles of the surface.
     notes : tuple of str
-        Sentences for the user on all of this.
+        Sentences on this for the user.
     voxel : tuple of float
         Edges of the input's voxels along the axes of its image [mm]; empty for surfaces.
     """
@@ -100,9 +101,9 @@ class GroomedSubject:
     mesh : TriangleMesh
         Its zero level: a closed manifold of one component.
     coarse_mesh : TriangleMesh
-        The same with about 1500 vertices.
+        The same surface with about 1500 vertices.
     report : GroomReport
-        What was found and changed.
+        Findings and changes of grooming.
     """
 
     name: str
@@ -124,15 +125,15 @@ class GroomedSubject:
 def groom_subject(subject: Subject, settings: GroomSettings) -> GroomedSubject:
     """Convert a segmentation or a mesh to a distance field and meshes.
 
-    Pure, and of arguments and results that can be pickled: it may run in another process or on another
-    machine that sees the same files.
+    The function is pure, and its arguments and results can be pickled: it may run in another process, or on
+    another machine that can read the same files.
 
     Parameters
     ----------
     subject : Subject
-        Its file is read.
+        The subject whose file is read.
     settings : GroomSettings
-        Alignment and scaling play no part.
+        Settings of grooming; alignment and scaling are ignored.
 
     Returns
     -------
@@ -141,26 +142,26 @@ def groom_subject(subject: Subject, settings: GroomSettings) -> GroomedSubject:
     Raises
     ------
     InputError
-        If the file does not hold a shape.
+        If the file does not contain a usable shape.
     NumericalError
-        If no closed surface could be made of it.
+        If no closed surface can be computed.
     """
     return groom(subject.name, read_source(subject, settings), settings)
 
 
 def read_source(subject: Subject, settings: GroomSettings) -> Source:
-    """Read a subject's file, with all checks that need no computation.
+    """Read a subject's file, with all quick checks.
 
     Raises
     ------
     InputError
-        Naming the file, what is wrong and the remedy.
+        With the file, the fault and the remedy.
     """
     try:
         if masks := masks_of(subject):
             path = mask_of(subject, masks, settings.label, settings.segment)
             subject = replace(subject, path=path)
-            settings = settings.model_copy(update={"label": None, "segment": None})  # all of that file
+            settings = settings.model_copy(update={"label": None, "segment": None})  # the whole file
         _check_beginning(subject.path)
         if not subject.is_mesh:
             source: Source = read_segmentation(subject.path, settings.label, settings.segment)
@@ -194,17 +195,17 @@ def check_source(source: Source, settings: GroomSettings, what: object) -> Sourc
     source : Segmentation or TriangleMesh
     settings : GroomSettings
     what : object
-        File or subject, for the message.
+        The file or subject, for the message.
 
     Returns
     -------
     Segmentation or TriangleMesh
-        The same.
+        The source, unchanged.
 
     Raises
     ------
     InputError
-        Naming it, what is wrong and the remedy.
+        With the file or subject, the fault and the remedy.
     """
     if isinstance(source, TriangleMesh):
         try:
@@ -213,7 +214,7 @@ def check_source(source: Source, settings: GroomSettings, what: object) -> Sourc
             raise InputError(f"{what}: {error}") from error
     elif (count := int(source.mask.sum())) < _FEWEST_VOXELS:
         raise InputError(
-            f"{what}: has only {count} voxel(s) of the structure, which make no shape; segment it or leave "
+            f"{what}: has only {count} voxel(s) of the structure, too few for a shape; segment it or leave "
             "the subject out"
         )
     elif count > _FULL * source.mask.size and source.mask[np.ix_(*[[0, -1]] * 3)].all():
@@ -230,11 +231,11 @@ def groom(name: str, source: Source, settings: GroomSettings) -> GroomedSubject:
     Parameters
     ----------
     name : str
-        The subject's.
+        Name of the subject.
     source : Source
-        What `read_source` returned.
+        Result of `read_source`.
     settings : GroomSettings
-        How it is groomed.
+        Settings of grooming.
 
     Returns
     -------
@@ -269,7 +270,7 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
     mesh = isosurface(field, settings.mesh_edge, settings.adaptive_mesh)
     if mesh.volume <= 0.0:
         raise NumericalError(
-            "is too small for a surface: look at its unit, segment it on a finer grid, ask for shorter edges "
+            "is too small for a surface: check its unit, segment it on a finer grid, choose shorter edges "
             "(mesh edge), or exclude it"
         )
     check_mesh(mesh, name)
@@ -304,16 +305,16 @@ def _of_other_unit(mesh: TriangleMesh) -> tuple[str, ...]:
 def _field_of_voxels(
     segmentation: Segmentation, settings: GroomSettings
 ) -> tuple[DistanceField, tuple[str, ...], int]:
-    """Return `distance_field` of one piece; on nodes half as far apart where much would be lost."""
+    """Return `distance_field` of one piece, on a grid of half the spacing if it would lose much volume."""
     level = level_of_voxels(segmentation, settings.spacing, settings.smoothing)
     result = distance_field(level, settings.smoothing, settings.tunnels)
     crossed = edges_crossed(segmentation, 0.5 * level.step)
-    if 8 * level.values.size > USUAL_NODES or crossed > MANY_CROSSED:
+    if 8 * level.values.size > AUTOMATIC_NODES or crossed > MANY_CROSSED:
         return result
     held = volume_inside(result[0]) / segmentation.volume
     if held < _MUCH_LOST and settings.spacing is None:
         level = level_of_voxels(segmentation, 0.5 * level.step, settings.smoothing)
-        if (level.values < 0.0).any():  # splines may leave nothing of a thread
+        if (level.values < 0.0).any():  # interpolation may erase thin threads
             finer, notes, loose = distance_field(level, settings.smoothing, settings.tunnels)
             if (more := volume_inside(finer) / segmentation.volume) > held:
                 thin = f"parts are thin: the grid was made finer than the image, {level.step:.3g} mm"
@@ -334,9 +335,9 @@ def _refuse_lost(held: float, settings: GroomSettings) -> None:
 
 
 def _kept(share: float, dropped: int, loose: int) -> list[str]:
-    """Return a note on how much of a volume was kept, if pieces were dropped or it is little."""
+    """Return a note on the share of the volume that was kept, if pieces were dropped or it is small."""
     pieces = [f"the largest of {dropped + 1} separate pieces"] if dropped else []
-    pieces += [f"{loose} small piece{'s' if loose > 1 else ''} came loose in smoothing"] if loose else []
+    pieces += [f"smoothing separated {loose} small piece{'s' if loose > 1 else ''}"] if loose else []
     kept = "more than 99.9 %" if share > 0.999 else f"{100.0 * share:.3g} %"
     if not pieces and share < _SHRUNK:
         return [f"the surface encloses {kept} of the structure's volume: parts are thin for its voxels"]

@@ -17,20 +17,20 @@ from homolog.surfaces.topology import check_mesh, face_components, without_cavit
 __all__ = ["Triangles", "check_triangles", "level_of_triangles", "notes_on_groomed"]
 
 _CRUMBS = 0.05
-"""Of the area: pieces of at most this are dropped untested if there is a sound one."""
+"""Fraction of the area; smaller pieces are dropped untested if there is a sound larger one."""
 _KEPT = 0.7
-"""Of the area: if less than this is kept, the result is another structure."""
+"""Fraction of the area; if less is kept, the result is another structure."""
 _THICK = 0.5
-"""Nodes: a solid with less volume than half its surface times this encloses nothing."""
+"""Least thickness in nodes; a solid with less volume than half its surface times this encloses nothing."""
 _THINNEST = 1e-6
-"""Of the longest extent: points that span less than this are in one plane."""
-_NEAR = 2  # nodes from a surface
+"""Fraction of the longest extent; points that span less are in one plane."""
+_NEAR = 2  # nodes: distance at which a face is near a solid
 _PIECE = 1e-3
-"""Of the largest solid: a piece with fewer nodes is an artefact of the grid."""
+"""Fraction of the largest solid; a piece with fewer nodes is an artefact of the grid."""
 _END = 0.1
-"""Of the diagonal: a wider opening with a flat rim is reported as an end that was cut off."""
+"""Fraction of the diagonal; a wider opening with a flat rim is reported as an end that was cut off."""
 _CLOSING = 0.2
-"""Of the groomed surface: a larger part that closes openings is reported."""
+"""Fraction of the groomed surface; if a larger part closes openings, this is reported."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,19 +40,19 @@ class Triangles:
     Attributes
     ----------
     level : Level
-        Of one solid.
+        Level function of one solid.
     volume : float
-        That the mesh encloses [mm³].
+        Volume that the mesh encloses [mm³].
     pieces_dropped, holes_filled : int
-        Separate pieces that were removed; openings that were closed.
+        Numbers of separate pieces that were removed, and of openings that were closed.
     surface : TriangleMesh or None
         The repaired mesh; None if nothing had to be repaired.
     own_area : float
-        Of its faces from the file [mm²]; the others close openings.
+        Area of the faces from the file [mm²]; further faces close openings.
     is_closed : bool
-        Whether its faces leave no opening.
+        Whether the mesh has no opening.
     notes : tuple of str
-        Sentences for the user on what was done.
+        Sentences on the repair for the user.
     """
 
     level: Level
@@ -71,7 +71,7 @@ def check_triangles(mesh: TriangleMesh, settings: GroomSettings) -> None:
     Raises
     ------
     InputError
-        What is wrong, and the remedy.
+        With the fault and the remedy.
     """
     corners = mesh.vertices[np.unique(mesh.faces)]
     spread = np.linalg.svd(np.cov((corners - corners.mean(axis=0)).T), compute_uv=False)
@@ -85,8 +85,8 @@ def check_triangles(mesh: TriangleMesh, settings: GroomSettings) -> None:
 def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles:
     """Return the level function of a mesh.
 
-    A sound mesh is taken as it is. Any other is repaired (`solid_of`), and what it winds around at least half
-    is the solid; of solids that do not touch, the largest is kept.
+    A sound mesh is used unchanged. Any other is repaired (`solid_of`); the solid is the region with winding
+    numbers of at least 1/2. Of solids that do not touch, the largest is kept.
 
     Parameters
     ----------
@@ -98,8 +98,8 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
     Raises
     ------
     InputError
-        If nothing encloses a volume, less than 70 % of the surface is kept, or all pieces are to be kept and
-        they do not touch.
+        If the mesh encloses no volume, less than 70 % of the surface is kept, or all pieces are to be kept
+        but do not touch.
     """
     pieces = face_components(mesh.faces)
     largest = _chosen(mesh, pieces == 0)
@@ -118,14 +118,14 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
     labels = clusters(mesh) if settings.pieces is Pieces.LARGEST else np.zeros(len(mesh.faces), np.int64)
     solid = solid_of(_chosen(mesh, labels == 0))
     if not solid.bounds.any():
-        raise InputError(_NOTHING)
+        raise InputError(_NO_VOLUME)
     level = level_of_solid(solid, settings.spacing)
     level, inside, apart = _largest(level)
     touching = _touching(solid.mesh, level, inside)
     area = solid.mesh.face_areas
     volume = float(np.count_nonzero(inside)) * level.step**3
     if volume < 0.5 * _THICK * level.step * float(area[touching].sum()):
-        raise InputError(_NOTHING)
+        raise InputError(_NO_VOLUME)
     if apart and settings.pieces is Pieces.ALL:
         raise InputError(
             f"the mesh is in {apart + 1} pieces that do not touch, which can't give one surface; join them, "
@@ -136,7 +136,7 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
     if share < _KEPT and not labels.any() and not solid.is_closed:
         raise InputError(
             f"the mesh is open (rims of {solid.open_length:,.0f} mm in all), and only {100.0 * share:.0f} % "
-            "of its area is around one volume; export the complete surface, closed or with small openings"
+            "of its area encloses one volume; export the complete surface, closed or with small openings"
         )
     _check_share(share, dropped + 1)
     notes = _notes(solid, touching, dropped, share)
@@ -147,9 +147,9 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
 
 
 def notes_on_groomed(solid: Triangles, groomed: TriangleMesh) -> list[str]:
-    """Return notes on how far a groomed surface is from the repaired one, and how much of it closes openings.
+    """Return notes on the distance of a groomed surface from the repaired one, and on its closed openings.
 
-    Where the repaired surface has openings, distances are measured from it only.
+    If the repaired surface has openings, distances are only measured from it to the groomed surface.
     """
     surface = solid.surface
     if surface is None:
@@ -175,7 +175,7 @@ def notes_on_groomed(solid: Triangles, groomed: TriangleMesh) -> list[str]:
     return notes
 
 
-_NOTHING = "the mesh encloses no volume; export the complete surface, closed or with small openings"
+_NO_VOLUME = "the mesh encloses no volume; export the complete surface, closed or with small openings"
 
 
 def _notes(solid: Solid, touching: BoolArray, dropped: int, share: float) -> tuple[str, ...]:
@@ -206,10 +206,10 @@ def _notes(solid: Solid, touching: BoolArray, dropped: int, share: float) -> tup
 
 
 def _largest(level: Level) -> tuple[Level, BoolArray, int]:
-    """Return the level function of the largest solid, its nodes, and how many others there were."""
+    """Return the level function of the largest solid, its nodes, and the number of other solids."""
     labels, count = ndimage.label(level.values < 0.0)
     if not count:
-        raise InputError(_NOTHING)
+        raise InputError(_NO_VOLUME)
     inside: BoolArray = labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
     inside = without_cavities(inside)
     others = np.bincount(labels[~inside].ravel(), minlength=count + 1)[1:]
@@ -232,7 +232,7 @@ def _check_share(share: float, pieces: int) -> None:
     if share < _KEPT:
         raise InputError(
             f"the mesh is in {pieces} separate pieces, and the largest has only {100.0 * share:.0f} % of the "
-            "area; save the structure as a file of its own, or join what belongs together"
+            "area; save the structure as a file of its own, or join its pieces"
         )
 
 

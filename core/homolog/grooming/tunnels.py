@@ -1,7 +1,7 @@
-"""Filling of narrow tunnels through a solid of voxels, which come from noise in labels.
+"""Filling of narrow tunnels through a solid of voxels, which are due to noise in labels.
 
-A label map of a thin or folded structure has tunnels of one or two voxels, in each subject at another place.
-The surfaces of such subjects do not correspond.
+A label map of a thin or folded structure has tunnels of one or two voxels, at different positions in each
+subject. The surfaces of such subjects do not correspond.
 """
 
 import numpy as np
@@ -16,17 +16,17 @@ __all__ = ["euler_number", "fill_tunnels"]
 _CORNERS = list(np.ndindex(2, 2, 2))
 _ANY_NEIGHBOUR = np.ones((3, 3, 3), dtype=bool)
 _NEAR = np.argwhere(_ANY_NEIGHBOUR) - 1
-MAX_LOOKS = 20  # times the voxels of the solid's box: patches are looked at while their boxes hold no more
-_RADII = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)  # voxels: of the balls of successive closings
+MAX_LOOKS = 20  # limit on the voxels of all patches' boxes, relative to the solid's box
+_RADII = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)  # voxels: radii of the balls of successive closings
 
 
 def _octant_tables() -> IntArray:
-    """Return eight times what each pattern of 2 x 2 x 2 voxels adds to two Euler numbers, (2, 256).
+    """Return eight times the contribution of each pattern of 2 x 2 x 2 voxels to two Euler numbers, (2, 256).
 
     For the first, voxels are the points of a complex, neighbours at a face its edges, full squares its faces
-    and full cubes its cells; a pattern has an eighth of each of its voxels, a quarter of its edges, half of
-    its faces. For the second, voxels are closed cubes, which meet at edges and corners too; a pattern has its
-    corner, half of six edges, a quarter of twelve squares, an eighth of each of its voxels.
+    and full cubes its cells; a pattern counts an eighth of each of its voxels, a quarter of its edges, half
+    of its faces. For the second, voxels are closed cubes, which meet at edges and corners too; a pattern
+    counts its corner, half of six edges, a quarter of twelve squares, an eighth of each of its voxels.
     """
     table = np.zeros((2, 256), dtype=np.int64)
     for pattern in range(256):
@@ -41,13 +41,13 @@ def _octant_tables() -> IntArray:
 
 _BY_FACES, _BY_CORNERS = _octant_tables()
 _EITHER = _BY_FACES + _BY_CORNERS
-"""A zero level joins some nodes that touch at an edge or corner: tunnels of either kind count."""
+"""The sum of both: a zero level joins some of the nodes that touch at an edge or corner."""
 
 
 def euler_number(solid: BoolArray) -> int:
     """Return the Euler number of a solid whose voxels are connected at faces.
 
-    It is the number of pieces, minus that of tunnels, plus that of cavities.
+    It is the number of pieces minus the number of tunnels plus the number of cavities.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def euler_number(solid: BoolArray) -> int:
     References
     ----------
     Gray, Local properties of binary images in two dimensions, IEEE Transactions on Computers C-20, 1971
-    (here in three).
+    (here extended to three).
     """
     padded = np.pad(solid, 1).astype(np.uint8)
     counts = np.bincount(_patterns(padded).ravel(), minlength=256)
@@ -66,28 +66,28 @@ def euler_number(solid: BoolArray) -> int:
 
 def _euler_numbers(solid: BoolArray) -> int:
     """Return the sum of the Euler numbers with voxels connected at faces, and at corners too."""
-    padded = np.zeros([count + 2 for count in solid.shape], np.uint8)  # np.pad is slow on small ones
+    padded = np.zeros([count + 2 for count in solid.shape], np.uint8)  # np.pad is slow on small arrays
     padded[1:-1, 1:-1, 1:-1] = solid
     return int(np.bincount(_patterns(padded).ravel(), minlength=256) @ _EITHER) // 8
 
 
 def fill_tunnels(solid: BoolArray, width: float) -> tuple[BoolArray, int]:
-    """Fill tunnels narrower than a width; tunnels between thick parts as well as holes in thin walls.
+    """Fill tunnels narrower than a width: those between thick parts and holes in thin walls.
 
-    Voxels are added where a closing of the solid adds them, patch by patch, and only where a patch leaves
-    fewer tunnels than before.
+    The voxels added by a closing of the solid form patches. A patch is added only if it reduces the number of
+    tunnels.
 
     Parameters
     ----------
     solid : (I, J, K) bool array
-        One piece (voxels that meet at faces) without cavities.
+        A single piece (connected at faces) without cavities.
     width : float
-        Of the widest tunnel to be filled [voxels].
+        Width of the widest tunnel to fill [voxels].
 
     Returns
     -------
     (I, J, K) bool array
-        One piece without cavities.
+        A single piece without cavities.
     int
         Number of tunnels that were filled.
     """
@@ -103,27 +103,27 @@ def fill_tunnels(solid: BoolArray, width: float) -> tuple[BoolArray, int]:
 
 
 def _plugged(solid: BoolArray) -> BoolArray:
-    """Return a solid with every single voxel added that fills a tunnel, again and again until none does."""
+    """Add single voxels that fill a tunnel, until none is left."""
     padded = np.pad(solid, 1).astype(np.uint8)
-    places: IntArray = np.argwhere(_beside_solid(padded))
+    places: IntArray = np.argwhere(_adjacent_to_solid(padded))
     places = places[_gains(padded, places) > 0]
     if not len(places):
         return solid
     while len(places):
         changed = []
         parity = places % 2 @ (4, 2, 1)
-        for kind in range(8):  # voxels that are no neighbours change independently
+        for kind in range(8):  # voxels that are not neighbours change independently
             some = places[parity == kind]
             some = some[_gains(padded, some) > 0]
             padded[tuple(some.T)] = 1
             changed.append(some)
-        places = _beside(padded, np.concatenate(changed))
+        places = _adjacent(padded, np.concatenate(changed))
         places = places[_gains(padded, places) > 0]
     filled: BoolArray = without_cavities(padded[1:-1, 1:-1, 1:-1] > 0)
     return filled
 
 
-def _beside_solid(padded: Array) -> BoolArray:
+def _adjacent_to_solid(padded: Array) -> BoolArray:
     """Return the empty voxels that have a neighbour at a face, without those of the border."""
     inner = (slice(1, -1),) * 3
     near = np.zeros(padded.shape, np.uint8)
@@ -135,7 +135,7 @@ def _beside_solid(padded: Array) -> BoolArray:
     return result
 
 
-def _beside(padded: Array, changed: IntArray) -> IntArray:
+def _adjacent(padded: Array, changed: IntArray) -> IntArray:
     """Return the empty voxels near changed ones that have a neighbour at a face."""
     near = np.unique((changed[:, None] + _NEAR).reshape(-1, 3), axis=0)
     near = near[((near > 0) & (near < np.array(padded.shape) - 1)).all(axis=1)]
@@ -146,7 +146,7 @@ def _beside(padded: Array, changed: IntArray) -> IntArray:
 
 
 def _patched(solid: BoolArray, radius: float) -> BoolArray:
-    """Return a solid with those patches of its closing by a ball added that fill tunnels."""
+    """Add the patches of a closing by a ball that fill tunnels."""
     reach = int(np.ceil(radius))
     closed = near_distance(near_distance(np.pad(solid, reach), reach + 1) > radius, reach + 1) > radius
     inner = (slice(reach, -reach),) * 3
@@ -172,9 +172,9 @@ def _pieces(solid: BoolArray) -> int:
 
 
 def _gains_of_patches(solid: BoolArray, patches: IntArray) -> IntArray:
-    """Return by how much the Euler number grows with each patch of empty voxels, 0 for patch 0.
+    """Return the increase of the Euler number by each patch of empty voxels, 0 for patch 0.
 
-    No pattern holds voxels of two patches, so that each of them shares out what its pattern adds.
+    No pattern contains voxels of two patches, so that its contribution is divided among its patch's voxels.
     """
     before, added = (_patterns(np.pad(item, 1).astype(np.uint8)) for item in (solid, patches > 0))
     places = np.argwhere(patches)
@@ -184,12 +184,12 @@ def _gains_of_patches(solid: BoolArray, patches: IntArray) -> IntArray:
         where = tuple((places + corner).T)
         old, new = before[where], added[where]
         gains += np.bincount(numbers, (_EITHER[old | new] - _EITHER[old]) / np.bitwise_count(new), len(gains))
-    gains[np.bincount(numbers, minlength=len(gains)) == 1] = 0.0  # one that fills a tunnel is filled by now
+    gains[np.bincount(numbers, minlength=len(gains)) == 1] = 0.0  # single voxels were filled before
     return np.rint(gains / 8.0).astype(np.int64)
 
 
 def _gains(padded: Array, places: IntArray) -> IntArray:
-    """Return by how much the Euler number grows with each of some voxels added on its own."""
+    """Return the increase of the Euler number by each of some voxels, added alone."""
     steps = np.array([padded.shape[1] * padded.shape[2], padded.shape[2], 1])
     near = padded.ravel()[places @ steps + (_NEAR @ steps)[:, None]].reshape(3, 3, 3, -1)
     near[1, 1, 1] = 0

@@ -12,14 +12,15 @@ __all__ = ["by_typicality", "medoid", "odd_ones", "radii_of"]
 
 _QUANTILES = np.linspace(0.02, 0.98, 25)
 _ODD, _LEAST_TYPICAL = 1.8, 0.06
-"""Times the median distance from the most typical shape, or times this one: from where on a shape is far."""
+"""A shape is far beyond this factor times the median distance from the most typical shape; least median
+used."""
 _ALIKE, _NEAR = 8, 2
-"""Shapes that one is compared with before it is odd, those with the most similar radii first; how many of
-them are near if it is not (of three shapes, one)."""
+"""Number of shapes (by similarity of radii) with which a distant shape is compared; number of near ones among
+them that show that it is not odd (one in a cohort of three)."""
 
 
 def radii_of(oriented_shapes: Sequence[OrientedPoints]) -> FloatArray:
-    """Return quantiles of the distances from the centre, which no turn changes (Osada et al. 2002)."""
+    """Return quantiles of the distances from the centre, invariant to rotation (Osada et al. 2002)."""
     return np.array(
         [np.quantile(np.linalg.norm(shape.points, axis=1), _QUANTILES) for shape in oriented_shapes]
     )
@@ -31,7 +32,7 @@ def medoid(oriented_shapes: Sequence[OrientedPoints]) -> int:
 
 
 def by_typicality(oriented_shapes: Sequence[OrientedPoints]) -> IntArray:
-    """Return the indices of shapes, those first whose radii are distributed most like all others'."""
+    """Return the indices of shapes ordered by similarity of their radii to those of all others."""
     radii = radii_of(oriented_shapes)
     return np.argsort(np.abs(radii[:, None] - radii).sum(axis=(1, 2)), kind="stable")
 
@@ -44,16 +45,16 @@ def odd_ones(
 ) -> set[int]:
     """Return the indices of shapes far from the most typical one and from all, or all but one, of the others.
 
-    A shape that merely varies much is near some others; two of another organ are near each other only.
+    A shape of large variation is near some others; two shapes of another organ are near each other only.
 
     Parameters
     ----------
     shapes : sequence of OrientedPoints
-        Sizes about 1.
+        Shapes of sizes about 1.
     distances : (M,) float64 array
-        From the most typical shape, once registered.
+        Distances from the most typical shape after registration.
     register_freely : callable
-        Registers one to another, whatever the orientation of its file.
+        Registers one shape to another, regardless of the orientations of the files.
     tick : Tick
         Progress and cancelling.
     """

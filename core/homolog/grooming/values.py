@@ -12,34 +12,34 @@ from homolog.errors import InputError
 __all__ = ["hardened", "labels_apart", "labels_from", "labels_of_channels", "labels_seen", "slices_of"]
 
 _ROUNDING = 1e-3
-"""How far label values may be from whole numbers: what scaling and single precision leave."""
+"""Largest deviation of labels from whole numbers, due to scaling and single precision."""
 _LARGEST = 2**31 - 1
 _HALF = 0.5
 """Probability at the surface."""
 _SURE = (0.1, 0.9)
 _MOST_UNSURE = 0.95
-"""Share of the voxels that may be the structure whose probability is between these, at most."""
+"""Largest share of intermediate probabilities among the voxels that may belong to the structure."""
 _MOST_OF_BORDER = 0.9
-"""Share of the image's border that is outside, at least."""
+"""Least share of the image's border that is outside."""
 _OVERSHOOT = 0.4
-"""How far interpolation leaves the range from 0 to 1, at most."""
+"""Largest overshoot of interpolated values beyond 0 and 1."""
 _PERCENT = 100
-"""Least value of a full voxel in a soft mask of whole numbers: percent, or 255 of a byte."""
+"""Least value of a full voxel in a soft mask of whole numbers: 100 (percent), or 255 (byte)."""
 _FEW_VALUES = 8
-"""With more values in between, a mask of full voxels has soft edges."""
+"""Number of intermediate values above which a mask has soft edges."""
 _PROBABILITY = "its values are probabilities: where they are 0.5 or more was taken for the structure"
 _SLOPE = (0.85, 1.15)
-"""Signed distances change by nearly 1 mm in a mm, or by 1 in a voxel; at most voxels near the surface."""
+"""Slope of signed distances, per mm or per voxel, at most voxels near the surface."""
 _NEAR_SURFACE = 20_000
-"""Voxels that are looked at."""
+"""Number of voxels at which the slope is computed."""
 _MOST_VALUES = 1000
-"""With more different values than this, a file is a picture rather than a label map."""
+"""A file with more different values is a picture rather than a label map."""
 _MANY_VALUES = 50
-"""From this number on, it is looked at how often neighbours differ."""
+"""Number of different values from which on differences of neighbours are tested."""
 _MOST_DIFFERENT = 0.5
-"""Share of neighbouring voxels above 0 that differ in a picture, at least."""
+"""Least share of neighbouring voxels above 0 that differ in a picture."""
 _MOST_IN_ONE = 0.85
-"""Share of the voxels in the largest piece from which on labels are one structure."""
+"""Least share of the voxels in the largest piece if all labels are one structure."""
 _LOOKED_AT = 2_000_000
 
 
@@ -52,16 +52,16 @@ def slices_of(values: Array) -> Iterator[Array]:
 def labels_from(path: Path, values: Array, spacing: FloatArray) -> tuple[Array, str]:
     """Return labels and notes.
 
-    Probabilities become 1 from 0.5 on, signed distances become 1 on the side of their surface that is away
-    from the border of the image.
+    Probabilities of at least 0.5 become 1. Signed distances become 1 inside; the border of the image is
+    outside.
 
     Parameters
     ----------
     path : Path
-        For messages.
+        The file, for messages.
     values : (I, J, K) array
     spacing : (3,) float64 array
-        Of the voxels [mm].
+        Spacing of the voxels [mm].
 
     Returns
     -------
@@ -72,12 +72,12 @@ def labels_from(path: Path, values: Array, spacing: FloatArray) -> tuple[Array, 
     Raises
     ------
     InputError
-        If they are neither.
+        If the values are neither labels, probabilities nor distances.
     """
     if not np.issubdtype(values.dtype, np.floating):
         return values, ""
     values, numbers = _without_nan(path, values)
-    whole = np.empty_like(values, dtype=np.int32)  # in the order of the file, slice by slice
+    whole = np.empty_like(values, dtype=np.int32)  # slice by slice in the order of the file
     off, low, high = 0.0, np.inf, -np.inf
     for source, target in zip(slices_of(values), slices_of(whole), strict=True):
         rounded = np.rint(source)
@@ -97,7 +97,7 @@ def labels_from(path: Path, values: Array, spacing: FloatArray) -> tuple[Array, 
         return (values >= _HALF).astype(np.uint8), _PROBABILITY
     if low < 0.0 < high and (sign := _outward_sign(values, spacing)):
         return _inside(values, sign)
-    if low < 0.0 and abs(low + high) <= _ROUNDING * high:  # distances cut off at both ends
+    if low < 0.0 and abs(low + high) <= _ROUNDING * high:  # distances clipped at both ends
         for sign in (1, -1):
             if _are_probabilities(_HALF - _HALF * sign * values / high):
                 return _inside(values, sign)
@@ -105,16 +105,17 @@ def labels_from(path: Path, values: Array, spacing: FloatArray) -> tuple[Array, 
 
 
 def hardened(values: Array, spacing: FloatArray) -> tuple[Array, str]:
-    """Return a mask of other whole numbers than labels as 0 and 1, with a note; label maps as they are.
+    """Return a mask of whole numbers that are not labels as 0 and 1, with a note; label maps unchanged.
 
-    Most voxels of a soft mask (percent, bytes) have nearly its largest value, and others have many values in
-    between. Of values below 0 two make a mask, and distances change as `labels_from` says.
+    Most voxels of a soft mask (percent, bytes) have nearly its largest value; the others have many
+    intermediate values. With values below 0, two values are a mask, and others are distances (see
+    `labels_from`).
 
     Parameters
     ----------
     values : (I, J, K) array of whole numbers
     spacing : (3,) float64 array
-        Of the voxels [mm].
+        Spacing of the voxels [mm].
     """
     seen = _sample(values)
     if seen.min() < 0:
@@ -129,7 +130,7 @@ def hardened(values: Array, spacing: FloatArray) -> tuple[Array, str]:
 
 
 def _hardened_signed(values: Array, spacing: FloatArray) -> tuple[Array, str]:
-    """Return two values, one of them below 0, or signed distances as 0 and 1."""
+    """Convert two values, one of them below 0, or signed distances to 0 and 1."""
     low, high = int(values.min()), int(values.max())
     if not ((values != low) & (values != high)).any():
         border = _border(values)
@@ -152,7 +153,7 @@ def _inside(distances: Array, sign: int) -> tuple[Array, str]:
 
 
 def _without_nan(path: Path, values: Array) -> tuple[Array, str]:
-    """Return values with 0 where they are not numbers, if that is the background; and a note if so."""
+    """Replace values that are not numbers by 0 if they are the background; also return a note."""
     if all(np.isfinite(entry).all() for entry in slices_of(values)):
         return values, ""
     border = _border(values)
@@ -175,7 +176,7 @@ def _only_value(values: Array) -> float:
 
 
 def _sample(values: Array) -> Array:
-    """Return some of the voxels, evenly."""
+    """Return an evenly spaced sample of the voxels."""
     return values.ravel(order="K")[:: max(1, values.size // _LOOKED_AT)]
 
 
@@ -185,14 +186,14 @@ def labels_of_channels(path: Path, values: Array) -> tuple[Array, str]:
     Parameters
     ----------
     path : Path
-        For messages.
+        The file, for messages.
     values : (I, J, K, C) array
 
     Returns
     -------
     labels : (I, J, K) array
-        The channel that has 0.5 or more, counted from 1; from 0 if the first one is the background. The only
-        channel that holds something, as it is.
+        Index of the channel with a value of 0.5 or more, from 1, or from 0 if the first channel is the
+        background. A single non-empty channel is returned unchanged.
     note : str
 
     Raises
@@ -215,7 +216,7 @@ def labels_of_channels(path: Path, values: Array) -> tuple[Array, str]:
         total += part
         labels[(part >= _HALF) & (labels == 0)] = channel + 1
     if total.max() > 1.0 + _ROUNDING:
-        of_which = f" ({', '.join(map(str, held))} hold something)" if len(held) < count else ""
+        of_which = f" ({', '.join(map(str, held))} are not empty)" if len(held) < count else ""
         raise InputError(
             f"{path}: has {count} values per voxel{of_which}: points in time, colours, or structures that "
             "overlap; save a label map for each subject and point in time"
@@ -245,12 +246,12 @@ def _are_probabilities(values: Array) -> bool:
 
 
 def _outward_sign(values: Array, spacing: FloatArray) -> int:
-    """Return the sign of signed distances outside their surface; 0 if they are none."""
+    """Return the sign of signed distances outside their surface; 0 if the values are not distances."""
     positive = float(np.mean(_border(values) > 0.0))
     if min(values.shape) < 3 or 1.0 - _MOST_OF_BORDER < positive < _MOST_OF_BORDER:
         return 0
     least = float(np.abs(values).min())
-    values = values - np.sign(values) * (least / 2.0)  # distances to the other side's nearest voxel skip zero
+    values = values - np.sign(values) * (least / 2.0)  # distances between voxels are never zero
     inner = values[1:-1, 1:-1, 1:-1]
     near = np.flatnonzero(np.abs(inner) < 2.0 * spacing.max())
     near = near[:: max(1, len(near) // _NEAR_SURFACE)]
@@ -263,10 +264,10 @@ def _outward_sign(values: Array, spacing: FloatArray) -> int:
 
 
 def labels_apart(values: Array) -> list[int]:
-    """Return the labels of a map if they are structures that lie apart, as the bones of a hand; else none.
+    """Return the labels of a map if they are separate structures, such as the bones of a hand; else none.
 
-    The largest piece has less than 85 % of the voxels then, and at least half of the labels lie mostly
-    elsewhere.
+    In this case the largest piece has less than 85 % of the voxels, and at least half of the labels are
+    mostly outside it.
     """
     pieces, count = ndimage.label(values > 0, np.ones((3, 3, 3)))
     if count < 2:
@@ -287,7 +288,7 @@ def labels_seen(path: Path, values: Array) -> int:
     Raises
     ------
     InputError
-        If it is a picture, whose voxels above 0 would be taken for the structure.
+        If it is a picture, which would make all voxels above 0 the structure.
     """
     if values.min() < 0:
         raise InputError(
@@ -309,7 +310,7 @@ def labels_seen(path: Path, values: Array) -> int:
 
 
 def _differing(values: Array) -> float:
-    """Return the share of neighbours above 0 that differ, along the axis that lies together in memory."""
+    """Return the share of neighbours above 0 that differ, along the contiguous axis."""
     pairs = differ = 0
     for entry in slices_of(values):
         rows = entry if entry.strides[-1] <= entry.strides[0] else entry.T

@@ -18,18 +18,18 @@ __all__ = ["Extent", "Segment", "Segmentation", "Volume", "check_size"]
 
 
 _MASKS = 2
-"""Bytes that each voxel takes in addition to its value while the structure is picked."""
+"""Additional bytes per voxel while the structure is extracted."""
 
 _COUNTED = 2**22
-"""Voxels that are counted at once."""
+"""Number of voxels counted at once."""
 
 _LISTED = 2**20
-"""Values below this are counted in a list, larger ones by sorting."""
+"""Smaller values are counted with np.bincount, larger ones by sorting."""
 
 _TOGETHER = "its labels were combined into one structure; choose a label to study one of them"
 
 _NAMED = 10
-"""Structures that a message names, at most."""
+"""Largest number of structures in a message."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,8 +39,8 @@ class Segmentation:
     Attributes
     ----------
     mask : (I, J, K) bool array
-        True inside, read-only. Cropped to the structure and one voxel around it, where the file has one: what
-        lies at the border of the mask lies at the border of the image.
+        True inside, read-only. Cropped to the structure and one voxel around it where the image extends
+        beyond it: a structure at the border of the mask is at the border of the image.
     rotation : (3, 3) float64 array
         Proper rotation; its columns are the directions of the three grid axes in LPS.
     spacing : (3,) float64 array
@@ -50,7 +50,7 @@ class Segmentation:
     notes : tuple of str
         Notes for the user.
     name : str
-        What the file calls the structure, if anything.
+        Name of the structure in the file; may be empty.
     """
 
     mask: BoolArray
@@ -93,9 +93,9 @@ class Volume:
     Attributes
     ----------
     path : Path
-        For messages.
+        The file, for messages.
     layers : sequence of (I, J, K) arrays
-        Label values; several where structures overlap. A layer may be read only when it is asked for.
+        Label values; several layers if structures overlap. A layer may be read on access.
     index_to_world : (4, 4) float64 array
         From voxel indices to LPS [mm].
     named : tuple of Segment
@@ -124,11 +124,11 @@ class Volume:
         return replace(self, layers=[labels], notes=(*self.notes, note) if note else self.notes)
 
     def segments(self) -> list[Segment]:
-        """Return the structures that have voxels: those with names in the file's order, then other values."""
+        """Return the structures that have voxels: named ones in the file's order, then other values."""
         return [extent.segment for extent in self.extents()]
 
     def extents(self) -> list["Extent"]:
-        """Return what has voxels, in the order of `segments`, with its volume; one look at each layer."""
+        """Return the extents of the structures in `segments`, reading each layer once."""
         if (volume := self.as_labels()) is not self:
             return volume.extents()
         voxel = abs(float(np.linalg.det(self.index_to_world[:3, :3])))
@@ -149,12 +149,12 @@ class Volume:
     def with_names(self, wanted: str | None = None) -> "Volume":
         """Return the volume with names from a table next to its file, or from a public list.
 
-        It is as it was if the file names its structures itself, or nothing tells how they are called.
+        It is unchanged if the file names its structures itself, or no names are known.
 
         Parameters
         ----------
         wanted : str, optional
-            The structure that the user asks for.
+            The structure that the user requests.
 
         Raises
         ------
@@ -182,17 +182,17 @@ class Volume:
         Parameters
         ----------
         label : int or None
-            Its value; every value above 0 if neither value nor name are given.
+            Value of the structure; every value above 0 if neither value nor name is given.
         segment : str or None
-            Its name, whatever its case, dashes and order of words; goes before the value where something
-            names the structures: the file, a table next to it, or the public list that it follows. A single
-            structure may have the name of its file.
+            Name of the structure; case, dashes and order of words are ignored. It has precedence over the
+            value if the structures have names, from the file, a table next to it, or the public list that it
+            follows. A single structure may have the name of its file.
 
         Raises
         ------
         InputError
-            If there is no such structure, it has no voxels, more than one fits, or structures that overlap
-            were to be taken together.
+            If there is no such structure, it has no voxels, the name is ambiguous, or overlapping structures
+            would be combined.
         """
         if (volume := self.as_labels()) is not self:
             return volume.segmentation(label, segment)
@@ -218,13 +218,13 @@ class Volume:
         if len(segments) > 1:
             titles = " and ".join(segment.title for segment in segments)
             raise InputError(
-                f"{self.path}: {wanted} is {titles}; choose one by its "
+                f"{self.path}: {wanted} matches {titles}; choose one by its "
                 "name or number, and give each its own name"
             )
         for item in segments:
             if (cropped := self.placed(item)) is not None:
                 return cropped
-        lacks = "has no voxel of" if segments or not name else "has no structure called"
+        lacks = "has no voxel of" if segments or not name else "has no structure named"
         raise InputError(f"{self.path}: {lacks} {wanted}; {self._alternatives(name)}")
 
     def _alternatives(self, name: str) -> str:
@@ -293,7 +293,7 @@ class Volume:
         return None if crop is None else self._placed(*crop, segment.name)
 
     def _labels(self, number: int) -> Array:
-        """Return the values of a layer, whole numbers; raises InputError if they are none."""
+        """Return the whole-number values of a layer; raises InputError for other values."""
         return labels_from(self.path, self.layers[number], self._spacing)[0]
 
     @property
@@ -301,7 +301,7 @@ class Volume:
         return np.asarray(np.linalg.norm(self.index_to_world[:3, :3], axis=0))
 
     def _placed(self, mask: BoolArray, start: Sequence[int], name: str = "") -> Segmentation:
-        """Put a mask that begins at a voxel of the file in its place, on right-handed axes."""
+        """Return a mask that begins at a voxel of the file with its position, on right-handed axes."""
         axes, origin = self.index_to_world[:3, :3], self.index_to_world[:3, 3]
         spacing = np.linalg.norm(axes, axis=0)
         if not np.isfinite([*origin, *spacing]).all() or spacing.min() <= 0.0:
@@ -331,18 +331,18 @@ class Extent:
 
 
 def check_size(path: Path, shape: Sequence[int], voxel_bytes: float) -> None:
-    """Refuse, by its header, a file that is not a volume or is too large for this machine.
+    """Refuse a file whose header describes no volume, or one too large for this machine.
 
     Raises
     ------
     InputError
-        With the number of GB if memory would not do.
+        With the required GB if memory is insufficient.
     """
     size = " x ".join(map(str, shape))
     if len(shape) != 3 or min(shape) < 2:
         raise InputError(f"{path}: is not a 3-D volume but {size}; export one label map per subject")
     needed = float(np.prod(shape, dtype=np.float64)) * (voxel_bytes + _MASKS)
-    check_fits(f"{path} ({size} voxels)", needed, "crop it or make it coarser, or correct its header")
+    check_fits(f"{path} ({size} voxels)", needed, "crop or resample it, or correct its header")
 
 
 def _sides(values: Array) -> list[Array]:
@@ -351,7 +351,7 @@ def _sides(values: Array) -> list[Array]:
 
 
 def _counted(values: Array) -> Counter[int]:
-    """Return how many voxels have each value above 0."""
+    """Return the number of voxels of each value above 0."""
     n_voxels: Counter[int] = Counter()
     flat = values.ravel(order="K")
     for start in range(0, flat.size, _COUNTED):
@@ -370,9 +370,9 @@ def _counted(values: Array) -> Counter[int]:
 
 
 def _cropped(values: Array, inside: Callable[[Array], Array]) -> tuple[BoolArray, tuple[int, ...]] | None:
-    """Return the voxels that are inside, with one voxel around them, and where that box begins.
+    """Return the voxels that are inside, with a margin of one voxel, and the first index of that box.
 
-    Slice by slice, so that nothing of the volume's size is made.
+    Works slice by slice, so that no array of the volume's size is allocated.
     """
     first = int(np.argmax(values.strides))
     stack = np.moveaxis(values, first, 0)

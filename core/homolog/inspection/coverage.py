@@ -16,7 +16,8 @@ from homolog.surfaces.topology import edges
 __all__ = ["uncovered"]
 
 _FAR = 1.4
-"""Distance to the nearest particle, in spacings, from which a point is uncovered; even layouts have 0.6."""
+"""Least distance of an uncovered point from the nearest particle, in spacings; even layouts have at most
+0.6."""
 _BEYOND = 3.0
 """The same in medians of that distance; both must be exceeded."""
 _AROUND = 6
@@ -32,11 +33,11 @@ class _Gap:
     Attributes
     ----------
     centre : int
-        Its vertex that is farthest from all particles.
+        The vertex farthest from all particles.
     distance : float
-        How far that is, in spacings.
+        Distance of that vertex from the nearest particle, in spacings.
     area : float
-        Of the region that is more than a spacing away from every particle [mm²].
+        Area of the region that is more than a spacing away from every particle [mm²].
     around : (k,) int array
         The particles nearest to the centre along the surface.
     """
@@ -87,7 +88,7 @@ def _gaps(located: LocatedParticles, m: int, reach: FloatArray, limit: float) ->
         region = np.flatnonzero(labels == label)
         centre = int(region[reach[region].argmax()])
         from_centre = distances_from(mesh, [centre])
-        # straight only within the triangle that a particle is on
+        # straight distances only within the particle's triangle
         away = np.linalg.norm(mesh.vertices[corners] - points[:, None], axis=2)
         order = (from_centre[corners] + away).min(axis=1).argsort(kind="stable")
         gaps.append(_Gap(centre, float(reach[centre]), float(shares[region].sum()), order[:_AROUND]))

@@ -19,10 +19,11 @@ __all__ = ["ParticleEnergies", "particle_energies", "rows_of", "shared_entropy"]
 
 _WIDTH_ROUNDS = 30
 _EVEN_WIDTH = 1.0 / np.sqrt(np.pi)
-"""Parzen width of an even layout, in spacings; as in the optimizer widths stay between these parts of it:"""
+"""Parzen width of an even layout, in spacings; as in the optimizer, widths are limited to these fractions of
+it:"""
 _NARROWEST, _WIDEST = 0.1, 1.2
 _NORMALS_REGULARIZATION = 0.01
-"""At the end of a run [rad²]."""
+"""Regularization of the normals at the end of a run [rad²]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,10 +33,10 @@ class ParticleEnergies:
     Attributes
     ----------
     sampling : array
-        log A - 3 log s by geodesic distances in spacings: large where particles crowd.
+        log A - 3 log s from geodesic distances in spacings: large where particles are dense.
     ensemble, normals : array
-        Shares of H(Z) and H(V), their mean over particles and subjects times M N the whole: large where
-        positions, or normals, differ between subjects in a way of their own.
+        Contributions to H(Z) and H(V), whose mean over particles and subjects is the entropy: large where
+        positions, or normals, have individual differences between subjects.
     """
 
     sampling: FloatArray
@@ -53,9 +54,9 @@ def particle_energies(
     located : LocatedParticles
         Particles of the result, with their normals.
     consensus : Neighbourhood
-        That of all subjects.
+        Consensus of all subjects.
     settings : OptimizeSettings
-        Those of the run.
+        Settings of the run.
 
     Returns
     -------
@@ -73,9 +74,9 @@ def particle_energies(
 
 
 def rows_of(located: LocatedParticles, consensus: Neighbourhood) -> EnsembleRows:
-    """Return particles as the entropies across shapes see them at the end of a run with default settings.
+    """Return the rows of the entropies across shapes at the end of a run with default settings.
 
-    That is at one size, about their centres, but without opening angles, which only a run has.
+    Particles are scaled to one size and centred. Opening angles, which only a run has, are omitted.
     """
     settings = OptimizeSettings()
     areas = _areas(located)
@@ -99,15 +100,16 @@ def _areas(located: LocatedParticles) -> FloatArray:
 
 
 def _length(located: LocatedParticles) -> float:
-    """Return the optimizer's length [mm]."""
+    """Return the optimizer's unit of length [mm]."""
     return 0.01 * float(np.sqrt(_areas(located).mean()))
 
 
 def shared_entropy(rows: FloatArray, regularization: float) -> FloatArray:
-    """Return the entropy (M-1)/2M log det(I + C/a) of the optimizer shared out exactly, (M, N, 3) to (M, N).
+    """Decompose the optimizer's entropy (M-1)/2M log det(I + C/a) by particles, (M, N, 3) to (M, N).
 
     With C = Y Y'/(N (M-1)) and G = C^-1 log(I + C/a) the trace of G C is the logarithm of the determinant, a
-    sum over subjects and particles of (G Y) times Y. The shares are so scaled that their mean is the entropy.
+    sum over subjects and particles of (G Y) times Y. The contributions are scaled so that their mean is the
+    entropy.
     """
     shapes = len(rows)
     flat: Float32Array = rows.reshape(shapes, -1).astype(np.float32)

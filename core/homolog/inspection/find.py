@@ -15,7 +15,7 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = ["assess", "inspect"]
 
 _FEWEST = 3
-"""Smallest number of subjects for an inspection."""
+"""Least number of subjects for an inspection."""
 
 
 def inspect(
@@ -37,7 +37,7 @@ def inspect(
     alignments : (M, 4, 4) array
         Similarities to aligned coordinates.
     names : sequence of str
-        Subjects, for messages.
+        Names of the subjects, for messages.
     tick : Tick
         Progress and cancelling.
 

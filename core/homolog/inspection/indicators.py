@@ -1,7 +1,7 @@
 """Indicators of wrong correspondence, one number for each particle or triangle of each subject.
 
-Every indicator is a pair of ratios: a value over the usual value there, and over a threshold. The
-smaller of both is its severity. Small deviations in very regular regions are therefore not reported, nor
+Every indicator is a pair of ratios: a value relative to the usual value there, and relative to a threshold.
+The smaller one is its severity. Small deviations in very regular regions are therefore not reported, nor are
 large ones where all subjects differ.
 """
 
@@ -22,27 +22,27 @@ __all__ = [
 ]
 
 BEYOND = 4.0
-"""Ratio to the usual value from which a value is unusual."""
+"""Least ratio of an unusual value to the usual one."""
 ANGLE = np.radians(45.0)
-"""Angle between normals from which an unusual one matters."""
+"""Threshold of the angle between normals."""
 STRETCH = 0.5
-"""The same for the root mean square of log ratios of distances (1.65 times as far or as near)."""
+"""Threshold of the root mean square of log ratios of distances (a factor of 1.65)."""
 DISTORTION = np.radians(90.0)
-"""The same for the distortion of a triangle: at 90° it has collapsed, beyond it is folded over."""
+"""Threshold of the distortion of a triangle, which is degenerate at 90° and folded over beyond."""
 _PRIOR = 4.0
-"""Weight of the cohort's median, in subjects."""
+"""Weight of the cohort's median, as a number of subjects."""
 
 
 def severity(values: FloatArray, size: float) -> FloatArray:
     """Return the severity of values (M, N); values from 1 on are reported."""
-    consensus = np.maximum(consensus_values(values), 1e-12)  # 0 where all subjects are the same
+    consensus = np.maximum(consensus_values(values), 1e-12)  # 0 where all subjects are equal
     return np.minimum(values / (BEYOND * consensus), values / size)
 
 
 def consensus_values(values: FloatArray) -> FloatArray:
     """Return the usual value at each particle or triangle, (M, N) to (N,).
 
-    The median over subjects, shrunk towards the median of all.
+    It is the median over subjects, shrunk towards the median of all particles.
     """
     own, prior = np.median(values, axis=0), np.median(values)
     count = len(values)
@@ -58,7 +58,7 @@ def normal_angles(located: LocatedParticles, consensus: Neighbourhood) -> FloatA
 def log_distance_ratios(located: LocatedParticles, consensus: Neighbourhood) -> FloatArray:
     """Return log ratios of the distances to the consensus neighbours and the usual distances, (M, N, K).
 
-    A neighbour beyond the reach of the distances counts as just that far; absent neighbours are NaN.
+    A neighbour beyond the range of the distances is counted at that range; absent neighbours are NaN.
     """
     everywhere = np.arange(len(consensus.shape))
     return np.stack(
@@ -77,15 +77,21 @@ def swap_log_ratios(
 
     Parameters
     ----------
-    standing : (n,) int array
-        Particles whose positions are taken.
-    stands_for : (n,) int array
+    occupant : (n,) int array
+        Particles whose positions are used.
+    counterpart : (n,) int array
         Particles that are moved there; their neighbours give the expected distances.
+    subject : int
+        Index of the subject.
+    located : LocatedParticles
+        Particles of all subjects.
+    consensus : Neighbourhood
+        The consensus of all subjects.
     """
     neighbours, far = consensus.neighbours[counterpart], consensus.distances[counterpart]
     rows = np.repeat(occupant, neighbours.shape[1])
     distances = np.asarray(located.distances[subject][rows, neighbours.ravel()]).reshape(neighbours.shape)
-    place = occupant[:, None] == neighbours  # this neighbour would stand in the other's place in turn
+    place = occupant[:, None] == neighbours  # this neighbour moves to the other position
     swapped = np.asarray(located.distances[subject][occupant, counterpart])
     distances = np.where(place, swapped[:, None], distances)
     distances[distances == 0.0] = REACH
@@ -103,8 +109,8 @@ def distortions(located: LocatedParticles, consensus: Neighbourhood) -> FloatArr
     """Return the distortion of each consensus triangle on each subject [rad], (M, T).
 
     The affine map from the usual triangle has singular values s1 ≥ s2 ≥ 0, with the sign of the orientation
-    against the surface's normal: the distortion is arccos(2 s1 s2 / (s1² + s2²)), 0 for a similarity, 90°
-    where the triangle has collapsed, 180° for a mirrored one.
+    against the surface's normal: the distortion is arccos(2 s1 s2 / (s1² + s2²)), 0 for a similarity, 90° for
+    a degenerate triangle, 180° for a mirrored one.
     """
     corners = consensus.triangles
     before = flattened(consensus.shape[corners], consensus.normals[corners])

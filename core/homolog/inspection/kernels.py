@@ -20,7 +20,7 @@ def closest_points_on(
     faces: wp.array(dtype=int),
     away: wp.array(dtype=float),
 ):
-    """Find the mesh's point nearest to each point: its unit normal (from the vertices), face and distance."""
+    """Find the closest point of a mesh for each point: unit normal (from the vertices), face and distance."""
     p = wp.tid()
     query = wp.mesh_query_point_no_sign(mesh, points[p], reach)
     away[p] = reach
@@ -44,7 +44,7 @@ def pair_distances(
     pairs: wp.array(dtype=wp.vec2i),
     distances: wp.array(dtype=float),
 ):
-    """Geodesic distance between the two particles of each pair, negative beyond the table's reach."""
+    """Geodesic distance between the two particles of each pair, negative beyond the table's range."""
     p = wp.tid()
     pair = pairs[p]
     table = surfaces[0].table

@@ -31,12 +31,12 @@ REACH = 3.0
 _VERTICES = 2.0
 """Vertices per particle of the mesh on which distances are computed."""
 _FEWEST_VERTICES = 1500
-"""Minimum number of its vertices."""
+"""Least number of vertices of that mesh."""
 _T = TypeVar("_T")
 _MEAN_ROUNDS = 20
 _LOST = 1.0
-_MOST_OFF = 0.02  # of the particles: a few may be off the mesh where it cuts a corner of the surface
-"""Particles farther from their surface are not on it, in mean spacings."""
+_MOST_OFF = 0.02  # fraction of the particles: a few may be off a mesh that cuts corners of the surface
+"""Largest distance of particles on their surface, in mean spacings."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +48,7 @@ class LocatedParticles:
     meshes : tuple of TriangleMesh
         The subjects' surfaces in the coordinates of their files.
     alignments : (M, 4, 4) float64 array
-        Similarities from there to aligned coordinates.
+        Similarities from file to aligned coordinates.
     local, world : (M, N, 3) float64 arrays
         Positions [mm] in the coordinates of the files, and aligned.
     normals : (M, N, 3) float64 array
@@ -60,8 +60,8 @@ class LocatedParticles:
     reaches : tuple of (V,) float64 arrays
         Geodesic distance [mm] of every vertex of a mesh from the nearest particle.
     distances : tuple of (N, N) csr_array
-        Of each subject, the geodesic distances between its particles over its spacing, up to `REACH`;
-        symmetric, without the diagonal. Pairs that are not there are farther apart.
+        Geodesic distances between the particles of each subject, in its spacings, up to `REACH`; symmetric,
+        without the diagonal. Missing pairs are farther apart.
     """
 
     meshes: tuple[TriangleMesh, ...]
@@ -75,7 +75,7 @@ class LocatedParticles:
     distances: tuple[csr_array, ...]
 
     def with_subject(self, index: int, other: "LocatedParticles") -> "LocatedParticles":
-        """Return a copy in which one subject is replaced by the only one of `other`."""
+        """Return a copy in which one subject is replaced by the single subject of `other`."""
 
         def put(name: str) -> Array:
             changed: Array = getattr(self, name).copy()
@@ -118,7 +118,7 @@ def locate_particles(
     alignments : (M, 4, 4) array
         Similarities to aligned coordinates.
     names : sequence of str
-        Subjects, for messages.
+        Names of the subjects, for messages.
     tick : Tick
         Progress and cancelling.
 
@@ -140,7 +140,7 @@ def locate_particles(
         if off.mean() > _MOST_OFF:
             raise InputError(
                 f"{name}: {np.count_nonzero(off)} particles are not on the surface, "
-                "which has changed since; run again"
+                "which has changed; run again"
             )
         normals[m] = own @ alignments[m, :3, :3].T
         distances.append(_distances(points, own, mesh, float(spacing[m]), name, part_of(part, 0.0, 0.9)))
@@ -164,7 +164,7 @@ def locate_particles(
 
 
 def closest_points_on(mesh: TriangleMesh, points: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Return a mesh's normals (n, 3) and faces (n,) next to points (n, 3), and its distances (n,) [mm]."""
+    """Return normals (n, 3) and faces (n,) of a mesh at the closest points, and the distances (n,) [mm]."""
     reach = float(np.ptp(np.concatenate([mesh.vertices, points]), axis=0).sum())
     with wp.ScopedDevice("cpu"):
         surface, middle = on_device(mesh)
@@ -181,7 +181,7 @@ def closest_points_on(mesh: TriangleMesh, points: FloatArray) -> tuple[FloatArra
 def mean_normals(normals: FloatArray) -> FloatArray:
     """Return the Fréchet mean of unit normals over subjects on the sphere, (M, N, 3) to (N, 3).
 
-    Fixed point of the mean of the logarithms (the paper's Eq. 6), begun at the normalized sum.
+    It is the fixed point of the mean of the logarithms (the paper's Eq. 6), starting at the normalized sum.
     """
     mean = normals.sum(axis=0)
     opposed = np.linalg.norm(mean, axis=1) < 1e-6

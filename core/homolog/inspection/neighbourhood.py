@@ -15,13 +15,13 @@ from homolog.progress import Tick, no_tick
 __all__ = ["NEIGHBOURS", "Neighbourhood", "flattened", "neighbourhood_of"]
 
 NEIGHBOURS = 12
-"""Consensus neighbours of a particle: the ring around it and most of the next."""
+"""Number of consensus neighbours of a particle: the first ring and most of the second."""
 _THINNEST = 0.01
-"""Twice the area of a triangle over the squares of two sides, below which it says nothing about folds."""
+"""Least ratio of twice a triangle's area to the squares of two sides; flatter triangles do not show folds."""
 _FEWEST = 3
-"""Smallest number of neighbours of most particles."""
+"""Least number of neighbours of most particles."""
 _VOTES = 2
-"""Corners whose own triangulation has to have a triangle."""
+"""Least number of corners whose own triangulation contains a triangle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,9 +31,9 @@ class Neighbourhood:
     Attributes
     ----------
     neighbours : (N, K) int array
-        Of each particle, those nearest to it in the median over subjects.
+        The nearest neighbours of each particle, by median distance over subjects.
     distances : (N, K) float64 array
-        The median distances to them, in spacings; inf where there are fewer than K.
+        Median distances to them, in spacings; inf if there are fewer than K.
     shape : (N, 3) float64 array
         Median positions [mm] in aligned coordinates: a mean that swapped particles do not shift.
     normals : (N, 3) float64 array
@@ -49,7 +49,7 @@ class Neighbourhood:
     triangles: IntArray
 
     def ring(self, particles: IntArray) -> IntArray:
-        """Return the particles that share a triangle with some of these, and these themselves."""
+        """Return given particles and those that share a triangle with them."""
         near = self.triangles[np.isin(self.triangles, particles).any(axis=1)]
         return np.union1d(near.ravel(), particles)
 
@@ -102,8 +102,8 @@ def _triangles(
 ) -> IntArray:
     """Return the triangles that the local Delaunay triangulations around their corners agree on.
 
-    Around each particle its neighbours are laid out in the plane of the mean normal: in the direction in
-    which they are seen, as far as the surface says.
+    The neighbours of each particle are mapped to the plane of the mean normal: directions are those of the
+    projections, distances are geodesic.
     """
     triangles_of = []
     for i, (others, far) in enumerate(zip(neighbours, consensus, strict=True)):
@@ -127,7 +127,7 @@ def _triangles(
 
 
 def plane_of(normals: FloatArray) -> FloatArray:
-    """Return two unit vectors across each unit normal, right-handed with it: (..., 3) to (..., 2, 3)."""
+    """Return two unit vectors orthogonal to each normal, right-handed with it: (..., 3) to (..., 2, 3)."""
     least = np.eye(3)[np.abs(normals).argmin(axis=-1)]
     first = np.cross(normals, least)
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
@@ -135,7 +135,7 @@ def plane_of(normals: FloatArray) -> FloatArray:
 
 
 def flattened(points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the edges from triangles' first corners to the others, in the plane of the surface.
+    """Return the edges from the first corners of triangles to the others, in the plane of the surface.
 
     Parameters
     ----------

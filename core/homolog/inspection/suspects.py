@@ -18,15 +18,15 @@ from homolog.inspection.types import Kind, Suspect
 __all__ = ["SuspectCollector"]
 
 _CANDIDATE = 0.6
-"""Severity from which particles may belong to an exchanged pair."""
+"""Least severity of particles that may belong to an exchanged pair."""
 
 _MOST = 200
-"""Largest number of candidates for exchanged pairs per subject; the worst are tried."""
+"""Largest number of candidates for exchanged pairs per subject; the worst ones are tested."""
 
 
 _CLEAR_GAIN = 2.0 * LEAST_GAIN
-"""Smallest decrease of the objective by an exchange: more than in a run, whose normals are those of the
-distance field and whose objective includes opening angles."""
+"""Least decrease of the objective by an exchange. It is larger than in a run, which uses normals of the
+distance field and opening angles."""
 
 
 class SuspectCollector:
@@ -65,7 +65,7 @@ class SuspectCollector:
             if own.max() < 1.0:
                 continue
             description = f"particles {pair[0]} and {pair[1]} are exchanged"
-            total = np.array([own.sum()])  # no accident, so its signs add up plainly
+            total = np.array([own.sum()])  # the indicators are not independent: they add up
             suspects.append(self._suspect(Kind.EXCHANGED, m, pair, total, description))
             normals[pair] = neighbours[pair] = triangles[touched] = 0.0
         for kind, severities, describe in (
@@ -79,7 +79,7 @@ class SuspectCollector:
         return suspects + self._folds(m, triangles)
 
     def _folds(self, m: int, severities: FloatArray) -> list[Suspect]:
-        """Return the patches of folded or extremely distorted triangles that touch each other."""
+        """Return the connected patches of folded or extremely distorted triangles."""
         bad = np.flatnonzero(severities >= 1.0)
         corners = self._consensus.triangles[bad]
         inside = np.zeros(len(self._consensus.shape), dtype=bool)
@@ -130,7 +130,7 @@ class SuspectCollector:
         return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
     def _patches(self, flagged: BoolArray) -> list[IntArray]:
-        """Return the flagged particles, those together that are corners of one triangle."""
+        """Return the flagged particles in groups connected by common triangles."""
         corners = self._consensus.triangles
         sides = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
         sides = sides[flagged[sides].all(axis=1)]

@@ -22,8 +22,13 @@ def swapped_pairs(
     Parameters
     ----------
     subject : int
+        Index of the subject.
     candidates : (n,) int array
-        Suspicious particles; each is in one pair at most.
+        Suspicious particles; each is in at most one pair.
+    located : LocatedParticles
+        Particles of all subjects.
+    consensus : Neighbourhood
+        The consensus of all subjects.
     """
     if len(candidates) < 2:
         return []
@@ -54,8 +59,8 @@ def swapped_pairs(
 def _is_reversed(subject: int, pair: IntArray, located: LocatedParticles, consensus: Neighbourhood) -> bool:
     """Return whether the vector between two particles is reversed, relative to their neighbours.
 
-    Only then does an exchange bring both together nearer to where they usually are (u, v), wherever they are
-    shifted to (a, b): |a - u|² + |b - v|² exceeds |b - u|² + |a - v|² by -2 (b - a)·(v - u).
+    Only then does an exchange reduce their distances from their usual positions (u, v), for any common
+    shift of their positions (a, b): |a - u|² + |b - v|² exceeds |b - u|² + |a - v|² by -2 (b - a)·(v - u).
     """
     near = np.setdiff1d(consensus.neighbours[pair], pair)
     usual, here = consensus.shape, located.world[subject]

@@ -1,4 +1,4 @@
-"""A pattern on the consensus that particles transfer to every surface; it is torn where they are wrong."""
+"""A pattern on the consensus that particles transfer to every surface; wrong particles distort it."""
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
@@ -11,22 +11,22 @@ from homolog.inspection.neighbourhood import Neighbourhood
 __all__ = ["carried_places", "checkerboard", "stripes"]
 
 _MOST = 2048
-"""Largest number of particles that carry the pattern together."""
+"""Largest number of particles that define a single spline."""
 _GUIDES = 60
-"""Of more particles: the number nearest to a vertex that carry it there."""
+"""Number of nearest particles that define the spline at a vertex, if there are more particles."""
 
 
 def carried_places(located: LocatedParticles, consensus: Neighbourhood, subject: int) -> FloatArray:
     """Return the position of each vertex of a subject's mesh on the consensus shape.
 
-    A thin-plate spline through the particles takes the subject to the consensus.
+    A thin-plate spline through the particles maps the subject to the consensus.
 
     Parameters
     ----------
     located : LocatedParticles
         Particles of the result, with the meshes.
     consensus : Neighbourhood
-        That of all subjects.
+        Consensus of all subjects.
     subject : int
         Index of the subject.
 
@@ -42,7 +42,7 @@ def carried_places(located: LocatedParticles, consensus: Neighbourhood, subject:
 
 
 def stripes(carried: FloatArray, shape: FloatArray, blur: float, bands: int = 8) -> FloatArray:
-    """Return bands across the longest axis of the consensus; parameters and result as of `checkerboard`."""
+    """Return bands across the longest axis of the consensus; otherwise like `checkerboard`."""
     sign, gap = _cells(carried, shape, bands)
     return np.asarray(np.clip(0.5 + 0.5 * sign[:, 0] * gap[:, 0] / blur, 0.0, 1.0))
 
@@ -53,26 +53,26 @@ def checkerboard(carried: FloatArray, shape: FloatArray, blur: float, bands: int
     Parameters
     ----------
     carried : (V, 3) array
-        Places on the consensus [mm], as `carried_places` gives them.
+        Positions on the consensus [mm], from `carried_places`.
     shape : (N, 3) array
-        The consensus.
+        Particles of the consensus [mm].
     blur : float
-        Half of the width in which a tone changes into the other [mm]: a mesh's edge, so that borders between
-        vertices come out straight.
+        Half the width of the transition between tones [mm]: a mesh's edge, so that borders between vertices
+        are straight.
     bands : int
-        Cubes along the longest axis.
+        Number of cubes along the longest axis.
 
     Returns
     -------
     (V,) float64 array
-        From 0 to 1, most of them either.
+        Tones from 0 to 1, mostly one of these.
     """
     sign, gap = _cells(carried, shape, bands)
     return np.asarray(np.clip(0.5 + 0.5 * sign.prod(axis=1) * gap.min(axis=1) / blur, 0.0, 1.0))
 
 
 def _cells(located: FloatArray, shape: FloatArray, bands: int) -> tuple[FloatArray, FloatArray]:
-    """Return along each principal axis the sign of the band, in turn, and the distance to its border [mm]."""
+    """Return the alternating sign of the band along each principal axis, and the distance to its border."""
     middle = shape.mean(axis=0)
     axes = np.linalg.svd(shape - middle, full_matrices=False)[2]
     width = np.ptp((shape - middle) @ axes[0]) / bands

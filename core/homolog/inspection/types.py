@@ -32,17 +32,17 @@ class Suspect:
     subject : int
         Index of the subject.
     particles : (k,) int array
-        The particles concerned, the worst first; for an uncovered region those around it.
+        The affected particles, the worst first; for an uncovered region, those around it.
     severity : float
-        1 is the least that is reported. Each indicator gives the smaller of two ratios: to the usual value
-        at that particle, and to the size that matters. Several indicators combine as the root of the sum of
-        squares, those of an exchange as the sum.
+        Severity; values from 1 on are reported. Each indicator contributes the smaller of two ratios: to the
+        usual value at that particle, and to the threshold. Several indicators combine as the root of the sum
+        of squares, those of an exchange as the sum.
     place : (3,) float64 array
-        Where to look [mm], in aligned coordinates.
+        Position in aligned coordinates [mm].
     area : float
-        Of the uncovered region or the folded triangles [mm² of the subject's file]; 0 of other kinds.
+        Area of the uncovered region or the folded triangles [mm² in the subject's file]; 0 for other kinds.
     description : str
-        One sentence.
+        Description in one sentence.
     """
 
     kind: Kind
@@ -66,10 +66,10 @@ class Inspection:
     Attributes
     ----------
     suspects : tuple of Suspect
-        The most severe first.
-    places : Places
+        Suspects, the most severe first.
+    located : LocatedParticles
         Normals and distances of every subject.
-    usual : Neighbourhood
+    consensus : Neighbourhood
         The consensus of the subjects.
     """
 
@@ -80,7 +80,7 @@ class Inspection:
     def movable(self, suspect: Suspect, rings: int = 2) -> BoolArray:
         """Return which particles to optimize again to repair a suspect, (M, N).
 
-        Those of the suspect and `rings` rings of neighbours around them, on the suspect's subject only.
+        These are the suspect's particles and `rings` rings of neighbours, on the suspect's subject only.
         """
         chosen = np.zeros(len(self.consensus.shape), dtype=bool)
         chosen[suspect.particles] = True

@@ -30,8 +30,8 @@ __all__ = ["FEWEST", "make_reference", "reference_of", "scores_of_points"]
 FEWEST = 8
 """Controls."""
 _FITTED_SHARE = 0.98
-"""Share of the particles' variance in the fitted modes."""
-_NEAR = 0.3  # spacings
+"""Share of the particles' variance that the fitted modes explain."""
+_NEAR = 0.3  # particle spacings
 _COLUMN = "group"
 
 
@@ -54,23 +54,23 @@ def make_reference(
     Parameters
     ----------
     project : ProjectFolder
-        With a result.
+        A project with a result.
     group : str, optional
         Group of the controls; all subjects by default.
     column : str
-        Of the cohort's table, where groups are.
+        Column of the cohort's table that contains the groups.
     adjust : sequence of str
         Covariates to adjust for: columns of the table.
     pairs, time : str
-        Columns that identify a person and order the times, if controls were scanned twice. The first
-        time of each is the control; the change to the next one is the change expected of a patient.
+        Columns that identify a person and order the times, if controls were scanned repeatedly. The first
+        scan of each person is a control; the change to the next one gives the change expected of a patient.
     scores, names : bool
-        Whether to store each control's scores, and its name with them, so that the nearest controls can
-        be listed. They are data of single subjects.
+        Whether to store each control's scores, and its name, so that the nearest controls can be listed.
+        These are data of individual subjects.
     result : Result, optional
-        The project's, with groups and columns of a newer table; by default the one in its folder.
+        The project's result with groups and columns of a newer table; by default, the one in its folder.
     workers : int, optional
-        Processes; one per core by default.
+        Number of processes; one per core by default.
     tick : Tick
 
     Returns
@@ -80,7 +80,7 @@ def make_reference(
     Raises
     ------
     InputError
-        If the project has no result, its controls or those seen twice are too few, or a value is missing.
+        If the project has no result, too few controls or repeated controls, or a missing value.
     """
     result = read_result(project) if result is None else result
     record = project.read().result
@@ -88,8 +88,8 @@ def make_reference(
         raise InputError(f"{project.folder}: has no result; run it first")
     if record.ended == IMPORTED:
         raise InputError(
-            f"{project.folder}: its model was imported, so the grooming of its surfaces is "
-            "not known; run it here"
+            f"{project.folder}: its model was imported, and the grooming of its surfaces is "
+            "unknown; run it here"
         )
     chosen = _chosen(result, group, column, project)
     twice = None if pairs is None else seen_twice(result, chosen, pairs, time, project)
@@ -100,8 +100,8 @@ def make_reference(
     coding, columns = Coding.of(table, [result.names[index] for index in chosen])
     if len(chosen) - columns.shape[1] < FEWEST:
         raise InputError(
-            f"{project.folder}: {len(chosen)} controls are too few for a reference; {FEWEST} "
-            "and one for each covariate is the least, 20 and more give useful limits"
+            f"{project.folder}: {len(chosen)} controls are too few for a reference; at least "
+            "{FEWEST} and one per covariate are needed, and 20 or more give useful limits"
         )
     controls = read_controls(project, result, chosen, part_of(tick, 0.0, 0.15), later=later)
     about = _provenance(project, record, result, chosen, group)
@@ -125,20 +125,20 @@ def reference_of(
     workers: int | None = None,
     tick: Tick = no_tick,
 ) -> Reference:
-    """Make a reference of loaded controls.
+    """Make a reference from loaded controls.
 
     Parameters
     ----------
     controls : Controls
     coding : Coding
-        Of the covariates.
+        Coding of the covariates.
     columns : (M, c) array
-        Theirs, as `coding` makes them.
+        Columns of the covariates in this coding.
     provenance : Provenance
     between : str
         Interval between the times of controls with two times, as text.
     workers : int, optional
-        Processes; one per core by default.
+        Number of processes; one per core by default.
     tick : Tick
 
     Returns

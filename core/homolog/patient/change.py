@@ -17,10 +17,10 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = ["AVERAGED", "AgainstExpected", "ExpectedChange", "distances_to_times"]
 
 AVERAGED = 4
-"""Rounds of averaging over neighbours before a change is judged: about 1.3 edges."""
+"""Rounds of averaging of changes over neighbours: a width of about 1.3 edges."""
 _LEVEL = 0.05
 _TOLERANCE = 0.25
-"""In mean edges: distances with full weight in the registration."""
+"""Distances with full weight in the registration [mean edges]."""
 _PREFIX = "change_"
 
 
@@ -32,16 +32,16 @@ def distances_to_times(
     Parameters
     ----------
     surface : TriangleMesh
-        The first time's, with the faces of the reference.
+        Surface of the first time, with the faces of the reference.
     first, later : TriangleMesh
-        Groomed, about in the surface's frame.
+        Groomed meshes, approximately in the surface's frame.
     tick : Tick
 
     Returns
     -------
     tuple of 2 SurfaceFit
-        Their residuals are distances along the surface's normals [mm], outward positive; the change is the
-        second one's less the first one's, which is what registration alone makes.
+        Fits to both times. Their residuals are distances along the surface's normals [mm], outward positive.
+        The change is the second residual minus the first, which is due to registration alone.
     """
     points = np.concatenate([surface.vertices, surface.vertices])
     none = np.zeros((0, *points.shape))
@@ -58,13 +58,14 @@ class AgainstExpected:
     Attributes
     ----------
     z : (V,) array
-        Averaged over neighbours, less the controls' mean change, in their standard deviations.
+        Change averaged over neighbours, minus the controls' mean change, in their standard deviations.
     regions : tuple of Region
-        Where absolute z is above the controls' limit; their mm are beyond the mean change.
+        Regions where absolute z exceeds the controls' limit; their values are relative to the mean change
+        [mm].
     beyond : Percentile
         Root mean square of the change beyond the controls' mean change [mm].
     volume : Percentile
-        Of the later volume over the first one.
+        Ratio of the later volume to the first one.
     """
 
     z: FloatArray
@@ -80,10 +81,10 @@ class ExpectedChange:
     Attributes
     ----------
     local : LocalNorm
-        Of the change at each vertex, averaged over neighbours.
+        Norm of the change at each vertex, averaged over neighbours.
     beyond, volume, maxima : (P,) arrays
-        Each sorted: root mean square of a control's change beyond the mean of the others [mm], its later
-        volume over the first one, its largest absolute z against the others.
+        Sorted values of each control: root mean square of its change beyond the mean of the others [mm],
+        ratio of its later volume to the first one, and largest absolute z relative to the others.
     limit : float
         Absolute z that 5 % of healthy people exceed anywhere.
     between : str
@@ -116,11 +117,11 @@ class ExpectedChange:
         Parameters
         ----------
         changes : (P, V) array
-            Of each [mm].
+            Changes of each control [mm].
         volumes : (P,) array
-            Later over first.
+            Ratio of the later volume to the first one.
         surface : TriangleMesh
-            Of the reference.
+            Surface of the reference.
         between : str
             Interval between the times, as text.
         """
@@ -141,11 +142,11 @@ class ExpectedChange:
         Parameters
         ----------
         fit, own : SurfaceFit
-            Of the later time, and of the first one (`distances_to_times`).
+            Fits of the later time and of the first one (`distances_to_times`).
         volume : float
-            Later over first.
+            Ratio of the later volume to the first one.
         surface : TriangleMesh
-            The patient's first one.
+            The patient's surface of the first time.
         """
         change = fit.residual - own.residual
         averaged = ring_mean(change, surface.faces, AVERAGED)

@@ -22,10 +22,11 @@ _UNIT_TOLERANCE = 1.6
 _MIRRORED_BETTER = 0.65
 _OTHER_SHAPE, _ODD_SHAPE = 0.10, 2.0
 _OTHER_MODES, _ODD_MODES = 10.0, 4.0
-"""Median distance over the size, and distance in the modes [SD], above which a structure is another, if they
-are also as many times the controls' largest."""
+"""Least median distance relative to the size, and least distance in the modes [SD], of another structure.
+Both must also exceed the controls' largest values by these factors."""
 _UNCOVERED = 0.15
-"""Median distance of the patient's surface from the fitted one, over the size: the model fits a part only."""
+"""Least median distance of the patient's surface from the fitted one, relative to the size, if the model fits
+only a part."""
 
 
 def check_unit(name: str, mesh: TriangleMesh, model: SurfaceModel, columns: FloatArray) -> None:
@@ -34,11 +35,11 @@ def check_unit(name: str, mesh: TriangleMesh, model: SurfaceModel, columns: Floa
     Parameters
     ----------
     name : str
-        The patient's, for messages.
+        Name of the patient, for messages.
     mesh : TriangleMesh
         The patient's surface.
     model : SurfaceModel
-        That of the reference.
+        Model of the reference.
     columns : (c,) array
         The patient's covariates.
 
@@ -79,23 +80,23 @@ def check_fit(
     Parameters
     ----------
     name : str
-        The patient's, for messages.
+        Name of the patient, for messages.
     reference : Reference
     mesh : TriangleMesh
         The patient's fitted surface.
     fit : SurfaceFit
     measures : Measures
-        Of that fit.
+        Measures of the fit.
     columns : (c,) array
         The patient's covariates.
     tick : Tick
     force : bool
-        Return what would be refused as a remark.
+        Whether to return errors as remarks.
 
     Raises
     ------
     InputError
-        If its mirror image fits far better, or nothing fits.
+        If the mirror image fits far better, or neither fits.
     """
     try:
         return _checked(name, reference, mesh, fit, measures, columns, tick)
@@ -124,33 +125,33 @@ def _checked(
     percent = f"{100.0 * measures.gap:.1f} %"
     if measures.gap > _largest_gap(reference):
         raise InputError(
-            f"{name}: does not look like the reference: {percent} of its size away after fitting, controls "
-            f"at most {100.0 * usual:.1f} %; check that it shows the same structure (label) as a whole"
+            f"{name}: does not look like the reference: after fitting it is {percent} of its size "
+            f"away, controls at most {100.0 * usual:.1f} %; check that this is the complete structure (label)"
         )
     return [
         *remarks,
-        f"fits worse than every control: half of its surface is more than {percent} of its size away, of "
-        f"controls' at most {100.0 * usual:.1f} %; look at its segmentation",
+        f"fits worse than every control: its median distance is {percent} of its size, that of "
+        f"controls at most {100.0 * usual:.1f} %; check its segmentation",
     ]
 
 
 def _largest_gap(reference: Reference) -> float:
-    """Return the median distance from the fit, over the size, above which a structure is another."""
+    """Return the least median distance from the fit, relative to the size, of another structure."""
     return max(_OTHER_SHAPE, _ODD_SHAPE * float(reference.gap[-1]))
 
 
 def _check_structure(
     name: str, reference: Reference, mesh: TriangleMesh, fit: SurfaceFit, measures: Measures
 ) -> None:
-    """Raise InputError if the model covers a part of the surface only, or is far from it in the modes."""
+    """Raise InputError if the model covers only a part of the surface, or is far from it in the modes."""
     placed = transform_points(fit.pose, mesh.vertices)
     apart = np.asarray(KDTree(fit.expected[: reference.model.vertices]).query(placed)[0])
     uncovered = float(np.median(apart)) / float(rms_radius(placed))
     if uncovered > _UNCOVERED:
         raise InputError(
             f"{name}: does not look like the reference: half of its surface is more than "
-            f"{100.0 * uncovered:.0f} % of its size from what controls could look like; check that it "
-            "shows the same structure (label) as a whole"
+            f"{100.0 * uncovered:.0f} % of its size away from the range of controls; check that it "
+            "shows the complete structure, and the same one (label)"
         )
     usual = float(reference.mahalanobis[-1])
     if measures.mahalanobis > max(_OTHER_MODES, _ODD_MODES * usual):
@@ -173,7 +174,7 @@ def _side_remarks(
     limit, percent = reference.side_limit, f"{100.0 * measures.gap:.1f} %"
     other = gap_of_image(reference.model, mesh, columns, reference.modes, tick)
     if other > _largest_gap(reference):
-        return []  # neither is like the controls
+        return []  # neither side is similar to the controls
     is_clear = limit is not None and other < limit * measures.gap
     fits_worse = measures.gap > float(reference.gap[-1])
     if is_clear or (fits_worse and other < _MIRRORED_BETTER * measures.gap):
@@ -190,6 +191,6 @@ def _side_remarks(
     if limit is None or other >= measures.gap / limit:
         return []
     return [
-        f"its side can't be told from its shape: mirrored it fits about as well ({100.0 * other:.1f} % "
-        f"of its size away, {percent} as it is); make sure that its file is not mirrored"
+        f"its shape does not show its side: its mirror image fits about as well ({100.0 * other:.1f} % "
+        f"of its size away, unmirrored {percent}); make sure that its file is not mirrored"
     ]

@@ -22,11 +22,11 @@ class Coding:
     names : tuple of str
         The covariates.
     levels : tuple of tuples of str
-        Categories of each, the first without a column; empty for numbers.
+        Categories of each covariate, of which the first has no column; empty for numbers.
     ranges : tuple of pairs of float
         Lowest and highest value among the controls; (0, 0) for categories.
     means, scales : (c,) array
-        Of the columns.
+        Means and standard deviations of the columns.
     """
 
     names: tuple[str, ...]
@@ -47,7 +47,7 @@ class Coding:
         Raises
         ------
         InputError
-            If a value is missing, a word among numbers, or the same for all.
+            If a value is missing or a word among numbers, or all values are equal.
         """
         if not table:
             return cls((), (), (), np.zeros(0), np.ones(0)), np.zeros((len(subjects), 0))
@@ -55,7 +55,7 @@ class Coding:
         ranges: list[tuple[float, float]] = []
         blocks = []
         for name, cells in table.items():
-            covariate_columns({name: cells}, subjects)  # refuses what is missing, mixed or constant
+            covariate_columns({name: cells}, subjects)  # refuses missing, mixed and constant values
             values = numbers(cells)
             if values is None:
                 spelled = [str(cell).strip() for cell in cells]
@@ -82,7 +82,7 @@ class Coding:
         Raises
         ------
         InputError
-            If a value is missing or of no known category.
+            If a value is missing or of an unknown category.
         """
         parts: list[float] = []
         remarks = []
@@ -104,15 +104,15 @@ class Coding:
                 raise InputError(f"{name} {text!r}: is not a number; the reference has {low:g} to {high:g}")
             if not low <= value <= high:
                 remarks.append(
-                    f"{name} {value:g} is outside of the controls' range ({low:g} to {high:g}): what is "
-                    "expected at it is extrapolated"
+                    f"{name} {value:g} is outside the controls' range ({low:g} to {high:g}): the "
+                    "expected shape is extrapolated"
                 )
             parts.append(value)
         return (np.array(parts) - self.means) / self.scales, remarks
 
     @property
     def record(self) -> dict[str, Any]:
-        """The coding for JSON."""
+        """Return the coding as a record for JSON."""
         return {
             "names": list(self.names),
             "levels": [list(item) for item in self.levels],

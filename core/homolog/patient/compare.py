@@ -46,28 +46,29 @@ class PatientComparison:
     placement : (4, 4) array
         From the file's frame to the reference's; a reflection where the patient was mirrored.
     covariates : mapping of str to str
-        Values as given.
+        Values as entered.
     fit : SurfaceFit
         The fit, in the frame after `placement`.
     mean : TriangleMesh
-        Mean of the reference at the patient's covariates, in its own frame.
+        Mean of the reference at the patient's covariates, in the reference's frame.
     expected : TriangleMesh
         The shape that the reference expects of the patient, in the same frame.
     measures : Measures
     mahalanobis, outside, size, local : Percentile
-        Of the measures, and of the largest absolute z, among controls that were fitted as patients.
+        Percentiles of the measures, and of the largest absolute z, among controls that were fitted as
+        patients.
     z : (V,) array
         Differences from the expected shape, standardised.
     missing : (V,) bool array
-        Vertices that the border of the image cuts off, where differences and z are 0.
+        Vertices cut off by the border of the image; their differences and z are 0.
     total, total_z : (V,) arrays
-        Differences from the mean [mm], and standardised.
+        Differences from the mean [mm], and the same standardised.
     regions : tuple of Region
         Regions where absolute z exceeds the reference's limit.
     remarks : tuple of str
-        Remarks for the reader: the notes of grooming, then the cautions.
+        The notes of grooming, then the cautions.
     cautions : tuple of str
-        Remarks on the comparison, which may change how far it can be trusted.
+        Remarks that limit the reliability of the comparison.
     particles : (N, 3) array
         The reference's particles on the patient, in the file's frame [mm].
     own : OwnSurface
@@ -97,7 +98,7 @@ class PatientComparison:
     own: OwnSurface
 
     def __repr__(self) -> str:
-        """Return a line for people."""
+        """Return a one-line summary."""
         regions = len(self.regions)
         return f"PatientComparison({self.name}: {regions} region{'s' * (regions != 1)} beyond the limit)"
 
@@ -153,17 +154,17 @@ def compare_patient(
     ----------
     reference : Reference
     subject : Subject
-        Its file is read.
+        The patient, whose file is read.
     covariates : mapping of str to str, optional
         The patient's values of the reference's covariates; others are ignored.
     side : str
-        ``"left"`` or ``"right"``: the patient is mirrored if the reference is of the other one. By default
+        ``"left"`` or ``"right"``: the patient is mirrored if the reference is of the other side. By default,
         the value ``side`` of the covariates.
     cut_off : bool
-        Whether the patient is cut off at its flat ends inside the image, as at the border of one. What is
-        missing there is no difference.
+        Whether the patient is cut off at its flat ends inside the image, as at its border. The missing part
+        is not a difference.
     force : bool
-        Compare even what looks like another structure or side.
+        Whether to compare the patient even if it seems to be another structure or side.
     tick : Tick
 
     Returns
@@ -173,7 +174,7 @@ def compare_patient(
     Raises
     ------
     InputError
-        If the file holds no shape, is of another unit, side or structure, or a covariate is missing.
+        If the file contains no shape or one of another unit, side or structure, or a covariate is missing.
     """
     reference.coding.columns(covariates or {})
     groomed = run_in_background(
@@ -267,7 +268,7 @@ def _fit(
     cut_off: bool,
     tick: Tick,
 ) -> tuple[CutFit, list[str]]:
-    """Fit the reference to a turned patient without its cut ends; return remarks on flat ends, too."""
+    """Fit the reference to a reflected patient without its cut ends; also return remarks on flat ends."""
     coarse, remarks = simplified(mesh, COARSE_VERTICES), list[str]()
     fit = fit_surface(reference.model, mesh, coarse, columns, tick)
     ends = ends_of(groomed, mesh, turn)
@@ -277,7 +278,7 @@ def _fit(
         rest = fit_rest(reference, mesh, coarse, columns, flat, fit)
         remarks = flat_remarks(rest, [_named(turn[:3, :3].T @ end.direction) for end in flat])
     if cut_off and not flat:
-        remarks = ["has no flat end where the reference expects more of it; it was compared as a whole"]
+        remarks = ["has no flat end beyond which the reference expects more; it was compared as a whole"]
     return fit_rest(reference, mesh, coarse, columns, [*ends, *(flat if cut_off else [])], fit), remarks
 
 
@@ -287,7 +288,7 @@ def _z(reference: Reference, fit: SurfaceFit) -> FloatArray:
 
 
 def _regions(reference: Reference, fit: SurfaceFit, z: FloatArray | None = None) -> tuple[Region, ...]:
-    """Return the parts beyond the limit."""
+    """Return the regions beyond the limit."""
     surface = reference.model.surface(fit.expected)
     z = _z(reference, fit) if z is None else z
     return regions(surface, surface.vertex_areas, fit.residual, z, fit.met, reference.limit)
@@ -307,7 +308,7 @@ def _named(way: FloatArray) -> str:
 def _particles(
     reference: Reference, groomed: GroomedSubject, fit: SurfaceFit, turn: FloatArray, tick: Tick
 ) -> tuple[FloatArray, list[str]]:
-    """Return the particles in the file's frame (N, 3), and a remark if the run does not place them so."""
+    """Return the particles in the file's frame (N, 3), and a remark if the objective does not place them."""
     back, placing = inverse_matrices(turn), reference.placing
     if placing is None:
         return transform_points(back, fit.particles), []
@@ -325,8 +326,8 @@ def _version_remarks(reference: Reference) -> list[str]:
     if reference.made_by in ("", __version__):
         return []
     return [
-        f"the reference was made by Homolog {reference.made_by}, whose fits of controls give its percentiles "
-        f"and limits; this is {__version__}: make it again (homolog reference) if you can"
+        f"the reference was made by Homolog {reference.made_by}, whose fits of controls define its "
+        f"percentiles and limits; this is {__version__}: make it again (homolog reference) if possible"
     ]
 
 
@@ -340,7 +341,7 @@ def _turn(reference: Reference, side: str) -> tuple[FloatArray, list[str]]:
         unused = f"its side ({side}) was not used: the sides of the controls are not known"
         return np.eye(4), [unused] if side else []
     if not side:
-        return np.eye(4), [f"its side is not given; it was compared with {own} controls as it is"]
+        return np.eye(4), [f"its side is not given; it was compared with {own} controls without mirroring"]
     if side == own:
         return np.eye(4), []
     return MIRROR, [f"a {side} one, mirrored to {own} like the controls"]

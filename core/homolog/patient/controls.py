@@ -27,26 +27,26 @@ from homolog.surfaces.simplify import simplified
 __all__ = ["COARSE_VERTICES", "Controls", "Jointly", "read_controls"]
 
 SURFACE_VERTICES = 4000
-"""Of the mean surface that carries the maps, at most."""
+"""Largest number of vertices of the mean surface for maps."""
 COARSE_VERTICES = 1500
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Jointly:
-    """The joint run of the controls, by which a patient's particles are placed.
+    """The joint run of the controls, which places a patient's particles.
 
     Attributes
     ----------
     shapes : tuple of M Shape
-        In their files' frames.
+        Shapes in the frames of their files.
     turns : tuple of M (4, 4) arrays
-        From there to the frames of `Controls.meshes`.
+        From the frames of the files to those of `Controls.meshes`.
     states : tuple of M ShapeState
-        Where the particles lie.
+        States with the positions of the particles.
     ensemble : Ensemble
-        Of all of them.
+        Ensemble of all shapes.
     settings : OptimizeSettings
-        Of the run.
+        Settings of the run.
     """
 
     shapes: tuple[Shape, ...]
@@ -63,17 +63,17 @@ class Controls:
     Attributes
     ----------
     names : tuple of str
-        The M subjects.
+        Names of the M subjects.
     points : (M, P, 3) array
         Vertices of the mean surface on each subject, then particles [mm], read-only.
     surface : TriangleMesh
-        The mean surface, to which those vertices belong.
+        The mean surface with these vertices.
     meshes : tuple of TriangleMesh
         Groomed surfaces in the subjects' own frames, mirrored where the result mirrors them.
     particles : (M, N, 3) array
-        The joint run's, in the same frames [mm], read-only.
+        Particles of the joint run, in the same frames [mm], read-only.
     jointly : Jointly or None
-        None if grooming's distance fields are not kept.
+        None if the distance fields of grooming are not stored.
     later : mapping of int to TriangleMesh
         Groomed surfaces of the next time of controls with two times, in their own frames.
     """
@@ -101,9 +101,9 @@ def read_controls(
     ----------
     project : ProjectFolder
     result : Result
-        Of the project.
+        The result of the project.
     chosen : sequence of int
-        Subjects, by their place in the result.
+        Indices of the subjects in the result.
     tick : Tick
     later : mapping of int to int, optional
         Index of the later time in the result, by position in `chosen`.
@@ -195,11 +195,11 @@ def _dense(
 ) -> FloatArray:
     """Return vertices mapped by the particles onto each surface, and the particles, (M, P, 3)."""
     mean = aligned.mean(axis=0)
-    tick(0.0, "carrying the mean surface")
+    tick(0.0, "warping the mean surface")
     moves = warp_surface(mean, template.vertices, aligned - mean, np.zeros(len(mean)))
     points = np.empty((len(meshes), len(template.vertices) + len(mean), 3))
     for index, (mesh, shape, own) in enumerate(zip(meshes, aligned, particles, strict=True)):
-        tick(index / len(meshes), "carrying the mean surface")
+        tick(index / len(meshes), "warping the mean surface")
         pose = fit_similarity(own, shape, scaling=False)
         back = inverse_matrices(pose)
         carried_mesh = TriangleMesh(template.vertices + moves[index], template.faces)

@@ -19,15 +19,16 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = ["CutFit", "check_cut", "ends_of", "fit_rest", "flat_ends", "flat_remarks"]
 
 _CAP_COSINE, _CAP_DEPTH = 0.97, 2.0
-"""Of a flat end: cosine of the normals to the axis, and how far inward it reaches [nodes]."""
+"""Flat end: least cosine between normals and axis, and largest depth inward [nodes]."""
 _CAP_SHARE, _INWARD = 0.5, -2.0
-"""Share of its nearest points that lie on an end, for a vertex that is cut off there, and z of such ones."""
+"""Cut-off vertex: least share of its nearest points on an end, and least z."""
 _LEAST_MISSING, _MOST_MISSING = 0.005, 0.3
-"""Of the surface: from where on an end is cut, and on the rest is no basis."""
+"""Missing share of the surface above which an end counts as cut, and above which the rest is insufficient."""
 _FLAT, _MOST_BEYOND = 0.35, 0.5
-"""Of a flat end inside the image: standard deviation of its height [nodes], share of the surface beyond."""
+"""Flat end inside the image: largest standard deviation of its height [nodes], least share of the surface
+beyond."""
 _NEAR_COSINES = (0.8, 0.9, _CAP_COSINE)
-"""To the direction of a flat end, of the normals that determine it, round by round."""
+"""Least cosine of the normals that determine the direction of a flat end, in successive rounds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,11 +38,11 @@ class CutFit:
     Attributes
     ----------
     fit : SurfaceFit
-        Its residual is 0 where a part is missing.
+        The fit, with a residual of 0 where a part is missing.
     missing : (V,) bool array
-        Vertices of the expected surface that are cut off, or at the rim that the border makes.
+        Vertices of the expected surface that are cut off, or at the rim of the cut.
     share : float
-        Of the expected surface that is cut off.
+        Share of the expected surface that is cut off.
     """
 
     fit: SurfaceFit
@@ -60,20 +61,20 @@ def fit_rest(
 ) -> CutFit:
     """Fit a reference again, without the flat ends of a surface at the border of its image.
 
-    An end counts if a fit without it expects the surface to continue there. Without such an end
-    the fit stays as it is.
+    An end counts if a fit without it expects the surface to continue there. Without such an end the fit is
+    unchanged.
 
     Parameters
     ----------
     reference : Reference
     mesh, coarse : TriangleMesh
-        As for `fit_surface`.
+        See `fit_surface`.
     columns : (c,) array
         The patient's covariates.
     ends : sequence of CutEnd
-        Where the patient touches the border of its image.
+        Ends at which the patient touches the border of its image.
     fit : SurfaceFit
-        To the whole surface.
+        Fit to the whole surface.
     tick : Tick
 
     Returns
@@ -110,7 +111,7 @@ def check_cut(
         The patient's, for messages.
     cut : CutFit
     gap : float
-        Median distance from the fitted model, over the size.
+        Median distance from the fitted model, relative to the size.
     reference : Reference
     at_border : bool
         Whether the patient touches the border of its image.
@@ -120,7 +121,7 @@ def check_cut(
     Raises
     ------
     InputError
-        If so much is cut off that the rest is no basis, or the rest fits as a whole, and badly.
+        If too much is cut off, or the patient touches the border and fits badly as a whole.
     """
     share, by = cut.share, " by the border of its image" * at_border
     if share <= _MOST_MISSING and (share > 0.0 or not at_border or gap <= float(reference.gap[-1])):
@@ -139,8 +140,8 @@ def check_cut(
 
 def _remark(share: float, by: str) -> str:
     return (
-        f"cut off{by}: about {100.0 * share:.0f} % of the surface is missing there, "
-        "of which nothing is said; size is that of the whole shape that the rest suggests"
+        f"cut off{by}: about {100.0 * share:.0f} % of the surface is missing and "
+        "not assessed; size is that of the complete shape that is expected from the rest"
     )
 
 
@@ -151,7 +152,7 @@ def ends_of(groomed: GroomedSubject, mesh: TriangleMesh, turn: FloatArray) -> li
     ----------
     groomed : GroomedSubject
     mesh : TriangleMesh
-        Its surface after `turn`.
+        The patient's surface after `turn`.
     turn : (4, 4) array
         Reflection to the side of the controls, or the identity.
     """
@@ -172,15 +173,15 @@ def flat_ends(
     ----------
     groomed : GroomedSubject
     mesh : TriangleMesh
-        Its surface, reflected if need be.
+        The patient's surface, reflected if necessary.
     fit : SurfaceFit
-        To the whole surface.
+        Fit to the whole surface.
     surface : TriangleMesh
-        The expected one of that fit.
+        Expected surface of this fit.
     regions : sequence of Region
-        Where the patient differs from it.
+        Regions where the patient differs from it.
     known : sequence of CutEnd
-        At the border of the image; they are not returned again.
+        Ends at the border of the image; the result excludes them.
     """
     tree, areas = KDTree(mesh.vertices), surface.vertex_areas
     here, normals = (
@@ -193,7 +194,7 @@ def flat_ends(
             continue
         own = region.vertices
         nearest = np.unique(np.asarray(tree.query(here[own], k=8)[1]))
-        # The vector area of what is missing is that of the flat end.
+        # The vector area of the missing part is that of the flat end.
         end = _end(groomed, mesh, _direction(areas[own] @ normals[own], mesh.vertex_normals[nearest]))
         beyond = areas * end.beyond(here)
         is_cut = beyond[own].sum() >= _CAP_SHARE * region.area and beyond.sum() < _MOST_BEYOND * areas.sum()
@@ -204,7 +205,7 @@ def flat_ends(
 
 
 def flat_remarks(cut: CutFit, places: Sequence[str]) -> list[str]:
-    """Return a remark on a patient that seems to be cut off inside its image, at ends that are named."""
+    """Return a remark on a patient that seems to be cut off inside its image, with the places of its ends."""
     if cut.share == 0.0:
         return []
     where = f" ({', '.join(filter(None, places))})" if any(places) else ""
@@ -221,7 +222,7 @@ def _is_flat(mesh: TriangleMesh, end: CutEnd) -> bool:
 
 
 def _direction(first: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the direction (3,) of the normals (n, 3) near to a first one."""
+    """Return the mean direction (3,) of the normals (n, 3) close to an initial direction."""
     direction = first
     for cosine in _NEAR_COSINES:
         direction = direction / max(float(np.linalg.norm(direction)), 1e-9)

@@ -17,13 +17,13 @@ class Percentile:
     Attributes
     ----------
     value : float
-        The patient's.
+        Value of the patient.
     percent : float
         Share of the controls with lower values [%].
     low, high : float
         95 % confidence interval of that share in the population [%] (Clopper and Pearson 1934).
     p : float
-        Probability that a control's value is as extreme, ``(1 + number as extreme) / (M + 1)``.
+        Probability that a control's value is at least as extreme, ``(1 + number as extreme) / (M + 1)``.
     """
 
     value: float

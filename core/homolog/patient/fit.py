@@ -20,9 +20,9 @@ __all__ = ["CutEnd", "SurfaceFit", "fit_surface"]
 
 _ROUNDS = 40
 _SETTLED = 0.002
-"""Of the residual: root mean square change of the model's points at which the fit ends."""
+"""Root mean square change of the model's points at which the fit ends, relative to the residual."""
 _TOLERANT = 2.0
-"""Times the usual residual, from which a vertex has little weight (Geman and McClure 1987)."""
+"""Multiple of the median residual beyond which vertices have little weight (Geman and McClure 1987)."""
 _INDEPENDENT = 200.0
 """Number of independent measurements in a surface: residuals of neighbouring vertices are correlated."""
 
@@ -36,19 +36,19 @@ class SurfaceFit:
     pose : (4, 4) array
         Rigid motion from the surface's frame to the model's.
     scores : (K,) array
-        In the modes [mm].
+        Scores in the modes [mm].
     expected : (P, 3) array
         The model's approximation of the shape: vertices, then particles, in the model's frame [mm].
     residual : (V,) array
-        How far the surface lies outward of the expected one, along its normals [mm].
+        Distance of the surface from the expected one along its normals [mm], outward positive.
     met : (V,) bool array
-        Where the line along the normal meets the surface; elsewhere a part is missing or out of reach.
+        Whether the line along the normal meets the surface; otherwise a part is missing or too far away.
     weights : (V,) array
-        Of each vertex in the fit, in [0, 1].
+        Weight of each vertex in the fit, in [0, 1].
     particles : (N, 3) array
-        On the surface, in its own frame [mm].
+        Particles on the surface, in its own frame [mm].
     registered : (N, 3) array
-        The mean's, on the surface where rigid registration alone puts them, in the same frame [mm].
+        Particles of the mean, mapped to the surface by rigid registration alone, in the same frame [mm].
     """
 
     pose: FloatArray
@@ -75,9 +75,9 @@ class CutEnd:
     direction : (3,) array
         Unit vector out of the image, in the surface's frame.
     height : float
-        How far out the surface goes [mm].
+        Outward extent of the surface [mm].
     depth : float
-        How far inward grooming rounds its rim [mm].
+        Depth to which grooming rounds its rim [mm].
     cap : (n,) bool array
         The surface's vertices on the border.
     """
@@ -88,7 +88,7 @@ class CutEnd:
     cap: BoolArray
 
     def beyond(self, points: FloatArray, inward: float = 0.0) -> BoolArray:
-        """Return which points (n, 3) lie outside of the image, or at most so far inside [mm]."""
+        """Return which points (n, 3) lie outside the image, or inside by at most `inward` [mm]."""
         outside: BoolArray = points @ self.direction > self.height - inward
         return outside
 
@@ -105,21 +105,21 @@ def fit_surface(
 ) -> SurfaceFit:
     """Fit a model to a surface by pose and modes, with little weight on outliers.
 
-    Closest points in position and normal alternate with the maximum a posteriori pose and scores, from
-    point-to-plane distances with the weights of Geman and McClure (1987).
+    Two steps alternate: closest points in position and normal, and the maximum a posteriori pose and scores
+    from point-to-plane distances with the weights of Geman and McClure (1987).
 
     Parameters
     ----------
     model : SurfaceModel
     mesh, coarse : TriangleMesh
-        The groomed surface [mm], and the same with few vertices, for the first registration.
+        The groomed surface [mm], and the same surface with few vertices for the initial registration.
     columns : (c,) array
         The subject's standardised covariates.
     tick : Tick
     pose : (4, 4) array, optional
-        Rigid motion to the model's frame to begin with; found by registration if it is not given.
+        Initial rigid motion to the model's frame; by default from registration.
     ends : sequence of CutEnd
-        Where the surface is cut off: nothing there, or beyond, counts in the fit.
+        Ends at which the surface is cut off; the fit ignores them and everything beyond.
 
     Returns
     -------
@@ -169,7 +169,7 @@ def first_pose(surface: TriangleMesh, coarse: TriangleMesh) -> FloatArray:
 
 
 def _robust(ratios: FloatArray) -> FloatArray:
-    """Return robust weights of residuals in units of the usual residual."""
+    """Return robust weights of residuals relative to their scale."""
     usual = max(float(np.median(np.abs(ratios))) / 0.6745, 1.0)
     weights: FloatArray = 1.0 / np.square(1.0 + np.square(ratios / (_TOLERANT * usual)))
     return weights
@@ -193,7 +193,7 @@ def _step(
     prior = np.arange(len(scores)) + 6
     matrix[prior, prior] += 1.0 / model.variances
     right[6:] -= scores / model.variances
-    matrix[np.arange(6), np.arange(6)] += 1e-9 * np.trace(matrix[:6, :6])  # a sphere turns freely
+    matrix[np.arange(6), np.arange(6)] += 1e-9 * np.trace(matrix[:6, :6])  # for spheres, which rotate freely
     change: FloatArray = np.asarray(np.linalg.solve(matrix, right), np.float64)
     return change[:3], change[3:6], change[6:]
 

@@ -19,12 +19,12 @@ __all__ = ["Change", "FollowUp", "compare_times"]
 
 _LEVEL = 0.05
 _POINTWISE = 1.96
-"""Standard deviations between which 95 % of differences of two measurements lie (Bland and Altman 1999)."""
+"""Half-width of the range of 95 % of differences of two measurements [SD] (Bland and Altman 1999)."""
 _FEWEST_REPEATS = 3
 """Smallest number of repeats for a limit of the whole surface."""
 _SMOOTHED = 3
 _PRIOR_DOF = 4.0
-"""Weight of the surface's mean variance against a vertex's own (Smyth 2004)."""
+"""Weight of the surface's mean variance relative to a vertex's own (Smyth 2004)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,19 +34,19 @@ class Change:
     Attributes
     ----------
     name : str
-        Of the later file.
+        Name of the later file.
     distance : (V,) array
-        From the first surface to the later one, along the first one's normals [mm], outward positive.
+        Distance from the first surface to the later one along the first one's normals [mm], outward positive.
     met : (V,) bool array
-        Where both surfaces are met along the normal.
+        Whether the normal meets both surfaces.
     z : (V,) array or None
-        Averaged over neighbours, in standard deviations of measurement error; None if that is unknown.
+        Change averaged over neighbours, in standard deviations of measurement error; None if it is unknown.
     regions : tuple of Region
-        Where absolute z is above the limit.
+        Regions where absolute z exceeds the limit.
     volume : float
-        Of the later shape over the first one's.
+        Ratio of the later volume to the first one.
     expected : AgainstExpected or None
-        The change against that of the controls; None if none of them was seen twice.
+        The change against that of the controls; None if no control has two times.
     """
 
     name: str
@@ -65,21 +65,21 @@ class FollowUp:
     Attributes
     ----------
     comparisons : tuple of PatientComparison
-        With the reference, each time for itself.
+        Comparisons with the reference, one for each time.
     surface : TriangleMesh
-        The first one's `matched`, along whose normals changes are measured.
+        The surface `matched` of the first time, along whose normals changes are measured.
     changes : tuple of Change
-        Of each later time.
+        Change at each later time.
     repeats : int
-        How many repeated segmentations of the first time gave the measurement error.
+        Number of repeated segmentations of the first time that determine the measurement error.
     error : (V,) array or None
         Standard deviation of the difference of two measurements, averaged over neighbours [mm]; None without
         repeats.
     limit : float or None
-        Of absolute z.
+        Limit of absolute z.
     everywhere : bool
         Whether the limit holds for the whole surface (exceeded anywhere in 5 % of repeated measurements), or
-        for each place alone.
+        for each vertex alone.
     expected : ExpectedChange or None
         Expected change; None without controls with two times.
     """
@@ -104,17 +104,17 @@ def compare_times(
     """Compare later times of a patient with the first one.
 
     The first surface is registered rigidly to each later one, with the weights of Geman and McClure (1987),
-    so that a change does not move the rest; distances are then taken along its normals.
+    so that a change does not affect the rest; distances are then measured along its normals.
 
     Parameters
     ----------
     comparisons : sequence of PatientComparison
-        With one reference; the first time first, two at least.
+        At least two comparisons with one reference, the first time first.
     repeats : sequence of PatientComparison
-        Of further segmentations of the first time.
+        Comparisons of further segmentations of the first time.
     tick : Tick
     expected : ExpectedChange, optional
-        ``reference.change`` of the reference that they are compared with.
+        Expected change of the reference (``reference.change``).
 
     Returns
     -------
@@ -123,10 +123,10 @@ def compare_times(
     Raises
     ------
     InputError
-        If there are fewer than two times, or they are not compared with one reference.
+        If there are fewer than two times, or several references.
     """
     if len(comparisons) < 2:
-        raise InputError("a follow-up needs two times at least; give a further file of the same patient")
+        raise InputError("a follow-up needs at least two times; give another file of the same patient")
     first = comparisons[0]
     faces = first.expected.faces
     if any(not np.array_equal(item.expected.faces, faces) for item in (*comparisons, *repeats)):

@@ -24,7 +24,7 @@ from homolog.workers import worker_processes
 
 __all__ = ["LeftOut", "Measures", "fit_left_out", "gap_of_image", "measures_of"]
 
-_PATIENCE = 0.1  # s between looks at the tick
+_PATIENCE = 0.1  # s between ticks
 _MOST_PLACED = 12
 """Largest number of controls whose particles are placed, to estimate their error."""
 
@@ -40,9 +40,9 @@ class Measures:
     outside : float
         Root mean square of the residual over the surface [mm].
     size : float
-        Of the shape, over the size expected from its covariates.
+        Ratio of the size to the size expected from the covariates.
     gap : float
-        Median distance from the fitted model, over the size: how well it fits at all.
+        Median distance from the fitted model, relative to the size; a measure of the fit.
     """
 
     mahalanobis: float
@@ -53,7 +53,7 @@ class Measures:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeftOut:
-    """M controls fitted as patients, read-only arrays.
+    """M controls fitted as patients; arrays are read-only.
 
     Attributes
     ----------
@@ -63,13 +63,14 @@ class LeftOut:
     totals : (M, V) array
         Local differences from the mean [mm].
     errors : (E, N) array
-        Distance of particles from their place in the joint run [spacings], of 12 controls at most.
+        Distances of particles from their positions in the joint run [particle spacings], for at most 12
+        controls.
     changes : (P, V) array
-        Of controls with a later time, from the first one to it [mm].
+        Changes of controls with a later time from the first one [mm].
     volumes : (P,) array
-        Of those: later over first.
+        Ratios of the later volumes of these controls to the first ones.
     mirrored : (M,) array
-        How far the model fitted to the mirror image lies from it, over the same of the control as it is.
+        Ratios of `Measures.gap` of the mirror image to that of the control itself.
     """
 
     measures: tuple[Measures, ...]
@@ -99,13 +100,14 @@ def measures_of(
     ----------
     model : SurfaceModel
     fit : SurfaceFit
-        Of that model.
+        Fit of this model.
     columns : (c,) array
         The subject's covariates.
     modes : int
-        Those above chance, of which the distance is.
+        Number of retained modes for the Mahalanobis distance.
     missing : (V,) bool array, optional
-        What the border of the image cuts off: distances are those of the rest, size is the expected shape's.
+        Vertices cut off by the border of the image. Distances exclude them; size is that of the expected
+        shape.
     """
     mean = model.expected(columns)
     surface = model.surface(fit.expected)
@@ -129,7 +131,7 @@ def measures_of(
 def gap_of_image(
     model: SurfaceModel, mesh: TriangleMesh, columns: FloatArray, modes: int, tick: Tick = no_tick
 ) -> float:
-    """Return how far the model fitted to a surface's mirror image lies from it (`Measures.gap`)."""
+    """Return `Measures.gap` of the model fitted to a surface's mirror image."""
     image = mesh.placed(MIRROR)
     fit = fit_surface(model, image, simplified(image, COARSE_VERTICES), columns, tick)
     return measures_of(model, fit, columns, modes)[0].gap
@@ -150,13 +152,13 @@ def fit_left_out(
     ----------
     controls : Controls
     columns : (M, c) array
-        Covariates.
+        Standardised covariates of the controls.
     modes : int
-        Those above chance.
+        Number of retained modes.
     fitted_modes : int
-        Those that are fitted.
+        Number of fitted modes.
     workers : int, optional
-        Processes; one per core by default.
+        Number of processes; one per core by default.
     tick : Tick
 
     Returns
@@ -166,7 +168,7 @@ def fit_left_out(
     Raises
     ------
     NumericalError
-        If a process died.
+        If a worker process died.
     """
     count = len(controls.names)
     placed = set(range(0, count, -(-count // _MOST_PLACED)))
@@ -244,7 +246,7 @@ def _fitted(job: _Job) -> _Fitted:
 
 
 def _changed(job: _Job, model: SurfaceModel, first: SurfaceFit) -> FloatArray | None:
-    """Return the change to the later time (V,) [mm], measured as a patient's is."""
+    """Return the change to the later time (V,) [mm], measured in the same way as that of a patient."""
     if job.later is None:
         return None
     fit = fit_surface(model, job.later, simplified(job.later, COARSE_VERTICES), job.own)

@@ -16,25 +16,25 @@ __all__ = [
 ]  # fmt: skip
 
 BANDS: tuple[tuple[int, int], ...] = ((4, 0), (4, 32), (1, 8))
-"""Rounds of averaging over neighbours, and of the average that is subtracted: wide, middle and narrow
+"""Rounds of averaging over neighbours, and rounds of the subtracted average, for wide, middle and narrow
 differences. The standard deviation of n rounds is about 0.65 edges times the square root of n."""
 _PRIOR_DOF = 4.0
-"""Weight of the surface's mean variance against a vertex's own (Smyth 2004)."""
+"""Weight of the surface's mean variance relative to a vertex's own (Smyth 2004)."""
 _SMOOTHING_ROUNDS = 3
-"""Of averaging variances over neighbouring vertices."""
+"""Rounds of averaging variances over neighbouring vertices."""
 _OWN_SHARE = 0.5
-"""Of a band's value that the difference itself has to have: around a bump nothing is reported."""
+"""Least ratio of the difference to a band's value; it excludes the surroundings of a bump."""
 
 
 def bands_of(maps: FloatArray, faces: IntArray) -> FloatArray:
-    """Return maps (..., V) at several widths, (B, ..., V): a narrow bump stands out from wide variation.
+    """Return maps (..., V) filtered to several widths, (B, ..., V), which separate bumps from wide variation.
 
     Parameters
     ----------
     maps : (..., V) array
         Differences [mm].
     faces : (F, 3) int array
-        Of the surface.
+        Faces of the surface.
     """
     rounds = sorted({count for band in BANDS for count in band if count})
     averaged, done, values = {}, 0, maps
@@ -68,8 +68,8 @@ class LocalNorm:
     def of(cls, maps: FloatArray, faces: IntArray) -> "LocalNorm":
         """Return the norm of maps (..., M, V) [mm] on a surface with these faces.
 
-        Variances are averaged over neighbouring vertices and shrunk towards the surface's mean, so that few
-        controls make no vertex look quieter than it is.
+        Variances are averaged over neighbouring vertices and shrunk towards the surface's mean, so that the
+        variance of few controls is nowhere underestimated.
         """
         count = maps.shape[-2]
         variance = ring_mean(maps.var(axis=-2, ddof=1), faces, _SMOOTHING_ROUNDS)
@@ -85,18 +85,18 @@ class LocalNorm:
 
 
 def scores_of(norm: LocalNorm, differences: FloatArray, bands: FloatArray) -> FloatArray:
-    """Return the z of differences: at each vertex that of the band where it is largest, (V,).
+    """Return the z of differences: at each vertex the most extreme z of the bands, (V,).
 
-    A band counts where the difference itself has its sign and at least half of its size.
+    A band counts where the difference has the same sign and at least half the magnitude.
 
     Parameters
     ----------
     norm : LocalNorm
-        Of the bands, (B, V).
+        Norm of the bands, (B, V).
     differences : (V,) array
-        [mm].
+        Differences [mm].
     bands : (B, V) array
-        As `bands_of` makes them of the differences.
+        Bands of the differences, from `bands_of`.
     """
     z = norm.standardised(bands)
     counts = bands * differences >= _OWN_SHARE * np.square(bands)
@@ -114,7 +114,7 @@ def maxima_left_out(maps: FloatArray, faces: IntArray) -> FloatArray:
     maps : (M, V) array
         Differences [mm].
     faces : (F, 3) int array
-        Of the surface.
+        Faces of the surface.
     """
     everyone = np.arange(len(maps))
     bands = bands_of(maps, faces)
@@ -128,14 +128,14 @@ def maxima_left_out(maps: FloatArray, faces: IntArray) -> FloatArray:
 def prediction_limit(maxima: FloatArray, level: float = 0.05) -> float:
     """Return the limit that a new subject's maximum exceeds with a probability of `level`.
 
-    With enough values it is a rank of them, whatever their distribution (Vovk et al. 2005). With fewer than
-    ``2 / level - 1`` that rank would be the largest or beyond it; then it is the one-sided prediction bound
-    of a normal distribution of their logarithms (Hahn and Meeker 1991).
+    With enough values it is an order statistic, valid for any distribution (Vovk et al. 2005). With fewer
+    than ``2 / level - 1`` values, for which this would be the largest value or none, it is the one-sided
+    prediction bound of a normal distribution of their logarithms (Hahn and Meeker 1991).
 
     Parameters
     ----------
     maxima : (M,) array
-        Positive.
+        Largest absolute z of each control, positive.
     level : float
 
     Returns
@@ -158,15 +158,15 @@ class Region:
     Attributes
     ----------
     vertices : (n,) int array
-        Of the reference's surface, read-only.
+        Vertices of the reference's surface, read-only.
     area : float
-        Of the expected surface [mm²].
+        Area on the expected surface [mm²].
     mean, peak : float
-        Difference [mm], outward positive; the peak is where absolute z is largest.
+        Mean difference, and difference at the vertex with the largest absolute z [mm]; outward positive.
     z : float
-        There.
+        z at the peak.
     centre : int
-        The vertex there.
+        Vertex of the peak.
     missing : float
         Share of the area whose normals do not meet the patient's surface.
     """
@@ -195,12 +195,12 @@ def regions(
     surface : TriangleMesh
         V vertices.
     areas : (V,) array
-        Of the vertices [mm²].
+        Areas of the vertices [mm²].
     differences : (V,) array
-        [mm], outward positive.
+        Differences [mm], outward positive.
     z : (V,) array
     met : (V,) bool array
-        Where the normal meets the patient's surface.
+        Whether the normal meets the patient's surface.
     limit : float
 
     Returns

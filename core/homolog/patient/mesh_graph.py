@@ -20,11 +20,11 @@ def ring_mean(values: FloatArray, faces: IntArray, rounds: int) -> FloatArray:
     Parameters
     ----------
     values : (..., V) array
-        At the vertices.
+        Values at the vertices.
     faces : (F, 3) int array
-        Of the mesh.
+        Faces of the mesh.
     rounds : int
-        How often values are averaged.
+        Number of rounds of averaging.
 
     Returns
     -------
@@ -61,15 +61,15 @@ def median_of_ring(values: FloatArray, faces: IntArray) -> FloatArray:
 def remove_spikes(values: FloatArray, faces: IntArray, most: float) -> FloatArray:
     """Replace values that are far from the median of their ring by that median.
 
-    Where a line along a normal grazes the surface it may meet another part of it: a single vertex then stands
-    out as no surface with such edges can.
+    A line along a normal that grazes the surface may meet another part of it. A single vertex then has a
+    value that no surface with such edges can have.
 
     Parameters
     ----------
     values : (V,) array
-        At the vertices.
+        Values at the vertices.
     faces : (F, 3) int array
-        Of the mesh.
+        Faces of the mesh.
     most : float
         Largest distance of a value from the median of its ring.
 

@@ -13,7 +13,7 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = ["OwnSurface", "own_surface"]
 
 _NEIGHBOURS = 8
-"""Vertices of the reference whose values are averaged at a vertex of the patient."""
+"""Number of the reference's vertices whose values are averaged at a vertex of the patient."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,10 +23,10 @@ class OwnSurface:
     Attributes
     ----------
     mesh : TriangleMesh
-        P vertices in the file's frame [mm]: the groomed surface, then what the border of the image cuts
-        off, as it is expected.
+        P vertices in the file's frame [mm]: the groomed surface, then the expected surface of the part cut
+        off by the border of the image.
     weights : (P, V) sparse array
-        Of the values at the reference's vertices; rows sum to 1.
+        Weights of the values at the reference's vertices; rows sum to 1.
     """
 
     mesh: TriangleMesh
@@ -54,13 +54,13 @@ def own_surface(
     mesh : TriangleMesh
         The groomed surface in the file's frame [mm].
     expected : TriangleMesh
-        Of the reference, V vertices in the same frame.
+        Expected surface with the reference's V vertices, in the same frame.
     residual : (V,) array
-        How far the patient's surface is outward of them along their normals [mm].
+        Distance of the patient's surface from them along their normals [mm], outward positive.
     met : (V,) bool array
-        Where it is met there. Elsewhere the residual is the distance to its nearest point.
+        Whether the normal meets the surface. Otherwise the residual is the distance to its nearest point.
     missing : (V,) bool array
-        What the border of the image cuts off.
+        Vertices cut off by the border of the image.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def own_surface(
 
 
 def _joined(mesh: TriangleMesh, expected: TriangleMesh, missing: BoolArray) -> tuple[TriangleMesh, BoolArray]:
-    """Return a surface together with the faces that are missing, and whose vertices these are (V,)."""
+    """Return a surface together with the missing faces, and which vertices (V,) these use."""
     faces = expected.faces[missing[expected.faces].all(axis=1)]
     used = np.zeros(len(missing), np.bool_)
     used[faces] = True

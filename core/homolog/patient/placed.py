@@ -29,9 +29,9 @@ class Placing:
     Attributes
     ----------
     ensemble : Ensemble
-        Of the controls, without templates.
+        Ensemble of the controls, without templates.
     settings : OptimizeSettings
-        Of their run.
+        Settings of their run.
     """
 
     ensemble: Ensemble
@@ -40,16 +40,16 @@ class Placing:
     def placed(self, shape: Shape, fit: SurfaceFit, turn: FloatArray, tick: Tick = no_tick) -> FloatArray:
         """Return the particles of a shape.
 
-        The pose of a shape that is nearly symmetric about an axis is hardly determined by its surface, so
-        that particles are placed from two starts: those of the surface's fit, and the mean's as registered
-        rigidly. Those with the lower objective are kept.
+        The surface of a nearly axisymmetric shape hardly determines its pose. Particles are therefore placed
+        from two starts: those of the surface's fit, and those of the rigidly registered mean. The result with
+        the lower objective is kept.
 
         Parameters
         ----------
         shape : Shape
-            In its file's frame; its alignment is ignored.
+            The shape in its file's frame; its alignment is ignored.
         fit : SurfaceFit
-            Of the shape after `turn`.
+            Fit of the shape after `turn`.
         turn : (4, 4) array
             Reflection to the side of the controls, or the identity.
         tick : Tick
@@ -57,7 +57,7 @@ class Placing:
         Returns
         -------
         (n, 3) array
-            In the frame of the fit's particles [mm].
+            Particles in the frame of the fit's particles [mm].
 
         Raises
         ------

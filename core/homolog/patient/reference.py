@@ -28,7 +28,7 @@ __all__ = ["Provenance", "Quality", "Reference", "check_name"]
 SUFFIX = ".npz"
 FORMAT_VERSION = 1
 LEVEL = 0.05
-"""Share of healthy people with a region anywhere."""
+"""Share of healthy people with a region beyond the limit."""
 
 _TIMES_AS_LIKELY = 100.0
 _RECOGNISED = 0.8
@@ -47,21 +47,21 @@ class Provenance:
     project : str
         Name of the project's folder.
     group : str
-        Of the controls; empty if all subjects are.
+        Group of the controls; empty if all subjects are controls.
     controls : int
-        How many.
+        Number of controls.
     made, finished : str
-        When the reference was made, and its project's result.
+        Times at which the reference and its project's result were made.
     versions : mapping of str to str
-        Of all packages that affect the reference.
+        Versions of all packages that affect the reference.
     result : str
         Fingerprint of the project's result.
     particles : int
-        On each shape.
+        Number of particles on each shape.
     groom : GroomSettings
         Settings of grooming, for controls and patients.
     side : str
-        Of the body, if all controls have one: ``"left"``, ``"right"`` or empty.
+        Side of the body, if all controls have the same: ``"left"``, ``"right"`` or empty.
     """
 
     project: str
@@ -77,7 +77,7 @@ class Provenance:
 
     @property
     def record(self) -> dict[str, Any]:
-        """What JSON has."""
+        """Return the record for JSON."""
         return {
             **{name: getattr(self, name) for name in self.__dataclass_fields__ if name != "groom"},
             "versions": dict(self.versions),
@@ -97,7 +97,7 @@ class Quality:
     Attributes
     ----------
     near : float
-        Share of all particles within 0.3 spacings of their place in the joint run.
+        Share of particles within 0.3 spacings of their positions in the joint run.
     error_95 : float
         95th percentile of that distance [spacings].
     outside : float
@@ -130,7 +130,7 @@ class Reference:
     mahalanobis, outside, size, gap : (M,) arrays
         Sorted `Measures` of controls fitted as patients, read-only.
     maxima : (M,) array
-        Sorted largest absolute z of theirs, read-only.
+        Sorted largest absolute z of these controls, read-only.
     limit : float
         Limit of absolute z, which 5 % of healthy people exceed anywhere.
     local, total : LocalNorm
@@ -146,7 +146,7 @@ class Reference:
     change : ExpectedChange or None
         Expected change from controls with two times; None if unknown.
     mirrored : (M,) array or None
-        Sorted ratios of the distances from the fit, of controls' mirror images and of the controls
+        Sorted ratios of the fit's distance for the controls' mirror images to that for the controls
         themselves, read-only; None in files of older versions.
     """
 
@@ -170,7 +170,7 @@ class Reference:
     mirrored: FloatArray | None = None
 
     def __repr__(self) -> str:
-        """Return a line for people."""
+        """Return a one-line summary."""
         return f"Reference({len(self.mahalanobis)} controls, {self.modes} modes)"
 
     def __post_init__(self) -> None:
@@ -195,9 +195,8 @@ class Reference:
     def side_limit(self) -> float | None:
         """Largest ratio of the mirror image's fit to that of a shape of the other side.
 
-        It is below all controls and the 0.5 % quantile of their distribution (normal, of the logarithm), and
-        at least 100 times as likely for a mirrored control. None if too few mirrored controls would be
-        detected.
+        It is below all controls and below the 0.5 % quantile of their log-normal distribution, and at least
+        100 times as likely for a mirrored control. None if too few mirrored controls would be detected.
         """
         if self.mirrored is None:
             return None
@@ -207,9 +206,9 @@ class Reference:
         limit = min(
             logs.mean() - float(stats.t.ppf(0.995, count - 1)) * spread,
             float(logs.min()),
-            -0.5 * np.log(_TIMES_AS_LIKELY) * spread**2 / usual,  # of normal distributions about ± usual
+            -0.5 * np.log(_TIMES_AS_LIKELY) * spread**2 / usual,  # normal, about ± usual
         )
-        recognised = float(np.mean(-logs < limit))  # of controls, had they been given mirrored
+        recognised = float(np.mean(-logs < limit))  # share of controls that would be detected if mirrored
         return float(np.exp(limit)) if recognised >= _RECOGNISED else None
 
     @property
@@ -227,15 +226,15 @@ class Reference:
         Parameters
         ----------
         scores : (K,) array
-            Of the shape [mm], such as ``comparison.fit.scores``; only retained modes are used.
+            Scores of the shape [mm], such as ``comparison.fit.scores``; only retained modes are used.
         count : int
-            Largest number.
+            Largest number of controls.
 
         Returns
         -------
         list of (str, float)
-            Names (empty if the reference does not keep them) and Mahalanobis distances [SD]; empty if the
-            reference keeps no scores.
+            Names (empty if the reference does not store them) and Mahalanobis distances [SD]. The list is
+            empty if the reference stores no scores.
         """
         if self.scores is None:
             return []
@@ -254,12 +253,12 @@ class Reference:
         Parameters
         ----------
         path : path
-            Ends in ``.npz``.
+            File that ends in ``.npz``.
 
         Raises
         ------
         InputError
-            If the name ends otherwise, or the file can't be written.
+            If the name has another suffix, or the file can't be written.
         """
         check_name(path)
         record = {
@@ -285,8 +284,8 @@ class Reference:
         Raises
         ------
         InputError
-            If the file is missing, damaged, no reference, of a newer version, or of an older one that lacks
-            what is needed now.
+            If the file is missing, damaged, not a reference, of a newer version, or of an older one that
+            lacks required data.
         """
         if Path(path).is_dir():
             raise InputError(f"{path}: is a folder; give a file that homolog reference wrote")
@@ -323,7 +322,7 @@ class Reference:
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"{path}: {_unreadable(record, str(error))}") from error
         if not reference._fits():
-            raise InputError(f"{path}: {_unreadable(record, 'its arrays do not belong together')}")
+            raise InputError(f"{path}: {_unreadable(record, 'its arrays are inconsistent')}")
         return reference
 
     def _arrays(self) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = ["SurfaceModel"]
 
 _LEAST_RESIDUAL = 0.02
-"""Of the root mean square residual: no vertex is trusted beyond this."""
+"""Lower bound of a vertex's residual deviation, relative to the root mean square residual."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,17 +24,17 @@ class SurfaceModel:
     Attributes
     ----------
     mean : (P, 3) array
-        At the mean of the covariates [mm].
+        Mean positions at the mean of the covariates [mm].
     components : (K, P, 3) array
         Modes; their particles are orthonormal.
     variances : (K,) array
-        Of the scores [mm²].
+        Variances of the scores [mm²].
     effects : (c, P, 3) array
         Change per unit of each standardised covariate column [mm].
     residual : (V,) array
         Standard deviation along the normal outside the modes [mm].
     faces : (F, 3) int array
-        Of the surface.
+        Faces of the surface.
     """
 
     mean: FloatArray
@@ -59,11 +59,11 @@ class SurfaceModel:
         points : (M, P, 3) array
             Vertices, then particles, of each subject [mm].
         columns : (M, c) array
-            Covariates; the model's mean is where they are 0.
+            Standardised covariates; the model's mean is the shape at 0.
         modes : int
-            Modes to keep, at most; fewer if there are not as many.
+            Largest number of modes.
         faces : (F, 3) int array
-            Of the vertices, which come first.
+            Faces of the vertices, which come first.
 
         Returns
         -------

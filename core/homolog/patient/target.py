@@ -10,22 +10,23 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = ["NORMAL_WEIGHT", "Target"]
 
 NORMAL_WEIGHT = 0.2
-"""Of the root mean square radius: how far apart points with normals at 60° seem."""
+"""Additional distance of points with normals at 60°, relative to the root mean square radius."""
 _LEAST_COSINE = 0.5
-"""Between the line along which a distance is measured and the normal of what it meets."""
+"""Least cosine between the line along which a distance is measured and the normal where it meets the
+surface."""
 _ROUNDS = 5
-"""Of following a line to the surface."""
+"""Number of iterations of following a line to the surface."""
 _REACH = 2.5
-"""Mean edges within which the met point has to be."""
+"""Largest distance of the met point from the vertex, in mean edges."""
 
 
 class Target:
-    """A patient's surface, ready to be searched.
+    """A patient's surface with search structures.
 
     Parameters
     ----------
     mesh : TriangleMesh
-        Closed [mm].
+        Closed surface [mm].
     """
 
     def __init__(self, mesh: TriangleMesh) -> None:
@@ -42,7 +43,7 @@ class Target:
         return np.asarray(self._tree.query(np.hstack([points, self._weight * normals]))[1])
 
     def along_normals(self, points: FloatArray, normals: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return how far the surface lies from points along their normals.
+        """Return the distances of the surface from points along their normals.
 
         Parameters
         ----------
@@ -52,10 +53,10 @@ class Target:
         Returns
         -------
         distances : (n,) array
-            Positive where the surface lies outward [mm].
+            Distances [mm], positive if the surface lies outward.
         met : (n,) bool array
-            Where the line meets the surface. Elsewhere the distance is that to the nearest point of the
-            surface: negative outside of it, where a part of the shape is missing.
+            Whether the line meets the surface. Otherwise the distance is that to the nearest point of the
+            surface, negative outside it, where a part of the shape is missing.
         """
         distances = np.zeros(len(points))
         for _ in range(_ROUNDS):
@@ -76,7 +77,7 @@ class Target:
         return distances, met
 
     def _signed(self, points: FloatArray) -> FloatArray:
-        """Return distances (n,) of the surface from points: negative where a point is outside of it."""
+        """Return signed distances (n,) of points from the surface: negative outside."""
         if self._plain is None:
             self._plain = KDTree(self.points)
         gaps, nearest = self._plain.query(points)

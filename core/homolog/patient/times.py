@@ -11,7 +11,7 @@ from homolog.files.results import Result
 __all__ = ["FEWEST_PAIRS", "SeenTwice", "seen_twice"]
 
 FEWEST_PAIRS = 8
-"""Smallest number of controls with two times."""
+"""Least number of controls with two times."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,9 +21,9 @@ class SeenTwice:
     Attributes
     ----------
     first : list of int
-        Each person's first time, by its place in the result.
+        Indices of each person's first time in the result.
     later : mapping of int to int
-        From the place in `first` to that of the next time in the result, of those who were seen again.
+        Index of the next time in the result, by position in `first`, for persons with several times.
     between : str
         Interval between both times, as text.
     """
@@ -42,16 +42,16 @@ def seen_twice(
     ----------
     result : Result
     chosen : sequence of int
-        Controls, by their place in the result.
+        Indices of the controls in the result.
     person, time : str
-        Columns of the cohort's table. Times are ordered as numbers if all are, else as text.
+        Columns of the cohort's table. Times are ordered as numbers if all are numbers, else as text.
     project : ProjectFolder
-        For messages.
+        The project, for messages.
 
     Raises
     ------
     InputError
-        If a value is missing, a person has two files of one time, or too few persons were seen twice.
+        If a value is missing, a person has two files of one time, or too few persons have two times.
     """
     persons, times = (
         [_cell(result, index, column, project) for index in chosen] for column in (person, time)
@@ -64,7 +64,7 @@ def seen_twice(
     later: dict[int, int] = {}
     spans: list[tuple[float | str, float | str]] = []
     for who, times_of in seen.items():
-        times_of.sort()  # of one kind, see _ordered
+        times_of.sort()  # all of one type, see _ordered
         if len({key for key, _ in times_of}) < len(times_of):
             raise InputError(f"{project.folder}: {who} has two files of one {time}; correct column {time}")
         if len(times_of) > 1:
@@ -74,7 +74,7 @@ def seen_twice(
     if len(later) < FEWEST_PAIRS:
         raise InputError(
             f"{project.folder}: {len(later)} of {len(first)} controls were seen twice (columns {person} and "
-            f"{time}); {FEWEST_PAIRS} are needed for the change that is expected"
+            f"{time}); {FEWEST_PAIRS} are needed for the expected change"
         )
     return SeenTwice(first, later, _between(spans, time))
 

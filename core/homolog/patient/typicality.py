@@ -22,15 +22,16 @@ class Typicality:
     Attributes
     ----------
     group : str
-        Of the reference's controls, or its project's name if they have none.
+        Group of the reference's controls, or its project's name if they have no group.
     controls : int
         Number of controls of the reference.
     modes, outside : float
-        Probability that a member of the group is as far from its mean in the modes, and outside of them.
+        Probabilities that a member of the group is at least as far from its mean in the modes, and outside
+        them.
     p : float
-        Both together (Bonferroni): a member's is 0.05 or less in 5 % of cases or fewer.
+        Both combined (Bonferroni): 0.05 or less in at most 5 % of the members.
     held_modes, held_outside : int
-        Calibration: how many controls have a probability above 0.05 by the values of the others.
+        Calibration: numbers of controls with a probability above 0.05 relative to the others.
     """
 
     group: str
@@ -43,21 +44,21 @@ class Typicality:
 
     @property
     def is_typical(self) -> bool:
-        """Whether the patient is within the 95 % of the group's members that are nearest to it."""
+        """Whether the patient is within the central 95 % of the group."""
         return self.p > _LEVEL
 
 
 def typicality(comparison: PatientComparison, reference: Reference) -> Typicality:
     """Return the typicality of a patient for a reference's group (McLachlan 1992, section 6.4).
 
-    Distances in the modes and outside of them are set against those of the controls, each of which was fitted
-    as a patient to the model of the others. Probabilities are of a new value by a normal distribution of
-    their logarithms, with the uncertainty of its mean and deviation.
+    Distances in the modes and outside them are compared with those of the controls, each of which was fitted
+    as a patient to the model of the others. Probabilities are those of a new value in a log-normal
+    distribution, including the uncertainty of its mean and deviation.
 
     Parameters
     ----------
     comparison : PatientComparison
-        With this reference.
+        Comparison with this reference.
     reference : Reference
 
     Returns
@@ -79,7 +80,7 @@ def typicality(comparison: PatientComparison, reference: Reference) -> Typicalit
 
 
 def _exceedance_probability(value: float, controls: FloatArray) -> float:
-    """Return the probability that a new value is as large."""
+    """Return the probability that a new value is at least as large."""
     logs = np.log(np.maximum(controls, 1e-12))
     spread = max(float(logs.std(ddof=1)), 1e-9) * np.sqrt(1.0 + 1.0 / len(logs))
     return float(stats.t.sf((np.log(max(value, 1e-12)) - logs.mean()) / spread, len(logs) - 1))

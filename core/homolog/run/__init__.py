@@ -1,4 +1,4 @@
-"""The pipeline as a state machine; the command line and the window drive the same one."""
+"""The pipeline as a state machine, used by the command line and the window."""
 
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus
 from homolog.run.prior_result import adds_particles

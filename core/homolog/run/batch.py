@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 
 _RECORD, _FORMAT = "batch.json", "homolog-batch"
 _TWO = 2
-"""Smallest number of subjects of a shape model."""
+"""Least number of subjects of a shape model."""
 
 
 class ItemState(StrEnum):
@@ -48,10 +48,10 @@ class BatchItem:
     ----------
     structure : Structure
     project : ProjectFolder
-        Its own.
+        Project of the structure.
     state : ItemState
     message : str
-        Why it failed or was skipped.
+        Reason why it failed or was skipped.
     absent : tuple of str
         Subjects whose files do not have the structure.
     left_out : tuple of str
@@ -59,7 +59,7 @@ class BatchItem:
     remarks : mapping of str to tuple of str
         Remarks on subjects, by name: absent, at the border of the image, in pieces.
     was_there : bool
-        Whether an earlier batch finished it.
+        Whether an earlier batch completed it.
     """
 
     structure: Structure
@@ -73,28 +73,28 @@ class BatchItem:
 
 
 class Batch:
-    """Runs of the pipeline, one for each structure; one that fails does not end the others.
+    """Runs of the pipeline, one for each structure; a failed run does not end the batch.
 
     Parameters
     ----------
     cohort : Cohort
         All subjects whose files can be read.
     structures : sequence of Structure
-        Of that cohort.
+        Structures of the cohort.
     folder : Path
-        Gets a project for each structure, named after it, and a record of the batch. Finished projects of
-        an earlier batch of the same subjects and settings are kept, others are continued.
+        Folder for a project of each structure, named after it, and a record of the batch. Finished projects
+        of an earlier batch with the same subjects and settings are kept, unfinished ones are continued.
     settings : RunSettings
-        Of each run; label and segment are set for each structure.
+        Settings of each run; label and segment are set for each structure.
     fewest : int
-        Structures of fewer subjects are skipped.
+        Least number of subjects; structures with fewer are skipped.
     anew : bool
         Whether to repeat finished structures.
 
     Raises
     ------
     InputError
-        If the folder holds anything but a batch.
+        If the folder contains other files than those of a batch.
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class Batch:
 
     @property
     def items(self) -> tuple[BatchItem, ...]:
-        """The present states of the structures."""
+        """The current states of the structures."""
         return tuple(self._items)
 
     def cancel(self) -> None:
@@ -218,7 +218,7 @@ class Batch:
 
 
 def _has_result(project: ProjectFolder, settings: RunSettings) -> bool:
-    """Return whether a project is finished with these settings, on whatever device."""
+    """Return whether a project is finished with these settings, on any device."""
     if not project.exists:
         return False
     record = project.read()

@@ -24,9 +24,9 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, fingerprint: str, fract
     path : Path
     checkpoint : Checkpoint
     fingerprint : str
-        Of the settings and shapes that it belongs to.
+        Fingerprint of the settings and shapes of the run.
     fraction : float
-        Fraction done of the whole run, in [0, 1], to be shown to the user.
+        Fraction of the whole run that is done, in [0, 1], for display.
     """
     values = {field.name: getattr(checkpoint, field.name) for field in fields(checkpoint)}
     write_arrays(path, values | {"fingerprint": fingerprint, FRACTION: fraction})

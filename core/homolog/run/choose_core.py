@@ -20,7 +20,7 @@ _DESCRIPTOR_POINTS = 100
 
 
 def outline(groomed: GroomedSubject) -> GroomedSubject:
-    """Return a subject with few vertices and without field, for alignment and selection."""
+    """Return a subject with few vertices and without distance field, for alignment and selection."""
     mesh = simplified(groomed.coarse_mesh, _OUTLINE_VERTICES)
     nothing = DistanceField(np.ones((2, 2, 2), np.float32), np.eye(4))
     return replace(groomed, field=nothing, mesh=mesh, coarse_mesh=mesh)
@@ -29,10 +29,11 @@ def outline(groomed: GroomedSubject) -> GroomedSubject:
 def choose_core(
     outlines: Sequence[GroomedSubject], alignments: FloatArray, groups: Sequence[str | None], size: int
 ) -> IntArray:
-    """Return the subjects of a core set, in ascending order: far from each other in coarse shape.
+    """Return the indices of a core set of subjects with different coarse shapes, in ascending order.
 
-    Each group gets its share, at least two. Features of a subject are the displacements from points of one of
-    them to the nearest points of each, all aligned and at one size; size itself is one more coordinate.
+    Each group contributes in proportion, with at least two subjects. The features of a subject are the
+    displacements from points of one subject to its nearest points, after alignment and scaling to one size.
+    Size is a further coordinate.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ def choose_core(
     alignments : (M, 4, 4) array
     groups : sequence of M str or None
     size : int
-        Subjects wanted, at most M.
+        Number of subjects, at most M.
 
     Returns
     -------

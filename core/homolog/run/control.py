@@ -19,10 +19,10 @@ _SHARES = {
     Phase.MODELING: 0.02,
     Phase.WRITING: 0.02,
 }
-"""Shares of the phases in the time of a typical run, for one overall fraction."""
+"""Cumulative shares of the phases in the time of a typical run, for the overall fraction."""
 
 _FITS_SHARE = 0.5
-"""The same for a run that fits most subjects to a core set."""
+"""Shares for a run that fits most subjects to a core set."""
 _REPORT_S = 0.1
 _ETA_AFTER_S = 2.0
 
@@ -55,18 +55,18 @@ class Control:
         Parameters
         ----------
         phase : Phase
-            The first one.
+            The first phase.
         message : str
             Progress message.
         until : Phase, optional
-            The last one; `phase` itself if not given.
+            The last phase; by default `phase`.
         """
         phases = list(Phase)
         start = sum(self._shares[item] for item in phases[: phases.index(phase)])
         stop = sum(self._shares[item] for item in phases[: phases.index(until or phase) + 1])
         self._span = (max(start, self._status.fraction), stop)
         self.move_to(phase)
-        if phase in (Phase.READING, Phase.GEODESICS):  # cached grooming says nothing about what follows
+        if phase in (Phase.READING, Phase.GEODESICS):  # cached grooming predicts no later phase
             self._eta_origin = (self._entered, self._span[0])
         self.tick(0.0, message)
 
@@ -80,7 +80,7 @@ class Control:
         self._notify(replace(self._status, cluster=cluster))
 
     def move_to(self, phase: Phase) -> None:
-        """Continue with the next of the phases with common progress."""
+        """Continue with a phase that has common progress with the previous one."""
         self._close_phase()
         self._status = replace(self._status, phase=phase)
         self._reported = 0.0

@@ -1,9 +1,9 @@
 """A core set of subjects that span the shapes of a cohort, and the fits of all others to it.
 
 The core set is optimized jointly. Every other subject is then fitted to its ensemble individually, in worker
-processes; further passes fit every subject to the ensemble of all, which is block descent of the joint
+processes. Further passes fit every subject to the ensemble of all, which is block descent of the joint
 objective. Each fit is stored: an interrupted run continues with the missing ones, and the result does not
-depend on the number of workers. No step has more surfaces in memory than the core set.
+depend on the number of workers. No step needs more surfaces in memory than those of the core set.
 """
 
 import hashlib
@@ -45,9 +45,9 @@ _log = logging.getLogger(__name__)
 
 _POSE_ROUNDS = 30
 _MOST_PASSES, _ENOUGH = 5, 0.99
-"""Largest number of passes, and the ratio of generalization errors that ends them."""
+"""Largest number of passes, and the ratio of successive generalization errors that ends them."""
 _MOST_SPREADS = 32
-"""Subjects of the core set whose opening angles are looked at for their common scale."""
+"""Number of subjects of the core set whose opening angles determine the common scale."""
 
 
 def prepare_from_disk(
@@ -83,7 +83,7 @@ def write_core(path: Path, outcome: OptimizationOutcome) -> None:
 
 
 def read_core(path: Path, inputs: OptimizationInput) -> OptimizationOutcome | None:
-    """Return the core set's particles written by `write_core`; None if there are none for these shapes."""
+    """Return the particles written by `write_core`; None if there are none for these shapes."""
     if not path.is_file():
         return None
     stored = read_arrays(path)
@@ -122,9 +122,9 @@ class _Job:
     placement : (4, 4) array
         Initial placement of the fit.
     local : (n, 3) array or None
-        First particles; None to carry them from a template.
+        Initial particles; None to warp those of a template.
     templates : tuple of str
-        Names of those.
+        Names of the templates.
     settings : OptimizeSettings
     key : str
         Hash of all inputs of the fit.
@@ -161,11 +161,11 @@ def fit_others(
         The whole cohort, aligned; read one at a time.
     names : sequence of M str
     core : (K,) int array
-        Which of them are the core set.
+        Indices of the core set.
     outcome : OptimizationOutcome
-        Of the core set.
+        Outcome of the core set's optimization.
     folder : Path
-        Gets a file for each subject and pass; files that are there are used.
+        Folder for a file of each subject and pass; existing files are used.
     groomed : Path
         Folder of the groomed subjects, which workers read.
     settings : RunSettings
@@ -185,7 +185,7 @@ def fit_others(
     InputError
         If a file can't be read or written.
     NumericalError
-        If a fit fails, or workers die again and again.
+        If a fit fails, or workers die repeatedly.
     """
     fits = _Fits(shapes, names, folder, groomed, settings.placing, workers)
     templates = tuple(names[index] for index in core)
@@ -243,7 +243,7 @@ class _Fits:
         number: int,
         tick: Tick,
     ) -> dict[int, ShapeState]:
-        """Fit subjects, by index, from first particles (None to transfer them) and placements."""
+        """Fit subjects, by index, from initial particles (None to warp a template's) and placements."""
         folder = self.folder / f"pass{number}"
         with report_os_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -279,11 +279,11 @@ def joint_ensemble(
     Parameters
     ----------
     shapes : sequence of M Shape
-        Aligned.
+        The aligned shapes.
     local : (M, n, 3) array
         Their particles in file coordinates [mm].
     settings : OptimizeSettings
-        Of the run that placed them.
+        Settings of the run that placed them.
     tick : Tick
     """
     images = with_mirror_images(shapes)
@@ -338,7 +338,7 @@ def first_placement(shape: Shape, ensemble: Ensemble, settings: OptimizeSettings
 
 @lru_cache(maxsize=2)
 def _read_ensemble(path: Path, changed: float) -> Ensemble:
-    del changed  # a part of the key: another run may have written the file again
+    del changed  # part of the cache key: another run may rewrite the file
     return Ensemble(**read_arrays(path))
 
 
@@ -354,13 +354,13 @@ def _fitted(job: _Job) -> ShapeState:
 
 
 def _stored(path: Path, key: str) -> ShapeState | None:
-    """Return the fit of an earlier run; None if there is none, or it belongs to another ensemble."""
+    """Return the stored fit; None if there is none, or it belongs to another ensemble."""
     if not path.is_file():
         return None
     try:
         stored = read_arrays(path)
     except InputError:
-        return None  # it is fitted again
+        return None  # the subject is fitted again
     if str(stored.pop("key", "")) != key:
         return None
     return ShapeState(**stored)
@@ -385,7 +385,7 @@ def _key(ensemble_key: str, shape: Shape, placement: FloatArray, local: FloatArr
 def _alignments(
     local: FloatArray, alignments: FloatArray, core: IntArray, settings: OptimizeSettings
 ) -> FloatArray:
-    """Return alignments to the world: all are aligned to their mean, in the pose of the core set."""
+    """Return alignments to world coordinates: shapes are aligned to their mean, in the core set's pose."""
     if settings.procrustes is Procrustes.OFF:
         return alignments
     free = np.full(len(local), True)

@@ -39,14 +39,14 @@ class RunStatus:
     fraction : float
         Fraction done of the whole run, in [0, 1]; never decreases.
     message : str
-        The present step, or how the run ended.
+        The current step, or how the run ended.
     eta_s : float or None
         Estimated seconds left; None while unknown.
     paused : bool
     reason : FinishReason or None
         How the run ended; None while it is in progress.
     cluster : str
-        Addresses of the cluster that works on subjects and of its dashboard, while there is one.
+        Addresses of the cluster that processes subjects, and of its dashboard; empty without a cluster.
     """
 
     phase: Phase = Phase.READING
@@ -59,8 +59,8 @@ class RunStatus:
 
 
 Observer = Callable[[RunStatus], None]
-"""Called with each change of the status, from the run's thread, at most some ten times a second. The last
-call is the only one with a `reason`, and comes however the run ends."""
+"""Called at each change of the status, in the run's thread, about ten times a second at most. The last call
+is the only one with a `reason`; it follows however the run ends."""
 
 
 def ignore(status: RunStatus) -> None:

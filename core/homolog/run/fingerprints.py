@@ -16,7 +16,7 @@ _PACKAGES = ("numpy", "scipy", "scikit-image", "SimpleITK", "warp-lang")
 
 
 def surface_hash(shape: Shape) -> str:
-    """Return a hash of the optimizer's surface, without name and alignment."""
+    """Return a hash of a shape's surface, without its name and alignment."""
     digest = hashlib.blake2b(digest_size=16)
     for array in (
         shape.field.values,
@@ -34,9 +34,9 @@ def run_fingerprint(settings: OptimizeSettings, shapes: Sequence[Shape], tick: T
     Parameters
     ----------
     settings : OptimizeSettings
-        Of the run.
+        Settings of the run.
     shapes : sequence of Shape
-        In their order.
+        The shapes in order.
     tick : Tick
         Progress and cancelling.
 

@@ -1,4 +1,4 @@
-"""Runs with a core set: some subjects are optimized jointly, the others are fitted to them."""
+"""Runs with a core set: some subjects are optimized jointly, and the others are fitted to them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -42,33 +42,33 @@ def grow(
     ----------
     cohort : Cohort
     outlines : sequence of GroomedSubject
-        Of the cohort, in its order, as `choose_core.outline` makes them.
+        Outlines of the cohort's subjects, in its order, from `choose_core.outline`.
     settings : RunSettings
-        With a core set.
+        Settings of a run with a core set.
     folders : (Path, Path)
-        Of the groomed subjects, and of the fits; existing fits are reused.
+        Folders of the groomed subjects, and of the fits; existing fits are reused.
     device : str
-        Warp alias.
+        Warp's device alias.
     control : Control
-        In its alignment phase.
+        Control of the run, in the alignment phase.
     optimized : callable
         Places the particles of the core set.
     in_process : bool
-        Fit in a thread of this process, one subject at a time, in place of processes.
+        Whether to fit in a thread of this process, one subject at a time, instead of worker processes.
     store : Store
-        Where the shapes of the core set are stored.
+        Storage of the core set's shapes.
     registrations : Path, optional
-        File with earlier registrations, as of `align_cohort`.
+        File with earlier registrations; see `align_cohort`.
 
     Returns
     -------
     OptimizationOutcome
-        Of the whole cohort, whose shapes are read from the folder when they are asked for.
+        Outcome of the whole cohort, whose shapes are read from the folder on access.
 
     Raises
     ------
     InputError
-        If shapes can't be compared, or the core set is to start with landmarks.
+        If shapes can't be compared, or landmarks are requested.
     NumericalError
         If a fit fails.
     """

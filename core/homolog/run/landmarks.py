@@ -17,16 +17,16 @@ from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["check_landmarks", "with_landmarks"]
 
-_FAR = 0.25  # of the size: landmarks of a surface are not that far from it
+_FAR = 0.25  # largest distance of landmarks from their surface, relative to its size
 
 
 def with_landmarks(shapes: Sequence[Shape], cohort: Cohort) -> list[Shape]:
-    """Return the shapes with the landmarks that all subjects have.
+    """Return the shapes with the landmarks that exist on all subjects.
 
     Raises
     ------
     InputError
-        If a subject has none, its are not on its surface, or there is none that all have.
+        If a subject has no landmarks, they are not on its surface, or no landmark exists on all subjects.
     """
     files = {subject.name: subject.landmarks for subject in cohort.subjects if subject.landmarks is not None}
     without = [subject.name for subject in cohort.subjects if subject.name not in files]
@@ -55,7 +55,7 @@ def check_landmarks(path: Path, name: str, points: FloatArray, mesh: TriangleMes
     path : Path
         File of the landmarks, for messages.
     name : str
-        The subject's.
+        Name of the subject.
     points : (n, 3) array
         The landmarks [mm].
     mesh : TriangleMesh
@@ -64,12 +64,12 @@ def check_landmarks(path: Path, name: str, points: FloatArray, mesh: TriangleMes
     Raises
     ------
     InputError
-        Naming the file, the subject and how far.
+        With the file, the subject and the distance.
     """
     gap = float(np.median(KDTree(mesh.vertices).query(points)[0]))
     size = rms_radius(mesh.vertices)
     if gap > _FAR * size:
         raise InputError(
-            f"{path}: its landmarks lie {gap:.0f} mm from the surface of {name}; give those of this subject, "
-            "in the frame of its file"
+            f"{path}: its landmarks lie {gap:.0f} mm from the surface of {name}; use landmarks of this "
+            "subject, in the frame of its file"
         )

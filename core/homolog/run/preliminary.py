@@ -22,7 +22,7 @@ def preliminary_result(inputs: OptimizationInput, frame: Frame, tick: Tick = no_
     ----------
     inputs : OptimizationInput
     frame : Frame
-        Of the optimization of these inputs.
+        Frame of the optimization of these inputs.
     tick : Tick
 
     Returns
@@ -32,7 +32,7 @@ def preliminary_result(inputs: OptimizationInput, frame: Frame, tick: Tick = no_
     Raises
     ------
     NumericalError
-        If particles coincide, so that no surface can be carried by them.
+        If particles coincide, so that they define no warp of the surface.
     """
     world = frame.world.astype(np.float64)
     model = ShapeModel.fit(world, names=[shape.name for shape in inputs.shapes])

@@ -29,9 +29,9 @@ class PriorResult:
     ----------
     record : ResultRecord
     local : mapping of str to (N, 3) float64 array
-        In file coordinates [mm].
+        Particles in file coordinates [mm].
     alignments : mapping of str to (4, 4) float64 array
-        Local to world, as the result has them.
+        Similarities from local to world coordinates in the result.
     """
 
     record: ResultRecord
@@ -58,12 +58,12 @@ class PriorResult:
             )
 
     def shapes(self, shapes: Sequence[Shape]) -> list[Shape]:
-        """Return the shapes in the result's world: known ones as it has them, new ones moved with them.
+        """Return the shapes in the result's world coordinates: known ones unchanged, new ones moved along.
 
         Raises
         ------
         InputError
-            If a known subject's surface is not the one that the particles lie on.
+            If the surface of a known subject is not that of the result.
         """
         contents = {subject.name: subject.content for subject in self.record.subjects}
         changed = [
@@ -88,7 +88,7 @@ class PriorResult:
 def _agreed_move(here: FloatArray, there: FloatArray) -> FloatArray:
     """Return the similarity (4, 4) that maps most subjects' particles (M, N, 3).
 
-    Registration may rotate single near-symmetric subjects differently than before; these are ignored.
+    Registration may rotate individual near-symmetric subjects differently than before; these are ignored.
     """
     moves = [fit_similarity(own, goal, scaling=True) for own, goal in zip(here, there, strict=True)]
     errors = np.array(
@@ -105,11 +105,11 @@ def adds_particles(record: ResultRecord, cohort: Cohort, settings: RunSettings) 
     Parameters
     ----------
     record : ResultRecord
-        The result.
+        Record of the result.
     cohort : Cohort
-        Subjects of the new run.
+        Cohort of the new run.
     settings : RunSettings
-        Its settings.
+        Settings of the new run.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Suspects of a result: found, listed, repaired; the result is replaced."""
+"""Suspects of a result: search, table and repair, and replacement of the result."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -44,8 +44,8 @@ def inspect_project(project: ProjectFolder, tick: Tick = no_tick) -> tuple[Resul
     Raises
     ------
     InputError
-        If there is no result, a file of it is damaged, it has fewer than three subjects, or a subject that
-        was imported came without a surface.
+        If there is no result, one of its files is damaged, it has fewer than three subjects, or a subject was
+        imported without a surface.
     """
     result, record = read_result(project), project.read().result
     assert record is not None, "a result was read"
@@ -96,17 +96,17 @@ def repair_result(
     misplaced: BoolArray,
     tick: Tick = no_tick,
 ) -> FloatArray:
-    """Optimize some particles of a result again; the others stay as they are.
+    """Optimize some particles of a result again; the others are fixed.
 
     Parameters
     ----------
     inputs : OptimizationInput
-        As `read_inputs` gives it.
+        Input from `read_inputs`.
     local : (M, N, 3) array
         All particles in file coordinates [mm].
     movable, misplaced : (M, N) bool arrays
-        Those that may move, and those of them that are not trusted: they begin where the other subjects
-        predict them.
+        Particles that may move, and the misplaced ones among them, which start at the positions predicted by
+        the other subjects.
     tick : Tick
 
     Returns
@@ -134,9 +134,9 @@ def repaired(
     Returns
     -------
     Inspection
-        Of the new particles: ``located.local`` and ``located.world``; or `inspection` itself, with the
-        previous particles, if the new ones are not better: if the severities of the subject's suspects do
-        not sum to less, or the place has a suspect that is at least as severe.
+        The inspection of the new particles (``located.local`` and ``located.world``), or `inspection` itself
+        if the new particles are not better. They are better if the severities of the subject's suspects have
+        a smaller sum, and no suspect at the same place is at least as severe.
     """
     located, m = inspection.located, suspect.subject
     tick(0.0, "reading surfaces")
@@ -192,7 +192,7 @@ def write_suspects(path: Path, table: Sequence[Row]) -> None:
     Raises
     ------
     InputError
-        If the name ends otherwise, or the file can't be written.
+        If the name has another suffix, or the file can't be written.
     """
     if path.suffix.lower() == ".csv":
         write_table(path, COLUMNS, table)
@@ -248,7 +248,7 @@ def write_repaired(
 
 
 def _groomed(project: ProjectFolder, subject: ResultSubject) -> GroomedSubject:
-    """Return a subject's groomed archive, regardless of its present input file."""
+    """Return a subject's groomed archive, regardless of its current input file."""
     path = project.groomed / f"{subject.file}.npz"
     groomed = load_groomed(project.groomed, subject.name, str(read_arrays(path).get("key")))
     if groomed is None:

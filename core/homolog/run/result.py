@@ -51,7 +51,7 @@ class OnDemand(Sequence[_Item]):
     ----------
     count : int
     make : callable
-        Takes an index from 0.
+        Function of an index from 0 that returns the item.
     """
 
     def __init__(self, count: int, make: Callable[[int], _Item]) -> None:
@@ -68,7 +68,7 @@ class OnDemand(Sequence[_Item]):
     def __getitem__(self, index: slice) -> "OnDemand[_Item]": ...
 
     def __getitem__(self, index: int | slice) -> "_Item | OnDemand[_Item]":
-        """Make an item, or a sequence of some."""
+        """Return an item, or a lazy sequence of some items."""
         chosen = range(self._count)[index]
         if isinstance(chosen, int):
             return self._make(chosen)
@@ -86,9 +86,9 @@ class OptimizationInput:
     groomed : sequence of GroomedSubject
     shapes : sequence of Shape
     fingerprint : str
-        Of the settings and shapes.
+        Hash of the settings and shapes.
     device : str
-        Warp alias.
+        Warp's device alias.
     """
 
     cohort: Cohort
@@ -111,10 +111,10 @@ class OptimizationOutcome:
     alignments : (M, 4, 4) float64 array
         Similarities from local to world; reflections for mirrored subjects.
     energies : (T, 4) float64 array
-        Iteration and the three parts of the objective.
+        Iteration and the three terms of the objective.
     iterations : int
     ended : str
-        Reason of the end; ``"cancelled"`` if it can be resumed.
+        Reason of the end; ``"cancelled"`` if the run can be resumed.
     seconds : mapping of str to float
         Time by phase.
     """
@@ -139,7 +139,7 @@ def add_repair_notes(inputs: OptimizationInput, optimized: OptimizedParticles) -
     if not optimized.repaired.any():
         return inputs
     counts = np.count_nonzero(optimized.repaired, axis=1)
-    note = "misplaced particles (normals that disagreed with most subjects, exchanged, or off the surface)"
+    note = "misplaced particles (deviating normals, exchanged, or off the surface)"
     groomed = [
         add_note(item, f"{note} were repaired: {count} of {len(repaired)}") if count else item
         for item, count, repaired in zip(inputs.groomed, counts, optimized.repaired, strict=True)
@@ -153,7 +153,7 @@ def model_of(outcome: OptimizationOutcome, tick: Tick) -> tuple[ShapeModel, Mean
     Raises
     ------
     NumericalError
-        If particles coincide, so that no surface can be carried by them.
+        If particles coincide, so that they define no warp of the surface.
     """
     shapes, world = outcome.inputs.shapes, outcome.world
     meshes = OnDemand(len(shapes), lambda index: shapes[index].mesh)
@@ -175,13 +175,13 @@ def write_result(
     Parameters
     ----------
     project : ProjectFolder
-        Locked by the caller.
+        The project, locked by the caller.
     outcome : Outcome
     model, surface : ShapeModel, MeanSurface
-        Of the outcome, by `model_of`.
+        Model and mean surface of the outcome, from `model_of`.
     tick : Tick
     excluded : mapping of str to str, optional
-        Why subjects of the cohort were excluded, a line for each name.
+        Reasons for the exclusion of subjects, by name.
 
     Raises
     ------

@@ -22,7 +22,7 @@ def is_result_of(project: ProjectFolder, cohort: Cohort, settings: RunSettings, 
     Parameters
     ----------
     project : ProjectFolder
-        It may hold no result.
+        The project, with or without a result.
     cohort : Cohort
     settings : RunSettings
     tick : Tick
@@ -46,7 +46,7 @@ def is_result_of(project: ProjectFolder, cohort: Cohort, settings: RunSettings, 
         try:
             key = content_key(read_source(subject, settings.groom), settings.groom)
         except InputError:
-            return False  # said by the run
+            return False  # reported by the run
         if load_groomed(project.groomed, subject.name, key) is None:
             return False
     return True
@@ -58,7 +58,7 @@ def _matches_request(result: ResultRecord, cohort: Cohort, settings: RunSettings
     return (
         result.ended not in (CANCELLED, IMPORTED)
         and (own.groom, own.optimize) == (settings.groom, settings.optimize)
-        and not settings.optimize.landmarks  # whose files the result does not keep
+        and not settings.optimize.landmarks  # the result does not store their files
         and {subject.name for subject in result.subjects} == {subject.name for subject in cohort.subjects}
         and _same_sides(result, cohort, settings.groom.mirror)
     )

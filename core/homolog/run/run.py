@@ -38,11 +38,11 @@ __all__ = ["Run"]
 _log = logging.getLogger(__name__)
 
 _MOST_DEATHS = 3
-"""Largest number of deaths of grooming workers; finished subjects are not groomed again."""
+"""Number of deaths of grooming workers after which a run fails; finished subjects are not groomed again."""
 _FEWEST = 8
-"""Smallest number of particles of a surface."""
+"""Least number of particles that define a surface."""
 _MANY_ALIKE = 4
-"""From as many on, subjects refused for one reason share a line."""
+"""Least number of subjects refused for the same reason that share a line."""
 
 
 class Run:
@@ -61,16 +61,16 @@ class Run:
     project : ProjectFolder
         Output folder, created if necessary. Its last result remains until the new one is complete.
     cohort : Cohort
-        Whose shapes.
+        The cohort.
     settings : RunSettings
-        How.
+        Settings of the run.
     resume : bool
-        Continue from the checkpoint of a cancelled or killed run.
+        Whether to continue from the checkpoint of a cancelled or killed run.
     from_result : bool
-        Start from the particles of the project's result: with more particles it is added to, new subjects
-        are fitted to it. A resumed run starts from what it started from.
+        Whether to start from the particles of the project's result, to add particles or to fit new subjects.
+        A resumed run keeps its own start.
     skip_bad : bool
-        Exclude subjects with unusable files, with a note, instead of stopping.
+        Whether to exclude subjects with unusable files, with a note, instead of stopping.
     """
 
     def __init__(
@@ -99,17 +99,17 @@ class Run:
 
     @property
     def status(self) -> RunStatus:
-        """The present status."""
+        """The current status."""
         return self._control.status
 
     @property
     def frame(self) -> Frame | None:
-        """The newest particles, None before the first; may be polled at any rate."""
+        """The newest particles; None before the first frame. It may be polled at any rate."""
         return self._frame
 
     @property
     def preliminary(self) -> Frame | None:
-        """The particles at the end of the latest stage with comparison of shapes, None before the first."""
+        """The particles at the end of the latest stage that compares shapes; None before the first."""
         return self._preliminary
 
     def preliminary_result(self, frame: Frame, tick: Tick = no_tick) -> Result:
@@ -118,14 +118,14 @@ class Run:
         Raises
         ------
         NumericalError
-            If particles coincide, so that no surface can be carried by them.
+            If particles coincide, so that they define no warp of the surface.
         """
-        assert self._study is not None, "there are particles"
+        assert self._study is not None, "particles exist only after the alignment"
         return preliminary_result(self._study, frame, tick)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """One line for each excluded subject, including those of a continued run."""
+        """A line for each excluded subject, including those of a continued run."""
         return tuple(self._excluded.values())
 
     @property
@@ -147,9 +147,9 @@ class Run:
         Raises
         ------
         InputError
-            If files are bad (a line for each) or the project can't be written to.
+            If files are unusable (a line for each) or the project can't be written to.
         NumericalError
-            If a computation failed.
+            If a computation fails.
 
         Notes
         -----
@@ -179,8 +179,8 @@ class Run:
         Returns
         -------
         bool
-            False if there are no particles yet, or too few to carry a surface, or if the run started from a
-            result, which stays (`can_be_kept`).
+            False if there are no particles yet, or too few to define a surface, or if the run started from a
+            result, which is then kept (`can_be_kept`).
 
         Raises
         ------
@@ -250,7 +250,7 @@ class Run:
             raise InputError(self.refusal)
         cohort = self._cohort.without({problem.subject for problem in problems})
         self._check_number(cohort)
-        check_sides(cohort, self._settings.groom)  # refuses sides that are none before any work
+        check_sides(cohort, self._settings.groom)  # refuses invalid sides before any work
         return cohort
 
     def _check_number(self, cohort: Cohort) -> None:
@@ -289,7 +289,7 @@ class Run:
         )
 
     def _recall(self, before: ProjectRecord, here: set[str]) -> None:
-        """Keep the reasons of earlier exclusions from the project's cohort, if that is continued."""
+        """Restore the reasons of earlier exclusions, if the project's cohort is continued."""
         if {subject.name for subject in before.subjects} <= here:
             absent = {name: why for name, why in before.excluded.items() if name not in here}
             self._excluded = absent | self._excluded
@@ -372,7 +372,7 @@ class Run:
 
 
 def _refusals(messages: Mapping[str, str]) -> list[str]:
-    """Return a line for each subject that is refused; one for several where only the file's name differs."""
+    """Return a line for each refused subject, or one for several if only the file's name differs."""
     kinds: dict[str, list[str]] = {}
     for name, message in messages.items():
         kinds.setdefault(message.partition(": ")[2] or message, []).append(name)
@@ -382,5 +382,5 @@ def _refusals(messages: Mapping[str, str]) -> list[str]:
             lines += [messages[name] for name in names]
         else:
             more = f"{len(names) - 1} more subjects ({names[1]}, {names[2]}, …)"
-            lines.append(f"{messages[names[0]]}; the same holds for {more}")
+            lines.append(f"{messages[names[0]]}; the same applies to {more}")
     return lines

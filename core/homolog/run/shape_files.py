@@ -36,9 +36,9 @@ def surface_of_model(
     ----------
     model : ShapeModel
     world : (M, N, 3) array
-        Particles of its subjects, or of those that have a mesh, aligned [mm].
+        Aligned particles of its subjects, or of those that have a mesh [mm].
     meshes : sequence of M TriangleMesh
-        Theirs, in file coordinates; the one nearest to the mean is carried there.
+        Their meshes in file coordinates; the one nearest to the mean is warped to the mean.
     alignments : (M, 4, 4) array
         From file coordinates to aligned ones.
     tick : Tick
@@ -50,7 +50,7 @@ def surface_of_model(
     Raises
     ------
     NumericalError
-        If particles coincide, so that no surface can be carried by them.
+        If particles coincide, so that they define no warp of the surface.
     """
     nearest = medoid(world, model.mean)
     mesh = meshes[nearest].placed(alignments[nearest])
@@ -63,11 +63,11 @@ def write_model(new: ProjectFolder, cohort: Cohort, model: ShapeModel) -> None:
     Parameters
     ----------
     new : ProjectFolder
-        What `ProjectFolder.replacing_result` gave.
+        The new project folder, from `ProjectFolder.replacing_result`.
     cohort : Cohort
         The subjects.
     model : ShapeModel
-        Their model.
+        Shape model of the subjects.
     """
     modes = [f"mode_{number}" for number in range(1, len(model.explained_variance) + 1)]
     write_table(
@@ -105,9 +105,9 @@ def write_surfaces(new: ProjectFolder, model: ShapeModel, surface: MeanSurface, 
     Parameters
     ----------
     new : ProjectFolder
-        What `ProjectFolder.replacing_result` gave.
+        The new project folder, from `ProjectFolder.replacing_result`.
     model : ShapeModel
-        Whose modes are written.
+        The model whose modes are written.
     surface : MeanSurface
         The mean, which follows the particles.
     tick : Tick

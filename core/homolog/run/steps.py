@@ -31,21 +31,21 @@ def prepare_inputs(
     prior: PriorResult | None = None,
     registrations: Path | None = None,
 ) -> OptimizationInput:
-    """Align groomed subjects, and add landmarks for the first particles.
+    """Align groomed subjects, and add landmarks for the initial particles.
 
     Parameters
     ----------
     cohort : Cohort
     groomed : sequence of GroomedSubject
-        Of the cohort, in its order.
+        Groomed subjects in the order of the cohort.
     settings : RunSettings
     device : str
-        Warp alias.
+        Warp's device alias.
     tick : Tick
     prior : PriorResult, optional
-        Initial result, with alignments and first particles.
+        Initial result, with alignments and initial particles.
     registrations : Path, optional
-        File with earlier registrations, as of `align_cohort`.
+        File with earlier registrations; see `align_cohort`.
 
     Returns
     -------
@@ -93,11 +93,13 @@ def run_optimization(
     ----------
     inputs : OptimizationInput
     control : Control
-        Takes phases, progress and times.
+        Receives phases, progress and times.
     observe, checkpoint, resume, solve
-        As of `homolog.correspondence.optimize`.
+        See `homolog.correspondence.optimize`.
     prior : PriorResult, optional
         Initial result.
+    store : Store
+        Storage of tables and fields.
 
     Returns
     -------
@@ -134,7 +136,7 @@ def run_optimization(
             solve=solve,
             store=store,
         )
-    return_freed_memory()  # tables and fields: as much as what follows needs
+    return_freed_memory()  # tables and fields take as much as the next steps need
     return OptimizationOutcome(
         add_repair_notes(inputs, result), result.world, result.local, result.alignments, result.energies,
         result.iterations, result.reason.value, control.seconds,

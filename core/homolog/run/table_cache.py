@@ -19,9 +19,9 @@ __all__ = ["TableCache"]
 _log = logging.getLogger(__name__)
 
 WORTH_S = 10.0
-"""Tables are written after this much work [s] on new ones; short runs write none."""
+"""Time spent on new tables after which they are written [s]; short runs write none."""
 _SHAPES_ON_GPU = 32
-"""Solved at once on a GPU: a second's work of large ones."""
+"""Number of tables solved at once on a GPU: about a second's work for large ones."""
 
 
 class TableCache:
@@ -30,9 +30,9 @@ class TableCache:
     Parameters
     ----------
     folder : Path
-        Of the tables. Their names tell what they belong to, so others in it do no harm.
+        Folder of the tables. File names identify their content, so that it may contain other tables.
     store : Store
-        Where tables of a CPU lie.
+        Storage of tables of the CPU.
     """
 
     def __init__(self, folder: Path, store: Store = in_memory) -> None:
@@ -49,7 +49,7 @@ class TableCache:
         names: Sequence[str],
         tick: Tick = no_tick,
     ) -> list[GeodesicTable]:
-        """Return tables as `homolog.geodesics.solve_tables` does; those in the folder are read."""
+        """Return tables as `homolog.geodesics.solve_tables` does; stored tables are read from the folder."""
         plan = plan_tables(meshes, d_max, names=names, tick=tick)
         paths = [table_path(self._folder, task) for task in plan.tasks]
         tables: dict[Path, GeodesicTable] = {}
@@ -59,7 +59,7 @@ class TableCache:
             if kept is not None and kept.n_vertices == len(task.mesh.vertices):
                 tables[path] = kept.stored(self._store)
         absent = {path: task for path, task in zip(paths, plan.tasks, strict=True) if path not in tables}
-        if device != "cpu" or self._store is in_memory:  # else tables lie in files
+        if device != "cpu" or self._store is in_memory:  # other tables are mapped from files
             tasks = tuple(absent.values())
             check_room(replace(plan, tasks=tasks, nbytes=plan.nbytes * len(tasks) // len(paths)), device)
         size = len(absent) if device == "cpu" else _SHAPES_ON_GPU
@@ -86,7 +86,7 @@ class TableCache:
             room = shutil.disk_usage(self._folder).free
         if (needed := sum(table.nbytes for table in self._unsaved.values())) > room / 2:
             _log.warning(
-                "%.1f GB of geodesic tables are not kept, as %.1f GB are free: a resumed run will solve them",
+                "%.1f GB of geodesic tables are not stored (%.1f GB are free): a resumed run recomputes them",
                 needed / 1e9, room / 1e9,
             )  # fmt: skip
         else:

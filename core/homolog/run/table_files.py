@@ -18,7 +18,7 @@ from homolog.geodesics.table import ARRAYS, GeodesicTable
 __all__ = ["load_table", "save_table", "table_path"]
 
 VERSION = 11
-"""Increased with every change of the distances or of the file."""
+"""Version, to be increased with every change of distances or file format."""
 
 
 def table_path(folder: Path, task: Task) -> Path:
@@ -43,7 +43,7 @@ def table_path(folder: Path, task: Task) -> Path:
 
 
 def save_table(path: Path, table: GeodesicTable) -> None:
-    """Write a table, whole or not at all.
+    """Write a table atomically.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def save_table(path: Path, table: GeodesicTable) -> None:
 def load_table(path: Path, device: str) -> GeodesicTable | None:
     """Return the table in a file, on a device; None if there is no file or it is damaged.
 
-    The arrays are checked against each other, so that no lookup leads outside them.
+    The arrays are checked for consistency, so that lookups stay within them.
     """
     try:
         arrays = read_arrays(path)

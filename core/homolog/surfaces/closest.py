@@ -19,7 +19,7 @@ def distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu")
     mesh : TriangleMesh
         Any triangles.
     points : (N, 3) array
-        Places [mm].
+        Positions [mm].
     device : str
         ``"cpu"`` or a CUDA device.
 
@@ -39,14 +39,14 @@ def signed_distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str =
     mesh : TriangleMesh
         Faces counter-clockwise seen from outside.
     points : (N, 3) array
-        Places [mm].
+        Positions [mm].
     device : str
         ``"cpu"`` or a CUDA device.
 
     Returns
     -------
     (N,) float64 array
-        Distances to the nearest place of the surface [mm], negative inside.
+        Distances to the nearest point of the surface [mm], negative inside.
     """
     return _run_kernel(kernels.signed_distances_of_points, mesh, points, device)
 
@@ -64,7 +64,7 @@ def thickness(mesh: TriangleMesh, *, device: str = "cpu") -> FloatArray:
     Returns
     -------
     (F,) float64 array
-        Thickness [mm]; infinite where no face lies opposite.
+        Thickness [mm]; infinite without an opposite face.
     """
     with wp.ScopedDevice(choose_device(device)):
         surface, _ = on_device(mesh)
@@ -74,8 +74,8 @@ def thickness(mesh: TriangleMesh, *, device: str = "cpu") -> FloatArray:
 
 
 def on_device(mesh: TriangleMesh) -> tuple[wp.Mesh, FloatArray]:
-    """Return the mesh on the current device, and the point that its coordinates count from."""
-    centre: FloatArray = mesh.vertices.mean(axis=0)  # single precision: keep the numbers small
+    """Return the mesh on the current device, and the origin of its coordinates there."""
+    centre: FloatArray = mesh.vertices.mean(axis=0)  # small numbers for single precision
     surface = wp.Mesh(
         points=wp.array((mesh.vertices - centre).astype(np.float32), dtype=wp.vec3),
         indices=wp.array(mesh.faces.ravel(), dtype=wp.int32),
@@ -84,7 +84,7 @@ def on_device(mesh: TriangleMesh) -> tuple[wp.Mesh, FloatArray]:
 
 
 def _run_kernel(kernel: wp.Kernel, mesh: TriangleMesh, points: FloatArray, device: str) -> FloatArray:
-    """Return what a kernel of mesh, points and distances computes, (N,) [mm]."""
+    """Return the result (N,) [mm] of a kernel of mesh, points and distances."""
     with wp.ScopedDevice(choose_device(device)):
         surface, centre = on_device(mesh)
         queries = wp.array((points - centre).astype(np.float32), dtype=wp.vec3)

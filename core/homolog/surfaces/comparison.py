@@ -18,9 +18,9 @@ class SurfaceDistances:
     Attributes
     ----------
     signed : (V,) array
-        Distance of each vertex to the nearest place of the other surface [mm], negative inside it.
+        Distance of each vertex to the nearest point of the other surface [mm], negative inside it.
     areas : (V,) array
-        Area that each vertex stands for [mm²], the weight of its distance.
+        Area of each vertex [mm²], the weight of its distance.
     """
 
     signed: FloatArray
@@ -33,7 +33,7 @@ class SurfaceDistances:
 
     @property
     def mean(self) -> float:
-        """Mean distance without sign [mm]."""
+        """Mean absolute distance [mm]."""
         return float(np.average(np.abs(self.signed), weights=self.areas))
 
     @property
@@ -52,7 +52,7 @@ class SurfaceDistances:
         return float(np.abs(self.signed).max())
 
     def percentile(self, percent: float) -> float:
-        """Return the distance [mm] that so many percent of the area do not exceed."""
+        """Return the distance [mm] that this percentage of the area does not exceed."""
         order = np.abs(self.signed).argsort()
         covered = self.areas[order].cumsum()
         at = np.searchsorted(covered, percent / 100.0 * covered[-1])
@@ -60,14 +60,14 @@ class SurfaceDistances:
 
 
 def surface_distances(surface: TriangleMesh, other: TriangleMesh) -> SurfaceDistances:
-    """Return how far a surface is from another one, in the same coordinates.
+    """Return the distances of a surface from another one in the same coordinates.
 
     Parameters
     ----------
     surface : TriangleMesh
-        At whose vertices distances are taken.
+        Surface at whose vertices distances are computed.
     other : TriangleMesh
-        Closed, with faces counter-clockwise seen from outside.
+        Closed surface with faces counter-clockwise seen from outside.
 
     Returns
     -------
@@ -77,6 +77,6 @@ def surface_distances(surface: TriangleMesh, other: TriangleMesh) -> SurfaceDist
 
 
 def distances_both_ways(first: TriangleMesh, second: TriangleMesh) -> SurfaceDistances:
-    """Return how far two surfaces are from each other: the first one's vertices, then the other's."""
+    """Return the distances of two surfaces from each other: at the first one's vertices, then the other's."""
     there, back = surface_distances(first, second), surface_distances(second, first)
     return SurfaceDistances(*map(np.concatenate, ((there.signed, back.signed), (there.areas, back.areas))))

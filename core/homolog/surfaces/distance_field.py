@@ -1,4 +1,4 @@
-"""Signed distance fields on isotropic grids: the implicit surfaces that particles live on."""
+"""Signed distance fields on isotropic grids: the implicit surfaces that carry the particles."""
 
 from dataclasses import dataclass
 
@@ -58,24 +58,24 @@ class DistanceField:
         Parameters
         ----------
         points : (N, 3) array
-            LPS millimetres; outside the grid the nearest border value holds.
+            Positions in LPS [mm]; outside the grid the nearest border value is used.
 
         Returns
         -------
         (N,) float64 array
-            Trilinear in the values.
+            Values, interpolated trilinearly [mm].
         (N, 3) float64 array
-            Trilinear in the central differences of the values, in LPS.
+            Gradients in LPS: central differences of the values, interpolated trilinearly.
         """
         axes, nodes = self._nodes(points)
         slopes = np.empty((len(points), 3))
-        self._ask(kernels.sample_slopes, nodes, wp.array(slopes, dtype=wp.vec3d, device="cpu", copy=False))
+        self._run(kernels.sample_slopes, nodes, wp.array(slopes, dtype=wp.vec3d, device="cpu", copy=False))
         return self.sample_values(points), slopes @ axes.T / self.spacing
 
     def sample_values(self, points: FloatArray) -> FloatArray:
         """Return the value [mm] at points (N, 3), as `sample` does, without the gradient; shape (N,)."""
         values = np.empty(len(points))
-        self._ask(kernels.sample_values, self._nodes(points)[1], wp.array(values, device="cpu", copy=False))
+        self._run(kernels.sample_values, self._nodes(points)[1], wp.array(values, device="cpu", copy=False))
         return values
 
     def curvedness(self, points: FloatArray) -> FloatArray:
@@ -92,14 +92,14 @@ class DistanceField:
         axes = self.index_to_world[:3, :3] / self.spacing
         return axes, (points - self.index_to_world[:3, 3]) @ axes / self.spacing
 
-    def _ask(self, kernel: wp.Kernel, nodes: FloatArray, result: wp.array) -> None:
+    def _run(self, kernel: wp.Kernel, nodes: FloatArray, result: wp.array) -> None:
         """Launch a kernel on the grid and points in grid indices, which writes its result."""
         grid = wp.array(self.values, device="cpu", copy=False)
         places = wp.array(np.ascontiguousarray(nodes), dtype=wp.vec3d, device="cpu", copy=False)
         wp.launch(kernel, len(nodes), [grid, places, result], device="cpu")
 
     def projected(self, points: FloatArray, steps: int = 3) -> FloatArray:
-        """Return the points put onto the zero level by Newton steps along the gradient, shape (N, 3) [mm]."""
+        """Return the points projected to the zero level by Newton steps along the gradient, (N, 3) [mm]."""
         for _ in range(steps):
             values, slopes = self.sample(points)
             squared = np.maximum((slopes**2).sum(axis=1), 0.25)

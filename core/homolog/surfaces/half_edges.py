@@ -14,29 +14,29 @@ _WEIGHTS = 10  # terms of a quadric
 
 
 class HalfEdges:
-    """A closed mesh with half-edges, which know the neighbouring face.
+    """A closed mesh as half-edges, each with its twin in the neighbouring face.
 
     Parameters
     ----------
     vertices : (V, 3) float64 array
         Positions [mm].
     faces : (F, 3) int array
-        Closed, manifold and oriented.
+        Faces of a closed, oriented manifold.
     longest : (V,) float64 array, optional
-        How long edges may be around each vertex [mm]. Edges then meet at their middle when they are merged,
-        without it where quadrics have their minimum.
+        Largest edge length around each vertex [mm]. Collapsed edges then become their midpoints; without it,
+        the minima of the quadrics.
 
     Attributes
     ----------
     vertices : (V, 3) float64 array
-        Positions [mm], of merged vertices too.
+        Positions [mm], including those of merged vertices.
     longest : (V,) float64 array
-        Infinite where none was given.
+        Largest edge length [mm]; infinite by default.
 
     Raises
     ------
     NumericalError
-        If an edge has not two faces of one orientation.
+        If an edge does not have two faces of equal orientation.
     """
 
     def __init__(self, vertices: FloatArray, faces: IntArray, longest: FloatArray | None = None) -> None:
@@ -44,32 +44,32 @@ class HalfEdges:
         self.vertices: FloatArray = np.array(vertices, np.float64)
         self.longest: FloatArray = np.full(n, np.inf) if longest is None else longest.copy()
         self._quadrics = _quadrics(vertices, faces) if longest is None else np.zeros((n, _WEIGHTS))
-        self._origins: IntArray = np.array(faces, np.int32).ravel()  # the vertex that each side leaves, or -1
-        self._twins = _twins(faces)  # the same edge in the face beyond
+        self._origins: IntArray = np.array(faces, np.int32).ravel()  # start vertex of each side, or -1
+        self._twins = _twins(faces)  # the same edge in the neighbouring face
 
     @property
     def faces(self) -> IntArray:
-        """Faces that are left, (F, 3)."""
+        """Remaining faces, (F, 3)."""
         faces = self._origins.reshape(-1, 3)
         return faces[faces[:, 0] >= 0]
 
     def costs(self) -> tuple[IntArray, FloatArray]:
-        """Return one side of each edge that is left, (E,), and what merging its ends costs, (E,)."""
+        """Return one side of each remaining edge, (E,), and the cost of its collapse, (E,)."""
         return self._run_kernel(kernels.cost_of_edges, _shared(self._quadrics))
 
     def lengths(self) -> tuple[IntArray, FloatArray]:
-        """Return one side of each edge that is left, (E,), and its length in parts of the longest, (E,)."""
+        """Return one side of each remaining edge, (E,), and its length relative to the largest one, (E,)."""
         return self._run_kernel(kernels.length_of_edges, _shared(self.longest))
 
     def turns(self) -> tuple[IntArray, FloatArray]:
-        """Return one side of each edge that is left, (E,), and by how much its opposite angles exceed 180°.
+        """Return one side of each remaining edge, (E,), and the excess of its opposite angles over 180°.
 
-        It is 0 [radians] where the two faces do not lie almost in one plane.
+        The excess is 0 [rad] if both faces are not nearly coplanar.
         """
         return self._run_kernel(kernels.excess_of_edges, _shared(self._twins))
 
     def split(self, sides: IntArray) -> int:
-        """Halve edges, in this order and at most one in each face, and return how many."""
+        """Split edges in this order, at most one per face, and return their number."""
         n_vertices, n_sides = len(self.vertices), len(self._origins)
         self.vertices = np.concatenate([self.vertices, np.empty((len(sides), 3))])
         self.longest = np.concatenate([self.longest, np.empty(len(sides))])
@@ -83,10 +83,10 @@ class HalfEdges:
         return done
 
     def merge(self, sides: IntArray, most: int | None = None) -> int:
-        """Merge the ends of edges, in this order, and return of how many.
+        """Collapse edges in this order, and return their number.
 
-        An edge stays as it is if an end was merged before, or if the topology or the faces around would
-        suffer.
+        An edge is not collapsed if an end was merged before, or if this would change the topology or degrade
+        adjacent faces.
         """
         marks = np.zeros(len(self.vertices), np.int32)
         given = [_shared(self.vertices, wp.vec3d), _shared(self._quadrics), _shared(self.longest)]
@@ -94,7 +94,7 @@ class HalfEdges:
         return self._changed(kernels.merge_edges, sides, len(self.vertices) if most is None else most, *given)
 
     def flip(self, sides: IntArray) -> int:
-        """Turn edges, in this order and at most one in each face, where no face turns over; say how many."""
+        """Flip edges in this order, at most one per face, if no face flips over; return their number."""
         return self._changed(kernels.flip_edges, sides, _shared(self.vertices, wp.vec3d))
 
     def around(self) -> FloatArray:
@@ -120,7 +120,7 @@ class HalfEdges:
         self._quadrics = self._quadrics[used]
 
     def _run_kernel(self, kernel: wp.Kernel, *given: wp.array) -> tuple[IntArray, FloatArray]:
-        """Return one side of each edge that is left, and what a kernel says of it."""
+        """Return one side of each remaining edge, and the result of a kernel for it."""
         said = np.empty(len(self._origins))
         inputs = [_shared(self._origins), _shared(self.vertices, wp.vec3d), *given, _shared(said)]
         wp.launch(kernel, len(said), inputs, device="cpu")
@@ -128,7 +128,7 @@ class HalfEdges:
         return sides, said[sides]
 
     def _changed(self, kernel: wp.Kernel, sides: IntArray, *given: wp.array | int) -> int:
-        """Return how many edges a kernel changed of some, which it takes one after another."""
+        """Return the number of edges that a sequential kernel changed."""
         done = np.zeros(1, np.int32)
         candidates = _shared(np.ascontiguousarray(sides, np.int32))
         changed = _shared(np.zeros(len(self._origins) // 3, dtype=bool))
@@ -138,7 +138,7 @@ class HalfEdges:
 
 
 def _shared(array: Array, dtype: object = None) -> wp.array:
-    """Return a Warp array on the memory of one that may be written to."""
+    """Return a Warp array that shares the memory of a writable array."""
     return wp.array(array, dtype=dtype or wp.dtype_from_numpy(array.dtype), device="cpu", copy=False)
 
 
@@ -159,7 +159,7 @@ def _twins(faces: IntArray) -> IntArray:
 
 
 def _stable_order(codes: IntArray) -> IntArray:
-    """Return what a stable ``argsort`` returns, several times as fast: numbers are sorted with vectors."""
+    """Return the result of a stable ``argsort``, but several times as fast by vectorized sorting."""
     bits = len(codes).bit_length()
     if len(codes) and int(codes.max()).bit_length() + bits > 63:
         return np.argsort(codes, kind="stable")

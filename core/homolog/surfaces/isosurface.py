@@ -1,4 +1,4 @@
-"""The zero level of a distance field as a mesh of even triangles."""
+"""The zero level of a distance field as a mesh of nearly equilateral triangles."""
 
 import numpy as np
 from scipy import sparse
@@ -20,27 +20,25 @@ __all__ = ["coarse_isosurface", "isosurface", "marching_cubes"]
 
 VERTICES = 6000
 MOST_VERTICES = 250_000
-MAX_CROSSED_EDGES = 2_000_000  # grid edges that the zero level crosses: more take minutes
+MAX_CROSSED_EDGES = 2_000_000  # largest number of grid edges crossed by the zero level: more take minutes
 _EQUILATERAL = 2.0 / np.sqrt(3.0)  # edge² times vertices, over the area
-_SLIVER = 0.05  # of the volume of the nodes inside
+_SLIVER = 0.05  # fraction of the volume of the nodes inside
 _NEAREST = 0.01
-"""Nodes: values closer to zero are moved away, as vertices on nodes make needles."""
+"""Values closer to zero are moved away [nodes], since vertices on nodes make needle-shaped triangles."""
 _TOLERATED = 0.5
-"""Edges: how far a mesh may be from the surface …"""
+"""Largest distance of a mesh from the surface [edges] …"""
 _THIN = 0.3
-"""… and how much of the local thickness."""
-_CHORD = 0.7  # of the longest edge whose chord stays within the tolerance on a circle of that curvature
+"""… and relative to the local thickness."""
+_CHORD = 0.7  # fraction of the chord within the tolerance of a circle
 _REFINEMENTS = 2
-_FINER = 0.5  # of the edges where a mesh is too far from the surface, in each refinement
-_START = 1.5  # times the expected number of vertices, with which remeshing starts
-_GRADING = 0.25  # mm of edge length per mm of distance: neighbouring triangles differ little
-_MOST_TIMES = 2.0  # the wanted number of vertices
-_TOO_FINE = (
-    4.0  # times the wanted number of vertices, of the source, which is used where no other mesh will do
-)
-_LEAST = 12  # vertices of a mesh: an icosahedron
-_VOLUME = 0.2  # of the source's volume: triangles too large for thin parts lose so much of it
-_REFERENCES = 20_000  # points of the surface at which a mesh is compared with it, or more if it is finer
+_FINER = 0.5  # factor of the edges in each refinement where a mesh is too far from the surface
+_START = 1.5  # initial number of vertices of the remeshing, relative to the expected one
+_GRADING = 0.25  # largest gradient of the edge length [mm/mm]
+_MOST_TIMES = 2.0  # largest number of vertices relative to the target
+_TOO_FINE = 4.0  # the same for the source, which is used if no other mesh is good enough
+_LEAST = 12  # least number of vertices of a mesh: an icosahedron
+_VOLUME = 0.2  # fraction of the source's volume that is lost if triangles are too large for thin parts
+_REFERENCES = 20_000  # least number of points at which a mesh is compared with the surface
 
 
 def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool = False) -> TriangleMesh:
@@ -51,28 +49,26 @@ def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool =
     Parameters
     ----------
     field : DistanceField
-        Its border is outside.
+        The distance field; its border is outside.
     edge : float or None
         Target edge length [mm]; about 6000 vertices if None.
     adaptive : bool
-        Smaller triangles where the surface is strongly curved, larger ones elsewhere.
+        Whether triangles are smaller where the surface is strongly curved, and larger elsewhere.
 
     Returns
     -------
     TriangleMesh
-        Closed, manifold, one component, outward.
+        Closed, outward oriented manifold of one component.
 
     Raises
     ------
     InputError
-        If the edges are too short for this surface, or hardly anything is inside: threads of voxels.
+        If the edges are too short for this surface, or the inside consists of thin threads of voxels.
     NumericalError
         If the field has no zero level.
     """
     if field.values.min() >= 0.0:
-        raise NumericalError(
-            "nothing is left of the shape after smoothing; use a finer grid or less smoothing"
-        )
+        raise NumericalError("the shape vanishes in smoothing; use a finer grid or less smoothing")
     nodes, faces = marching_cubes(field.values)
     if len(nodes) > MAX_CROSSED_EDGES:
         least = field.spacing * float(np.sqrt(len(nodes) / MAX_CROSSED_EDGES))
@@ -97,16 +93,17 @@ def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool =
 def coarse_isosurface(field: DistanceField, mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
     """Return a coarse mesh of the zero level, made from a finer one.
 
-    It has the finer one's topology, and is that mesh itself where fewer triangles can't carry the shape.
+    It has the topology of the finer mesh, and is that mesh itself if fewer triangles can't represent the
+    shape.
 
     Parameters
     ----------
     field : DistanceField
-        Whose zero level is meshed.
+        Distance field whose zero level is meshed.
     mesh : TriangleMesh
-        A finer mesh of it.
+        A finer mesh of the zero level.
     n_vertices : int
-        Number of vertices; some more are possible.
+        Approximate number of vertices.
 
     Returns
     -------
@@ -118,7 +115,7 @@ def coarse_isosurface(field: DistanceField, mesh: TriangleMesh, n_vertices: int)
 def _meshed(
     field: DistanceField, source: TriangleMesh, count: int, edge: float, adaptive: bool = False
 ) -> TriangleMesh:
-    """Return a sound mesh of the zero level with the source's topology, finer where thin and curved."""
+    """Return a sound mesh of the zero level with the source's topology, finer in thin and curved parts."""
     lighter = simplified(source, max(_REFERENCES, round(_START * _MOST_TIMES * count)))
     references = lighter.vertices
     tree, edges = KDTree(references), _weighted(lighter)
@@ -153,7 +150,7 @@ def _meshed(
 
 
 def _uneven(source: TriangleMesh, count: int, field: DistanceField, volume: float) -> TriangleMesh:
-    """Return the source with as few vertices as carry its shape, moved to the zero level; else the source."""
+    """Return a simplified source, projected to the zero level, or the source if that fails."""
     counts = [max(count, _LEAST)]
     while _TOO_FINE * counts[-1] < len(source.vertices):
         counts.append(2 * counts[-1])
@@ -172,12 +169,12 @@ def _is_close(mesh: TriangleMesh, field: DistanceField, volume: float) -> bool:
 
 
 def _at(tree: KDTree, sizes: FloatArray) -> Sizes:
-    """Return the function that looks up sizes at the nearest of the tree's points."""
+    """Return a function that returns the sizes at the nearest points of a tree."""
     return lambda points: np.asarray(sizes[tree.query(points)[1]])
 
 
 def _thickness(field: DistanceField, points: FloatArray, most: float) -> FloatArray:
-    """Return the thickness of the solid, or of a gap of it, at points of its surface [mm].
+    """Return the thickness of the solid, or of a gap in it, at points of its surface [mm].
 
     The distance grows along the normal up to the middle between two walls.
     """
@@ -198,7 +195,7 @@ def _thickness(field: DistanceField, points: FloatArray, most: float) -> FloatAr
 def _far(
     mesh: TriangleMesh, field: DistanceField, references: FloatArray, tree: KDTree, tolerance: FloatArray
 ) -> BoolArray:
-    """Return the points of the surface from which a mesh deviates."""
+    """Return which reference points of the surface are too far from a mesh."""
     far: BoolArray = distances_to(mesh, references) > tolerance
     corners = mesh.vertices[mesh.faces]
     for between in (corners.mean(axis=1), 0.5 * (corners[:, 0] + corners[:, 1])):
@@ -231,7 +228,7 @@ def _graded(sizes: FloatArray, needed: FloatArray, edges: sparse.coo_array) -> F
 
 
 def _edge_for(area: float, n_vertices: int) -> float:
-    """Edge length of that many equilateral triangles' vertices on a closed surface."""
+    """Return the edge length of equilateral triangles with this number of vertices on a closed surface."""
     return float(np.sqrt(_EQUILATERAL * area / n_vertices))
 
 
@@ -241,7 +238,7 @@ def marching_cubes(values: Array) -> tuple[FloatArray, IntArray]:
     Parameters
     ----------
     values : (I, J, K) array
-        Negative inside, positive at the border.
+        Values, negative inside, positive at the border.
 
     Returns
     -------

@@ -13,7 +13,7 @@ from homolog.memory import Store
 __all__ = ["TriangleMesh"]
 
 
-@dataclass(frozen=True, eq=False)  # without slots, for the properties that are kept
+@dataclass(frozen=True, eq=False)  # without slots, for cached properties
 class TriangleMesh:
     """A triangle surface in LPS millimetres, faces counter-clockwise seen from outside.
 
@@ -27,7 +27,7 @@ class TriangleMesh:
     Raises
     ------
     InputError
-        If an array has another shape or values that are no numbers, or faces that are no whole numbers.
+        If an array has another shape, vertices are not numbers, or faces are not whole numbers.
 
     Examples
     --------
@@ -62,7 +62,7 @@ class TriangleMesh:
             )
 
     def __repr__(self) -> str:
-        """Return a line for people."""
+        """Return a one-line summary."""
         return f"TriangleMesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -89,12 +89,12 @@ class TriangleMesh:
 
     @property
     def vertex_areas(self) -> FloatArray:
-        """Area nearest to each vertex, a third of its faces' [mm²], shape (V,)."""
+        """Area of each vertex, a third of that of its faces [mm²], shape (V,)."""
         thirds = np.repeat(self.face_areas / 3.0, 3)
         return np.bincount(self.faces.ravel(), thirds, len(self.vertices)).astype(np.float64)
 
     def _columns(self) -> list[FloatArray]:
-        """Return the coordinates as contiguous arrays, on which all faces take half the time."""
+        """Return the coordinates as contiguous arrays, which halves the time of computations over faces."""
         return [np.ascontiguousarray(column) for column in self.vertices.T]
 
     @cached_property
@@ -110,7 +110,7 @@ class TriangleMesh:
 
     @cached_property
     def mean_edge(self) -> float:
-        """Mean edge length [mm], over face sides."""
+        """Mean edge length [mm] over the sides of faces."""
         squares = np.zeros(self.faces.shape)
         for column in self._columns():
             corners = column[self.faces]
@@ -119,7 +119,7 @@ class TriangleMesh:
 
     @property
     def vertex_normals(self) -> FloatArray:
-        """Unit normals at the vertices, outward, weighted by face area, shape (V, 3); 0 without any area."""
+        """Outward unit normals at the vertices, weighted by face area, shape (V, 3); 0 without any area."""
         a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
         across = np.cross(b - a, c - a)
         corners, n = self.faces.T.ravel(), len(self.vertices)

@@ -15,15 +15,15 @@ from homolog.surfaces.topology import without_cavities
 __all__ = ["REACH", "escaping", "mesh_level", "mesh_sides", "winding_around"]
 
 REACH = 2.5
-"""Nodes: how far from the mesh its distance is computed."""
+"""Range of exact distances from the mesh [nodes]."""
 _BLOCK = 4
-"""Nodes along the sides of the blocks that are tested or skipped as a whole."""
+"""Edge length of the blocks that are tested or skipped as a whole [nodes]."""
 _BETWEEN = 1.001
-"""Nodes: neighbours whose distances sum to more have no face between them."""
+"""Sum of the distances of two neighbours above which no face lies between them [nodes]."""
 _COARSE = 3
-"""Nodes between those whose side is determined first, far from the mesh."""
+"""Spacing of the nodes whose side is determined first, far from the mesh [nodes]."""
 _UNITS = 1000.0
-"""Length of a mesh's diagonal in the numbers that kernels see; single precision does for it."""
+"""Length of a mesh's diagonal in the kernels' coordinates, suitable for single precision."""
 
 
 def mesh_level(
@@ -42,22 +42,23 @@ def mesh_level(
     mesh : TriangleMesh
         Faces counter-clockwise seen from outside; parts may overlap.
     start : (3,) array
-        Place of the first node [mm, LPS].
+        Position of the first node [mm, LPS].
     spacing : float
         Distance between nodes [mm].
     shape : tuple of int
         Number of nodes along each axis; the border is outside.
     bounds : (F,) bool array, optional
-        The faces whose distance is wanted; all wind around the nodes. All if not given.
+        Faces to which distances are computed, by default all. All faces contribute to winding numbers.
     is_closed : bool
-        Whether the sides of nodes change at those faces only. Otherwise every node near them is asked.
+        Whether the side of nodes changes only at those faces. Otherwise the side of every node near them is
+        computed.
 
     Returns
     -------
     (I, J, K) float32 array
-        Exact distance, negative inside, up to `REACH`; that value beyond [nodes].
+        Distance [nodes], negative inside, exact up to `REACH` and clipped there.
     """
-    # Single precision: count from the grid's first node, in nodes.
+    # For single precision, coordinates are nodes from the first one.
     with wp.ScopedDevice(choose_device("cpu")):
         surface = _surface(mesh, start, spacing)
         is_part = bounds is not None and not bounds.all()
@@ -76,7 +77,7 @@ def mesh_level(
 
 
 def _distances(surface: wp.Mesh, shape: tuple[int, ...]) -> Float32Array:
-    """Return the distance from nodes to a mesh, at most `REACH`, which only blocks of nodes near it ask."""
+    """Return the distances of nodes from a mesh, at most `REACH`; only blocks near it are computed."""
     result = np.full(shape, REACH, np.float32)
     blocks = np.argwhere(np.ones([-(-count // _BLOCK) for count in shape], dtype=bool))
     middles = wp.array((_BLOCK * blocks + 0.5 * (_BLOCK - 1)).astype(np.float32), dtype=wp.vec3)
@@ -95,8 +96,9 @@ def _distances(surface: wp.Mesh, shape: tuple[int, ...]) -> Float32Array:
 def _sides(surface: wp.Mesh, distances: Float32Array) -> BoolArray:
     """Return which nodes are inside a closed mesh, from their distances to it.
 
-    Two neighbours whose distances sum to more than one node are on the same side, as no face lies between. So
-    one test decides for each patch of nodes at least a node away; most other nodes have such a neighbour.
+    Two neighbours whose distances sum to more than one node are on the same side, as no face lies between
+    them. One test thus suffices for each patch of nodes at least a node away; most other nodes have such a
+    neighbour.
     """
     patches, count = ndimage.label(distances >= 1.0)
     owners = patches.ravel()
@@ -126,22 +128,22 @@ def _sides(surface: wp.Mesh, distances: Float32Array) -> BoolArray:
 
 
 def mesh_sides(mesh: TriangleMesh, start: FloatArray, spacing: float, near: Float32Array) -> BoolArray:
-    """Return which nodes of a grid an open mesh winds around at least half.
+    """Return the nodes of a grid at which the winding number of an open mesh is at least 1/2.
 
     Parameters
     ----------
     mesh : TriangleMesh
         Faces counter-clockwise seen from outside.
     start, spacing :
-        As for `mesh_level`.
+        See `mesh_level`.
     near : (I, J, K) float32 array
-        What `mesh_level` gives: signs next to the mesh are taken from it.
+        Result of `mesh_level`, whose signs are used next to the mesh.
 
     Returns
     -------
     (I, J, K) bool array
-        True inside. Away from the mesh the side is asked of every third node along each axis, and of those
-        between only where these differ.
+        True inside. Away from the mesh the side is computed at every third node along each axis, and at the
+        nodes between only where these differ.
     """
     inside: BoolArray = near < 0.0
     far = np.abs(near) >= REACH
@@ -162,7 +164,7 @@ def mesh_sides(mesh: TriangleMesh, start: FloatArray, spacing: float, near: Floa
 
 
 def winding_around(mesh: TriangleMesh) -> Callable[[FloatArray], BoolArray]:
-    """Return the function that says whether a mesh winds at least half around points (N, 3), shape (N,)."""
+    """Return a function: whether a mesh's winding number at points (N, 3) is at least 1/2, shape (N,)."""
     low, scale = _unit(mesh)
     with wp.ScopedDevice(choose_device("cpu")):
         surface = _surface(mesh, low, scale)
@@ -175,26 +177,26 @@ def winding_around(mesh: TriangleMesh) -> Callable[[FloatArray], BoolArray]:
 
 
 def _unit(mesh: TriangleMesh) -> tuple[FloatArray, float]:
-    """Return a place [mm] and a unit of length [mm] from which single precision does for a mesh."""
+    """Return an origin [mm] and a unit of length [mm] suitable for a mesh in single precision."""
     return mesh.vertices.min(axis=0), float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))) / _UNITS
 
 
 def escaping(mesh: TriangleMesh, faces: IntArray, n_directions: int) -> tuple[IntArray, IntArray]:
-    """Return how many rays leave the mesh from before and from behind some of its faces.
+    """Return the numbers of rays that leave the mesh from the front and from the back of some faces.
 
     Parameters
     ----------
     mesh : TriangleMesh
         Any triangles.
     faces : (N,) int array
-        Indices of the faces that the rays start from.
+        Indices of the faces at which rays start.
     n_directions : int
-        Rays per face, spread evenly over the sphere.
+        Number of rays per face, spread evenly over the sphere.
 
     Returns
     -------
     (N,), (N,) int32 arrays
-        Rays on the side of the normal, and on the other, that meet no face.
+        Numbers of rays that meet no face, on the side of the normal and on the other side.
     """
     low, scale = _unit(mesh)
     corners = mesh.vertices[mesh.faces[faces]]
@@ -216,7 +218,7 @@ def escaping(mesh: TriangleMesh, faces: IntArray, n_directions: int) -> tuple[In
 
 
 def _surface(mesh: TriangleMesh, start: FloatArray, spacing: float) -> wp.Mesh:
-    """Return a mesh for queries, counted from a place in a unit of length."""
+    """Return a mesh for queries, in coordinates with this origin and unit of length."""
     points = ((mesh.vertices - start) / spacing).astype(np.float32)
     return wp.Mesh(
         points=wp.array(points, dtype=wp.vec3),
@@ -226,7 +228,7 @@ def _surface(mesh: TriangleMesh, start: FloatArray, spacing: float) -> wp.Mesh:
 
 
 def _are_inside(surface: wp.Mesh, nodes: Array) -> BoolArray:
-    """Return on which side of a mesh nodes (N, 3) are."""
+    """Return whether nodes (N, 3) are inside a mesh."""
     points = wp.array(nodes.astype(np.float32), dtype=wp.vec3)
     inside = wp.zeros(len(nodes), dtype=wp.bool)
     wp.launch(kernels.find_sides, len(nodes), [surface.id, points, inside])

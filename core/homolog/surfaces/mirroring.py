@@ -9,7 +9,7 @@ from homolog.arrays import BoolArray, FloatArray, frozen
 __all__ = ["MIRROR", "mirrors"]
 
 MIRROR: Final[FloatArray] = frozen(np.diag([-1.0, 1.0, 1.0, 1.0]))
-"""Exchanges left and right (the first axis of LPS); its own inverse, and exact in floating point."""
+"""Exchanges left and right (the first axis of LPS); it is its own inverse, and exact in floating point."""
 
 
 def mirrors(matrices: FloatArray) -> BoolArray:

@@ -11,25 +11,25 @@ __all__ = ["areas_of_particles", "nearest_particles"]
 _LOOKED_AT = 12
 """Number of nearest particles that are tested."""
 _OPPOSITE = -0.5
-"""Cosine between the normals of two points below which they are on opposite sides of a wall."""
+"""Least cosine between the normals of two points on the same side of a wall."""
 
 
 def nearest_particles(mesh: TriangleMesh, particles: FloatArray) -> IntArray:
-    """Return the nearest particle of each vertex, (V,), of those on its own side of a wall.
+    """Return the nearest particle of each vertex, (V,), on the vertex's side of a wall.
 
     Parameters
     ----------
     mesh : TriangleMesh
         The surface.
     particles : (N, 3) array
-        Points on it [mm].
+        Points on the surface [mm].
     """
     tried = min(_LOOKED_AT, len(particles))
     near = np.asarray(KDTree(particles).query(mesh.vertices, k=tried)[1], np.int64).reshape(-1, tried)
     normals = mesh.vertex_normals
     of_particles = normals[KDTree(mesh.vertices).query(particles)[1]]
     own_side = np.einsum("vi,vki->vk", normals, of_particles[near]) > _OPPOSITE
-    chosen: IntArray = near[np.arange(len(near)), own_side.argmax(axis=1)]  # the nearest where none is
+    chosen: IntArray = near[np.arange(len(near)), own_side.argmax(axis=1)]  # the nearest one if none is
     return chosen
 
 

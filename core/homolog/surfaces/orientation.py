@@ -1,4 +1,4 @@
-"""How firmly a surface determines its orientation, beside what is known of it in advance."""
+"""How strongly a surface determines its orientation, compared with prior knowledge."""
 
 import numpy as np
 
@@ -7,40 +7,40 @@ from homolog.arrays import FloatArray
 __all__ = ["prior_weights", "softness"]
 
 _INDEPENDENT = 20.0
-"""Deviations of a surface that vary independently: as many places tell its orientation."""
+"""Effective number of independent deviations of a surface that determine its orientation."""
 _SPREAD = np.radians(5.0)
-"""Standard deviation of orientations in files that agree, about each axis."""
+"""Standard deviation of the orientations of consistent files, about each axis."""
 _EPSILON = 1e-9
 
 
 def prior_weights(squares: FloatArray) -> FloatArray:
-    """Return the weights of a squared turn [rad²] from the files' orientation beside mean squared distances.
+    """Return prior weights of squared rotations [rad²] from the files' orientation, by squared distances.
 
-    This is the most probable pose for orientations in the files with a standard deviation of 5° about each
-    axis, and 20 independent distances.
+    They give the most probable pose if the orientations in the files have a standard deviation of 5° about
+    each axis, and 20 distances are independent.
 
     Parameters
     ----------
     squares : array
-        Mean squared distances along the normals between shapes that are aligned.
+        Mean squared distances along the normals between aligned shapes.
     """
     weights: FloatArray = squares / (_INDEPENDENT * _SPREAD**2)
     return weights
 
 
 def softness(points: FloatArray, normals: FloatArray, along: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return how little surfaces tell of their orientations, from 0 to 1: the part of the prior knowledge.
+    """Return how little surfaces determine their orientations: the share of the prior knowledge, in [0, 1].
 
-    This is about the axis about which a surface turns most freely, where it may also move and grow.
+    It refers to the axis of the least determined rotation, if translation and scale are free, too.
 
     Parameters
     ----------
     points, normals : (B, n, 3) arrays
-        Of each surface.
+        Points and normals of each surface.
     along : (B, n) array
         Distances to the corresponding points of another surface, along the normals.
     weights : (B, n) array
-        Of the points.
+        Weights of the points.
 
     Returns
     -------

@@ -12,7 +12,7 @@ __all__ = ["redistanced"]
 
 _TOLERANCE = 1e-3  # voxels
 _ROUNDS = 4
-_EVERY = 3  # nodes between those where rough distances are computed
+_EVERY = 3  # spacing of the nodes of approximate distances [nodes]
 
 
 def redistanced(
@@ -28,14 +28,14 @@ def redistanced(
     Parameters
     ----------
     level : (I, J, K) array
-        Negative inside, of any scale; crosses zero somewhere.
+        Level function of any scale, negative inside, with a zero level.
     reach : int, optional
-        Range of exact distances from the zero level [voxels]; beyond it, they are approximate, to a voxel or
-        so. Everywhere if not given.
+        Range of exact distances from the zero level [voxels], by default unlimited. Beyond it, distances are
+        accurate to about a voxel.
     device : str
         ``"cpu"`` or a CUDA device.
     second_order : bool
-        Use second differences where two upwind nodes are known.
+        Whether to use second differences where two upwind nodes are known.
 
     Returns
     -------
@@ -59,7 +59,7 @@ def _filled(signed: Float32Array, reach: float) -> Float32Array:
     """Fill in distances far from the zero level by interpolation from a coarse grid."""
     far = np.abs(signed) == kernels.FAR
     rough: Array = ndimage.distance_transform_edt(far[::_EVERY, ::_EVERY, ::_EVERY])
-    rough = _EVERY * np.maximum(rough - 0.5, 0.0)  # the border of the near nodes lies between two nodes
+    rough = _EVERY * np.maximum(rough - 0.5, 0.0)  # the border of the near nodes is between two nodes
     for axis, size in enumerate(signed.shape):
         places = np.arange(size) / _EVERY
         low = np.minimum(places.astype(int), rough.shape[axis] - 1)
@@ -89,7 +89,7 @@ def _propagate(signed: wp.array, state: wp.array, reach: float, second_order: bo
         lists[0][: len(start)].assign(start)
     turns = wp.zeros_like(state)
     count, total = len(start), wp.zeros(1, dtype=wp.int32)
-    for _ in range(_ROUNDS * sum(signed.shape)):  # a front crosses the grid in as many; mostly in far fewer
+    for _ in range(_ROUNDS * sum(signed.shape)):  # enough for a front to cross the grid; usually far fewer
         if not count:
             break
         total.zero_()

@@ -1,4 +1,4 @@
-"""Even triangles: repeatedly split, collapse and flip edges, and slide vertices along the surface.
+"""Isotropic remeshing: repeatedly split, collapse and flip edges, and relax vertices along the surface.
 
 After Botsch and Kobbelt, A Remeshing Approach to Multiresolution Modeling (SGP 2004). Topology does not
 change.
@@ -18,10 +18,10 @@ __all__ = ["Sizes", "curvature_sizes", "remeshed"]
 Sizes = Callable[[FloatArray], FloatArray]
 """Target edge length [mm] at points (N, 3), shape (N,)."""
 
-_LONG, _SHORT = 4.0 / 3.0, 3.0 / 4.0  # of the target edge length
+_LONG, _SHORT = 4.0 / 3.0, 3.0 / 4.0  # relative to the target edge length
 _SWEEPS = 5
-_SPLITS, _COLLAPSES, _FLIPS = 20, 8, 3  # rounds of a sweep, at most
-_FEW = 0.003  # of the vertices: a round that would change less is left out
+_SPLITS, _COLLAPSES, _FLIPS = 20, 8, 3  # largest number of rounds per sweep
+_FEW = 0.003  # fraction of the vertices; a round that would change fewer is omitted
 _SLIDE = 0.6
 
 
@@ -33,7 +33,7 @@ def remeshed(mesh: TriangleMesh, field: DistanceField, sizes: float | Sizes) -> 
     mesh : TriangleMesh
         A closed manifold near the zero level.
     field : DistanceField
-        Whose zero level the vertices are put on.
+        Distance field to whose zero level the vertices are projected.
     sizes : float or callable
         Target edge length [mm], constant or by position.
 
@@ -58,7 +58,7 @@ def remeshed(mesh: TriangleMesh, field: DistanceField, sizes: float | Sizes) -> 
 
 
 def _split(edges: HalfEdges) -> None:
-    """Split long edges until few are left."""
+    """Split long edges until few remain."""
     for _ in range(_SPLITS):
         sides, lengths = edges.lengths()
         if edges.split(_sorted(sides, -lengths, lengths > 1.0)) <= _FEW * len(edges.vertices):
@@ -84,12 +84,12 @@ def _flip(edges: HalfEdges) -> None:
 
 
 def _sorted(sides: IntArray, order: FloatArray, chosen: BoolArray) -> IntArray:
-    """Return the chosen of some sides, the one of the least order first."""
+    """Return the chosen sides in ascending order of `order`."""
     return sides[chosen][np.argsort(order[chosen], kind="stable")]
 
 
 def _slide(edges: HalfEdges, field: DistanceField) -> None:
-    """Move each vertex towards the middle of its neighbours, and back onto the zero level."""
+    """Move each vertex towards the mean of its neighbours, and project it to the zero level."""
     step = edges.around() - edges.vertices
     normals = field.sample(edges.vertices)[1]
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)

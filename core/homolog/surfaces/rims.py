@@ -13,23 +13,23 @@ from homolog.arrays import BoolArray, FloatArray, IntArray
 __all__ = ["capped", "sides_of"]
 
 _FLAT = 0.05
-"""Of a rim's width: how far it may be from its plane if it is to be closed flat."""
+"""Largest distance of a flat rim from its plane, relative to its width."""
 _JAGGED = 0.1
-"""The same where faces were deleted on one side of a plane: the rim is within a side's length of it."""
+"""The same if faces were deleted on one side of a plane: such a rim is within a side's length of it."""
 _PARALLEL = 0.98
-"""Cosine: rims of which one lies within the other are in one plane if their normals are so near."""
+"""Least cosine between the normals of nested rims in one plane."""
 _CRACK = 1e-4
-"""Of the squared length: a rim around less area is a crack between faces that meet, not an opening."""
+"""Least area of an opening relative to the squared length of its rim; a smaller one is a crack."""
 _GAP = 1e-3
-"""Of its length: how far an open side may be from another one that it lies on."""
+"""Largest distance of an open side from a coinciding one, relative to its length."""
 _NEIGHBOURS = 12
 _FEW = 4
-"""Faces for each side of its rim: patches of fewer may be as flat as the rim."""
+"""Number of faces per side of the rim; patches with fewer may be as flat as the rim."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rim:
-    """A flat opening: sides (n, 2), their patch, middle, normal, width; whether a fan of faces closes it."""
+    """A flat opening: sides (n, 2), their patch, centre, normal, width; whether a fan of faces closes it."""
 
     sides: IntArray
     patch: int
@@ -42,21 +42,20 @@ class _Rim:
 def capped(
     vertices: FloatArray, faces: IntArray, patches: IntArray
 ) -> tuple[FloatArray, IntArray, IntArray, FloatArray, IntArray, list[tuple[int, int, bool]]]:
-    """Close the openings with a flat rim; a ring where one lies within another, as of a shell that was cut.
+    """Close the openings with a flat rim; nested rims, as of a cut shell, by a ring.
 
     Returns
     -------
     (V', 3) float64 array
-        The vertices, and one in the middle of each cap.
+        The vertices, and one at the centre of each cap.
     (C, 3), (C,) int arrays
         Faces of the caps, and the patch of each.
     (R,) float64 array
         Widths of the rims that were closed.
     (B, 3) int array
-        The sides that are still open, and the patch of each; cracks are not among them.
+        The sides that remain open, and the patch of each, without cracks.
     list of (int, int, bool)
-        Patches that a ring joins, and whether the second, which is no more than part of the first, is to be
-        turned about.
+        Patches joined by a ring, and whether the second must be reversed; it then is a part of the first.
     """
     rims, left = _rims(vertices, faces, patches)
     middles: list[FloatArray] = []
@@ -125,7 +124,7 @@ def _rims(vertices: FloatArray, faces: IntArray, patches: IntArray) -> tuple[lis
         most = max(_FLAT * width, min(_JAGGED * width, float(np.median(lengths))))
         is_flat = is_simple[chosen].all() and one_patch and (off <= most or len(rim) <= 4)
         own = members[first[patch[chosen[0]]] : first[patch[chosen[0]] + 1]]
-        if is_flat and len(own) <= _FEW * len(rim):  # and the patch is more than the rim's own plane
+        if is_flat and len(own) <= _FEW * len(rim):  # and the patch is not in the rim's plane
             is_flat = np.abs((vertices[faces[own]] - middle) @ normal).max() > _FLAT * width
         if is_flat:
             is_fan = bool((across @ normal > 0.0).all())
@@ -136,7 +135,7 @@ def _rims(vertices: FloatArray, faces: IntArray, patches: IntArray) -> tuple[lis
 
 
 def _outer_rims(vertices: FloatArray, rims: Sequence[_Rim]) -> IntArray:
-    """Return for each rim the number of the one in its plane within which it is a hole; -1 for all others."""
+    """Return for each rim the index of the rim in its plane in which it is a hole, or -1."""
     if not rims:
         return np.empty(0, np.int64)
     middles, normals = (np.array([getattr(rim, name) for rim in rims]) for name in ("middle", "normal"))
@@ -152,7 +151,7 @@ def _outer_rims(vertices: FloatArray, rims: Sequence[_Rim]) -> IntArray:
 
 
 def _covered(vertices: FloatArray, sides: IntArray) -> BoolArray:
-    """Return which open sides lie on other ones: where a vertex ends in the middle of a neighbour's side."""
+    """Return which open sides coincide with others, as at T-junctions."""
     if not len(sides):
         return np.zeros(0, dtype=bool)
     a, b = vertices[sides[:, 0]], vertices[sides[:, 1]]
@@ -171,7 +170,7 @@ def _covered(vertices: FloatArray, sides: IntArray) -> BoolArray:
 
 
 def _plane(normal: FloatArray) -> FloatArray:
-    """Return two directions (3, 2) across a normal."""
+    """Return two directions (3, 2) orthogonal to a normal."""
     first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     return np.stack([first, np.cross(normal, first)], axis=1)
 
@@ -187,7 +186,7 @@ def _within(points: FloatArray, ends: FloatArray) -> BoolArray:
 
 
 def _filled(vertices: FloatArray, rim: IntArray, normal: FloatArray) -> IntArray:
-    """Triangulate a flat opening that is no fan, or a ring: Delaunay triangles within the rim."""
+    """Triangulate a flat opening that a fan can't close, or a ring: Delaunay triangles within the rim."""
     plane = _plane(normal)
     names = rim[:, 0]
     flat = vertices[names] @ plane

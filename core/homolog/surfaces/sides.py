@@ -16,29 +16,29 @@ from homolog.surfaces.topology import FLATTEST, check_mesh, may_have_twins
 __all__ = ["MeshSides", "batches"]
 
 MESHES_PER_CORE = 4
-"""Meshes whose sides are paired at once, for each core: enough to share the work evenly."""
+"""Number of meshes per core whose sides are paired at once: enough to distribute the work evenly."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshSides:
-    """The sides of some meshes, which lie one after another; side 3f + k starts at corner k of face f.
+    """The sides of some meshes, numbered consecutively; side 3f + k starts at corner k of face f.
 
     Attributes
     ----------
     meshes : sequence of TriangleMesh
-        S of them.
+        S meshes.
     first_vertex, first_face : (S + 1,) int32 arrays
-        Of each mesh, and the number of all.
+        First vertex and face of each mesh, and the total numbers.
     tail : (3F,) int32 array
-        Vertex at which each side starts, counted through all meshes.
+        Vertex at which each side starts, numbered over all meshes.
     twin : (3F,) int32 array
         The same edge as a side of the neighbouring face.
     start : (N,) int32 array
-        First of each vertex in `leaving`.
+        First entry of each vertex in `leaving`.
     leaving : (3F,) int32 array
         Sides sorted by tail.
     is_closed : (S,) bool array
-        Whether the twins of a mesh are valid: each side runs once against one other.
+        Whether the twins of a mesh are valid: each side has exactly one opposite side.
     """
 
     meshes: Sequence[TriangleMesh]
@@ -66,7 +66,7 @@ class MeshSides:
         return made
 
     def for_kernels(self) -> Any:  # noqa: ANN401 - a wp.struct has no type
-        """Return the `Sides` of kernels on the CPU, on the same memory."""
+        """Return the kernels' struct `Sides` on the CPU, which shares the memory."""
         sides = kernels.Sides()
         for name in ("first_vertex", "first_face", "tail", "twin", "start", "leaving"):
             setattr(sides, name, shared(getattr(self, name)))
@@ -75,7 +75,7 @@ class MeshSides:
     def check(self, names: Sequence[str]) -> None:
         """Raise InputError unless all meshes pass `check_mesh`.
 
-        Meshes that the compiled checks doubt are looked at by `check_mesh`, which says what is wrong.
+        Meshes that fail the compiled checks are passed to `check_mesh`, which reports the fault.
         """
         n = int(self.first_vertex[-1])
         seen, queue, is_sound = np.zeros(n, np.int32), np.empty(n, np.int32), self.is_closed.copy()
@@ -87,14 +87,14 @@ class MeshSides:
                 check_mesh(mesh, name)
 
     def areas(self) -> FloatArray:
-        """Return the area of each mesh, (S,) [mm²], but for the order of the sum that of `TriangleMesh`."""
+        """Return the area of each mesh, (S,) [mm²]; only the order of the sum differs from `TriangleMesh`."""
         result = np.zeros(len(self.meshes))
         inputs = [self.for_kernels(), self.positions(), shared(result)]
         launch_on_cores(kernels.measure_areas, len(self.meshes), inputs)
         return result
 
     def reach(self) -> FloatArray:
-        """Return how far along edges the farthest vertex is from the first one of each mesh, (S,) [mm]."""
+        """Return the largest distance along edges from the first vertex of each mesh, (S,) [mm]."""
         n = int(self.first_vertex[-1])
         result = np.zeros(len(self.meshes))
         scratch = [shared(item) for item in (*np.empty((2, n), np.int32), np.empty(n), result)]
@@ -109,7 +109,7 @@ class MeshSides:
 
 
 def batches(count: int) -> Iterator[slice]:
-    """Yield slices of `count` meshes, as many at once as keep all cores busy and need little memory."""
+    """Yield slices of `count` meshes, large enough for all cores and small in memory."""
     size = MESHES_PER_CORE * cores()
     for begin in range(0, count, size):
         yield slice(begin, begin + size)

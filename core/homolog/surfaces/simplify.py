@@ -10,27 +10,27 @@ from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["levels_of_detail", "simplified"]
 
-_SHARE = 1.0 / 3.0  # of the edges, the cheapest, that are merged in one round
-_ROUNDS = 60  # at most: where topology leaves little to merge, rounds merge hardly any
+_SHARE = 1.0 / 3.0  # fraction of the edges, the cheapest, that are collapsed in one round
+_ROUNDS = 60  # at most: if the topology permits few collapses, rounds make little progress
 
 
 def simplified(mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
     """Return a mesh of the same surface and topology with fewer vertices, by quadric edge collapse.
 
     After Garland and Heckbert, Surface Simplification Using Quadric Error Metrics (SIGGRAPH 1997). Edges are
-    merged only where that keeps the topology and turns no face over.
+    collapsed only if this preserves the topology and flips no face over.
 
     Parameters
     ----------
     mesh : TriangleMesh
-        A closed manifold; any other is returned as it is.
+        A closed manifold; other meshes are returned unchanged.
     n_vertices : int
-        Wanted number of vertices; a mesh that has no more is returned as it is.
+        Target number of vertices; a mesh with no more is returned unchanged.
 
     Returns
     -------
     TriangleMesh
-        As few vertices as wanted, or as the topology allows.
+        Mesh with the target number of vertices, or as few as the topology permits.
     """
     if len(mesh.vertices) <= n_vertices:
         return mesh
@@ -38,20 +38,20 @@ def simplified(mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
 
 
 def levels_of_detail(mesh: TriangleMesh, counts: Sequence[int]) -> list[TriangleMesh]:
-    """Return meshes as `simplified` makes them, each from the one before it.
+    """Return meshes by `simplified`, each from the previous one.
 
     Parameters
     ----------
     mesh : TriangleMesh
-        A closed manifold; any other is returned as it is.
+        A closed manifold; other meshes are returned unchanged.
     counts : sequence of int
-        Wanted numbers of vertices, the largest first.
+        Target numbers of vertices, the largest first.
 
     Returns
     -------
     list of TriangleMesh
     """
-    centre = mesh.vertices.mean(axis=0)  # keep the numbers small
+    centre = mesh.vertices.mean(axis=0)  # small numbers are more precise
     try:
         edges = HalfEdges(mesh.vertices - centre, mesh.faces)
     except NumericalError:
@@ -65,7 +65,7 @@ def levels_of_detail(mesh: TriangleMesh, counts: Sequence[int]) -> list[Triangle
 
 
 def _merge(edges: HalfEdges, most: int) -> int:
-    """Merge at most `most` of the cheapest edges, as far as the topology allows, and return how many."""
+    """Collapse at most `most` of the cheapest edges, if the topology permits, and return their number."""
     left, share = most, _SHARE
     for _ in range(_ROUNDS):
         if left <= 0:

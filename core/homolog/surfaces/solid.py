@@ -1,6 +1,6 @@
 """Conversion of any triangles to the boundary of a solid: oriented, without inner walls, with flat caps.
 
-What is closed by no face is left to the winding number (Jacobson, Kavan and Sorkine-Hornung: Robust
+Remaining openings are handled by the winding number (Jacobson, Kavan and Sorkine-Hornung: Robust
 Inside-Outside Segmentation using Generalized Winding Numbers, SIGGRAPH 2013; Barill et al.: Fast Winding
 Numbers for Soups and Clouds, SIGGRAPH 2018), see `mesh_level`.
 """
@@ -22,50 +22,52 @@ from homolog.surfaces.topology import FLATTEST, face_components
 __all__ = ["Solid", "clusters", "solid_of"]
 
 _SAME = (1e-6, 1e-5, 1e-4)
-"""Of the diagonal: vertices nearer to each other are welded. Loose faces use the larger values."""
+"""Distances within which vertices are welded, relative to the diagonal; the larger ones are for loose
+faces."""
 _LOOSE = 0.1
-"""Of the sides: if more have no second face, the vertices were rounded for each face."""
+"""Fraction of sides without a second face above which vertices were rounded separately for each face."""
 _LOST = 0.01
-"""Of the faces: if more lose a corner, the distance of welding is too large."""
+"""Fraction of faces that lose a corner above which the welding distance is too large."""
 _SAMPLES = 24
-"""Faces of a patch whose view of the outside is sampled."""
+"""Number of faces of a patch from which rays are sent."""
 _DIRECTIONS = 16
 _PLACES = np.array([[1.0, 1.0, 1.0], [2.4, 0.3, 0.3], [0.3, 2.4, 0.3], [0.3, 0.3, 2.4]]) / 3.0
 """Barycentric coordinates on a face at which its two sides are tested."""
 _ASIDE = 0.02
-"""Of the mean edge: distance of these tests from the face."""
+"""Distance of these tests from the face, relative to the mean edge."""
 LARGE = 100_000
-"""Faces: of larger meshes two of each group are tested, and more where groups differ."""
+"""Number of faces; of larger meshes two faces per group are tested, and more where groups differ."""
 MOST_TESTED_FACES = 100_000
-"""Most faces of a large mesh that are tested one by one; others follow their neighbours."""
+"""Largest number of faces of a large mesh that are tested individually; others follow their neighbours."""
 _CELL = 4.0
-"""Roots of the mean area of a patch's faces along the sides of the cells that make groups."""
+"""Edge length of the cells that define groups, in roots of the mean area of a patch's faces."""
 _MANY = 3000
-"""More pieces than this are treated as one cluster."""
+"""Largest number of pieces; more are treated as one cluster."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solid:
-    """Faces that wind around a solid.
+    """Faces that enclose a solid.
 
     Attributes
     ----------
     mesh : TriangleMesh
         Oriented outward, with the caps; parts may cross each other.
     bounds : (F,) bool array
-        Which of its faces have the solid on one side and the outside on the other.
+        Faces with the solid on one side and the outside on the other.
     is_cap : (F,) bool array
-        Which of its faces close an opening.
+        Faces that close an opening.
     is_closed : bool
         Whether every side of a face meets one of another face.
     rims : (R,) float64 array
-        Widths of the openings that were closed flat [mm], the widest first.
+        Widths of the openings that were closed by flat caps [mm], the widest first.
     open_length : float
-        Length of all other sides of one face only [mm].
+        Total length of the remaining sides with only one face [mm].
     turned, dropped : int
-        Faces that lay otherwise than their neighbours; faces without area, and duplicates, removed.
+        Numbers of faces that were reversed to agree with their neighbours, and of removed faces (without
+        area, or duplicates).
     welded : int
-        Vertices merged with another one.
+        Number of vertices merged with another one.
     """
 
     mesh: TriangleMesh
@@ -82,15 +84,15 @@ class Solid:
 def solid_of(mesh: TriangleMesh) -> Solid:
     """Return the solid of arbitrary triangles.
 
-    Vertices that coincide are welded; faces without area and duplicates are removed. Faces that meet two by
-    two at their sides make patches, each oriented one way. Openings with a flat rim are closed by caps.
-    Closed patches get a positive volume; from others rays are sent to both sides: the side from which more
-    of them escape is outside, and where none escapes the patch is an inner wall.
+    Vertices that coincide are welded; faces without area and duplicates are removed. Faces that meet in pairs
+    at their sides form consistently oriented patches. Openings with a flat rim are closed by caps. Closed
+    patches are oriented to positive volume. From open patches rays are sent to both sides: the side from
+    which more rays escape is outside, and a patch from which none escapes is an inner wall.
 
     Parameters
     ----------
     mesh : TriangleMesh
-        Any triangles with finite vertices; may be left without faces.
+        Any triangles with finite vertices. The result may have no faces.
     """
     vertices, faces = _welded(mesh.vertices, mesh.faces)
     welded = len(np.unique(mesh.faces)) - len(np.unique(faces))
@@ -131,7 +133,7 @@ def solid_of(mesh: TriangleMesh) -> Solid:
 
 
 def _bounding(mesh: TriangleMesh, patches: IntArray) -> BoolArray:
-    """Return which faces have the solid behind them and the outside before them, somewhere at least."""
+    """Return which faces have, at least partly, the solid behind them and the outside in front."""
     corners = mesh.vertices[mesh.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     aside = _ASIDE * mesh.mean_edge * across / np.linalg.norm(across, axis=1, keepdims=True)
@@ -162,15 +164,15 @@ def _bounding(mesh: TriangleMesh, patches: IntArray) -> BoolArray:
         left = np.flatnonzero(~result & is_open & met[mesh.faces].any(axis=1))
         result[left] = bounds(left, place)
         met[:] = False
-        met[mesh.faces[result]] = True  # at the other points only the neighbours of such faces
+        met[mesh.faces[result]] = True  # further points are tested only on neighbours of such faces
     return result
 
 
 def _with_neighbours(mesh: TriangleMesh, bounding: BoolArray, other: BoolArray, steps: int) -> BoolArray:
-    """Return faces and those of others that are within `steps` over shared vertices.
+    """Return faces together with others within `steps` over shared vertices.
 
-    For large meshes, whose faces are small: an additional face next to the boundary changes distances by a
-    few edges at most, and no face is missing because it was not tested.
+    This is for large meshes with small faces: an additional face next to the boundary changes distances by at
+    most a few edges, and no untested face is missing.
     """
     for _ in range(steps):
         met = np.zeros(len(mesh.vertices), dtype=bool)
@@ -180,7 +182,7 @@ def _with_neighbours(mesh: TriangleMesh, bounding: BoolArray, other: BoolArray, 
 
 
 def _groups(mesh: TriangleMesh, patches: IntArray) -> IntArray:
-    """Return the group of each face, shape (F,): those of a patch in one cell of a grid of its own."""
+    """Return the group of each face, shape (F,): the faces of a patch in one cell of the patch's grid."""
     middles = mesh.vertices[mesh.faces].mean(axis=1)
     size = np.bincount(patches, mesh.face_areas) / np.maximum(np.bincount(patches), 1)
     cells = np.floor((middles - middles.min(axis=0)) / (_CELL * np.sqrt(size[patches]))[:, None])
@@ -193,7 +195,7 @@ def _groups(mesh: TriangleMesh, patches: IntArray) -> IntArray:
 
 
 def uneven_faces(mesh: TriangleMesh, groups: IntArray, differs: BoolArray, result: BoolArray) -> BoolArray:
-    """Return the faces of groups that hold different answers, or meet a group with another answer."""
+    """Return the faces of groups with different answers, or next to a group with another answer."""
     bounding, other = np.zeros((2, len(mesh.vertices)), dtype=bool)
     bounding[mesh.faces[result]] = True
     other[mesh.faces[~result]] = True
@@ -202,7 +204,7 @@ def uneven_faces(mesh: TriangleMesh, groups: IntArray, differs: BoolArray, resul
 
 
 def _count_turned(patches: IntArray, turned: BoolArray, about: BoolArray) -> int:
-    """Count faces that lie otherwise than most of their patch, or whose patch lies otherwise than most."""
+    """Count faces reversed relative to most of their patch, or in a patch reversed relative to most."""
     size = np.bincount(patches, minlength=len(about))
     other = np.bincount(patches, turned, minlength=len(about)).astype(int)
     whole = int(size[about].sum())
@@ -212,7 +214,7 @@ def _count_turned(patches: IntArray, turned: BoolArray, about: BoolArray) -> int
 def clusters(mesh: TriangleMesh) -> IntArray:
     """Return the number of the cluster of each face, shape (F,), that of the largest area first.
 
-    Faces that share a vertex are of one cluster, and so are pieces whose bounding boxes overlap.
+    Faces that share a vertex, and pieces whose bounding boxes overlap, belong to one cluster.
     """
     pieces = face_components(mesh.faces)
     count = int(pieces.max()) + 1
@@ -237,8 +239,8 @@ def clusters(mesh: TriangleMesh) -> IntArray:
 def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """Merge vertices that nearly coincide, and drop faces that lose a corner.
 
-    Where faces hardly share vertices, their corners were rounded one by one: the reach grows until they meet,
-    unless faces are lost by it.
+    If faces hardly share vertices, their corners were rounded separately: the distance is increased until
+    they meet, unless this loses faces.
     """
     size = float(np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0)))
     tree = KDTree(vertices)
@@ -254,7 +256,7 @@ def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray
 
 
 def _merged(tree: KDTree, faces: IntArray, reach: float) -> IntArray:
-    """Return faces of which vertices within a reach are one; without those that lose a corner."""
+    """Return faces with vertices merged within a distance, without faces that lose a corner."""
     pairs = tree.query_pairs(reach, output_type="ndarray")
     if len(pairs):
         graph = coo_array((np.ones(len(pairs), np.int8), tuple(pairs.T)), shape=(tree.n,) * 2)
@@ -275,11 +277,11 @@ def _with_area(vertices: FloatArray, faces: IntArray) -> IntArray:
 
 
 def _patches(faces: IntArray) -> tuple[IntArray, BoolArray]:
-    """Return the patch of each face, and which to turn about so that each patch lies one way.
+    """Return the patch of each face, and which faces to reverse so that patches are consistently oriented.
 
-    A graph with every face twice, as it is and turned about, tells both: pairs of faces that lie the same
-    way join their equal copies, others their unequal ones. A patch with one side only (a Möbius strip) falls
-    apart into its faces.
+    Both follow from a graph that contains every face twice, original and reversed: pairs of consistent faces
+    connect their equal copies, other pairs their unequal ones. A one-sided patch (a Möbius strip) is split
+    into its faces.
     """
     sides, owners, uses = sides_of(faces)
     twice = np.flatnonzero(uses == 2)
@@ -298,9 +300,9 @@ def _patches(faces: IntArray) -> tuple[IntArray, BoolArray]:
 
 
 def _outsides(mesh: TriangleMesh, patches: IntArray, left: IntArray) -> tuple[IntArray, BoolArray]:
-    """Return 1 for each patch that faces outward, -1 for one to turn about, 0 for an inner wall.
+    """Return 1 for each patch that faces outward, -1 for one to reverse, 0 for an inner wall.
 
-    Also returns which patches are not closed by themselves, so that rays were sent.
+    Also returns the open patches, from which rays were sent.
     """
     count = int(patches.max(initial=-1)) + 1
     centre = mesh.vertices.mean(axis=0)

@@ -22,14 +22,14 @@ __all__ = [
 ]
 
 FLATTEST = 1e-7
-"""A face whose height is below this part of its longest side counts as a face without area."""
+"""Least height of a face relative to its longest side; a lower face counts as one without area."""
 
 
 def edges(faces: IntArray) -> IntArray:
     """Return each undirected edge once, shape (E, 2), smaller vertex first."""
     sides = np.sort(_sides(faces), axis=1).astype(np.int64)
     n_vertices = int(faces.max(initial=-1)) + 1
-    keys = np.sort(sides[:, 0] * n_vertices + sides[:, 1])  # np.unique hashes, which takes 40 times as long
+    keys = np.sort(sides[:, 0] * n_vertices + sides[:, 1])  # np.unique hashes, which is 40 times slower
     keys = keys[np.r_[True, keys[1:] != keys[:-1]]] if len(keys) else keys
     return np.stack([keys // max(n_vertices, 1), keys % max(n_vertices, 1)], axis=1)
 
@@ -84,7 +84,7 @@ def check_arrays(mesh: TriangleMesh, name: str) -> None:
 def may_have_twins(vertices: FloatArray) -> bool:
     """Return whether some of the vertices (V, 3) may coincide; False if none do."""
     x, y, z = vertices.T
-    keys = np.sort(x + 0.618034 * y + 0.381966 * z)  # the same for points that coincide
+    keys = np.sort(x + 0.618034 * y + 0.381966 * z)  # equal for coinciding points
     return bool((keys[1:] == keys[:-1]).any())
 
 
@@ -94,12 +94,12 @@ def is_sound(mesh: TriangleMesh) -> bool:
 
 
 def without_cavities(solid: BoolArray) -> BoolArray:
-    """Return a solid with what it encloses, as SciPy's `binary_fill_holes` does, in a tenth of the time.
+    """Fill the cavities of a solid as SciPy's `binary_fill_holes` does, in a tenth of the time.
 
     Parameters
     ----------
     solid : (I, J, K) or (I, J) bool array
-        True inside; connected to the outside is what meets the border of the array at faces.
+        True inside. Empty voxels connected at faces with the border of the array are outside.
     """
     outside, count = ndimage.label(~solid)
     is_open = np.zeros(count + 1, dtype=bool)
@@ -117,7 +117,7 @@ def _fault(mesh: TriangleMesh) -> str:
 
 
 def _sides(faces: IntArray) -> IntArray:
-    """Directed sides of all faces, shape (3F, 2): first sides of all faces, then second, then third."""
+    """Return directed sides, shape (3F, 2): the first sides of all faces, then the second, then the third."""
     return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
 
 
@@ -172,7 +172,7 @@ def _vertex_fault(mesh: TriangleMesh) -> str:
 
 
 def _side_fault(mesh: TriangleMesh) -> str:
-    """Look at how faces meet: at edges, then as a whole, then around vertices."""
+    """Return a fault of the connections of faces: at edges, as a whole, or around vertices."""
     # the number of each directed side, counted from 1, at its (start, end) and at its (end, start)
     sides = _sides(mesh.faces)
     number = np.arange(1, len(sides) + 1)
@@ -200,15 +200,15 @@ def _edge_fault(sides: IntArray) -> str:
     if (uses > 2).any():
         return f"is not manifold: {np.count_nonzero(uses > 2)} edges have more than two faces; repair it"
     if (uses < 2).any():
-        return f"is not closed: {np.count_nonzero(uses < 2)} edges have one face only; fill its holes"
+        return f"is not closed: {np.count_nonzero(uses < 2)} edges have only one face; fill its holes"
     return "has faces of opposite orientation next to each other; orient its normals consistently"
 
 
 def _fans(twin: IntArray) -> int:
-    """Count the fans of faces around all vertices, from the opposite of each directed side.
+    """Count the fans of faces around all vertices, from the twin of each directed side.
 
-    A corner is named by the side that leaves it. The next corner around its vertex is named by the twin of
-    the side that arrives at it in the same face: the cycles of this permutation are the fans.
+    A corner has the number of the side that starts there. The next corner around its vertex has the number of
+    the twin of the side that ends there in the same face. The cycles of this permutation are the fans.
     """
     following = np.roll(twin.reshape(3, -1), 1, axis=0).ravel()
     n = len(twin)

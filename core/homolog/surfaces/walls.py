@@ -13,7 +13,7 @@ __all__ = ["mean_over_area", "wall_thickness"]
 
 _CONE = np.deg2rad(25.0)
 _RINGS = ((0.0, 1), (0.5, 6), (1.0, 6))
-_CLEAR = 1e-4  # of the mean edge: rays start below their own faces
+_CLEAR = 1e-4  # of the mean edge: offset of the rays' start below the surface
 
 
 def wall_thickness(mesh: TriangleMesh, *, device: str = "cpu") -> FloatArray:
@@ -33,7 +33,7 @@ def wall_thickness(mesh: TriangleMesh, *, device: str = "cpu") -> FloatArray:
     Returns
     -------
     (V,) float64 array
-        Thickness [mm]; not a number where no side lies opposite, as at the border of an open surface.
+        Thickness [mm]; NaN without an opposite side, as at the border of an open surface.
     """
     with wp.ScopedDevice(choose_device(device)):
         surface, _ = on_device(mesh)
@@ -56,13 +56,13 @@ def wall_thickness(mesh: TriangleMesh, *, device: str = "cpu") -> FloatArray:
 
 
 def mean_over_area(mesh: TriangleMesh, values: FloatArray) -> float:
-    """Return the mean of a number over a surface's area, where it is known; not a number if nowhere.
+    """Return the area-weighted mean of values on a surface, ignoring NaN; NaN if all are NaN.
 
     Parameters
     ----------
     mesh : TriangleMesh
     values : (V,) array
-        At the vertices, such as those that `wall_thickness` returns.
+        Values at the vertices, such as those of `wall_thickness`.
     """
     weights, known = mesh.vertex_areas, ~np.isnan(values)
     total = float(weights[known].sum())
@@ -70,7 +70,7 @@ def mean_over_area(mesh: TriangleMesh, values: FloatArray) -> float:
 
 
 def _directions() -> FloatArray:
-    """Return unit vectors around z, in rings of the cone."""
+    """Return unit vectors around z, in rings of a cone."""
     rays = []
     for share, count in _RINGS:
         turn = 2.0 * np.pi * (np.arange(count) + share) / count

@@ -29,7 +29,7 @@ def test_regression_and_pairs_are_analyzed(project, capsys, analyze, rows_of):
         (["--regress", "site"], "is the same for all subjects"),
         (["--regress", "grade"], "no value for subject 7"),
         (["--covariates", "grade"], "no value for subject 7"),
-        (["--covariates", "site"], "'site' is the same for all subjects"),
+        (["--covariates", "site"], "'site' is the same for all compared subjects"),
         (["--group", "age", "--between", "40", "42"], "'40' has 1 of the two or more subjects"),
         (["--modes", "17"], "17 modes are more than the 15"),
         (["--modes", "0"], "--modes 0: must be at least 1"),

@@ -85,7 +85,7 @@ def test_an_outlier_is_found_in_its_group_whatever_the_groups_differ_by():
     ("counts", "far_from"),
     [
         ({"a": 4, "b": 5}, "from the rest of the group"),
-        ({"all": 9}, "from the shape that is fitted to the value"),
+        ({"all": 9}, "from the shape that the regression predicts"),
         ({"pairs": 9}, "difference within the pair"),
     ],
 )

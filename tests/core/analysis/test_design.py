@@ -45,8 +45,8 @@ def test_decimals_with_commas_are_the_numbers_that_they_mean():
         ({"age": ["40", "", "60"]}, "'age': no value for Ben"),
         ({"age": [40.0, 50.0, np.nan]}, "'age': no value for Cleo"),
         ({"sex": ["m", "NA", "f"]}, "'sex': no value for Ben"),
-        ({"age": ["40", "40", "40"]}, "'age' is the same for all subjects"),
-        ({"sex": ["m", "m", "m"]}, "'sex' is the same for all subjects"),
+        ({"age": ["40", "40", "40"]}, "'age' is the same for all compared subjects"),
+        ({"sex": ["m", "m", "m"]}, "'sex' is the same for all compared subjects"),
         ({"dose": ["1,250", "900", "1,100"]}, "'dose': 1,250 may be a decimal number or thousands"),
         ({"age": ["40", "?", "60"]}, "'age' contains numbers, but also '\\?' of Ben"),
         ({"age": ["40", "30 y", "60"]}, "'30 y' of Ben"),
@@ -88,7 +88,7 @@ def test_groups_that_cannot_be_compared_are_refused(groups, order, message):
 
 def test_a_covariate_that_is_the_group_is_refused():
     sex = covariate_columns({"sex": ["m", "f"] * 5})
-    with pytest.raises(InputError, match="can't be told apart"):
+    with pytest.raises(InputError, match="is confounded with"):
         group_design(["a", "b"] * 5, ["a", "b"], sex)
 
 

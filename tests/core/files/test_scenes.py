@@ -68,5 +68,5 @@ def test_3mf_parts_are_placed_in_their_unit(tmp_path, ball):
 
 def test_3mf_parts_that_are_not_there_are_refused(tmp_path, ball):
     write_3mf(tmp_path / "a.3mf", ball, part="/3D/other.model")
-    with pytest.raises(InputError, match="parts that are not there"):
+    with pytest.raises(InputError, match="parts that are missing"):
         read_mesh(tmp_path / "a.3mf")

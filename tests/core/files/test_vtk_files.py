@@ -171,8 +171,8 @@ GRID = (
 @pytest.mark.parametrize(
     ("part", "message"),
     [
-        ("CELLS 1 4 3 0 1 2\nCELL_TYPES 1 42\n", "cells of the types 42 are not read"),
-        ("CELLS 1 4 3 0 1 2\nCELL_TYPES 1 10\n", "cells of too few corners"),
+        ("CELLS 1 4 3 0 1 2\nCELL_TYPES 1 42\n", "cells of the types 42 are not supported"),
+        ("CELLS 1 4 3 0 1 2\nCELL_TYPES 1 10\n", "cells with too few corners"),
         ("CELLS 1 4 3 0 1 3\nCELL_TYPES 1 5\n", "refers to vertices"),
         ("CELLS 1 4 3 0 1 2\n", "cells without a type"),
     ],
@@ -210,8 +210,8 @@ def test_legacy_files_written_by_hand_are_read(tmp_path, content):
         ("FIELD f 1\nx 1 1 variant\n0 3\n", "unknown kind 'variant'"),
         ("POINTS 1 float\n0 0 x\n", "could not convert"),
         ("POINTS 9 float\n0 0 1\n", "cut short"),
-        ("POLYGONS 2 4\n3 0 1 2\n", "do not fit together"),
-        ("POLYGONS 1 4\n-3 0 1 2\n", "do not fit together"),
+        ("POLYGONS 2 4\n3 0 1 2\n", "inconsistent faces"),
+        ("POLYGONS 1 4\n-3 0 1 2\n", "inconsistent faces"),
         ("SCALARS a float\n", "unknown part 'scalars'"),
         ("POINTS 3 float\n0 0 0 1 0 0 0 1 0\nPOLYGONS 1 4\n3 0 1 3\n", "refers to vertices"),
     ],
@@ -239,7 +239,7 @@ XML = (
 @pytest.mark.parametrize(
     ("points", "header", "message"),
     [
-        (1000, (1, 2**40, 0), "not as long as its points"),
+        (1000, (1, 2**40, 0), "does not match its points"),
         (1000, (2**40, 24, 0), "claims more blocks than it can contain"),
         (2**60, (1, 24, 24), "claims more points or faces than it can contain"),
         (10**7, (1, 24 * 10**7, 0), "claims more points or faces than it can contain"),

@@ -208,9 +208,9 @@ NOTHING = float("nan")
         (42, shorts(-9), "not a 3-D volume"),
         (40, shorts(9), "is not a readable image"),
         (70, shorts(1), "is not a readable image"),
-        (108, floats(0.0), "says that its voxels begin at byte 0"),
+        (108, floats(0.0), "says that voxels begin at byte 0"),
         (108, floats(400.0), "is cut short"),
-        (108, floats(1e30), "says that its voxels begin at byte 1000000"),
+        (108, floats(1e30), "says that voxels begin at byte 1000000"),
         (108, floats(NOTHING), "is not a readable image"),
     ],
 )

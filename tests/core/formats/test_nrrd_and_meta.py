@@ -69,7 +69,7 @@ def test_voxels_that_are_missing_are_named(blocks, tmp_path, name):
     SimpleITK.WriteImage(SimpleITK.GetImageFromArray(blocks), tmp_path / name)
     (raw,) = (path for path in tmp_path.iterdir() if path.suffix in (".raw", ".zraw", ".gz"))
     raw.unlink()
-    with pytest.raises(InputError, match=f"{raw.name}, which is not there"):
+    with pytest.raises(InputError, match=f"{raw.name}, which is missing"):
         read_segmentation(tmp_path / name, None)
 
 
@@ -126,7 +126,7 @@ def test_voxels_in_a_file_for_each_slice_are_put_together(blocks, write_nrrd, po
     path.write_bytes(path.read_bytes().rstrip() + b"\n")
     assert np.allclose(points(read_segmentation(path, None)), expected(blocks))
     (tmp_path / "voxels07.bin").unlink()
-    with pytest.raises(InputError, match=r"voxels07\.bin, which is not there"):
+    with pytest.raises(InputError, match=r"voxels07\.bin, which is missing"):
         read_segmentation(path, None)
 
 
@@ -185,7 +185,7 @@ def write_meta(blocks, tmp_path):
         ({"Offset": "nan 0 0"}, "has the origin nan 0 0"),
         ({"TransformMatrix": "2 0 0 0 1 0 0 0 1"}, "its axes 2 0 0 0 1 0 0 0 1 are not a rotation"),
         ({"TransformMatrix": "1 0 0 0.5 1 0 0 0 1"}, "are not a rotation"),
-        ({"HeaderSize": "8"}, "in another file"),
+        ({"HeaderSize": "8"}, "in another one"),
         ({"DimSize": "9 10 10"}, "contains 990 bytes of voxels, and its header declares 900"),
         ({"DimSize": "9 10 12"}, r"may be cut short \(990 of 1080 bytes"),
     ],

@@ -78,7 +78,7 @@ def test_overlapping_layers_are_not_taken_together(layered):
 
 
 def test_a_value_that_two_layers_share_is_refused_with_their_names(layered):
-    with pytest.raises(InputError, match=r"label 1 is heart \(1\) and tumour \(1\)"):
+    with pytest.raises(InputError, match=r"label 1 matches heart \(1\) and tumour \(1\)"):
         read_segmentation(layered, 1)
 
 

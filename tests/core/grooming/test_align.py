@@ -327,7 +327,7 @@ def test_a_round_shape_that_is_turned_in_its_file_is_noted(paw, egg):
         own = turn.apply(item.coarse_mesh.vertices * nose)
         cohort[index] = replace(item, coarse_mesh=TriangleMesh(own, egg.faces))
     notes = register(cohort, GroomSettings()).notes
-    assert ["turned by" in (note or "") for note in notes] == [index == 4 for index in range(8)]
+    assert ["rotation by" in (note or "") for note in notes] == [index == 4 for index in range(8)]
     assert "round" in (notes[0] or "")
 
 

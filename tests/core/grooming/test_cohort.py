@@ -58,7 +58,7 @@ def test_a_file_that_is_there_twice_is_noted_on_the_second_subject(cohort, tmp_p
     shutil.copy(tmp_path / "a.nrrd", tmp_path / "d.nrrd")
     for _ in range(2):  # also of what is groomed already
         groomed = groom_cohort(read_cohort(tmp_path), SETTINGS, executor=Here(), cache=tmp_path / "groomed")
-        assert [[" of a " in note for note in item.report.notes] for item in groomed] == [[], [], [], [True]]
+        assert [[" of a;" in note for note in item.report.notes] for item in groomed] == [[], [], [], [True]]
 
 
 def test_what_was_groomed_is_not_groomed_again(cohort, tmp_path):

@@ -86,7 +86,7 @@ def test_a_file_cut_short_is_refused(save, suffix):
         ("a.nrrd", "is not a readable image"),
         ("a.tif", "can't be read"),
         ("a.mnc", "has an unsupported type; convert it"),
-        ("a.raw", "give its header if it has one"),
+        ("a.raw", "choose its header file if there is one"),
     ],
 )
 def test_something_else_under_an_image_name_is_refused(tmp_path, name, message):

@@ -161,7 +161,7 @@ def test_a_cohorts_structures_count_the_subjects_that_have_them(nifti, brain, tm
 def test_a_name_that_only_freesurfer_has_is_taken_from_its_list_in_files_of_few_labels(nifti, brain):
     path = nifti("b.nii.gz", np.where(brain == 17, brain, 0))
     assert read_source(Subject("b", path), GroomSettings(segment="hippocampus left")).mask.sum() == 64
-    with pytest.raises(InputError, match="no structure called 'liver'"):
+    with pytest.raises(InputError, match="no structure named 'liver'"):
         read_source(Subject("b", path), GroomSettings(segment="liver"))
 
 

@@ -299,7 +299,7 @@ def test_what_encloses_no_volume_is_refused(egg, tmp_path):
     waves = TriangleMesh(wave, np.concatenate([np.stack(half, axis=1) for half in halves]))
     for mesh, text in (
         (cap, "encloses no volume"),
-        (waves, "mesh is open .* around one volume"),
+        (waves, "mesh is open .* encloses one volume"),
         (flat, "is flat and encloses no volume"),
     ):
         path = tmp_path / "open.ply"

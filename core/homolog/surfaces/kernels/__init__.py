@@ -1,1 +1,1 @@
-"""Kernels of distances on grids and to meshes, and of edges that are merged."""
+"""Kernels for distances on grids and to meshes, and for edge operations on meshes."""

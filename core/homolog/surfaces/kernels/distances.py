@@ -14,14 +14,14 @@ wp.set_module_options({"enable_backward": False})
 FAR = 1.0e6
 _FAR = wp.constant(FAR)
 _ACCURACY = wp.constant(1.2)
-"""Winding numbers: radii of a group of faces, from which distance on it counts as one dipole."""
+"""Winding numbers: distance in radii of a group of faces from which on it is treated as a dipole."""
 _TRIALS = wp.constant(10)
 _FREE_TURNS = wp.constant(500)
 
 
 @wp.func
 def _at(grid: wp.array3d(dtype=Any), i: int, j: int, k: int) -> Any:
-    """Value at a node, that of the nearest one beyond the border."""
+    """Value at a node, clamped at the border."""
     return grid[
         wp.clamp(i, 0, grid.shape[0] - 1),
         wp.clamp(j, 0, grid.shape[1] - 1),
@@ -43,7 +43,7 @@ def _sample(grid: wp.array3d(dtype=Any), x: wp.vec3) -> Any:
 
 @wp.func
 def _value(grid: wp.array3d(dtype=wp.float32), x: wp.vec3d) -> wp.float64:
-    """Trilinear interpolant at a point in double precision; that of the nearest one beyond the border."""
+    """Trilinear interpolant at a point in double precision, clamped at the border."""
     low, share = wp.vec3i(), wp.vec3d()
     for axis in range(3):
         place = wp.clamp(x[axis], wp.float64(0.0), wp.float64(grid.shape[axis] - 1))
@@ -131,9 +131,9 @@ def start_band(
 ) -> None:
     """Fix (state 2) the distance of every node with a neighbour on the other side; all others are far.
 
-    The foot on the interpolated zero level is sought by a step onto the level and a step along it towards
-    the node, over and over (Chopp, SIAM J. Sci. Comput. 23, 2001). Where that does not settle next to the
-    node, the distance follows from the crossings of the three grid lines through it.
+    The closest point on the interpolated zero level is found by alternating steps onto the level and along it
+    towards the node (Chopp, SIAM J. Sci. Comput. 23, 2001). If this does not converge near the node, the
+    distance follows from the crossings of the three grid lines through it.
     """
     i, j, k = wp.tid()
     side = wp.where(level[i, j, k] < 0.0, -1.0, 1.0)
@@ -156,7 +156,7 @@ def start_band(
         foot += onto + along
         moved = wp.length(onto) + wp.length(along)
     reach = wp.length(node - foot)
-    # in the middle of a thin wall the slope vanishes and the foot stays where it began
+    # in the middle of a thin wall the gradient vanishes and the point does not move
     on_level = wp.abs(_sample(level, foot)) < 0.1 * wp.abs(level[i, j, k])
     if moved < 0.01 and reach < 1.5 and on_level:
         field[i, j, k] = side * reach
@@ -228,11 +228,11 @@ def relax(
 ) -> None:
     """One round of the fast iterative method (Jeong and Whitaker 2008, algorithm 2.1).
 
-    A node of the active list takes the value that its neighbours give it. Once that no longer changes, it
-    leaves the list (state 0) and hands over to those neighbours within reach that it improves (state 1); none
-    that is nearer to the zero level depends on it. Second
-    differences can make values swing for ever where fronts meet: after many turns a node only decreases. (Few
-    turns are enough on a CPU; a GPU, where neighbours change together, would stop while values still rise.)
+    A node of the active list is updated from its neighbours. When its value has converged, it leaves the list
+    (state 0) and activates those neighbours within reach that it improves (state 1); no node nearer to the
+    zero level depends on it. With second differences values can oscillate where fronts meet: after many
+    updates a node may only decrease. (Few updates suffice on a CPU; a GPU, which updates neighbours
+    simultaneously, would stop while values still increase.)
     """
     node = active[wp.tid()]
     i, j, k = node[0], node[1], node[2]
@@ -280,7 +280,7 @@ def _distance_within(mesh: wp.uint64, point: wp.vec3, reach: float) -> float:
 def distances_within(
     mesh: wp.uint64, points: wp.array(dtype=wp.vec3), reach: float, distances: wp.array(dtype=wp.float32)
 ) -> None:
-    """Unsigned distance from points to a mesh, at most so much."""
+    """Unsigned distance from points to a mesh, at most `reach`."""
     distances[wp.tid()] = _distance_within(mesh, points[wp.tid()], reach)
 
 
@@ -292,7 +292,7 @@ def distances_of_blocks(
     reach: float,
     distances: wp.array3d(dtype=wp.float32),
 ) -> None:
-    """As `distances_within`, from the nodes of cubic blocks whose first nodes are given."""
+    """As `distances_within`, for the nodes of cubic blocks with given first nodes."""
     block, number = wp.tid()
     i = corners[block][0] + number / (size * size)
     j = corners[block][1] + number / size % size
@@ -314,7 +314,7 @@ def distances_of_points(
 
 @wp.kernel
 def find_sides(mesh: wp.uint64, points: wp.array(dtype=wp.vec3), inside: wp.array(dtype=wp.bool)) -> None:
-    """Whether a mesh winds around points at least half, however far away it is."""
+    """Whether the winding number of a mesh around points is at least 1/2, at any distance."""
     query = wp.mesh_query_point_sign_winding_number(mesh, points[wp.tid()], _FAR, _ACCURACY)
     inside[wp.tid()] = query.result and query.sign < 0.0
 
@@ -329,7 +329,7 @@ def count_escaping(
     ahead: wp.array(dtype=wp.int32),
     behind: wp.array(dtype=wp.int32),
 ) -> None:
-    """Count the directions in which a ray from just before and just behind a face meets no other one."""
+    """Count the directions in which rays from just before and just behind a face meet no other face."""
     here = wp.tid()
     normal = normals[here]
     for number in range(directions.shape[0]):
@@ -364,9 +364,9 @@ def thickness_at_vertices(
     offset: float,
     ways: wp.array2d(dtype=wp.float32),
 ) -> None:
-    """Ways inward from each vertex to the next face, along directions around the inward normal (z).
+    """Distances inward from each vertex to the next face, along directions around the inward normal (z).
 
-    A way is projected onto the inward normal. Rays that meet nothing, or a face from its outer side, give -1.
+    Distances are projected onto the inward normal. Rays that meet no face, or the outer side of one, give -1.
     """
     i, j = wp.tid()
     inward = -normals[i]

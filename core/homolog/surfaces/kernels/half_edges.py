@@ -1,7 +1,7 @@
-"""Warp kernels that change the edges of a closed mesh, one after another, on the CPU.
+"""Warp kernels that change the edges of a closed mesh sequentially, on the CPU.
 
-A side of a face has the number ``3 * face + corner``. It leaves the vertex ``origins[side]``, and its twin is
-the same edge in the face beyond. Sides of faces that are gone have the origin -1.
+A side of a face has the number ``3 * face + corner``. It starts at the vertex ``origins[side]``, and its twin
+is the same edge in the neighbouring face. Sides of removed faces have the origin -1.
 """
 
 import warp as wp
@@ -20,14 +20,14 @@ __all__ = [
 ]
 
 _SHARPEST = wp.constant(wp.float64(0.3))
-"""Cosine between a face's normal before and after a change."""
+"""Least cosine between a face's normals before and after a change."""
 _FLATTEST = wp.constant(wp.float64(1.0e-3))
-"""Height of a face, in parts of its longest side."""
+"""Least height of a face, relative to its longest side."""
 _TO_MIDDLE = wp.constant(wp.float64(1.0e-3))
-"""Weight of the edge's own length: where the surface is flat, short edges go first."""
+"""Weight of the edge's length, so that short edges collapse first in flat parts."""
 _HALF = wp.constant(wp.float64(0.5))
 _BARELY = wp.constant(wp.float64(1.0e-6))
-"""Radians: opposite angles that exceed 180° by less are left."""
+"""Least excess of opposite angles over 180° for a flip [rad]."""
 
 
 @wp.func
@@ -42,7 +42,7 @@ def _previous(side: int) -> int:
 
 @wp.func
 def _around(side: int, twins: wp.array(dtype=int)) -> int:
-    """Return the next side that leaves the same vertex."""
+    """Return the next side that starts at the same vertex."""
     return twins[_previous(side)]
 
 
@@ -60,10 +60,10 @@ def _valence(side: int, twins: wp.array(dtype=int)) -> int:
 def _merged(
     u: int, v: int, vertices: wp.array(dtype=wp.vec3d), quadrics: wp.array2d(dtype=wp.float64)
 ) -> wp.vec4d:
-    """Where the ends of an edge meet, and what that costs: distance² to the planes of both, times areas.
+    """Position of a collapsed edge, and the cost: distance² to the planes of both ends, times areas.
 
     Rows of quadrics: xx, xy, xz, yy, yz, zz, then the linear terms and the constant one. Without quadrics the
-    ends meet in the middle.
+    position is the midpoint.
     """
     middle = _HALF * (vertices[u] + vertices[v])
     xx, xy = quadrics[u, 0] + quadrics[v, 0], quadrics[u, 1] + quadrics[v, 1]
@@ -92,7 +92,7 @@ def cost_of_edges(
     quadrics: wp.array2d(dtype=wp.float64),
     costs: wp.array(dtype=wp.float64),
 ):
-    """Find what merging the ends of each edge costs; each edge counts at one of its sides."""
+    """Compute the cost of each edge's collapse, stored at one of its sides."""
     side = wp.tid()
     u = origins[side]
     costs[side] = wp.float64(wp.inf)
@@ -109,7 +109,7 @@ def length_of_edges(
     longest: wp.array(dtype=wp.float64),
     lengths: wp.array(dtype=wp.float64),
 ):
-    """Find how long each edge is, in parts of the longest at its ends; it counts at one of its sides."""
+    """Compute each edge's length relative to the largest one at its ends, stored at one of its sides."""
     side = wp.tid()
     u = origins[side]
     lengths[side] = wp.float64(wp.inf)
@@ -121,7 +121,7 @@ def length_of_edges(
 
 @wp.func
 def _across(side: int, origins: wp.array(dtype=int), vertices: wp.array(dtype=wp.vec3d)) -> wp.vec3d:
-    """Return the normal of a side's face, as long as twice its area."""
+    """Return the normal of a side's face, with twice the area as its length."""
     a = vertices[origins[side]]
     return wp.cross(vertices[origins[_next(side)]] - a, vertices[origins[_previous(side)]] - a)
 
@@ -142,9 +142,9 @@ def excess_of_edges(
     twins: wp.array(dtype=int),
     excess: wp.array(dtype=wp.float64),
 ):
-    """Find by how much an edge's opposite angles exceed 180°; it counts at one of its sides.
+    """Compute the excess of each edge's opposite angles over 180°, stored at one of its sides.
 
-    It is 0 at an edge whose faces do not lie almost in one plane.
+    It is 0 if the faces of the edge are not nearly coplanar.
     """
     side = wp.tid()
     u = origins[side]
@@ -163,7 +163,7 @@ def excess_of_edges(
 
 @wp.func
 def _join(side: int, origin: int, twin: int, origins: wp.array(dtype=int), twins: wp.array(dtype=int)):
-    """Let a side leave a vertex, and meet a side of the face beyond."""
+    """Set the origin of a side, and connect it with its twin."""
     origins[side] = origin
     twins[side] = twin
     twins[twin] = side
@@ -181,7 +181,7 @@ def split_edges(
     changed: wp.array(dtype=wp.bool),
     done: wp.array(dtype=int),
 ):
-    """Halve edges in their order, at most one in each face; vertices and faces are added at the end."""
+    """Split edges in their order, at most one per face; new vertices and faces are appended."""
     count = int(0)
     for number in range(candidates.shape[0]):
         side = candidates[number]
@@ -194,7 +194,7 @@ def split_edges(
         middle = n_vertices + count
         vertices[middle] = _HALF * (vertices[u] + vertices[v])
         longest[middle] = _HALF * (longest[u] + longest[v])
-        # of both faces the part at the side's own end stays; the other part is new
+        # in both faces, the part at the side's start is kept and the other part is new
         ahead = 3 * (n_faces + 2 * count)
         beyond = ahead + 3
         for half in range(2):
@@ -217,7 +217,7 @@ def split_edges(
 
 @wp.func
 def _are_joined(side: int, other: int, origins: wp.array(dtype=int), twins: wp.array(dtype=int)) -> bool:
-    """Whether an edge leads from the vertex that a side leaves to another one."""
+    """Whether an edge connects a side's start vertex with another vertex."""
     joined = origins[_next(side)] == other
     step = int(_around(side, twins))
     while step != side and not joined:
@@ -241,7 +241,7 @@ def flip_edges(
     changed: wp.array(dtype=wp.bool),
     done: wp.array(dtype=int),
 ):
-    """Turn edges in their order, at most one in each face, where no such edge is and no face turns over."""
+    """Flip edges in their order, at most one per face, unless the new edge exists or a face flips over."""
     count = int(0)
     for number in range(candidates.shape[0]):
         side = candidates[number]
@@ -283,7 +283,7 @@ def _keeps_topology(
     twins: wp.array(dtype=int),
     marks: wp.array(dtype=int),
 ) -> bool:
-    """Whether the ends share just the two vertices opposite, which have other neighbours enough."""
+    """Whether the ends share only the two opposite vertices, and these have enough other neighbours."""
     twin = twins[side]
     marks[origins[twin]] = stamp
     other = int(_around(side, twins))
@@ -308,7 +308,7 @@ def _spoils(
     vertices: wp.array(dtype=wp.vec3d),
     longest: wp.array(dtype=wp.float64),
 ) -> bool:
-    """Whether a face around the side's first vertex turns over, flattens or gets too long at a new place."""
+    """Whether moving a side's start vertex flips a face over, or makes it flat or too long."""
     u = origins[side]
     twin = twins[side]
     spoils = bool(False)
@@ -333,7 +333,7 @@ def _spoils(
 
 @wp.func
 def _close(gone: int, origins: wp.array(dtype=int), twins: wp.array(dtype=int)):
-    """Remove a face, and join what its other two sides met."""
+    """Remove a face, and connect the twins of its other two sides."""
     ahead = int(twins[_next(gone)])
     behind = int(twins[_previous(gone)])
     twins[ahead] = behind
@@ -345,7 +345,7 @@ def _close(gone: int, origins: wp.array(dtype=int), twins: wp.array(dtype=int)):
 
 @wp.func
 def _merge(side: int, origins: wp.array(dtype=int), twins: wp.array(dtype=int)):
-    """Give the sides of the second end to the first, and close the two faces between."""
+    """Move the sides of the second end to the first, and remove the two faces between them."""
     u = int(origins[side])
     twin = int(twins[side])
     other = int(_around(twin, twins))
@@ -371,7 +371,7 @@ def merge_edges(
     changed: wp.array(dtype=wp.bool),
     done: wp.array(dtype=int),
 ):
-    """Merge the ends of edges in their order, each vertex once, where neither topology nor shape suffers."""
+    """Collapse edges in their order, each vertex once, where this preserves topology and shape."""
     count = int(0)
     for number in range(candidates.shape[0]):
         side = candidates[number]

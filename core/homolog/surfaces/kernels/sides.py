@@ -1,6 +1,6 @@
-"""Kernels that pair the sides of closed meshes; one thread takes a whole mesh.
+"""Kernels that pair the sides of closed meshes; one thread processes a whole mesh.
 
-Side 3f + k starts at corner k of face f. Faces and vertices are counted through all meshes.
+Side 3f + k starts at corner k of face f. Faces and vertices are numbered consecutively over all meshes.
 """
 
 import warp as wp
@@ -25,11 +25,11 @@ __all__ = [
 class Sides:
     """The sides of some meshes, and their order by the vertices from which they start."""
 
-    first_vertex: wp.array(dtype=wp.int32)  # (S + 1,) of each mesh, and the number of all
+    first_vertex: wp.array(dtype=wp.int32)  # (S + 1,) first vertex of each mesh, and the total number
     first_face: wp.array(dtype=wp.int32)  # (S + 1,)
-    tail: wp.array(dtype=wp.int32)  # (3F,) vertex that a side starts from, counted through all meshes
+    tail: wp.array(dtype=wp.int32)  # (3F,) start vertex of each side, numbered over all meshes
     twin: wp.array(dtype=wp.int32)  # (3F,) the same edge in the neighbouring face
-    start: wp.array(dtype=wp.int32)  # (N,) first of each vertex in `leaving`
+    start: wp.array(dtype=wp.int32)  # (N,) first entry of each vertex in `leaving`
     leaving: wp.array(dtype=wp.int32)  # (3F,) sides by tail
 
 
@@ -71,7 +71,7 @@ def sort_by_tail(sides: Sides, mesh: int):
 def pair_sides(first: int, faces: wp.array(dtype=wp.int32), sides: Sides, is_closed: wp.array(dtype=bool)):
     """Find the twins of all sides; thread (mesh, counted from `first`).
 
-    A mesh is closed, manifold at edges and oriented if every side runs once against one other.
+    A mesh is closed, edge-manifold and oriented if every side has exactly one opposite side.
     """
     mesh = first + wp.tid()
     begin = 3 * sides.first_face[mesh]
@@ -95,7 +95,7 @@ def pair_sides(first: int, faces: wp.array(dtype=wp.int32), sides: Sides, is_clo
 
 @wp.func
 def has_area(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, flattest: wp.float64) -> bool:
-    """Return whether a face is higher than a part of its longest side."""
+    """Return whether a face's height exceeds a fraction of its longest side."""
     longest = wp.max(wp.max(wp.length_sq(b - a), wp.length_sq(c - b)), wp.length_sq(a - c))
     return wp.length(wp.cross(b - a, c - a)) > flattest * longest
 
@@ -163,7 +163,7 @@ def check_meshes(
 def measure_areas(
     first: int, sides: Sides, position: wp.array(dtype=wp.vec3d), area: wp.array(dtype=wp.float64)
 ):
-    """Sum up the areas of the faces; thread (mesh, counted from `first`)."""
+    """Sum the areas of the faces; thread (mesh, counted from `first`)."""
     mesh = first + wp.tid()
     total = wp.float64(0.0)
     for face in range(sides.first_face[mesh], sides.first_face[mesh + 1]):
@@ -185,7 +185,7 @@ def find_reach(
 ):
     """Find the longest of all shortest paths along edges from the first vertex; thread (mesh, from `first`).
 
-    Bellman's and Ford's method with a queue, of which each vertex is in at most one place.
+    The Bellman-Ford algorithm with a queue that contains each vertex at most once.
     """
     mesh = first + wp.tid()
     begin = sides.first_vertex[mesh]
