@@ -48,15 +48,15 @@ class Answer:
     title : str
         The question and the alignment.
     comparison : Comparison
-        Of all groups, or the only one.
+        Comparison of all groups, or of the only pair.
     pairwise : tuple of Comparison
-        Each two of three or more groups.
+        Comparisons of pairs of three or more groups.
     findings : tuple of Finding
-        What each comparison shows, in sentences.
+        Findings of each comparison, in sentences.
     cautions : tuple of str
-        The cautions, in sentences.
+        Cautions as sentences.
     folder : Path
-        Where the tables are.
+        Folder of the tables.
     seeds : tuple of SeedAnswer
         The answers of each seed of the correspondence, if there are several.
     """
@@ -71,7 +71,7 @@ class Answer:
 
     @property
     def text(self) -> str:
-        """What ``homolog analyze`` prints."""
+        """The output of ``homolog analyze``."""
         lines = [self.title]
         for finding in self.findings:
             lines += [f"  {finding.verdict}", *(f"    - {sentence}" for sentence in finding.sentences)]
@@ -109,13 +109,13 @@ def analyze(
     Parameters
     ----------
     project : path
-        With a result.
+        A project with a result.
     group : str
         Column of groups.
     regress : str, optional
         Column of a continuous variable, whose linear effect is tested instead.
     between : sequence of str
-        Groups to compare, the reference first; all, controls first, if not given.
+        Groups to compare, the reference first; by default all, controls first.
     pairs : str, optional
         Column that identifies the pairs of two groups.
     covariates : sequence of str
@@ -123,17 +123,17 @@ def analyze(
     complete_cases : bool
         Whether subjects with missing values in the columns used are excluded, instead of refused.
     alignment : {"rigid", "similarity", "as-it-lies"}, or several of them
-        By default both answers, form and shape.
+        Alignments before the comparison; by default form and shape.
     modes : int, optional
-        Number of modes to test; by parallel analysis if not given.
+        Number of modes to test; chosen by parallel analysis if not given.
     permutations, null_repeats, seed : int
         Permutations of each test, repeats of the null simulation, random seed.
     seeds : int, optional
-        Number of seeds of the correspondence with which run and tests are repeated; those that are stored if
-        not given.
+        Number of seeds of the correspondence with which run and tests are repeated; by default the stored
+        ones.
     primary : str, optional
-        Alignment whose study is named the primary one: reports begin with it and call all others secondary.
-        ``""`` is the first alignment, ``"none"`` names no study any more.
+        Alignment of the primary study: reports begin with it and call all others secondary. ``""`` means the
+        first alignment, ``"none"`` removes the choice.
     structure, cohort, axes, places : str, optional
         Details for reports, see `homolog.Project.describe`.
     callback : callable, optional
@@ -142,7 +142,7 @@ def analyze(
     Returns
     -------
     tuple of Answer
-        One for each alignment.
+        An answer for each alignment.
 
     Raises
     ------
@@ -242,7 +242,7 @@ def answer_requests(
 ) -> tuple[Answer, ...]:
     """Answer questions about a locked project's result, and write their tables.
 
-    Without a number of seeds the tests are repeated with those whose correspondence is stored.
+    Without a number of seeds the tests are repeated for all stored correspondences.
     """
     seeds = stored_seeds(project) if seeds is None else seeds
     if seeds < 1:
@@ -283,7 +283,8 @@ def report(
     Parameters
     ----------
     project : path
-        With a result; studies are those that `analyze`, the command line or the window stored.
+        A project with a result; the report contains the studies stored by `analyze`, the command line or the
+        window.
     structure, cohort, axes, places : str, optional
         Details for the report, see `homolog.Project.describe`.
     callback : callable, optional
@@ -292,12 +293,12 @@ def report(
     Returns
     -------
     Path
-        The page ``report/report.html``, beside ``report.pdf`` and the figures.
+        The page ``report/report.html``, next to ``report.pdf`` and the figures.
 
     Raises
     ------
     InputError
-        If there is no result, a study can't be answered any more, or the folder can't be written to.
+        If there is no result, a stored study is no longer possible, or the folder can't be written to.
     """
     folder = ProjectFolder(Path(project))
     with folder.locked(new=False):

@@ -25,20 +25,20 @@ DeviceArray = Any
 """A `wp.array`, without the type of its elements."""
 
 
-def frozen(array: Array, dtype: Any = None) -> Array:  # noqa: ANN401 - whatever numpy takes as a dtype
+def frozen(array: Array, dtype: Any = None) -> Array:  # noqa: ANN401 - anything that numpy accepts as a dtype
     """Return a contiguous, read-only array with the given values.
 
     Parameters
     ----------
     array : array_like
-        Any shape. The caller's own array stays writable: a view or copy is frozen.
+        Array of any shape. The caller's array stays writable: a view or copy is frozen.
     dtype : dtype, optional
         Type of the result; the array's own by default.
 
     Returns
     -------
     array
-        Of the same shape.
+        Read-only array of the same shape.
     """
     result = np.ascontiguousarray(array, dtype=dtype).view()
     result.setflags(write=False)

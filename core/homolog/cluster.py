@@ -29,12 +29,12 @@ SLURM = "slurm"
 """A Dask cluster of jobs that this machine submits to Slurm."""
 
 _JOB_MEMORY = "8 GB"
-"""Of a job of Slurm, unless Dask's configuration says another."""
-_PATIENCE_S = 0.1  # between looks at the tick
+"""Resources of a Slurm job, unless Dask's configuration sets others."""
+_PATIENCE_S = 0.1  # s between ticks
 _MOST_DEATHS = 3
-"""Of workers in a row, no subject being done between them."""
+"""Largest number of successive deaths of workers without a finished subject."""
 ANSWER_S = 15
-"""Within which a scheduler must answer."""
+"""Time within which a scheduler must answer."""
 _log = logging.getLogger(__name__)
 
 
@@ -47,13 +47,13 @@ def subject_executor(
     Parameters
     ----------
     workers : int
-        Processes, of this machine or of a local cluster, or jobs of Slurm.
+        Number of processes of this machine or of a local cluster, or of Slurm jobs.
     cluster : str, optional
         ``"local"`` for a Dask cluster of this machine, ``"slurm"`` for jobs of Slurm, or the address of a
-        scheduler (``tcp://HOST:PORT``). All workers must see the same files under the same paths. Plain
-        processes if not given.
+        scheduler (``tcp://HOST:PORT``). All workers must see the same files under the same paths. By default,
+        plain processes.
     announce : callable, optional
-        Takes a line with the addresses of the cluster and its dashboard.
+        Receives a line with the addresses of the cluster and its dashboard.
 
     Yields
     ------
@@ -90,7 +90,7 @@ def subject_executor(
                 f"{cluster}: no Dask scheduler answers there ({error}); start one with dask scheduler, or "
                 "use the cluster local, or none for processes of this machine"
             ) from error
-        if cluster != SLURM:  # its jobs run this installation, and may wait for their turn
+        if cluster != SLURM:  # its jobs use this installation, and may be queued
             _check_workers(client, cluster)
         announce(f"Dask cluster {client.scheduler.address}, dashboard {client.dashboard_link}")
         yield _ClusterExecutor(stack.enter_context(client.get_executor(pure=False)))
@@ -106,7 +106,7 @@ class SubjectWorkers:
     workers, cluster, announce
         See `subject_executor`.
     in_process : bool
-        Work in a thread of this process, on one subject at a time.
+        Whether to work in a thread of this process, on one subject at a time.
     """
 
     def __init__(
@@ -144,23 +144,23 @@ class SubjectWorkers:
         Parameters
         ----------
         function : callable
-            Takes a job; found by its name in the workers.
+            Function of a job, importable by name in the workers.
         jobs : mapping of str to object
-            By subject.
+            Jobs by subject.
         doing : str
-            For progress: ``"fitting"``.
+            Verb for progress messages, such as ``"fitting"``.
         tick : Tick
             Called at least every 0.1 s.
 
         Yields
         ------
         tuple of str and object
-            Subject and result, in the order in which they are done.
+            Subject and result, in the order of completion.
 
         Raises
         ------
         NumericalError
-            If workers die again and again before any subject is done.
+            If workers die repeatedly without a finished subject.
         """
         left, deaths = dict(jobs), 0
         while left:
@@ -195,7 +195,7 @@ class SubjectWorkers:
 
 
 class _ClusterExecutor(Executor):
-    """Dask's executor; a lost cluster breaks it as a dead process breaks a process pool."""
+    """Dask's executor; a lost cluster breaks it like a dead process breaks a process pool."""
 
     def __init__(self, dask: Executor) -> None:
         self._dask = dask
@@ -230,12 +230,12 @@ def serve_as_worker(address: str) -> None:
     Parameters
     ----------
     address : str
-        Of the scheduler, ``tcp://HOST:PORT``.
+        Address of the scheduler, ``tcp://HOST:PORT``.
 
     Raises
     ------
     InputError
-        If Dask is not installed, no scheduler answers, or the address is none.
+        If Dask is not installed, no scheduler answers, or the address is invalid.
     """
     import asyncio
 
@@ -256,7 +256,7 @@ def serve_as_worker(address: str) -> None:
 
 
 def _slurm_jobs(number: int) -> Any:  # noqa: ANN401 - an optional library without types
-    """Return a cluster whose workers are so many jobs of Slurm; jobs that end are submitted again.
+    """Return a cluster with this number of Slurm jobs as workers; jobs that end are submitted again.
 
     Queue, account, time and memory are those of Dask's configuration (jobqueue.slurm).
     """
@@ -286,7 +286,7 @@ def _distributed() -> Any:  # noqa: ANN401 - an optional library without types
         raise InputError(
             'clusters need Dask, which is not installed; install it with: pip install "homolog[cluster]"'
         ) from error
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # its errors are raised, and told once
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # its errors are raised
     return distributed
 
 
@@ -297,9 +297,9 @@ def _check_workers(client: Any, cluster: str) -> None:  # noqa: ANN401
     for worker, answer in answers.items():
         if isinstance(answer, ModuleNotFoundError):
             raise InputError(
-                f"{cluster}: its workers have no Homolog; install version {__version__} there"
+                f"{cluster}: its workers lack Homolog; install version {__version__} there"
             ) from answer
-        if isinstance(answer, OSError):  # it died meanwhile; what takes its place is of the same installation
+        if isinstance(answer, OSError):  # it died; its replacement has the same installation
             continue
         if isinstance(answer, Exception):
             raise answer

@@ -17,13 +17,13 @@ from homolog.errors import InputError
 __all__ = ["choose_device", "cores", "describe_device", "device_faults", "launch_on_cores", "shared"]
 
 _PIECES_PER_CORE = 4
-"""Pieces of a launch on the CPU, so that cores which are done early take from the others."""
+"""Number of pieces per core of a launch on the CPU, to balance the load."""
 
 
 def _start_warp() -> None:
     """Initialize Warp without its message on a missing CUDA driver or hidden GPUs.
 
-    Such a machine is a normal one here, and the device in use is named by `describe_device`.
+    Such machines are supported, and `describe_device` names the device in use.
     """
     wp.config.log_level = wp.LOG_WARNING
     hidden = os.environ.get("CUDA_VISIBLE_DEVICES") in ("", "-1")
@@ -61,7 +61,7 @@ def choose_device(name: str = "auto") -> str:
     Raises
     ------
     InputError
-        If a named device does not exist here; the message lists those that do.
+        If a named device does not exist; the message lists the existing ones.
     """
     present = ["cpu", *(device.alias for device in wp.get_cuda_devices())]
     if name == "auto":
@@ -102,7 +102,7 @@ def device_faults(alias: str) -> Iterator[None]:
         yield
     except Exception as error:
         full = isinstance(error, MemoryError) or any(phrase in str(error) for phrase in _FULL)
-        # Warp raises these two, and no class of its own: Exception where kernels can't be loaded any more
+        # Warp raises these two, no class of its own: Exception if kernels can't be loaded
         from_warp = type(error) in (RuntimeError, Exception) and (full or alias != "cpu")
         if not from_warp and not isinstance(error, MemoryError):
             raise
@@ -122,7 +122,7 @@ _FULL = ("Failed to allocate", "out of memory")
 
 
 def cores() -> int:
-    """Return how many processor cores this process may use."""
+    """Return the number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -143,10 +143,10 @@ def launch_on_cores(kernel: Any, count: int, inputs: Sequence[Any]) -> None:  # 
 
 @cache
 def _launching_threads(_process: int) -> ThreadPoolExecutor:
-    """Return the threads of `launch_on_cores`, kept because new ones cost more than many launches."""
+    """Return the threads of `launch_on_cores`, kept because new threads cost more than many launches."""
     return ThreadPoolExecutor(cores(), thread_name_prefix="launches")
 
 
 def shared(array: Array) -> Any:  # noqa: ANN401
-    """Return a Warp array of the CPU on the memory of a contiguous array."""
+    """Return a Warp array on the CPU that shares the memory of a contiguous array."""
     return wp.array(array, dtype=wp.dtype_from_numpy(array.dtype), device="cpu", copy=False)

@@ -16,9 +16,9 @@ class HomologError(Exception):
 
 
 class InputError(HomologError, ValueError):
-    """The user can repair it: the message names the subject or file, what is wrong and the remedy.
+    """The user can fix the cause: the message names the subject or file, the fault and the remedy.
 
-    Also a `ValueError`, which libraries catch by custom.
+    It is also a `ValueError`, which libraries commonly catch.
     """
 
 
@@ -41,8 +41,7 @@ class Cancelled(HomologError):
 def user_message(error: BaseException) -> str | None:
     """Return the message for the user, or None if the error is a defect of the program.
 
-    An error of the system that names a file, such as missing permissions, is one that the user can fix, and
-    so is a package that is not installed.
+    The user can fix system errors that name a file, such as missing permissions, and missing packages.
     """
     if isinstance(error, InputError | NumericalError):
         return str(error)

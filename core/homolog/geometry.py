@@ -48,7 +48,7 @@ def scale_of(matrices: FloatArray) -> FloatArray:
 
 
 def rotation_of(matrices: FloatArray) -> FloatArray:
-    """Return the rotations (..., 3, 3) of similarities (..., 4, 4) that are no mirror images."""
+    """Return the rotations (..., 3, 3) of similarities (..., 4, 4) without reflection."""
     linear = matrices[..., :3, :3]
     return np.asarray(linear / np.cbrt(np.linalg.det(linear))[..., None, None])
 
@@ -68,7 +68,7 @@ def fit_rotation(
     Returns
     -------
     left, right : (..., 3, 3) arrays
-        Factors of the rotation, ``left @ right``; a scale goes into the first, which rounds once less.
+        Factors of the rotation, ``left @ right``; apply a scale to the first, which saves a rounding.
     overlap : (...,) array
         Sum over the points of target · rotated point.
     """
@@ -81,7 +81,7 @@ def fit_rotation(
 def fit_similarity(
     points: FloatArray, targets: FloatArray, *, scaling: bool, mirrored: bool = False
 ) -> FloatArray:
-    """Return the similarity of points to targets with least squares (Umeyama 1991).
+    """Return the least-squares similarity of points to targets (Umeyama 1991).
 
     Parameters
     ----------
@@ -117,24 +117,24 @@ def rms_radius(points: FloatArray) -> FloatArray:
 def farthest_point_sampling(
     points: FloatArray, count: int, begin: Sequence[int] | IntArray = (0,)
 ) -> IntArray:
-    """Return indices of points far from each other, each the farthest from those before (Gonzalez 1985).
+    """Return indices of points far from each other, each the farthest from the previous ones (Gonzalez 1985).
 
     Parameters
     ----------
     points : (n, 3) array
     count : int
-        How many are chosen, n at most.
+        Number of chosen points, at most n.
     begin : sequence of int
-        The first of them.
+        Indices of the first points.
 
     Returns
     -------
     (count,) int array
-        In the order in which they are chosen.
+        Indices in the order of their choice.
     """
     chosen = [int(index) for index in begin]
     gap = cdist(points, points[chosen]).min(axis=1)
-    columns = np.ascontiguousarray(points.T)  # a fifth of the time of rows
+    columns = np.ascontiguousarray(points.T)  # five times faster than rows
     while len(chosen) < count:
         chosen.append(int(gap.argmax()))
         offsets = columns - columns[:, chosen[-1], None]

@@ -40,11 +40,11 @@ def free_memory() -> int:
 
 
 def return_freed_memory() -> None:
-    """Return freed memory to the system, which the C library of Linux retains otherwise."""
+    """Return freed memory to the system, which the C library of Linux would retain."""
     gc.collect()
     if sys.platform == "linux":
         library = ctypes.CDLL(None)
-        if hasattr(library, "malloc_trim"):  # of glibc
+        if hasattr(library, "malloc_trim"):  # glibc
             library.malloc_trim(0)
 
 
@@ -54,16 +54,16 @@ def check_fits(what: object, needed: float, remedy: str) -> None:
     Parameters
     ----------
     what : object
-        File or subject, for the message.
+        The file or subject, for the message.
     needed : float
-        Memory that it will take [bytes].
+        Required memory [bytes].
     remedy : str
-        What the user can do about it.
+        Remedy for the message.
 
     Raises
     ------
     InputError
-        Naming both numbers in GB (10⁹ bytes).
+        With both numbers in GB (10⁹ bytes).
     """
     free = free_memory()
     if needed > free:

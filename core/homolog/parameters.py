@@ -36,22 +36,22 @@ class Parameter:
     name : str
         The field's name.
     kind : type
-        ``bool``, ``int``, ``float`` or ``str``; for a closed set of values its `Enum`.
+        ``bool``, ``int``, ``float`` or ``str``, or the `Enum` of a closed set of values.
     automatic : bool
         Whether the value may be left to the program (None).
     default : object
         The default value.
     low, high : float or None
-        Bounds, if any. `low_excluded` says that `low` itself is not allowed.
+        Bounds, if any. With `low_excluded`, `low` itself is not allowed.
     low_excluded : bool
     unit : str
-        Empty for numbers without dimension.
+        Unit; empty for dimensionless numbers.
     help : str
-        One or two sentences.
+        Help in one or two sentences.
     title : str
         Display name if it differs from the field's name.
     example : str
-        Of a text.
+        Example of a text.
     """
 
     name: str

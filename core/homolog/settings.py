@@ -1,7 +1,7 @@
-"""Every parameter of a run, once: unit, bounds, default and help serve file, command line and form.
+"""All parameters of a run, with units, bounds, defaults and help for files, command line and forms.
 
-Lengths that depend on the shapes are relative: regularisation and weights have no unit, so that they
-mean the same for a mouse femur in micrometres and a pelvis in millimetres (see docs/method.md).
+Quantities that depend on the size of the shapes are relative: regularization and weights have no unit and are
+valid for a mouse femur and a pelvis alike (see docs/method.md).
 """
 
 import re
@@ -52,7 +52,7 @@ class Alignment(StrEnum):
 
 
 class Mirror(StrEnum):
-    """Which side of the body is mirrored, so that left and right ones are compared."""
+    """Side of the body that is mirrored, so that left and right shapes can be compared."""
 
     AUTO = "auto"
     LEFT = "left"
@@ -61,7 +61,7 @@ class Mirror(StrEnum):
 
 
 class Pieces(StrEnum):
-    """Which of a structure's separate pieces are kept."""
+    """Separate pieces of a structure that are kept."""
 
     LARGEST = "largest"
     ALL = "all"
@@ -83,7 +83,7 @@ class Procrustes(StrEnum):
 
 
 def _form(pattern: str, expected: str) -> AfterValidator:
-    """Return a validator of a text's form."""
+    """Return a validator of a text's format."""
 
     def check(value: str | None) -> str | None:
         if value is not None and not re.fullmatch(pattern, value):
@@ -340,7 +340,7 @@ class RunSettings(_Settings):
 
     @property
     def placing(self) -> OptimizeSettings:
-        """The optimizer's settings with `Procrustes.AUTO` replaced by what it stands for here."""
+        """The optimizer's settings with `Procrustes.AUTO` resolved for these settings."""
         if self.optimize.procrustes is not Procrustes.AUTO:
             return self.optimize
         meant = Procrustes.OFF

@@ -1,4 +1,4 @@
-"""Tables as spreadsheet programs save them: text with commas, semicolons or tabs, or XLSX."""
+"""Tables of spreadsheet programs: text with commas, semicolons or tabs, or XLSX."""
 
 import codecs
 import csv
@@ -17,15 +17,15 @@ __all__ = ["MISSING", "TABLE_SUFFIXES", "Row", "encoding_notes", "read_rows"]
 Row = dict[str, str]
 
 MISSING = ("", "na", "n/a", "nan", "none", "null")
-"""Texts of cells without a value, in any case."""
+"""Texts of cells without a value, case-insensitive."""
 TABLE_SUFFIXES = (".csv", ".tsv", ".xlsx")
-"""Of files that are taken for tables."""
+"""Suffixes of tables."""
 
 _LARGEST = 64 * 2**20
 _LARGEST_UNPACKED = 256 * 2**20
 _MOST_ROWS, _MOST_COLUMNS = 100_000, 1000
 _SEPARATORS = ",;\t"
-_SAID = re.compile(r'"?sep=(.)"?\r?\n', re.IGNORECASE)  # what Excel takes for the separator
+_SAID = re.compile(r'"?sep=(.)"?\r?\n', re.IGNORECASE)  # Excel's declaration of the separator
 _NO_TEXT = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
 _WESTERN = "cp1252"
 _WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
@@ -34,24 +34,24 @@ _WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 def read_rows(path: Path) -> tuple[list[str], list[tuple[int, Row]]]:
     """Return a table's column names, and its rows with their lines; empty rows are omitted.
 
-    The separator is the one that the first line has most of. Values lose the blanks around them. Of an XLSX
-    file the first sheet is read, with numbers and dates as texts.
+    The separator is the one that occurs most often in the first line. Blanks around values are removed. Of an
+    XLSX file the first sheet is read, with numbers and dates as texts.
 
     Raises
     ------
     InputError
-        If the file can't be read, two columns have one name, or a row has more values than there are columns.
+        If the file can't be read, two columns have the same name, or a row has more values than columns.
     """
     lines, separator = _sheet_lines(path) if path.suffix.lower() == ".xlsx" else _text_lines(path)
     columns = lines[0][1] if lines else []
     twice = [name for name, count in Counter(columns).items() if name and count > 1]
     if twice:
-        raise InputError(f"{path}: has several columns called {', '.join(twice)}; give each its own name")
+        raise InputError(f"{path}: has several columns named {', '.join(twice)}; give each its own name")
     rows = []
     for number, values in lines[1:]:
         if any(values[len(columns) :]):
             raise InputError(
-                f"{path}, line {number}: has more values than there are columns; put values that hold "
+                f"{path}, line {number}: has more values than there are columns; put values that contain "
                 f"{separator!r} into quotes"
             )
         if any(values):
@@ -61,7 +61,7 @@ def read_rows(path: Path) -> tuple[list[str], list[tuple[int, Row]]]:
 
 
 def encoding_notes(path: Path) -> tuple[str, ...]:
-    """Return a note if the letters of a table that `read_rows` reads may be others than those meant."""
+    """Return a note if letters of a table may be read incorrectly by `read_rows`."""
     if path.suffix.lower() == ".xlsx" or _decoded(path)[1] != _WESTERN:
         return ()
     return (
@@ -70,7 +70,7 @@ def encoding_notes(path: Path) -> tuple[str, ...]:
 
 
 def _text_lines(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
-    """Return the numbered lines of a text file as values, and what separates them."""
+    """Return the numbered lines of a text file as values, and the separator."""
     text, _ = _decoded(path)
     skipped = 0
     if said := _SAID.match(text):
@@ -102,7 +102,7 @@ def _sheet_lines(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
                 raise InputError(f"{path}: is too large for a table; choose another file")
         with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
             sheet = book.worksheets[0]
-            sheet.reset_dimensions()  # what a sheet claims of its size would be filled with blanks
+            sheet.reset_dimensions()  # the declared size of a sheet would be filled with blanks
             for number, row in enumerate(sheet.iter_rows(values_only=True, max_col=_MOST_COLUMNS), start=1):
                 if number > _MOST_ROWS:
                     raise InputError(f"{path}: has more than {_MOST_ROWS} rows; choose another file")
@@ -113,7 +113,7 @@ def _sheet_lines(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
                     lines.append((number, values))
     except InputError:
         raise
-    except Exception as error:  # what zip, XML and openpyxl raise on damaged files is no short list
+    except Exception as error:  # zip, XML and openpyxl raise many kinds of errors
         raise InputError(f"{path}: can't be read as a table: {error}; save it again") from error
     return lines, ","
 

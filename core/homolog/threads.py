@@ -12,10 +12,10 @@ from threadpoolctl import ThreadpoolController
 
 __all__ = ["MOST_THREADS", "blas_threads", "in_threads", "on_one_thread"]
 
-_LARGE = 200  # rows of a matrix from which several threads pay
+_LARGE = 200  # least number of rows for which several threads are faster
 
 MOST_THREADS = 8
-"""More wait for the interpreter lock."""
+"""Further threads would wait for the interpreter lock."""
 
 _Item = TypeVar("_Item")
 _Arguments = ParamSpec("_Arguments")
@@ -25,7 +25,7 @@ _Result = TypeVar("_Result")
 def in_threads(
     function: Callable[[_Item], _Result], items: Iterable[_Item], threads: int
 ) -> Iterator[_Result]:
-    """Yield a function's results in the order of the items, a few of them computed ahead on other threads."""
+    """Yield a function's results in the order of the items, computing a few ahead on other threads."""
     threads = min(threads, MOST_THREADS)
     if threads == 1:
         yield from map(function, items)
@@ -45,8 +45,8 @@ def in_threads(
 def on_one_thread(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
     """Decorate a function to run its linear algebra on one thread.
 
-    Products and decompositions of small matrices are several times slower on two BLAS threads that wait
-    for each other, a thousand times on a busy machine. With one thread their last digits do not depend
+    Products and decompositions of small matrices are several times slower on two BLAS threads that wait for
+    each other, and a thousand times slower on a busy machine. With one thread their last digits do not depend
     on the number of cores.
     """
 
@@ -59,17 +59,17 @@ def on_one_thread(function: Callable[_Arguments, _Result]) -> Callable[_Argument
 
 
 def blas_threads(rows: int, least: int = _LARGE) -> AbstractContextManager[object]:
-    """Return a context in which BLAS uses one thread, unless the matrices have at least so many rows."""
+    """Return a context in which BLAS uses one thread, unless the matrices have at least `least` rows."""
     return nullcontext() if rows >= least else _one_thread()
 
 
 _lock = threading.Lock()
-_limiting = 0  # blocks in which BLAS is limited, of all threads
+_limiting = 0  # number of active blocks that limit BLAS, over all threads
 
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Limit BLAS, whose threads the whole process shares, until the last of overlapping blocks ends."""
+    """Limit BLAS, whose threads are shared by the process, until the last of overlapping blocks ends."""
     global _limiting
     libraries = _threads_at_first()
     with _lock:
@@ -88,7 +88,7 @@ def _one_thread() -> Iterator[None]:
 
 
 def _set_threads(library: Any, threads: int) -> None:  # noqa: ANN401 - threadpoolctl has no types
-    """Set a library's threads from any thread: threadpoolctl 3.8 listens only to the first that did."""
+    """Set a library's threads from any thread: threadpoolctl 3.8 only obeys the first thread that did."""
     clear = getattr(library, "clear_controlling_thread", None)
     if clear is not None:
         clear(force=True)

@@ -25,9 +25,9 @@ def worker_processes(count: int, *, fresh: bool = False) -> Iterator[Executor]:
     Parameters
     ----------
     count : int
-        Processes at most.
+        Largest number of processes.
     fresh : bool
-        Start each as a new program with the present environment, which takes a second or two.
+        Whether to start each as a new program with the current environment, which takes a second or two.
 
     Yields
     ------
@@ -46,9 +46,9 @@ def worker_processes(count: int, *, fresh: bool = False) -> Iterator[Executor]:
 
 
 def _terminate(executor: ProcessPoolExecutor, processes: set[BaseProcess]) -> None:
-    """Terminate the processes and shut down the executor, even amid the transfer of a result.
+    """Terminate the processes and shut down the executor, even during the transfer of a result.
 
-    Its thread would wait for the rest of the result for ever, as this process holds the sending end too.
+    Its thread would wait forever for the rest of the result, since this process also holds the sending end.
     """
     for process in processes:
         process.terminate()
@@ -66,7 +66,7 @@ def main_guard_hint() -> str:
 def _server() -> BaseContext | None:
     """Return the context that forks workers from a server process with the required modules.
 
-    A fork of this process, with its threads, Warp or a window, would not be safe. On macOS no fork is.
+    Forking this process would not be safe because of its threads, Warp and windows. On macOS no fork is safe.
     """
     if not sys.platform.startswith("linux"):
         return None
@@ -77,13 +77,13 @@ def _server() -> BaseContext | None:
     own = {
         _THREADS: os.environ.get(_THREADS, "1"),
         "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-        "CUDA_VISIBLE_DEVICES": "",  # a context of the GPU would not survive the fork
+        "CUDA_VISIBLE_DEVICES": "",  # a GPU context would not survive the fork
     }
     before = {name: os.environ.get(name) for name in own}
-    os.environ.update(own)  # the server takes what holds when it starts
+    os.environ.update(own)  # the server inherits the environment at its start
     try:
         forkserver.ensure_running()
-    except OSError:  # such as a temporary folder whose name is too long for a socket
+    except OSError:  # for example, if the temporary folder's name is too long for a socket
         return None
     finally:
         for name, value in before.items():
@@ -95,7 +95,7 @@ def _server() -> BaseContext | None:
 
 
 def _live_with(parent: Connection) -> None:
-    """Ignore Ctrl-C, and end with the parent even if that is killed."""
+    """Ignore Ctrl-C, and end with the parent even if it is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.setdefault(_THREADS, "1")  # each process has its core
 

@@ -282,7 +282,7 @@ def test_a_fit_that_was_refused_can_be_asked_for_again(project, scans, tmp_path,
     [
         (["--fit", "nothing.nrrd"], "is not a segmentation or mesh"),
         (["--fit", "scans/a.nrrd"], "already has 48 particles"),
-        (["--fit", "other/a.nrrd"], "several subjects are called a"),
+        (["--fit", "other/a.nrrd"], "several subjects are named a"),
         (["--fit", "scans/a.nrrd", "--resume"], "--out or --resume"),
     ],
 )

@@ -56,14 +56,14 @@ def test_subjects_survive_pickling(folder):
 
 def test_two_files_of_one_name_are_refused(folder):
     (folder / "a.nii").touch()
-    with pytest.raises(InputError, match="several subjects are called a;"):
+    with pytest.raises(InputError, match="several subjects are named a;"):
         read_cohort(folder)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("name,path\na,a.nrrd\na,b.nii.gz\n", "several subjects are called a"),
+        ("name,path\na,a.nrrd\na,b.nii.gz\n", "several subjects are named a"),
         ("name,thing\na,a.nrrd\n", "lacks the column path"),
         ("", "lacks the column name and path"),
         ("name,path\n", "lists no subject"),
@@ -72,7 +72,7 @@ def test_two_files_of_one_name_are_refused(folder):
         ("name,path\na/b,a.nrrd\n", "line 2: 'a/b'"),
         ("name,path\n..,a.nrrd\n", "not a valid name"),
         ("name,path\na,a.nrrd\nz,a.nrrd\n", "a and z have the same file, a.nrrd"),
-        ("name,path,group,group\na,a.nrrd,x,y\n", "several columns called group"),
+        ("name,path,group,group\na,a.nrrd,x,y\n", "several columns named group"),
         ("name,path,group\nDoe, Jane,a.nrrd,x\n", "line 2: has more values than .* put values that hold ','"),
         ('name,path\na,"a.nrrd\nb,b.nrrd\n', "line 3: unexpected end of data; save the table again"),
     ],

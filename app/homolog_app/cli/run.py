@@ -294,7 +294,7 @@ def _with_new(cohort: Cohort, paths: Sequence[Path], segment: str | None) -> Coh
     names = Counter(subject.name for subject in (*cohort.subjects, *new))
     repeated = [name for name, count in names.items() if count > 1]
     if repeated:
-        raise InputError(f"several subjects are called {', '.join(repeated)}; rename the new files")
+        raise InputError(f"several subjects are named {', '.join(repeated)}; rename the new files")
     return Cohort((*cohort.subjects, *new), cohort.folder)
 
 

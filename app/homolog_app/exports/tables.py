@@ -84,7 +84,7 @@ def write_tables(
         For the comparison of `groups`.
     groups : (str, str, str), optional
         Column and two groups to compare; the studies that ``homolog analyze`` kept if not given, of which
-        stored tables of this result are taken as they are.
+        stored tables of this result are copied unchanged.
     tick : Tick
         Progress and cancelling.
 

@@ -116,13 +116,13 @@ def compare_groups(
         the result's `notes`, instead of refused.
     alignment : {"rigid", "similarity", "as-it-lies"}, or several of them
         Alignment before the comparison: rigid (form: size and shape), by similarities (shape alone), or
-        none. Several alignments give several answers, with p values corrected for their number
+        none. Several alignments give several answers, with p-values corrected for their number
         (Bonferroni). By default form and shape, as in the window and in ``homolog analyze``. A single one,
         such as ``"rigid"``, is not corrected: choose it before you see results.
     modes : int, optional
-        Modes in which the whole shape is tested; by parallel analysis if not given.
+        Number of modes in which the whole shape is tested; chosen by parallel analysis if not given.
     permutations : int
-        Number of permutations of each test; p values are at least 1 / (permutations + 1).
+        Number of permutations of each test; p-values are at least 1 / (permutations + 1).
     null_repeats : int
         Repeats of the null simulation, which estimates type I error rates; 0 omits it.
     seed : int
@@ -135,14 +135,14 @@ def compare_groups(
     Returns
     -------
     tuple of Comparison, or Comparison
-        One for each alignment, form and shape by default; a single Comparison if `alignment` is one name.
-        With three or more groups it is the test for any difference, and its `pairwise` has the comparisons
-        of two groups, corrected for their number (Holm).
+        A comparison for each alignment, by default form and shape; a single Comparison if `alignment` is one
+        name. With three or more groups it is the test for any difference, and its `pairwise` has the
+        comparisons of two groups, corrected for their number (Holm).
 
     Raises
     ------
     InputError
-        If a group is too small, a value is missing, subjects are duplicate, covariates are confounded with
+        If a group is too small, a value is missing, subjects are duplicated, covariates are confounded with
         the group, or an argument is invalid.
 
     References
@@ -282,7 +282,7 @@ def regress(
     alignment : {"rigid", "similarity", "as-it-lies"}, or several of them
         Alignment before the test, as in `compare_groups`; by default form and shape.
     modes : int, optional
-        Modes in which the whole shape is tested; by parallel analysis if not given.
+        Number of modes in which the whole shape is tested; chosen by parallel analysis if not given.
     permutations : int
         Number of permutations of each test.
     null_repeats : int
@@ -297,13 +297,13 @@ def regress(
     Returns
     -------
     tuple of Comparison, or Comparison
-        One for each alignment, form and shape by default; a single Comparison if `alignment` is one name.
-        Effects are changes per unit of the variable.
+        A comparison for each alignment, by default form and shape; a single Comparison if `alignment` is one
+        name. Effects are changes per unit of the variable.
 
     Raises
     ------
     InputError
-        If a value is missing or not a number, subjects are duplicate, the variable is confounded with the
+        If a value is missing or not a number, subjects are duplicated, the variable is confounded with the
         covariates, or an argument is invalid.
 
     References
@@ -335,7 +335,7 @@ def regress(
     chosen = np.array([index for index in range(len(shapes)) if index not in gone], np.int64)
     called = None if names is None else [names[index] for index in chosen.tolist()]
     own = [values[index] for index in chosen.tolist()]
-    columns_of({name: own}, range(len(own)), len(own), called)  # says which value is missing
+    columns_of({name: own}, range(len(own)), len(own), called)  # raises an error that names missing values
     given = numbers(own)
     if given is None:
         raise InputError(f"{name!r} contains words; compare its groups instead of a regression")

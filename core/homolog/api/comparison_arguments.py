@@ -1,4 +1,4 @@
-"""Arguments of comparisons: checked, and turned into what the analysis takes."""
+"""Arguments of comparisons: checks, and conversion for the analysis."""
 
 from collections.abc import Mapping, Sequence
 
@@ -46,7 +46,7 @@ def pairs_of(
     covariates: Covariates | None,
     names: Sequence[str] | None,
 ) -> tuple[IntArray, IntArray]:
-    """Return the first and the second of each pair of subjects."""
+    """Return the first and the second subject of each pair."""
     if any(isinstance(pair, tuple | list) for pair in pairs):
         raise InputError("pairs: give the name of each subject's pair; `between` chooses the groups")
     _check_length(pairs, labels)
@@ -80,7 +80,7 @@ def table_of(covariates: Covariates | None, chosen: Sequence[int]) -> dict[str, 
 
 
 def incomplete(subjects: int, covariates: Covariates | None, members: BoolArray) -> dict[int, str]:
-    """Return the members, of all subjects, that lack a value of a covariate, and which."""
+    """Return the members that lack a covariate's value, with the reason, by index."""
     gone: dict[int, str] = {}
     for title, values in (covariates or {}).items():
         check_values(title, values, subjects)
@@ -91,7 +91,7 @@ def incomplete(subjects: int, covariates: Covariates | None, members: BoolArray)
 
 
 def unpaired(pairs: Sequence[str | None], labels: Array, order: Sequence[str]) -> dict[int, str]:
-    """Return the subjects of two groups without a pair or a partner, and which of these is missing."""
+    """Return the subjects of two groups without a pair or a partner, with the reason, by index."""
     _check_length(pairs, labels)
     gone: dict[int, str] = {}
     by_pair: dict[str, list[int]] = {}
@@ -111,7 +111,7 @@ def notes_on(
     covariates: Covariates | None,
     groups: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """Return how many subjects were excluded, and why, and which values may be one in several spellings."""
+    """Return notes on excluded subjects, and on values that may be spellings of one value."""
     called = {f"subject {index + 1}" if names is None else names[index]: why for index, why in gone.items()}
     notes = exclusion_notes(called) + spelling_notes("groups", groups)
     for title, values in (covariates or {}).items():
@@ -136,7 +136,7 @@ def _check_length(pairs: Sequence[str | None], labels: Array) -> None:
 
 
 def check_values(title: str, values: Sequence[str | float] | Array, subjects: int) -> None:
-    """Refuse what is not one value for each subject."""
+    """Refuse anything but one value for each subject."""
     is_sequence = hasattr(values, "__len__") and not isinstance(values, str)
     if not is_sequence or getattr(values, "ndim", 1) != 1 or any(map(np.ndim, values)):
         raise InputError(f"{title!r}: must be a sequence of values, one for each subject")

@@ -86,24 +86,24 @@ class Correspondence(HasMeanShape):
     Attributes
     ----------
     names : tuple of str
-        The M subjects.
+        Names of the M subjects.
     groups : tuple of str or None
         Their groups, from the cohort's table.
     covariates : dict of str to tuple of str
         The further columns of the cohort's table, one value for each subject, empty where missing.
     particles : (M, N, 3) float64 array
-        Each subject's particles in its own frame, that of its file or mesh [mm]. The same index is the same
-        place on all subjects.
+        Each subject's particles in its own frame, that of its file or mesh [mm]. Particles of
+        equal index correspond.
     aligned : (M, N, 3) float64 array
-        The same in one common frame [mm]: what statistics are computed from.
+        Particles in one common frame [mm], the data of statistics.
     alignments : (M, 4, 4) float64 array
-        Similarities that take particles to aligned ones; reflections for subjects that were mirrored.
+        Similarities from `particles` to `aligned`; reflections for mirrored subjects.
     meshes : tuple of TriangleMesh
-        The smoothed surfaces that the particles lie on, each in its own frame.
+        The smoothed surfaces of the particles, each in its own frame.
     energies : (T, 4) float64 array
         Iteration, and the three terms of the objective (sampling, ensemble, normals); lower is better.
     iterations : int
-        Of the optimization.
+        Number of iterations of the optimization.
     converged : bool
         Whether the objective converged before the maximum number of iterations.
     notes : tuple of str
@@ -125,7 +125,7 @@ class Correspondence(HasMeanShape):
     _keys: Mapping[str, str] = field(repr=False)
 
     def __repr__(self) -> str:
-        """Return a line for people."""
+        """Return a one-line summary."""
         subjects, count = self.particles.shape[:2]
         ended = "converged" if self.converged else f"not converged in {self.iterations} iterations"
         return f"Correspondence({count} particles on {subjects} subjects, {ended})"
@@ -207,7 +207,7 @@ def correspond(
     n_particles : int
         Corresponding points on every shape.
     voxel_size : float or three floats, optional
-        Of label arrays, along their axes [mm].
+        Voxel size of label arrays along their axes [mm].
     device : str
         ``"auto"`` (the first GPU if there is one, else the CPU), ``"cpu"`` or ``"cuda:<n>"``; several, such
         as ``"cuda:0,cuda:1"``, share the shapes.
@@ -222,7 +222,7 @@ def correspond(
         ``seed=1``: see the table of settings in docs/api.md. On a CPU, the same shapes, settings and seed
         give bit-identical particles. With ``core_set=K``, K subjects are optimized jointly and the others
         fitted to them, with surfaces and fits in a temporary folder; ``homolog run`` stores these in the
-        project, so that it can be resumed, and has few surfaces in memory.
+        project, so that it can be resumed, and needs memory for few surfaces.
 
     Returns
     -------
@@ -231,9 +231,9 @@ def correspond(
     Raises
     ------
     InputError
-        If shapes or settings can't be used: a line for each, with its name and the remedy.
+        If shapes or settings can't be used; with a line for each, its name and the remedy.
     NumericalError
-        If a computation failed.
+        If a computation fails.
 
     References
     ----------
@@ -304,9 +304,9 @@ def run_settings(given: dict[str, Any], n_particles: int, device: str, workers: 
     Raises
     ------
     TypeError
-        If there is no setting of a name.
+        If a name is not a setting.
     InputError
-        One line for each invalid value.
+        With a line for each invalid value.
     """
     unknown = sorted(given.keys() - Settings.__annotations__.keys())
     if unknown:

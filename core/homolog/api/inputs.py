@@ -39,9 +39,9 @@ def cohort_of(
     Parameters
     ----------
     shapes : Cohort, path, mapping or iterable
-        As `homolog.correspond` takes them.
+        Shapes as in `homolog.correspond`.
     voxel_size : float or three floats, optional
-        Of label arrays [mm].
+        Voxel size of label arrays [mm].
     settings : GroomSettings
         Its `label` is the value of the structure in label arrays; every value above 0 if it is None.
 
@@ -50,12 +50,12 @@ def cohort_of(
     Cohort
         Subjects in memory have their name in place of a path.
     dict of str to Segmentation or TriangleMesh
-        Those in memory, by name.
+        Shapes in memory, by name.
 
     Raises
     ------
     InputError
-        If a shape is of no known kind or damaged, or two have the same name.
+        If a shape is of an unknown kind or damaged, or two shapes have the same name.
     """
     if isinstance(shapes, Cohort):
         return shapes, {}
@@ -73,7 +73,7 @@ def cohort_of(
         )
     names = [name for name, _ in pairs]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise InputError(f"several shapes are called {', '.join(twice[:5])}; give a dict with other names")
+        raise InputError(f"several shapes are named {', '.join(twice[:5])}; give a dict with other names")
     subjects, sources = [], {}
     for name, shape in pairs:
         if isinstance(shape, str | PathLike):
@@ -92,7 +92,7 @@ def as_mesh(shape: Any) -> TriangleMesh | None:  # noqa: ANN401 - meshes of any 
     Raises
     ------
     InputError
-        If it is a mesh, but its arrays do not make one.
+        If it is a mesh with invalid arrays.
     """
     if isinstance(shape, TriangleMesh):
         return _checked(shape.vertices, shape.faces)
@@ -164,7 +164,7 @@ def _labels(
 
 
 def _name(shape: object, number: int) -> str:
-    """Return a shape's name: its file's, else its number."""
+    """Return a shape's name: that of its file, otherwise its number."""
     if not isinstance(shape, str | PathLike):
         return f"shape_{number}"
     path = Path(shape)

@@ -23,7 +23,8 @@ class MeanShape:
     surface : TriangleMesh
         The mean surface in the same frame.
     smoothing : (N,) float64 array
-        Of the spline that warps it [mm]; see `homolog.analysis.reconstruction.warp_surface`.
+        Smoothing of the spline that warps the surface, at each particle [mm]; see
+        `homolog.analysis.reconstruction.warp_surface`.
     """
 
     particles: FloatArray
@@ -44,19 +45,19 @@ class HasMeanShape(ABC):
         Parameters
         ----------
         particles : (N, 3) array_like, optional
-            Such as ``ShapeModel.instance([2.0])`` [mm]; the mean of `aligned` if not given.
+            Aligned particles [mm], such as ``ShapeModel.instance([2.0])``; by default the mean of `aligned`.
 
         Returns
         -------
         TriangleMesh
-            In the common frame; the same faces for all particles.
+            The surface in the common frame, with the same faces for all particles.
 
         Raises
         ------
         InputError
             If the particles have another shape than (N, 3), or are not finite numbers.
         NumericalError
-            If particles coincide, so that no surface can be warped by them.
+            If particles coincide, so that they define no warp of the surface.
         """
         mean = self._mean_shape
         if particles is None:

@@ -43,14 +43,14 @@ def make_reference(
     adjust : sequence of str
         Columns of the cohort's table to adjust for, such as age.
     pairs : str, optional
-        Column that identifies a person, if controls were scanned twice: the first time is the control, and
-        the change to the next one is the expected change in `homolog.patient.compare_times`.
+        Column that identifies a person, if controls were scanned repeatedly. The first scan is a control, and
+        the change to the next one gives the expected change in `homolog.patient.compare_times`.
     time : str
         Column that orders a person's times.
     workers : int, optional
-        Processes; one per core by default.
+        Number of processes; one per core by default.
     callback : callable, optional
-        Called with the fraction done and a message; whatever it raises ends the work.
+        Called with the fraction done and a message; any exception that it raises ends the work.
 
     Returns
     -------
@@ -94,19 +94,19 @@ def compare_patient(
     Parameters
     ----------
     reference : Reference or path
-        From `make_reference`, or the file of one.
+        Result of `make_reference`, or its file.
     shape : path, mesh, image or array
-        As the shapes of `correspond`; groomed with the settings of the controls.
+        A shape as in `correspond`; it is groomed with the settings of the controls.
     covariates : mapping of str to value, optional
         The patient's values of the covariates of the reference.
     side : str
         ``"left"`` or ``"right"``: the shape is mirrored if the controls are of the other side.
     voxel_size : float or three floats, optional
-        Of a label array [mm].
+        Voxel size of a label array [mm].
     force : bool
-        Compare even what looks like another structure or side.
+        Whether to compare the shape even if it seems to be another structure or side.
     callback : callable, optional
-        Called with the fraction done and a message; whatever it raises ends the work.
+        Called with the fraction done and a message; any exception that it raises ends the work.
 
     Returns
     -------
@@ -115,8 +115,8 @@ def compare_patient(
     Raises
     ------
     InputError
-        If the shape is empty, has another unit, side or structure, is cut off, or a covariate is missing; if
-        the file of the reference can't be read.
+        If the shape is empty, has another unit, side or structure, or is cut off, if a covariate is missing,
+        or if the reference's file can't be read.
 
     References
     ----------
@@ -125,7 +125,7 @@ def compare_patient(
     if not isinstance(reference, Reference):
         reference = Reference.load(reference)
     values = {name: str(value) for name, value in (covariates or {}).items()}
-    reference.coding.columns(values)  # refuses before anything is computed
+    reference.coding.columns(values)  # refuses invalid values before the computation
     settings, tick = reference.provenance.groom, tick_of(callback)
     cohort, sources = cohort_of([shape], voxel_size, settings)
     (subject,) = cohort.subjects

@@ -29,26 +29,25 @@ class Project(HasMeanShape):
     Parameters
     ----------
     folder : path
-        The project.
+        The project folder.
 
     Attributes
     ----------
     folder : Path
     names : tuple of str
-        The M subjects.
+        Names of the M subjects.
     groups : tuple of str or None
-        Their groups, from the present table.
+        Their groups, from the current table.
     covariates : dict of str to tuple of str
         The further columns of the cohort's table, one value for each subject, empty where missing.
     particles : (M, N, 3) float64 array
-        Each subject's particles in the frame of its file [mm]. The same index is the same place on all
-        subjects.
+        Each subject's particles in the frame of its file [mm]. Particles of equal index correspond.
     aligned : (M, N, 3) float64 array
-        The same in one common frame [mm]: what statistics are computed from.
+        Particles in one common frame [mm], the data of statistics.
     alignments : (M, 4, 4) float64 array
-        Similarities that take particles to aligned ones; reflections for subjects that were mirrored.
+        Similarities from `particles` to `aligned`; reflections for mirrored subjects.
     settings : RunSettings
-        Of the run.
+        Settings of the run.
     converged : bool
         Whether the run converged; False for models of other programs.
     notes : tuple of str
@@ -57,7 +56,7 @@ class Project(HasMeanShape):
     Raises
     ------
     InputError
-        If the folder is no project, has no result, or one of its files is missing or damaged.
+        If the folder is not a project, has no result, or one of its files is missing or damaged.
     """
 
     folder: Path
@@ -87,13 +86,13 @@ class Project(HasMeanShape):
         self._mean_surface, self._smoothing = result.mean_surface, result.smoothing
 
     def __repr__(self) -> str:
-        """Return a line for people."""
+        """Return a one-line summary."""
         subjects, count = self.particles.shape[:2]
         return f"Project({str(self.folder)!r}: {count} particles on {subjects} subjects)"
 
     @property
     def details(self) -> ReportDetails:
-        """What reports say about structure, cohort and axes; read again on each use."""
+        """Details for reports on structure, cohort and axes; read again on each use."""
         return read_details(self._folder)
 
     def describe(
@@ -109,11 +108,11 @@ class Project(HasMeanShape):
         Parameters
         ----------
         structure : str, optional
-            What the shapes are, such as ``"left ventricle"``. None keeps what is stored.
+            Name of the structure, such as ``"left ventricle"``. None keeps the stored value, here and below.
         cohort : str, optional
-            Who the subjects are: recruitment, criteria, what the groups mean, scanner.
+            Description of the subjects: recruitment, criteria, meaning of the groups, scanner.
         axes : {"auto", "patient", "file"}, optional
-            How places are named. ``"patient"``: by the patient's directions (left, anterior, superior);
+            How locations are named. ``"patient"``: by the patient's directions (left, anterior, superior);
             ``"file"``: by the axes of the files (+x, -z); ``"auto"``: patient if all files are images with
             these directions in their headers.
         places : str, optional
@@ -123,8 +122,8 @@ class Project(HasMeanShape):
         Raises
         ------
         InputError
-            If a text is too long, `axes` is another word, `places` are not three pairs, or the project can't
-            be written to.
+            If a text is too long, `axes` has another value, `places` are not three pairs, or the project
+            can't be written to.
         """
         if axes is not None and axes not in list(Axes):
             raise InputError(f"axes={axes!r}: choose one of {', '.join(Axes)}")
@@ -146,7 +145,7 @@ class Project(HasMeanShape):
 
     @cached_property
     def meshes(self) -> tuple[TriangleMesh, ...]:
-        """The smoothed surfaces that the particles lie on, each in its own frame; read on first use."""
+        """The smoothed surfaces of the particles, each in its own frame; read on first use."""
         return tuple(read_surface(self._folder, subject) for subject in self._record.subjects)
 
     @cached_property

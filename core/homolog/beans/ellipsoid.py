@@ -23,7 +23,7 @@ def ellipsoid_normals(points: FloatArray, axes: FloatArray) -> FloatArray:
 
 
 def closest_on_ellipsoid(points: FloatArray, axes: FloatArray) -> FloatArray:
-    """Return the nearest points of the ellipsoid's surface, inside or outside of it.
+    """Return the closest points on the surface of an ellipsoid, for points inside or outside.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def closest_on_ellipsoid(points: FloatArray, axes: FloatArray) -> FloatArray:
     -----
     The nearest point is q_i = a_i² p_i / (t + a_i²) with the largest root t of
     sum (a_i p_i / (t + a_i²))² = 1; Newton's method rises to it from below, because the left side is
-    convex and falling (D. Eberly, "Distance from a point to an ellipse, an ellipsoid, or a
+    convex and decreasing (D. Eberly, "Distance from a point to an ellipse, an ellipsoid, or a
     hyperellipsoid", 2013).
     """
     side = np.where(points < 0.0, -1.0, 1.0)

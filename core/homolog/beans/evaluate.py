@@ -27,7 +27,8 @@ class BeanMetrics:
         Share of the total variance outside the first two modes.
     ground_truth_r2 : float
         Share of the total variance that a linear regression of all coordinates on the true slot position
-        and width explains: the best single figure, as it also falls when particles scramble.
+        and width explains: the best single figure, as it also decreases if particles are not in
+        correspondence.
     r2_position, r2_width : float
         R² of the true position and width regressed on the scores of the first two modes.
     mode_shares : tuple of float
@@ -84,9 +85,9 @@ def evaluate(particles: FloatArray, beans: Sequence[Bean]) -> BeanMetrics:
 
     Notes
     -----
-    Distances between points of a surface are straight ones, between points whose outward normals differ by
-    less than 120° only: that keeps the opposite wall of the slot away and its rim in, and within two
-    spacings the straight distance is within a few percent of the geodesic one.
+    Distances between points of a surface are Euclidean, and only between points whose outward normals differ
+    by less than 120°: this excludes the opposite wall of the slot and includes its rim. Within two spacings
+    the Euclidean distance differs from the geodesic one by a few percent.
     """
     particles = np.asarray(particles, dtype=np.float64)
     contacts = [closest_on_bean(particle, bean) for particle, bean in zip(particles, beans, strict=True)]

@@ -20,18 +20,18 @@ def write_beans(folder: Path, beans: Sequence[Bean], seed: int, tick: Tick = no_
     Parameters
     ----------
     folder : Path
-        Where to; made if need be. Files of the same names are replaced.
+        Output folder, created if necessary. Files of the same names are replaced.
     beans : sequence of Bean
         The shapes.
     seed : int
         Their random seed, which is stored in the table.
     tick : Tick
-        Told after each volume.
+        Called after each volume.
 
     Returns
     -------
     Cohort
-        Of the volumes.
+        Cohort of the volumes.
 
     Raises
     ------

@@ -30,7 +30,7 @@ class BeanGeometry:
     width_is_semi_axis : bool
         Whether the drawn width is the slot's semi-axis b along y (else the full width 2b).
     width_range : tuple of 2 float
-        The normal distribution of widths is cut off here [mm].
+        Limits of the truncated normal distribution of widths [mm].
     """
 
     name: str
@@ -42,10 +42,11 @@ class BeanGeometry:
 
 
 WIDE = BeanGeometry("wide", (40.0, 30.0, 20.0), 28.0, 14.0, True, (3.0, 13.0))
-"""Slots of different beans overlap, so that corresponding points exist: the one for comparisons."""
+"""Slots of different beans overlap, so that corresponding points exist. This geometry is used for
+comparisons."""
 
 NARROW = BeanGeometry("narrow", (40.0, 30.0, 20.0), 24.0, 12.0, False, (4.0, 12.0))
-"""Slots travel further than they are wide; no method is expected to track them."""
+"""The positions of slots vary by more than their width; no method is expected to track them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,7 @@ class Bean:
     Attributes
     ----------
     geometry : BeanGeometry
-        What it shares with the cohort.
+        Geometry of the cohort.
     position : float
         The slot's centre along y [mm].
     width : float
@@ -86,8 +87,8 @@ class Bean:
 def draw_beans(shapes: int = 10, seed: int = 5, geometry: BeanGeometry = WIDE) -> list[Bean]:
     """Draw a cohort: positions uniform in [-B/3, B/3], widths normal(8, 2) within the geometry's range.
 
-    The same seed gives the same cohort with every numpy. Ten draws rarely have the nominal moments:
-    publish the seed, and see `draw_moments`.
+    The same seed gives the same cohort with every version of numpy. Ten draws rarely have the nominal
+    moments: publish the seed, and see `draw_moments`.
 
     Parameters
     ----------

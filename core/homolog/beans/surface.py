@@ -23,7 +23,7 @@ _WALL_STEEPNESS = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeanContact:
-    """The nearest surface points of some points, and what the surface is like there.
+    """The closest surface points of some points, with normals and location.
 
     Attributes
     ----------
@@ -32,14 +32,14 @@ class BeanContact:
     distance : (n,) array
         Signed distance to them [mm], negative in the solid.
     normals : (n, 3) array
-        Exact unit outward normals of the bean at `points`. On the rim, which has a fan of them, the
+        Exact unit outward normals of the bean at `points`. On the rim, whose normals form a fan, the
         direction from the rim to the point.
     on_slot : (n,) bool array
-        Whether the nearest point is on the slot's surface; on the rim the sheet decides whose normal
-        is nearer to `normals`.
+        Whether the closest point is on the slot's surface; on the rim, the surface whose normal is nearer to
+        `normals` decides.
     wall : (n,) int array
-        -1 or 1 on a wall of the slot (the side of its centre line y = position), 0 on its floor, that is
-        where the normal is less than 30° from the xz plane, and off the slot.
+        -1 or 1 on a wall of the slot (the side of its centre line y = position); 0 off the slot and on its
+        floor, where the normal is less than 30° from the xz plane.
     """
 
     points: FloatArray
@@ -53,7 +53,7 @@ def rim(bean: Bean, count: int = _RIM_POINTS) -> FloatArray:
     """Return points of the closed curve where slot and outer ellipsoid meet, shape (count, 3).
 
     Along every meridian of the slot ellipsoid, from its lowest point (inside the bean) to its equator
-    (outside), the curve is met once: found by bisection.
+    (outside), the curve is crossed once; the crossing is found by bisection.
     """
     angle = 2.0 * np.pi * np.arange(count) / count
     low, high = np.zeros(count), np.full(count, np.pi / 2.0)
@@ -76,9 +76,9 @@ def closest_on_bean(points: FloatArray, bean: Bean) -> BeanContact:
 
     Notes
     -----
-    Candidates are the nearest points of the two ellipsoids, where those belong to the bean, and of the
-    rim (a fine polygon, 1e-4 mm accurate). Exact for points near the surface, as particles are; for a
-    point far above the slot's opening or deep in the solid the distance is an upper bound.
+    Candidates are the closest points on the two ellipsoids, if these belong to the bean, and on the rim (a
+    fine polygon, accurate to 1e-4 mm). The result is exact for points near the surface, such as particles;
+    for points far above the slot's opening or deep in the solid the distance is an upper bound.
     """
     points = np.asarray(points, dtype=np.float64)
     centre = bean.slot_centre
@@ -138,7 +138,7 @@ def surface_areas(bean: Bean) -> tuple[float, float]:
 def surface_points(bean: Bean, count: int = 16000) -> tuple[FloatArray, FloatArray]:
     """Return points that cover the bean's surface densely and their outward normals, both (n, 3).
 
-    About `count` points are laid on either ellipsoid; those that belong to the bean are kept.
+    About `count` points are placed on each ellipsoid; those that belong to the bean are kept.
     """
     body = spread_points(bean.body_axes, count)
     body = body[ellipsoid_level(body - bean.slot_centre, bean.slot_axes) > 0.0]

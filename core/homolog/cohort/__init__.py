@@ -115,7 +115,7 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
         name for name, count in Counter(subject.name for subject in cohort.subjects).items() if count > 1
     ]
     if repeated:
-        raise InputError(f"{path}: several subjects are called {', '.join(repeated)}; give each its own name")
+        raise InputError(f"{path}: several subjects are named {', '.join(repeated)}; give each its own name")
     return cohort
 
 
@@ -146,17 +146,17 @@ def _with_participants(cohort: Cohort, folder: Path) -> Cohort:
 
 
 def _places_of_participants(folder: Path) -> list[Path]:
-    """Return where a BIDS data set may have its table: in the folder, or above its ``derivatives``."""
+    """Return the possible folders of a BIDS data set's table: the folder, or that above ``derivatives``."""
     absolute = folder.absolute()
     parents = [item.parent for item in (absolute, *absolute.parents) if item.name == DERIVATIVES]
     return [place / PARTICIPANTS for place in (folder, *parents[:1])]
 
 
-_TRUTH = "truth.csv"  # of generated beans: says nothing of subjects
+_TRUTH = "truth.csv"  # of generated beans; not a table of subjects
 
 
 def _unused_tables(folder: Path, used: Path | None) -> list[str]:
-    """Return a note on the tables of a folder without one called cohort, but the one that is used."""
+    """Return a note on the unused tables of a folder without a table named cohort."""
     tables = sorted(
         entry.name
         for entry in folder.iterdir()

@@ -1,4 +1,4 @@
-"""Subjects whose folder has a file for the left and one for the right: one subject for each side."""
+"""Subjects whose folders have a file for each side of the body: one subject per side."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,12 +13,12 @@ __all__ = ["with_both_sides"]
 
 
 def with_both_sides(cohort: Cohort) -> Cohort:
-    """Return a cohort in which both sides of each subject are subjects, if nothing else is to choose.
+    """Return a cohort in which both sides of each subject are subjects, if files differ only in side.
 
-    The subjects' folders must hold files of one structure only, ``left.nii.gz`` and ``right.nii.gz``, or
+    The subjects' folders must contain files of only one structure, ``left.nii.gz`` and ``right.nii.gz``, or
     ``hippocampus_L.nii.gz`` and ``hippocampus_R.nii.gz``; a subject may lack one of them. Subject ``p1``
-    becomes ``p1_left`` and ``p1_right``, with a column ``side`` and the subject's group and covariates. Every
-    other cohort is returned as it is.
+    becomes ``p1_left`` and ``p1_right``, with a column ``side`` and the subject's group and covariates. Other
+    cohorts are returned unchanged.
     """
     files = {subject.name: _files(subject) for subject in cohort.subjects}
     codes = sides_among(list(dict.fromkeys(name for own in files.values() for name in own)))
@@ -39,13 +39,13 @@ def with_both_sides(cohort: Cohort) -> Cohort:
         for name, file in files[subject.name].items()
     ]
     note = (
-        f"the files {' and '.join(sides)} of a subject were taken as its sides, each as a subject; for one "
+        f"the files {' and '.join(sides)} of a subject are its sides, each one a subject; for one "
         f"side only choose it by its name (label: {next(iter(sides))})"
     )
     return Cohort(tuple(subjects), cohort.folder, (*cohort.notes, note))
 
 
 def _files(subject: Subject) -> Mapping[str, Path]:
-    """Return the files in a subject's folder by structure; none if it is a file or a series of slices."""
+    """Return the files in a subject's folder by structure; empty for a file or a series of slices."""
     path = subject.path
     return {} if path.is_file() or (path.is_dir() and holds_dicom(path)) else mask_files(path)

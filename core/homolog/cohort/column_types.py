@@ -10,7 +10,7 @@ from homolog.spreadsheets import MISSING, Row, read_rows
 __all__ = ["CATEGORY", "plain_name", "read_typed_rows"]
 
 CATEGORY = ":c"
-"""At the end of a column's name: its values, numbers too, are categories."""
+"""Suffix of a column's name that makes its values categories, even numbers."""
 _TYPE_ROW = ("type", "types")
 _CATEGORIES = ("category", "categories", "categorical", "c")
 _NUMBERS = ("number", "numbers", "numeric", "n")
@@ -31,7 +31,7 @@ def read_typed_rows(path: Path, own: Sequence[str] = ()) -> tuple[list[str], lis
     Raises
     ------
     InputError
-        If the file can't be read, a cell is no type, or a column of numbers contains something else.
+        If the file can't be read, a cell is not a type, or a column of numbers contains other values.
     """
     columns, rows = read_rows(path)
     if not rows or rows[0][1].get(columns[0], "").casefold() not in _TYPE_ROW:
@@ -39,7 +39,7 @@ def read_typed_rows(path: Path, own: Sequence[str] = ()) -> tuple[list[str], lis
     line, declared = rows[0]
     types = {name: declared[name].casefold() for name in columns[1:] if name and declared[name]}
     if not any(word in (*_CATEGORIES, *_NUMBERS) for word in types.values()):
-        return columns, rows  # a subject that is called type
+        return columns, rows  # a subject named type
     for name, word in types.items():
         if word not in (*_CATEGORIES, *_NUMBERS):
             raise InputError(

@@ -6,12 +6,12 @@ from pathlib import Path
 __all__ = ["dicom_files", "holds_dicom", "is_dicom_seg", "is_rtstruct", "series_below", "series_of"]
 
 _SEG_CLASSES = (b"1.2.840.10008.5.1.4.1.1.66.4", b"1.2.840.10008.5.1.4.1.1.66.7")
-"""Of segments that may overlap, and of label maps."""
+"""Storage classes of segments that may overlap, and of label maps."""
 _RTSTRUCT = b"1.2.840.10008.5.1.4.1.1.481.3"
 
 
 def dicom_files(folder: Path) -> list[Path]:
-    """Return the DICOM files of a folder, by their content; their names may end in anything.
+    """Return the DICOM files of a folder, identified by content, with any suffix.
 
     A DICOMDIR, the table of contents of a disc, is excluded.
     """
@@ -19,7 +19,7 @@ def dicom_files(folder: Path) -> list[Path]:
 
 
 def holds_dicom(folder: Path) -> bool:
-    """Return whether a folder has a DICOM file."""
+    """Return whether a folder contains a DICOM file."""
     return any(True for _ in _dicom_files(folder))
 
 
@@ -35,14 +35,14 @@ def is_dicom_seg(path: Path) -> bool:
 
 
 def is_rtstruct(path: Path) -> bool:
-    """Return whether a DICOM file holds the contours of radiotherapy's structures."""
+    """Return whether a DICOM file contains the contours of radiotherapy structures."""
     return _RTSTRUCT in _beginning(path)
 
 
 def series_below(folder: Path) -> list[Path]:
-    """Return where a patient's series lie, as hospitals export them: PATIENT/STUDY/SERIES.
+    """Return the folders of a patient's series, as hospitals export them: PATIENT/STUDY/SERIES.
 
-    Where there are segmentation objects, they are returned alone.
+    If there are segmentation objects, only these are returned.
     """
     for pattern in ("*/", "*/*/"):
         places = (path for path in sorted(folder.glob(pattern)) if path.is_dir() and path.name[0] != ".")
@@ -53,7 +53,7 @@ def series_below(folder: Path) -> list[Path]:
 
 
 def series_of(folder: Path) -> Path:
-    """Return the one DICOM SEG that lies among the slices of a scan, else the folder."""
+    """Return the single DICOM SEG among the slices of a scan, otherwise the folder."""
     segmentations = [file for file in dicom_files(folder) if is_dicom_seg(file)]
     return segmentations[0] if len(segmentations) == 1 else folder
 

@@ -33,7 +33,7 @@ __all__ = [
 ]
 
 _CAPITAL = re.compile(r"(?<=[a-z])(?=[A-Z])")
-"""Between the words of ``femurLeft``."""
+"""Boundary between the words of ``femurLeft``."""
 _SEPARATED = re.compile(r"[^\W_]+")
 # fmt: off
 _MASKS = frozenset([
@@ -81,7 +81,7 @@ _PEOPLE = frozenset(
         "patients",
     ]
 )
-"""Words that tell that a folder, and so those next to it, are groups whatever else their names say."""
+"""Words that mark a folder, and those next to it, as groups, whatever other words their names contain."""
 _TIME = re.compile(
     r"(day|frame|month|phase|ses|session|time|timepoint|tp|visit|week|year)\d{1,4}"
     r"|(19|20)\d\d[01]\d[0-3]\d|baseline|diastole|ed|es|followup|post|postop|pre|preop|systole"
@@ -93,25 +93,25 @@ _SITE = re.compile(
 )
 """Names of folders that are numbered parts of a cohort: ``siteA``, ``batch 2``."""
 _CHANNEL = re.compile(r"_000\d$")
-"""End of the names of nnU-Net's scans."""
+"""Suffix of the names of nnU-Net's scans."""
 _DATE = re.compile(r"(?<!\d)((?:19|20)\d\d)[-_.]([01]\d)[-_.]([0-3]\d)(?!\d)")
 _OTHER_GIFTI = re.compile(
     r"\.(shape|func|label|time|tensor|vector|coord|topo|rgba|dset|annot)\.gii$"
     r"|(^|[^a-z])((very_?)?inflated|sphere|flat)([^a-z].*)?\.gii$",
     re.IGNORECASE,
 )
-"""GIFTI files of values at the points of a surface, and surfaces that are unfolded."""
+"""GIFTI files of values on a surface, and of unfolded surfaces."""
 _NUMBER_LAST = re.compile(r"(.*[^\W\d_])[-_. ]?(\d+)")
 _FEWEST = 3
-"""Smallest number of subjects for structure names at the end of their files."""
+"""Least number of subjects for structure names at the ends of file names."""
 _FULL = 0.75
-"""Share of the subjects that have a file for each structure, where names say so."""
+"""Least share of the subjects with a file for each structure, if names contain structures."""
 
 
 def known_files(entries: Sequence[Path]) -> list[Path]:
-    """Return the segmentations and meshes, without GIFTI files of values or of what is no anatomy.
+    """Return the segmentations and meshes, without GIFTI files of values or unfolded surfaces.
 
-    Of TIFF files those of several pages are segmentations; others may be slices, see `picture_cohort`.
+    TIFF files with several pages are segmentations; others may be slices, see `picture_cohort`.
     """
     return [
         entry
@@ -124,7 +124,7 @@ def known_files(entries: Sequence[Path]) -> list[Path]:
 
 
 def copies_among(files: Sequence[Path]) -> list[Path]:
-    """Return the meshes that have the name of a segmentation or of a mesh in another format next to them."""
+    """Return the meshes named like a segmentation, or like a mesh in another format, next to them."""
     order = (*IMAGE_SUFFIXES, *MESH_SUFFIXES)
     first: dict[str, Path] = {}
     for file in sorted(files, key=lambda file: order.index(suffix_of(file))):
@@ -133,7 +133,7 @@ def copies_among(files: Sequence[Path]) -> list[Path]:
 
 
 def _is_group(name: str) -> bool:
-    """Return whether a folder's name is that of a group: ``patients``, ``train``, ``pre``."""
+    """Return whether a folder's name denotes a group: ``patients``, ``train``, ``pre``."""
     tokens = _words(name)
     if is_site(name):
         return True
@@ -148,7 +148,7 @@ def are_groups(names: Sequence[str]) -> bool:
 
 
 def is_site(name: str) -> bool:
-    """Return whether a folder's name is that of a numbered part of a cohort: ``siteA``, ``rater2``."""
+    """Return whether a folder's name denotes a numbered part of a cohort: ``siteA``, ``rater2``."""
     return bool(_SITE.fullmatch(name))
 
 
@@ -163,7 +163,7 @@ def _words(text: str) -> list[str]:
 
 
 def is_picture(structure: str) -> bool:
-    """Return whether the name of a subject's file is that of a scan."""
+    """Return whether the name of a subject's file denotes a scan."""
     tokens = _words(structure)
     if not tokens or not _MASKS.isdisjoint(tokens):
         return False
@@ -207,7 +207,7 @@ def maps_of_all(files: Sequence[Path]) -> list[Path]:
 def corrected(files: Sequence[Path]) -> list[Path]:
     """Return files without FSL FIRST's duplicates with undecided border voxels.
 
-    ``L_Hipp_first.nii.gz`` has these as values of their own, ``L_Hipp_corr.nii.gz`` has the structure only.
+    ``L_Hipp_first.nii.gz`` has these as separate values, ``L_Hipp_corr.nii.gz`` has only the structure.
     """
     better = {stem_of(file).removesuffix("_corr") for file in files if stem_of(file).endswith("_corr")}
     return [
@@ -218,9 +218,10 @@ def corrected(files: Sequence[Path]) -> list[Path]:
 
 
 def best_label_maps(files: Mapping[str, Path]) -> dict[str, Path]:
-    """Return the files with all structures of a subject, by their names; else all files.
+    """Return the files with all structures of a subject, by their names; otherwise all files.
 
-    A 3D Slicer segmentation among volumes; BIDS' ``dseg``: in the subject's own space, ``aseg`` of several.
+    Preferred are a 3D Slicer segmentation among volumes, and BIDS' ``dseg`` in the subject's own space, with
+    ``aseg`` among several.
     """
     segmentations = [file for file in files.values() if suffix_of(file) == ".seg.nrrd"]
     chosen = segmentations or maps_of_all(list(files.values()))
@@ -257,16 +258,16 @@ def words_but_times(text: str) -> tuple[str, ...]:
 
 
 def words_of_individual(name: str) -> tuple[str, ...]:
-    """Return the words of a name but those for times and sides, which subjects of one individual share."""
+    """Return the words of a name without times and sides; subjects of one individual share them."""
     return tuple(word for word in words_but_times(name) if not is_side(word))
 
 
 def structures_in_names(stems: Sequence[str]) -> dict[str, int]:
     """Return the structures in the names of one folder's files: ``p1_liver``, ``p1_spleen``, ``p2_liver`` ….
 
-    A structure is what follows a subject's number, or the last word where names have no numbers; how many
-    subjects have it is given, too. Empty if the files are one for each subject, or what follows is a side or
-    a time, or few subjects share it.
+    A structure is the text after a subject's number, or the last word of names without numbers. Values are
+    numbers of subjects. The result is empty if there is one file per subject, if the text is a side or a
+    time, or if few subjects share it.
     """
     owners: dict[str, set[str]] = defaultdict(set)
     for stem in stems:
@@ -279,7 +280,7 @@ def structures_in_names(stems: Sequence[str]) -> dict[str, int]:
 
 
 def kinds_before_numbers(stems: Sequence[str]) -> list[str]:
-    """Return the texts before equal numbers: ``liver_01``, ``spleen_01``, ``liver_02`` …; else nothing.
+    """Return the texts before equal numbers: ``liver_01``, ``spleen_01``, ``liver_02`` …; may be empty.
 
     These may be structures as well as groups.
     """
@@ -294,7 +295,7 @@ def kinds_before_numbers(stems: Sequence[str]) -> list[str]:
 
 
 def pictures_among(files: Sequence[Path]) -> dict[str, Path]:
-    """Return the scans by subject: ``p1_ct``, where the other files are ``p1_liver`` or such."""
+    """Return the scans by subject: ``p1_ct``, if the other files are like ``p1_liver``."""
     scans = {owner_of(stem_of(file)): file for file in files if is_picture(structure_in(stem_of(file)))}
     others = [stem_of(file) for file in files if file not in scans.values()]
     masks = {owner_of(stem) for stem in others if structure_in(stem)}
@@ -318,7 +319,7 @@ def numbered_part(stem: str) -> str:
 
 
 def _kind(text: str) -> tuple[str, ...]:
-    """Return the words of a structure: neither side nor time, and at least one that is no short code."""
+    """Return the words of a structure: neither side nor time, with at least one that is not a short code."""
     tokens = tuple(
         word
         for word in _words(_CAPITAL.sub("_", text))

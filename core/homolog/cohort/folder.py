@@ -57,18 +57,18 @@ _PREDICTION_FOLDER = re.compile(
     r"|post[-_ ]?process(ed|ing)?|nnunet(v2)?|fold[-_ ]?\d)([-_. ].*|tr|ts|va)?",
     re.IGNORECASE,
 )
-"""Names of folders of what a network made, left out where label maps are there."""
+"""Names of folders with predictions of a network, ignored if there are label maps."""
 DERIVATIVES = "derivatives"
-"""Where BIDS data sets keep what was computed from the scans."""
+"""Folder of BIDS data sets with results computed from the scans."""
 _TEMPLATE = re.compile(r"fsaverage.*|[lr]h\.EC_average|cvs_avg.*", re.IGNORECASE)
-"""FreeSurfer's own subjects."""
+"""Names of FreeSurfer's own subjects."""
 _LABEL_MAPS_OF_FREESURFER = (
     "the label maps in mri/ were read; to use surfaces, list them in a cohort.csv (surf/lh.pial)"
 )
-_SAME_NAMES = "next to files of the same names"
+_SAME_NAMES = "next to files with the same names"
 
 _Files = Mapping[str, Path]
-"""Of a subject, by structure."""
+"""Files of a subject, by structure."""
 
 
 def read_folder(folder: Path) -> Cohort:
@@ -100,7 +100,7 @@ def read_folder(folder: Path) -> Cohort:
     if unused:
         notes.append(
             f"not used: the folders {_listed([item.name for item in unused])}, which contain segmentations "
-            "or meshes, too; the files next to them were taken"
+            "or meshes, too; the files next to them were used"
         )
     series = {item: place for item, place in series.items() if item.name not in stems}
     subjects += [Subject(item.name, place, image=image_beside(place)) for item, place in series.items()]
@@ -108,7 +108,7 @@ def read_folder(folder: Path) -> Cohort:
 
 
 def _have_masks(folders: Iterable[Path]) -> bool:
-    """Return whether label maps or meshes lie next to the DICOM slices of patients."""
+    """Return whether there are label maps or meshes next to the DICOM slices of patients."""
     return any(
         file.is_file() for item in folders for files in subjects_in(item).values() for file in files.values()
     )
@@ -138,8 +138,8 @@ def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[
     notes = [_skipped(where, items) for where, items in skipped.items() if items]
     if kinds := kinds_before_numbers([stem_of(file) for file in chosen]):
         notes.append(
-            f"files of the same numbers begin with {_listed(kinds)} and were all taken as subjects; give "
-            "each a folder of its own if these are structures"
+            f"files with equal numbers begin with {_listed(kinds)}, and all are subjects; if these are "
+            "structures, move each to its own folder"
         )
     if several:
         owners = dict.fromkeys(owner_of(stem_of(file)) for file in chosen)
@@ -179,7 +179,7 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
     }
     several = [item for item, files in by_folder.items() if len(files) > 1]
     if several and len(by_place) == 1:
-        if any(file.is_dir() for file in by_folder[several[0]].values()):  # other patients would say what of
+        if any(file.is_dir() for file in by_folder[several[0]].values()):  # a single patient does not show
             raise _several_meant(folder, {several[0]: {}})
         return read_folder(several[0])
     if several and (labels := _label_folders(by_folder)):
@@ -243,7 +243,7 @@ def _subject(name: str, file: Path) -> Subject:
 
 
 def _label_folders(by_folder: Mapping[Path, _Files]) -> list[Path]:
-    """Return the folders of label maps where all others hold files of the same names, or predictions."""
+    """Return the folders of label maps if all others contain files of the same names, or predictions."""
     labels = [item for item in by_folder if _LABEL_FOLDER.fullmatch(item.name)]
     names = {name for item in labels for name in by_folder[item]}
     known = [
@@ -255,7 +255,7 @@ def _label_folders(by_folder: Mapping[Path, _Files]) -> list[Path]:
 
 
 def _has_label_folder(folder: Path) -> bool:
-    """Return whether a folder of label maps lies in a folder, with those of several subjects."""
+    """Return whether a folder contains a folder of label maps of several subjects."""
     inner = [item for item in entries_of(folder) if item.is_dir() and _LABEL_FOLDER.fullmatch(item.name)]
     return any(len(owned_files(item)) > 1 for item in inner)
 
@@ -264,7 +264,7 @@ def _of_label_folders(folder: Path, labels: Sequence[Path], others: Sequence[Pat
     cohorts = [read_folder(item) for item in labels]
     notes = [note for cohort in cohorts for note in cohort.notes]
     if len(labels) > 1:
-        notes.append(f"the folders {_listed([item.name for item in labels])} were taken together")
+        notes.append(f"the folders {_listed([item.name for item in labels])} were combined")
     meshes = [item.name for item in others if _MESH_FOLDER.fullmatch(item.name)]
     if meshes:
         notes.append(f"skipped, {_SAME_NAMES}: {_listed(meshes)}")
@@ -278,9 +278,9 @@ def _of_label_folders(folder: Path, labels: Sequence[Path], others: Sequence[Pat
 
 
 def _are_subjects(by_folder: Mapping[Path, _Files]) -> bool:
-    """Return whether folders are subjects with a file for each structure: they share the files' names.
+    """Return whether folders are subjects with a file for each structure: they share file names.
 
-    Where files are numbered and folders are not, or are time points, the files are the subjects.
+    If files are numbered and folders are not, or are time points, the files are the subjects.
     """
     if _describe_contents(by_folder):
         return False
@@ -308,7 +308,7 @@ def _of_parts(folder: Path, parts: Sequence[Path]) -> Cohort:
     if _are_structures(owned):
         owners = sorted({name for files in owned.values() for name in files})
         listed = _listed([item.name for item in parts])
-        note = f"the folders {listed} were taken as structures; if they are groups, give a cohort.csv"
+        note = f"the folders {listed} were used as structures; if they are groups, give a cohort.csv"
         return Cohort(tuple(Subject(name, folder / name) for name in owners), folder, (note,))
     names = Counter(
         owner
@@ -336,7 +336,7 @@ def _several_meant(folder: Path, owned: Mapping[Path, _Files]) -> InputError:
 
 
 def _are_structures(owned: Mapping[Path, Mapping[str, Path]]) -> bool:
-    """Return whether each folder holds one structure, with most subjects in two or more folders."""
+    """Return whether each folder contains one structure, and most subjects are in two or more folders."""
     if len(owned) < 2 or _describe_contents(owned) or not all(owned.values()):
         return False
     counts = Counter(name for files in owned.values() for name in files)
@@ -355,13 +355,13 @@ def _of_sides(folder: Path, sides: Mapping[Path, str]) -> Cohort:
         for item, cohort in cohorts.items()
         for subject in cohort.subjects
     ]
-    notes = [f"the folders {_listed([item.name for item in sides])} were taken as sides"]
+    notes = [f"the folders {_listed([item.name for item in sides])} were used as sides"]
     notes += [f"{item.name}: {note}" for item, cohort in cohorts.items() for note in cohort.notes]
     return Cohort(tuple(subjects), folder, tuple(notes))
 
 
 def _of_groups(folder: Path, parts: Sequence[Path]) -> Cohort:
-    """Return the cohort of a folder for each group (controls, patients): its name is the subjects' group."""
+    """Return the cohort of a folder for each group (controls, patients); its name is the subjects' group."""
     cohorts = {item.name: read_folder(item) for item in parts}
     names = Counter(subject.name for cohort in cohorts.values() for subject in cohort.subjects)
     alike = max(names.values()) > 1
@@ -370,6 +370,6 @@ def _of_groups(folder: Path, parts: Sequence[Path]) -> Cohort:
         for group, cohort in cohorts.items()
         for subject in cohort.subjects
     ]
-    notes = [f"the folders {_listed(list(cohorts))} were taken as groups"]
+    notes = [f"the folders {_listed(list(cohorts))} were used as groups"]
     notes += [f"{group}: {note}" for group, cohort in cohorts.items() for note in cohort.notes]
     return Cohort(tuple(subjects), folder, tuple(notes))

@@ -23,7 +23,7 @@ __all__ = [
 MANIFESTS = ("cohort.csv", "cohort.tsv", "cohort.xlsx")
 """Names of a folder's own table, the first one that exists."""
 PARTICIPANTS = "participants.tsv"
-"""Of a BIDS data set: groups and covariates."""
+"""Table of a BIDS data set with groups and covariates."""
 _OWN_COLUMNS = ("name", "path", "group", "landmarks", "image")
 # fmt: off
 OTHER_NAMES = {
@@ -44,7 +44,7 @@ _BAD_IN_NAMES = set('/\\:*?"<>|') | {chr(code) for code in range(32)}
 
 
 def read_manifest(path: Path) -> Cohort:
-    """Return the cohort of a table; raises InputError if a column or value is missing or bad."""
+    """Return the cohort of a table; raises InputError if a column or value is missing or invalid."""
     columns, rows = read_typed_rows(path, _KNOWN)
     own = own_columns(columns)
     missing = [name for name in ("name", "path") if name not in own.values()]
@@ -74,7 +74,7 @@ def names_files(path: Path) -> bool:
 
 
 def own_columns(columns: Sequence[str]) -> dict[str, str]:
-    """Return the known columns of a table, also capitalized or with another name."""
+    """Return the known columns of a table, also if capitalized or named differently."""
     own = {column: column for column in columns if column in _OWN_COLUMNS}
     for wanted in _OWN_COLUMNS:
         for names in ((wanted,), OTHER_NAMES.get(wanted, ())):
@@ -109,6 +109,6 @@ def _subject(row: Mapping[str, str], manifest: Path, line: int) -> Subject:
 
 
 def place_of(folder: Path, text: str) -> Path:
-    """Return the target of a path in a table; relative ones may have backslashes."""
+    """Return the target of a path in a table; relative paths may have backslashes."""
     place = folder / text
     return place if os.path.exists(place) else folder / text.replace("\\", "/")

@@ -17,7 +17,7 @@ _DEPTH = 3
 
 
 def pictures_in(folder: Path) -> list[Path]:
-    """Return the images in a folder, by the numbers in their names."""
+    """Return the images in a folder, ordered by the numbers in their names."""
     files = [
         entry for entry in folder.iterdir() if entry.suffix.lower() in _SUFFIXES and entry.name[0] != "."
     ]
@@ -32,16 +32,16 @@ def has_pages(path: Path) -> bool:
         with Image.open(path) as picture:
             return int(getattr(picture, "n_frames", 1)) >= _FEWEST
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
-        return True  # damaged: to be refused by name
+        return True  # damaged: refused later with its name
 
 
 def picture_cohort(folder: Path, folders: Sequence[Path]) -> Cohort | None:
-    """Return the cohort of a folder in which each folder holds the slices of a subject; None if none does.
+    """Return the cohort of a folder with a folder of slices for each subject; None without slices.
 
     Raises
     ------
     InputError
-        If the folder itself holds slices, or one below it holds several stacks.
+        If the folder itself contains slices, or a subject's folder contains several stacks.
     """
     if len(pictures_in(folder)) >= _FEWEST:
         raise InputError(
@@ -62,13 +62,13 @@ def picture_cohort(folder: Path, folders: Sequence[Path]) -> Cohort | None:
             )
     if not stacks:
         return None
-    note = f"{len(stacks)} folders of pictures were taken as the slices of a subject each"
+    note = f"{len(stacks)} folders of pictures were used as the slices of one subject each"
     subjects = [Subject(item.name, places[0]) for item, places in stacks.items()]
     return Cohort(tuple(sorted(subjects, key=lambda subject: subject.path)), folder, (note,))
 
 
 def _stacks(folder: Path, depth: int) -> list[Path]:
-    """Return the folders of stacks in a folder: those called masks, if there are any."""
+    """Return the folders of stacks in a folder; only those named masks, if there are any."""
     if len(pictures_in(folder)) >= _FEWEST:
         return [folder]
     below = [item for item in sorted(folder.iterdir()) if item.is_dir() and item.name[0] != "."]

@@ -23,7 +23,7 @@ __all__ = [
 
 LEFT, RIGHT = "left", "right"
 SIDE_COLUMN = "side"
-"""Of the cohort's table, in any case of letters."""
+"""Column of the cohort's table, case-insensitive."""
 
 FROM_COLUMN, FROM_NAMES = f"the column {SIDE_COLUMN}", "the file names"
 
@@ -38,10 +38,10 @@ _PAIRS: tuple[_Codes, ...] = (
     {"sin": LEFT, "dx": RIGHT},
     {"sx": LEFT, "dx": RIGHT},
 )
-"""Abbreviations that mean other things, too: in names they count only where both of a pair occur."""
+"""Ambiguous abbreviations: in names they count only if both of a pair occur."""
 _ANY: _Codes = {code: side for pair in (*_PAIRS, _CODES) for code, side in pair.items()}
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
-"""Runs of letters, apart where small letters are followed by a capital: ``leftFemur``, ``m03_L``, ``12R``."""
+"""Runs of letters, separated before capitals: ``leftFemur``, ``m03_L``, ``12R``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Sides:
     Attributes
     ----------
     of : dict of str to str
-        ``"left"`` or ``"right"`` by subject; subjects whose side nobody says are not in it.
+        ``"left"`` or ``"right"`` by subject, without subjects of unknown side.
     source : str
         `FROM_COLUMN`, `FROM_NAMES`, or empty if no side is known.
     """
@@ -61,12 +61,12 @@ class Sides:
 
 
 def is_side(word: str) -> bool:
-    """Return whether a word means left or right, or may do so."""
+    """Return whether a word means, or may mean, left or right."""
     return word.casefold() in _ANY
 
 
 def side_of_word(word: str) -> str:
-    """Return left or right, whichever a word means; empty if it means neither."""
+    """Return the side that a word denotes, left or right; otherwise an empty text."""
     return _ANY.get(word.strip().casefold(), "")
 
 
@@ -93,15 +93,15 @@ def other_side(side: str) -> str:
 
 
 def sides_of(cohort: Cohort) -> Sides:
-    """Return the subjects' sides: those of the column ``side``, else those that the files' names give.
+    """Return the subjects' sides from the column ``side``, otherwise from the file names.
 
-    A column may leave some subjects without a side. Names count only where every subject's gives one and
-    both sides occur: letters in single names mean anything.
+    A column may leave some subjects without a side. File names are used only if each contains a side and both
+    sides occur, since single letters are ambiguous.
 
     Raises
     ------
     InputError
-        If the column says left or right of some subjects, and something else of another.
+        If the column is left or right for some subjects, and has another value for others.
     """
     values = {subject.name: _column(subject) for subject in cohort.subjects}
     said = {name: side for name, value in values.items() if (side := _ANY.get(value.casefold()))}
@@ -125,7 +125,7 @@ def _column(subject: Subject) -> str:
 
 
 def _of_name(subject: Subject, codes: _Codes) -> str | None:
-    """Return the side that the file's name gives, else the subject's name; None if neither gives just one."""
+    """Return the side in the file's name, otherwise in the subject's name; None without a unique side."""
     file = subject.path.name
     for text in (file[: len(file) - len(suffix_of(subject.path))], subject.name):
         sides = {side for word in _WORDS.findall(text) if (side := codes.get(word.casefold()))}

@@ -1,4 +1,4 @@
-"""Subjects, and the files that they may come from."""
+"""Subjects and the types of their files."""
 
 import os
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ IMAGE_SUFFIXES = (
     ".dcm", ".tif", ".tiff",
 )  # fmt: skip
 FREESURFER_SUFFIXES = (".pial", ".white", ".smoothwm", ".midthickness", ".surf")
-"""Of FreeSurfer's surfaces: the last part of their names, which says what they are (``lh.pial``)."""
+"""Last parts of the names of FreeSurfer's surfaces, such as ``lh.pial``."""
 MESH_SUFFIXES = (
     ".vtp", ".vtk", ".ply", ".stl", ".obj", ".off", ".vtu", ".glb", ".gltf", ".3mf", ".surf.gii", ".gii",
     ".vtk.gz", ".ply.gz", ".stl.gz", ".obj.gz", ".off.gz", *FREESURFER_SUFFIXES,
@@ -34,7 +34,7 @@ MESH_SUFFIXES = (
 
 _MARKUPS = (".mrk.json", ".fcsv")
 IMAGE_ENDING = "_image"
-"""Ends the name, before the suffix, of the scan next to a subject's file."""
+"""End of the name, before the suffix, of the scan next to a subject's file."""
 _LONGEST_PATH, _LONGEST_PART = 4000, 255  # characters; bytes between two slashes
 
 
@@ -45,7 +45,7 @@ class Subject:
     Attributes
     ----------
     name : str
-        Unique within the cohort and valid as a file name.
+        Name, unique within the cohort and valid as a file name.
     path : Path
         Segmentation (a file, the folder of a DICOM series, or a folder with one file per structure) or
         surface mesh. If it does not exist, ``FOLDER/p1`` denotes the files ``p1_…`` of a folder, one per
@@ -84,7 +84,7 @@ class Subject:
         return suffix_of(self.path) in MESH_SUFFIXES
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Pickle the columns as a plain dict; `__getstate__` is not honoured by Python 3.11.2's slots."""
+        """Pickle the columns as a plain dict; Python 3.11.2 ignores `__getstate__` of classes with slots."""
         return _subject_of, (
             self.name, self.path, self.group, dict(self.columns), self.landmarks, self.image,
         )  # fmt: skip
@@ -112,7 +112,7 @@ class Cohort:
     folder : Path
         The folder to which the subjects' paths are relative.
     notes : tuple of str
-        Notes on how the files were read: which were skipped, and why.
+        Notes on the files: which were skipped, and why.
     """
 
     subjects: tuple[Subject, ...]
@@ -126,14 +126,14 @@ class Cohort:
 
 
 def suffix_of(path: Path) -> str:
-    """Return the known suffix of a file, in lower case (``".nii.gz"``); else its last one."""
+    """Return the known suffix of a file, in lower case (``".nii.gz"``), otherwise the last one."""
     name = path.name.lower()
     known = [item for item in IMAGE_SUFFIXES + MESH_SUFFIXES if name.endswith(item)]
     return known[0] if known else path.suffix.lower()
 
 
 def stem_of(path: Path) -> str:
-    """Return a file's name without its suffix; the whole of a DICOM folder's and FreeSurfer surface's."""
+    """Return a file's name without suffix; for DICOM folders and FreeSurfer surfaces, the whole name."""
     suffix = suffix_of(path)
     if suffix in FREESURFER_SUFFIXES:
         return path.name
@@ -142,14 +142,14 @@ def stem_of(path: Path) -> str:
 
 
 def landmarks_beside(path: Path) -> Path | None:
-    """Return the markups file that lies next to a subject's file under its name, if there is one."""
+    """Return the markups file with a subject's name next to its file, if there is one."""
     stem = path.name[: len(path.name) - len(suffix_of(path))]
-    places = (path.parent / (stem + suffix) for suffix in _MARKUPS)  # with_name knows no root
+    places = (path.parent / (stem + suffix) for suffix in _MARKUPS)  # with_name fails for a root
     return next((beside for beside in places if beside.is_file()), None)
 
 
 def image_beside(path: Path) -> Path | None:
-    """Return the scan that lies next to a subject's file: ``NAME_image.nii.gz``, or a folder of that name."""
+    """Return the scan next to a subject's file: ``NAME_image.nii.gz``, or a folder of that name."""
     stem = stem_of(path) + IMAGE_ENDING
     places = (path.parent / (stem + suffix) for suffix in IMAGE_SUFFIXES)
     folder = path.parent / stem

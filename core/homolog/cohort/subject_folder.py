@@ -1,4 +1,4 @@
-"""The files of one subject's folder: one, one for each structure, or one for each point in time."""
+"""The files in a subject's folder: a single one, one per structure, or one per point in time."""
 
 import re
 from collections.abc import Mapping
@@ -30,29 +30,30 @@ _FREESURFER = tuple(
     for name in ("aseg", "aparc+aseg", "aparc.DKTatlas+aseg", "aparc.DKTatlas+aseg.deep")
     for suffix in ("mgz", "mgh", "nii.gz")
 )
-"""Where FreeSurfer and FastSurfer keep a subject's structures, the fewest first."""
+"""Files of FreeSurfer and FastSurfer with a subject's structures, those with the fewest first."""
 _LABELS = ("segmentation", "label", "mask", "structure")
-"""Beginnings of names of folders with label maps, singular or plural, in any case."""
+"""Prefixes of names of folders with label maps, singular or plural, case-insensitive."""
 _KINDS_OF_SCAN = ("anat", "ct", "dwi", "func", "perf", "t1", "t1w")
 _SESSION = re.compile(r"ses-.+", re.IGNORECASE)
-"""Folders within a subject's folder, of BIDS."""
+"""Names of folders within a subject's folder in BIDS."""
 _OWNERS = 3
-"""Levels of folders above a file whose names its own may begin with."""
+"""Number of parent folders with whose names a file's name may begin."""
 _DEPTH = 5
-"""Levels of folders that are searched."""
+"""Number of levels of folders that are searched."""
 
 
 def subjects_in(folder: Path, name: str = "") -> dict[str, dict[str, Path]]:
-    """Return the files of a subject's folder by structure, by the names of its subjects.
+    """Return the files in a subject's folder, by the names of its subjects and by structure.
 
-    There are several where it has sessions (BIDS), folders of sides, or its files or folders are points in
-    time (``frame01``, ``ED``, ``2020-04-02``); the file of a point in time has an empty name.
+    A folder has several subjects if it has sessions (BIDS) or folders of sides, or if its files or folders
+    are points in time (``frame01``, ``ED``, ``2020-04-02``); the file of a point in time has an empty
+    structure name.
 
     Parameters
     ----------
     folder : Path
     name : str
-        The subject's; the folder's if empty.
+        Name of the subject; by default that of the folder.
 
     Returns
     -------
@@ -84,22 +85,22 @@ def subjects_in(folder: Path, name: str = "") -> dict[str, dict[str, Path]]:
 
 
 def mask_files(folder: Path) -> dict[str, Path]:
-    """Return a subject's files by the name of their structure, where it has a file for each.
+    """Return a subject's files by structure, if it has a file for each structure.
 
-    The subject's name at the beginning of a file's name is no part of that. Pictures (``ct``, ``t1``, …) are
-    left out where something else is there, and all other files where one holds all structures.
+    A structure's name excludes the subject's name at the beginning of the file name. Scans (``ct``, ``t1``,
+    …) are omitted if there are other files. All other files are omitted if one file contains all structures.
 
     Parameters
     ----------
     folder : Path
-        The subject's; its folder of segmentations is taken if it has one. If there is no such folder,
-        ``FOLDER/p1`` stands for the files ``p1_liver.nii.gz``, ``p1_spleen.nii.gz``, … of a common folder, or
+        The subject's folder; its folder of segmentations is used if it has one. If the folder does not exist,
+        ``FOLDER/p1`` denotes the files ``p1_liver.nii.gz``, ``p1_spleen.nii.gz``, … of a common folder, or
         for ``liver/p1.nii.gz``, ``spleen/p1.nii.gz``, … of a folder for each structure.
 
     Returns
     -------
     dict of str to Path
-        Empty if there are none.
+        Files by structure; may be empty.
     """
     if not folder.exists():
         owner = folder.name
@@ -125,7 +126,7 @@ def _masks(folder: Path) -> dict[str, Path]:
 
 
 def _masks_of_owner(folder: Path, owner: str) -> dict[str, Path]:
-    """Return the files by structure whose names begin with that of their subject."""
+    """Return the files whose names begin with that of their subject, by structure."""
     if not folder.is_dir():
         return {}
     own = [file for file in entries_of(folder) if file.name.startswith(owner)]
@@ -137,13 +138,13 @@ def _masks_of_owner(folder: Path, owner: str) -> dict[str, Path]:
 
 
 def _series_of_masks(folder: Path) -> dict[str, Path]:
-    """Return the folders with the slices of a structure each, as 3D-IRCADb has them."""
+    """Return the folders of slices, one per structure, as in 3D-IRCADb."""
     inner = [entry for entry in entries_of(folder) if entry.is_dir() and not is_picture(entry.name)]
     return {entry.name: entry for entry in inner if holds_dicom(entry)}
 
 
 def _masks_in_folders(folder: Path, owner: str) -> dict[str, Path]:
-    """Return what a subject has in folders of a structure each: ``liver/p1.nii.gz``, ``spleen/p1.nii.gz``."""
+    """Return a subject's files in folders of structures: ``liver/p1.nii.gz``, ``spleen/p1.nii.gz``."""
     if not folder.is_dir():
         return {}
     parts = [entry for entry in entries_of(folder) if entry.is_dir() and not is_picture(entry.name)]
@@ -152,7 +153,7 @@ def _masks_in_folders(folder: Path, owner: str) -> dict[str, Path]:
 
 
 def owned_files(folder: Path) -> Mapping[str, Path]:
-    """Return the files in the folder of a structure, by whose they are; or what lies in subjects' folders."""
+    """Return the files in the folder of a structure, or in its subjects' folders, by subject."""
     return _owned_files(folder, folder.stat().st_mtime_ns)
 
 
@@ -172,7 +173,7 @@ def _owned_files(folder: Path, changed: int) -> Mapping[str, Path]:
 
 
 def _structure(path: Path) -> str:
-    """Return a file's name without those of the folders above it that it begins with, the longest first."""
+    """Return a file's name without the names of parent folders with which it begins, the longest first."""
     stem, owners = stem_of(path), [folder.name for folder in path.parents[:_OWNERS] if folder.name]
     while ahead := [name for name in owners if re.match(rf"{re.escape(name)}[-_. ]+\S", stem, re.IGNORECASE)]:
         stem = stem[len(max(ahead, key=len)) :].lstrip("-_. ")
@@ -180,7 +181,7 @@ def _structure(path: Path) -> str:
 
 
 def holds_files(folder: Path, skipping: re.Pattern[str] | None = None, depth: int = _DEPTH) -> bool:
-    """Return whether a segmentation or mesh lies in a folder or below it, but in folders of some names."""
+    """Return whether a folder contains a segmentation or mesh at any level, outside skipped folders."""
     entries = entries_of(folder)
     if known_files(entries) or holds_dicom(folder):
         return True
@@ -191,7 +192,7 @@ def holds_files(folder: Path, skipping: re.Pattern[str] | None = None, depth: in
 
 
 def entries_of(folder: Path) -> list[Path]:
-    """Return the entries of a folder, without hidden ones and the scans of others."""
+    """Return the entries of a folder, without hidden ones and without scans of other entries."""
     entries = [path for path in sorted(folder.iterdir()) if not path.name.startswith(".")]
     scans = {path: stem for path in entries if (stem := stem_of(path)).endswith(IMAGE_ENDING)}
     if not scans:

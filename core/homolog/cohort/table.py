@@ -26,7 +26,7 @@ _SHOWN_CHARACTERS = 80
 
 @dataclass(frozen=True, slots=True)
 class Replaced:
-    """A value of a subject that is replaced."""
+    """A replaced value of a subject."""
 
     subject: str
     column: str
@@ -41,19 +41,19 @@ class TableChanges:
     Attributes
     ----------
     subjects : tuple of Subject
-        All of them in their order, with the table's values.
+        All subjects in their order, with the table's values.
     matched, without_row : tuple of str
-        Those that the table has a row of, and the others.
+        Names of the subjects with a row in the table, and of the others.
     unknown : tuple of str
-        What the rows are called that name no subject, or several.
+        Names of rows that match no subject, or several.
     key : str
-        The column that names the subjects.
+        The column that identifies the subjects.
     added : dict of str to int
-        Columns that get values where there were none, and how many.
+        Numbers of new values by column.
     replaced : tuple of Replaced
-        Values that differ from those that were there.
+        Values that differ from existing ones.
     notes : tuple of str
-        What a user should know of the file.
+        Notes on the file for the user.
     """
 
     subjects: tuple[Subject, ...]
@@ -67,12 +67,12 @@ class TableChanges:
 
     @property
     def is_empty(self) -> bool:
-        """Whether every value was there before."""
+        """Whether the table changes no value."""
         return not self.added and not self.replaced
 
     @property
     def lines(self) -> list[str]:
-        """The changes, one line each."""
+        """Descriptions of the changes, one line each."""
         lines = [f"{len(self.matched)} of {len(self.subjects)} subjects have a row (column {self.key})"]
         for number in dict.fromkeys(self.added.values()):
             names = [name for name, count in self.added.items() if count == number]
@@ -93,13 +93,13 @@ class TableChanges:
 def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     """Read groups and covariates of known subjects from a table.
 
-    The column called name, subject, id, path, … (the one that matches most subjects), else the first one,
+    The column named name, subject, id, path, … (the one that matches most subjects), otherwise the first one,
     identifies the subject: by name, by file name with or without suffix, or by a prefix that ends before a
-    character other than a letter or digit (``acdc004`` means ``acdc004_ED_myo``). A prefix of several names
-    means all of them if they are one subject's sides or time points (``sub-01`` means ``sub-01_ses-01`` and
-    ``sub-01_ses-02``) and have no rows of their own. Columns for paths and landmarks are ignored; relative
-    paths of scans (column image) start at the table's folder. An empty cell keeps the present value. A row of
-    types below the header declares categories and numbers (`read_typed_rows`).
+    character other than a letter or digit (``acdc004`` matches ``acdc004_ED_myo``). A prefix of several names
+    matches all of them if they are one subject's sides or time points (``sub-01`` matches ``sub-01_ses-01``
+    and ``sub-01_ses-02``) and have no rows of their own. Columns for paths and landmarks are ignored; paths
+    of scans (column image) are relative to the table's folder. An empty cell keeps the current value. A row
+    of types below the header declares categories and numbers (`read_typed_rows`).
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     Raises
     ------
     InputError
-        If the file can't be read, names no subject, or has two rows of one subject.
+        If the file can't be read, matches no subject, or has two rows for one subject.
     """
     columns, lines = read_typed_rows(path, (*_KEYS, *_NOT_TAKEN, _GROUP, *OTHER_NAMES[_GROUP], _IMAGE))
     own = own_columns(columns)
@@ -157,7 +157,7 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
 
 
 def with_values_of(subjects: Sequence[Subject], others: Sequence[Subject]) -> TableChanges:
-    """Return the changes of subjects by the groups and columns of others with the same names."""
+    """Return the changes of subjects to the groups and columns of others with the same names."""
     values = {other.name: _values(other) for other in others}
     return _changes(subjects, values, [], "name")
 
@@ -223,7 +223,7 @@ def _values(subject: Subject) -> dict[str, str]:
 
 
 def _scan(table: Path, text: str) -> str:
-    """Return the whole path of a scan that a table names."""
+    """Return the full path of a scan in a table."""
     try:
         return str(place_of(table.parent.resolve(), checked_path(text)))
     except ValueError as error:
@@ -231,7 +231,7 @@ def _scan(table: Path, text: str) -> str:
 
 
 def _named(subjects: Sequence[Subject], text: str) -> tuple[str, ...]:
-    """Return the subject that a row means, or all that are one at several times or of both sides."""
+    """Return the subjects that a row identifies: one, or several times or sides of one individual."""
     file = text.replace("\\", "/").rpartition("/")[2]
     said = {text.casefold(), file.casefold(), _stem(file).casefold()} - {""}
     for fits in (_is_called, _is_file, _begins):

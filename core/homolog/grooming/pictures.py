@@ -126,7 +126,7 @@ def _hardened(values: Array) -> tuple[Array, tuple[str, ...]]:
     between = counts[1:full]
     if np.count_nonzero(between) <= _FEW_VALUES or between.sum() > counts[full]:
         return values, ()
-    note = f"its edges are soft: where the value is at least {(full + 1) // 2} was taken for the structure"
+    note = f"its edges are soft; pixels of at least {(full + 1) // 2} were used as the structure"
     return (values >= (full + 1) // 2).astype(np.uint8), (note,)
 
 

@@ -27,7 +27,7 @@ _PERCENT = 100
 """Least value of a full voxel in a soft mask of whole numbers: 100 (percent), or 255 (byte)."""
 _FEW_VALUES = 8
 """Number of intermediate values above which a mask has soft edges."""
-_PROBABILITY = "its values are probabilities: where they are 0.5 or more was taken for the structure"
+_PROBABILITY = "its values are probabilities; voxels of at least 0.5 were used as the structure"
 _SLOPE = (0.85, 1.15)
 """Slope of signed distances, per mm or per voxel, at most voxels near the surface."""
 _NEAR_SURFACE = 20_000
@@ -87,7 +87,7 @@ def labels_from(path: Path, values: Array, spacing: FloatArray) -> tuple[Array, 
     if off <= _ROUNDING:
         return whole, numbers
     if low >= 0.0 and (only := _only_value(values)):
-        note = f"its values are 0 and {only:.3g}: the latter was taken for the structure"
+        note = f"its values are 0 and {only:.3g}: the latter was used as the structure"
         return (values > 0).astype(np.uint8), note
     full = float(np.median(values[values > _HALF * high])) if high > 0.0 else 0.0
     within = -_OVERSHOOT * full <= low and high <= (1.0 + _OVERSHOOT) * full
@@ -148,7 +148,7 @@ def _hardened_signed(values: Array, spacing: FloatArray) -> tuple[Array, str]:
 def _inside(distances: Array, sign: int) -> tuple[Array, str]:
     """Return 1 where signed distances are inside their surface, and a note."""
     inside = "negative" if sign > 0 else "positive"
-    note = f"its values are signed distances: where they are {inside} was taken for the structure"
+    note = f"its values are signed distances; voxels where they are {inside} were used as the structure"
     return (distances * sign < 0).astype(np.uint8), note
 
 
@@ -159,12 +159,12 @@ def _without_nan(path: Path, values: Array) -> tuple[Array, str]:
     border = _border(values)
     if np.isinf(values).any() or np.mean(np.isnan(border) | (border == 0)) < _MOST_OF_BORDER:
         raise InputError(f"{path}: contains values that are not numbers; export the label map again")
-    return np.nan_to_num(values), "voxels without a number (NaN) were taken for the background"
+    return np.nan_to_num(values), "voxels without a number (NaN) were used as the background"
 
 
 def _half_of(values: Array, full: float) -> tuple[Array, str]:
     half = full / 2.0
-    note = f"its edges are soft: where the value is at least {half:.4g} was taken for the structure"
+    note = f"its edges are soft; voxels of at least {half:.4g} were used as the structure"
     return (values >= half).astype(np.uint8), note
 
 
@@ -221,14 +221,14 @@ def labels_of_channels(path: Path, values: Array) -> tuple[Array, str]:
             f"{path}: has {count} values per voxel{of_which}: points in time, colours, or structures that "
             "overlap; save a label map for each subject and point in time"
         )
-    note = f"its {count} channels were taken for labels 1 to {count}"
+    note = f"its {count} channels were used as labels 1 to {count}"
     border = np.bincount(_border(labels), minlength=count + 1)
     outside = int(np.argmax(border))
     if outside and border[outside] > _MOST_OF_BORDER * border.sum():
         labels[labels == outside] = 0
         if outside == 1:
             labels[labels > 0] -= 1
-        note = f"channel {outside} of {count} was taken for the background, the others for labels"
+        note = f"channel {outside} of {count} was used as the background, the others as labels"
     return labels, note
 
 

@@ -1,4 +1,4 @@
-"""Lumbar vertebrae and upper ends of femora, built of simple solids and deformed."""
+"""Lumbar vertebrae and proximal femora, built from simple solids and deformed."""
 
 from collections.abc import Callable
 from functools import cache
@@ -12,9 +12,9 @@ from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["make_femora", "make_vertebrae"]
 
-_SPACING = 0.9  # mm, of the grid that the average bones are made on
+_SPACING = 0.9  # mm, grid spacing of the average bones
 _VERTICES = 12_000
-_CUT = -95.0  # mm: where femora are cut through their shaft
+_CUT = -95.0  # mm: height of the cut through the shaft of femora
 _HEAD, _HEAD_RADIUS = np.array([44.0, -9.0, 42.0]), 23.5
 _Deform = Callable[[FloatArray], FloatArray]
 
@@ -29,7 +29,7 @@ def _vertebra() -> TriangleMesh:
     """Return an average lumbar vertebra: x to the left, y backward, z upward, the body around the origin."""
     points, low = _grid((-48.0, -24.0, -34.0), (48.0, 76.0, 30.0))
     across = np.abs(points)
-    across[..., 1:] = points[..., 1:]  # left and right are alike
+    across[..., 1:] = points[..., 1:]  # symmetric
     waist = 1.0 + 0.1 * (np.abs(points[..., 2:]) / 13.5) ** 2
     body = (
         cylinder(points / np.concatenate([waist, waist, np.ones_like(waist)], axis=-1), (18.5, 13.0), 11.0)
@@ -80,7 +80,7 @@ def _femur() -> TriangleMesh:
 
 
 def _hollowed(bone: FloatArray, hollow: FloatArray, blend: float) -> FloatArray:
-    """Return a solid without another, with a rounded edge."""
+    """Return the difference of two solids, with a rounded edge."""
     return -united(-bone, hollow, blend=blend)
 
 
@@ -92,9 +92,9 @@ def make_vertebrae(subjects: int, seed: int) -> SampleStudy:
     Parameters
     ----------
     subjects : int
-        Half of them with a fracture.
+        Number of subjects, half of them with a fracture.
     seed : int
-        Of all random numbers.
+        Random seed.
     """
     random = np.random.default_rng([seed, 2])
     made = []
@@ -146,9 +146,9 @@ def make_femora(subjects: int, seed: int) -> SampleStudy:
     Parameters
     ----------
     subjects : int
-        Half of them with the deformity, half of each group left.
+        Number of subjects, half of them with the deformity; half of each group are left femora.
     seed : int
-        Of all random numbers.
+        Random seed.
     """
     random = np.random.default_rng([seed, 3])
     made = []

@@ -13,9 +13,9 @@ from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["make_hearts"]
 
-_RINGS, _AROUND, _RIM = 44, 88, 4  # vertices from apex to base, around, and across the rim between
-_BASE = np.deg2rad(112.0)  # from the apex, seen from the middle of the cavity
-_SECTOR, _SECTOR_HALF = np.deg2rad(60.0), np.deg2rad(38.0)  # of the infarct, around the long axis
+_RINGS, _AROUND, _RIM = 44, 88, 4  # numbers of vertices from apex to base, around, and across the rim
+_BASE = np.deg2rad(112.0)  # angle of the base from the apex, at the centre of the cavity
+_SECTOR, _SECTOR_HALF = np.deg2rad(60.0), np.deg2rad(38.0)  # infarct, around the long axis
 _SECTOR_HEIGHT, _SECTOR_TALL = 0.5, 0.2  # from apex (0) to base (1)
 _SEPTUM = np.deg2rad(180.0)
 
@@ -25,7 +25,7 @@ class _Ventricle:
     length: float = 62.0  # mm, middle of the cavity to the apex
     radius: float = 33.0  # mm, of the outer wall
     wall: float = 10.0  # mm, in the free wall
-    flat: float = 0.07  # how much flatter the septum is
+    flat: float = 0.07  # flattening of the septum
     tilt: float = 0.12  # of the base's plane
     infarct: float = 0.0  # 1 in the second group
     widening: float = 0.0  # mm, of the cavity
@@ -71,9 +71,9 @@ def make_hearts(subjects: int, seed: int) -> SampleStudy:
     Parameters
     ----------
     subjects : int
-        Half of them patients.
+        Number of subjects, half of them patients.
     seed : int
-        Of all random numbers.
+        Random seed.
     """
     random = np.random.default_rng([seed, 1])
     made = []

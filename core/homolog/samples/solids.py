@@ -11,12 +11,12 @@ __all__ = ["cylinder", "ellipsoid", "rod", "surface_of", "united"]
 
 
 def ellipsoid(points: FloatArray, centre: tuple[float, ...], axes: tuple[float, ...]) -> FloatArray:
-    """Return about the distance to an ellipsoid, negative inside.
+    """Return the approximate distance to an ellipsoid, negative inside.
 
     Parameters
     ----------
     points : (..., 3) array
-        Where it is evaluated [mm].
+        Points of evaluation [mm].
     centre, axes : tuple of 3 float
         Centre and half axes [mm].
 
@@ -33,12 +33,12 @@ def ellipsoid(points: FloatArray, centre: tuple[float, ...], axes: tuple[float, 
 def rod(
     points: FloatArray, start: tuple[float, ...], end: tuple[float, ...], radii: tuple[float, float]
 ) -> FloatArray:
-    """Return about the distance to a rod with round ends whose radius changes from start to end.
+    """Return the approximate distance to a rod with round ends whose radius changes from start to end.
 
     Parameters
     ----------
     points : (..., 3) array
-        Where it is evaluated [mm].
+        Points of evaluation [mm].
     start, end : tuple of 3 float
         Ends of the axis [mm].
     radii : (float, float)
@@ -55,12 +55,12 @@ def rod(
 
 
 def cylinder(points: FloatArray, axes: tuple[float, float], half_height: float) -> FloatArray:
-    """Return about the distance to an upright elliptic cylinder around the origin.
+    """Return the approximate distance to an upright elliptic cylinder around the origin.
 
     Parameters
     ----------
     points : (..., 3) array
-        Where it is evaluated [mm].
+        Points of evaluation [mm].
     axes : (float, float)
         Half axes [mm].
     half_height : float
@@ -94,13 +94,13 @@ def surface_of(level: FloatArray, low: FloatArray, spacing: float, n_vertices: i
     Parameters
     ----------
     level : (I, J, K) array
-        Negative inside, positive at the border.
+        Values, negative inside, positive at the border.
     low : (3,) array
         Position of the first node [mm].
     spacing : float
         Distance of the nodes [mm].
     n_vertices : int
-        Wanted.
+        Target number of vertices.
     """
     nodes, faces = marching_cubes(level)
     return simplified(TriangleMesh(low + spacing * nodes, faces), n_vertices)

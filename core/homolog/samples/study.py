@@ -18,7 +18,7 @@ class SampleSubject:
     Attributes
     ----------
     name : str
-        Also that of its file.
+        Name of the subject and of its file.
     columns : mapping of str to str
         Columns of the table: group, age, sex, side.
     parameters : mapping of str to float
@@ -40,11 +40,11 @@ class SampleStudy:
     Attributes
     ----------
     kind : str
-        Of anatomy: ``"hearts"``, ``"vertebrae"`` or ``"femora"``.
+        Anatomy: ``"hearts"``, ``"vertebrae"`` or ``"femora"``.
     subjects : tuple of SampleSubject
-        In the order of their names.
+        Subjects in the order of their names.
     reference, affected : TriangleMesh
-        The average subject without and with what distinguishes the second group, in one frame [mm].
+        The average subject without and with the effect of the second group, in one frame [mm].
     voxel : float or None
         Edge of the voxels that subjects are written as [mm]; None if they are written as meshes.
     """
@@ -57,7 +57,7 @@ class SampleStudy:
 
     @property
     def effect(self) -> FloatArray:
-        """How far the second group's surface lies outward of the first's [mm], at each vertex, (V,)."""
+        """Outward displacement of the second group's surface relative to the first's [mm], (V,)."""
         moved = self.affected.vertices - self.reference.vertices
         return np.asarray((moved * self.reference.vertex_normals).sum(axis=1))
 
@@ -68,13 +68,13 @@ class Waves:
     Parameters
     ----------
     random : numpy.random.Generator
-        What it is drawn with.
+        Random generator.
     length : float
         Typical distance over which it changes [mm].
     scale : float
         Standard deviation of each component.
     components : int
-        Of its values.
+        Number of components of its values.
     """
 
     def __init__(self, random: np.random.Generator, length: float, scale: float, components: int = 3) -> None:
@@ -95,7 +95,7 @@ def step(values: FloatArray, start: float, end: float) -> FloatArray:
 
 
 def bump(points: FloatArray, centre: FloatArray, width: float) -> FloatArray:
-    """Return a Gaussian of standard deviation `width` [mm] around a place, (N,)."""
+    """Return a Gaussian of standard deviation `width` [mm] around a point, (N,)."""
     return np.asarray(np.exp(-0.5 * ((points - centre) ** 2).sum(axis=1) / width**2))
 
 

@@ -37,21 +37,21 @@ _CAP = 0.999  # cosine of the angle between a face of the cut and the cut's plan
 
 
 def make_study(kind: str, subjects: int, seed: int) -> SampleStudy:
-    """Return a sample study; its subjects lie turned by some degrees and shifted, as in a scanner.
+    """Return a sample study; its subjects are rotated by a few degrees and shifted, as in a scanner.
 
     Parameters
     ----------
     kind : str
         A name of `KINDS`.
     subjects : int
-        4 to 500.
+        Number of subjects, 4 to 500.
     seed : int
-        Not negative; the same seed gives the same study.
+        Non-negative random seed; the same seed gives the same study.
 
     Raises
     ------
     InputError
-        If one of them is out of range.
+        If an argument is out of range.
     """
     if kind not in KINDS:
         raise InputError(f"{kind}: is not a sample study; choose one of {', '.join(KINDS)}")
@@ -76,23 +76,23 @@ def write_study(
 ) -> Cohort:
     """Write a study: a file for each subject, ``cohort.csv``, and ``truth/``.
 
-    ``truth/`` has every subject's exact surface with corresponding vertices (PLY), the parameters they were
-    made of (``parameters.csv``), the average subject without and with the second group's change
-    (``reference.ply``, ``affected.ply``) and how far that moves the surface outward (``effect.csv``).
+    ``truth/`` contains every subject's exact surface with corresponding vertices (PLY), its parameters
+    (``parameters.csv``), the average subject without and with the second group's effect (``reference.ply``,
+    ``affected.ply``), and the outward displacement by this effect (``effect.csv``).
 
     Parameters
     ----------
     folder : Path
-        Where to; made if need be. Files of the same names are replaced.
+        Output folder, created if necessary. Files of the same names are replaced.
     study : SampleStudy
-        What to write.
+        The study to write.
     seed : int
-        Of the noise of segmentation.
+        Random seed of the segmentation noise.
     tick : Tick
         Called after each subject.
     scans : bool
-        Whether to write ``NAME_image.nrrd``, too: grey values with noise (in HU, like CT), in which the label
-        maps might have been drawn. Surfaces get none.
+        Whether to write ``NAME_image.nrrd``, too: grey values with noise (in HU, like CT), which match the
+        label maps. Surfaces have no scans.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def write_study(
 
 
 def _write_labels(path: Path, mesh: TriangleMesh, voxel: float, noise: Waves) -> None:
-    """Write the voxels inside a surface; where the noise moves it, a border is ragged."""
+    """Write the voxels inside a surface whose border is displaced by noise."""
     low = mesh.vertices.min(axis=0) - _MARGIN * voxel
     shape = np.ceil((mesh.vertices.max(axis=0) - low) / voxel).astype(int) + _MARGIN
     level = mesh_level(mesh, low, voxel, (int(shape[0]), int(shape[1]), int(shape[2])))
@@ -142,7 +142,7 @@ def _write_labels(path: Path, mesh: TriangleMesh, voxel: float, noise: Waves) ->
 
 
 def _write_scan(path: Path, mesh: TriangleMesh, voxel: float, random: np.random.Generator) -> None:
-    """Write grey values as a scanner sees the surface: another grid, blurred, with noise, in soft tissue."""
+    """Write simulated grey values: another grid, blurred, with noise, in soft tissue."""
     size = voxel * _SCAN_VOXEL
     low = mesh.vertices.min(axis=0) - _SCAN_MARGIN * size
     shape = np.ceil((mesh.vertices.max(axis=0) - low) / size).astype(int) + _SCAN_MARGIN
@@ -155,14 +155,14 @@ def _write_scan(path: Path, mesh: TriangleMesh, voxel: float, random: np.random.
 
 
 def _grid(low: FloatArray, voxel: float) -> FloatArray:
-    """Return the matrix from indices to places [mm] of an image with cubic voxels."""
+    """Return the matrix from indices to positions [mm] of an image with cubic voxels."""
     matrix = np.diag([voxel, voxel, voxel, 1.0])
     matrix[:3, 3] = low
     return matrix
 
 
 def _opened(mesh: TriangleMesh, reference: TriangleMesh) -> TriangleMesh:
-    """Return a bone without the faces of its cut, as it comes out of a scan that ends there."""
+    """Return a bone without the faces of its cut, like a surface from a scan that ends there."""
     corners: FloatArray = reference.vertices[reference.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)

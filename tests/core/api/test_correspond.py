@@ -190,7 +190,7 @@ BOX = np.ones((4, 4, 4))
         ([(np.zeros((3, 3)), [[0, 1, 3]])], "shape_1: faces refer to vertices"),
         ([(np.full((3, 3), np.nan), [[0, 1, 2]])], "shape_1: vertices are not finite"),
         ([(np.zeros((3, 3)), [[0.0, 1.0, 2.0]])], "shape_1: faces must be integers"),
-        (["x/a.stl", "y/a.stl"], "several shapes are called a"),
+        (["x/a.stl", "y/a.stl"], "several shapes are named a"),
         (3, "int is not a cohort"),
     ],
 )

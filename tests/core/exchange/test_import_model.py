@@ -221,7 +221,7 @@ def test_landmarks_come_with_their_names(exported, change, project):
         (lambda c: c["data"].clear(), "lists no subject"),
         (lambda c: c["data"].__delitem__(slice(1, None)), "two or more"),
         (lambda c: c.update(data=3), "is not a ShapeWorks project"),
-        (lambda c: c["data"][1].update(name="a"), "several subjects are called a"),
+        (lambda c: c["data"][1].update(name="a"), "several subjects are named a"),
         (
             lambda c: c["data"][1].update(world_particles_1="gone.particles"),
             "gone.particles: does not exist",

@@ -53,7 +53,7 @@ def test_points_that_were_never_placed_are_left_out(path):
         ({"controlPoints": [{"label": "a", "position": [1, 2, "x"]}]}, "point a has no position"),
         ({"controlPoints": [{"label": "a", "position": [1, 2, 1e999]}]}, "point a has no position"),
         ({"controlPoints": [3]}, "no position"),
-        ({"controlPoints": [{"label": "a", "position": [1, 2, 3]}] * 2}, "several points are called a"),
+        ({"controlPoints": [{"label": "a", "position": [1, 2, 3]}] * 2}, "several points are named a"),
         ({"coordinateSystem": "IJK"}, "neither LPS nor RAS"),
         ({"coordinateUnits": "um"}, "unit is not mm"),
     ],
