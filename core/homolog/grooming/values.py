@@ -136,7 +136,7 @@ def _hardened_signed(values: Array, spacing: FloatArray) -> tuple[Array, str]:
         border = _border(values)
         outside = high if np.count_nonzero(border == high) > _HALF * border.size else low
         inside = low + high - outside
-        note = f"its values are {low} and {high}: {inside} was taken for the structure"
+        note = f"its values are {low} and {high}: {inside} was used as the structure"
         return (values == inside).astype(np.uint8), note
     distances = values.astype(np.float32)
     for field in (distances, np.sign(distances) * np.sqrt(np.abs(distances))):  # SimpleITK squares them
