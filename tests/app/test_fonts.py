@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from homolog_app.pictures import write_picture
 from homolog_app.plots import draw_discriminant, new_figure
 from homolog_app.rendering import text as fonts
-from homolog_app.rendering.colours import LIGHT_SCHEME, displacement_scale
-from homolog_app.views.captions import scale_picture
+from homolog_app.rendering.colours import GREY, LIGHT_SCHEME, displacement_scale
+from homolog_app.views.colour_bar import scale_height, scale_picture
 
 HAN = "王"
 
@@ -87,3 +87,15 @@ def test_the_labels_at_the_ends_of_a_colour_scale_are_whole():
     written = (picture[24:36] != picture[0, 0]).any(axis=(0, 2))
     assert written.any()
     assert not written[[0, 1, -2, -1]].any()
+
+
+def test_a_scale_whose_title_is_wide_explains_grey_in_a_line_of_its_own():
+    title = "Outward difference from healthy to infarct"
+    scale = replace(displacement_scale(6.0, title), grey_label="p > 0.05")
+    pictures = [scale_picture(scale, LIGHT_SCHEME, width, 1.0) for width in (900, 300)]
+    heights = [scale_height(scale, width, 1.0) for width in (900, 300)]
+    assert [len(picture) for picture in pictures] == heights
+    first = [
+        np.flatnonzero((picture[:, :, :3] == GREY).all(axis=2).any(axis=1)).min() for picture in pictures
+    ]
+    assert first[1] - first[0] == heights[1] - heights[0] > 10

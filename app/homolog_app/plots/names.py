@@ -1,6 +1,7 @@
 """Names of subjects in a plot, which cover neither each other nor marks."""
 
 from collections.abc import Iterator, Sequence
+from textwrap import fill
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -11,16 +12,17 @@ from matplotlib.text import Annotation, Text
 from matplotlib.transforms import Bbox
 
 from homolog.arrays import BoolArray, FloatArray
-from homolog_app.plots.model import FONT_PT, TICK_PT, points_in
+from homolog_app.plots.model import FONT_PT, TICK_PT, letters, points_in
 from homolog_app.rendering.colours import Colours
 from homolog_app.rendering.text import complete_text, shortened
 
 __all__ = ["draw_all_names", "draw_subjects"]
 
+_NOTE = "{} of {} names shown; enlarge the plot for the rest"
 _LETTERS = 28  # of a name
 _CORNERS = ((8.0, 5.0), (-8.0, 5.0), (8.0, -5.0), (-8.0, -5.0))  # from a mark to its name [points]
 _SIDES = ((9.0, 0.0), (-9.0, 0.0), (0.0, 9.0), (0.0, -9.0))
-_FAR = (16.0, 24.0, 34.0, 46.0, 60.0, 76.0, 94.0)  # distances of names with a leader [points]
+_FAR = (16.0, 24.0, 34.0, 46.0, 60.0)  # distances of names with a leader [points]
 _ANGLES = np.radians(
     [20, 160, -20, -160, 60, 120, -60, -120, 0, 180, 90, -90, 40, 140, -40, -140, 75, 105, -75, -105]
 )
@@ -41,10 +43,13 @@ def draw_all_names(
         return
     for artist in drawn:
         artist.remove()
-    note = figure.supxlabel(" ", x=0.01, ha="left", fontsize=TICK_PT, color=colours.dim)
+    room = max(letters(axes, figure.bbox.width), 12)
+    note = figure.supxlabel(
+        fill(_NOTE.format(0, len(names)), room), x=0.01, ha="left", fontsize=TICK_PT, color=colours.dim
+    )
     figure.draw_without_rendering()
     shown = _count(draw_subjects(axes, points, names, selected, colours))
-    note.set_text(f"{shown} of {len(names)} names shown; enlarge the plot for the rest")
+    note.set_text(fill(_NOTE.format(shown, len(names)), room))
 
 
 def _count(drawn: Sequence[Artist]) -> int:

@@ -1,13 +1,9 @@
-"""Texts in views: names, letters, particle numbers, scale bar, colour scale."""
+"""Texts in views: names, letters, scale bar."""
 
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyvista as pv
-from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
 from vtkmodules.vtkRenderingCore import (
     vtkActor2D,
     vtkPolyDataMapper2D,
@@ -15,10 +11,10 @@ from vtkmodules.vtkRenderingCore import (
 
 from homolog.arrays import FloatArray
 from homolog_app.rendering.camera import round_length
-from homolog_app.rendering.colours import GREY, Colours, ColourScale, rgb
-from homolog_app.rendering.text import edge_letters, font_file, short, tick_labels, written
+from homolog_app.rendering.colours import Colours, rgb
+from homolog_app.rendering.text import edge_letters, font_file, short, written
 
-__all__ = ["HEIGHT", "MOST", "SIDE", "Caption", "ScaleBar", "scale_picture", "text_at", "text_box"]
+__all__ = ["Caption", "ScaleBar", "text_at", "text_box"]
 
 
 _EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
@@ -39,7 +35,7 @@ class Caption:
         self._shown: object = None
         self._fitted: object = None
         self._measured: object = None
-        self._box = np.zeros(4)
+        self._box, self._name_px = np.zeros(4), 0.0
         self.caption = text_at(0.015, 0.975)
         self.caption.GetTextProperty().SetVerticalJustificationToTop()
         self._letters = [text_at(x, y) for x, y in _EDGES]
@@ -84,6 +80,11 @@ class Caption:
             self._fitted = width, height, in_strip, taken
             self._fit(width, height, in_strip=in_strip, taken=taken)
 
+    def has_room(self, taken: float) -> bool:
+        """Whether the first line fits next to what is taken of a strip [pixels]."""
+        width = self._renderer.GetSize()[0]
+        return not self._lines or self._name_px + taken <= _ROOM * width
+
     @property
     def free_box(self) -> FloatArray:
         """Left, lower, right and upper edge of the caption outside a strip [pixels]."""
@@ -92,6 +93,8 @@ class Caption:
             self._measured, self._fitted = size, None
             self._fit(*size, in_strip=False, taken=0.0)
             self._box = text_box(self._renderer, self.caption)
+            self._name_px = self._length(written(self._lines[0], font_file(self._lines[0])))
+            self._fitted = None
         return self._box if self._lines else np.zeros(4)
 
     def leave_free(self, low: FloatArray, high: FloatArray) -> None:
@@ -242,6 +245,12 @@ class ScaleBar:
         length = round_length(min(_SHARE * width, _MOST * self._size / 12.0) * millimetres)
         return length, length / millimetres
 
+    def hide(self) -> None:
+        """Before this drawing: show no bar."""
+        self._drawn = None
+        for actor in (self._line, self._text):
+            actor.SetVisibility(False)
+
     def face(self, strip: float | None = None) -> None:
         """Before each drawing: adapt the length to the camera; `strip` is the middle of a strip [pixels]."""
         size = self._renderer.GetSize()
@@ -266,84 +275,3 @@ class ScaleBar:
         right, up = left + across, bottom + tick
         self._data.points = [(left, up, 0.0), (left, bottom, 0.0), (right, bottom, 0.0), (right, up, 0.0)]
         self._line.GetProperty().SetLineWidth(max(1.0, 1.6 * self._size / 12.0))
-
-
-HEIGHT, MOST, SIDE = 64, 520, 120
-"""Height of the strip, most of the bar's length, and room at its sides [pixels of a usual screen]."""
-
-_BAR, _TOP = 12, 24
-_TICKS = 5
-_LETTERS, _PATCH = 12, 18
-
-
-def scale_picture(
-    scale: ColourScale, colours: Colours, width: int, ratio: float, *, transparent: bool = False
-) -> NDArray[np.uint8]:
-    """Return the scale as a strip of a picture, shape (height, width, 4).
-
-    Parameters
-    ----------
-    scale : ColourScale
-    colours : Colours
-        Of the scheme.
-    width : int
-        Of the picture [pixels].
-    ratio : float
-        How many times as large as on a usual screen.
-    transparent : bool
-        Whether there is no background.
-    """
-    paper = "#00000000" if transparent else colours.scene
-    page = Image.new("RGBA", (width, round(HEIGHT * ratio)), paper)
-    draw = ImageDraw.Draw(page)
-    size = round(_LETTERS * ratio)
-    line = f"{scale.title} ({scale.unit})" if scale.unit else scale.title
-    line += f" · {scale.note}" if scale.note else ""
-    own = font_file(line + scale.grey_label)  # groups may be named in any script
-    grey = f" · {scale.grey_label}" if scale.grey_label else ""
-    patch = round(_PATCH * ratio) if grey else 0
-    text, tail = written(line, own), written(grey, own)
-    letters = _font(own, size)
-    whole = letters.getlength(text) + letters.getlength(tail) + patch
-    if whole > (room := width - _LETTERS * ratio):
-        letters = _font(own, int(size * room / whole))
-    start = (width - draw.textlength(text, letters) - draw.textlength(tail, letters) - patch) / 2
-    draw.text((start, 12 * ratio), text, colours.text, letters, anchor="lm")
-    font = _font(font_file(), size)
-    if grey:
-        start += draw.textlength(f"{text} · ", letters)
-        side = _LETTERS * ratio
-        box = (start, 12 * ratio - side / 2, start + side, 12 * ratio + side / 2)
-        draw.rectangle(box, GREY, colours.dim, max(1, round(ratio)))
-        draw.text(
-            (start + patch, 12 * ratio), written(scale.grey_label, own), colours.text, letters, anchor="lm"
-        )
-    beside = max(font.getlength(text) for text in (scale.low_label, scale.high_label)) + 12 * ratio
-    length = round(min(MOST * ratio, width - 2 * max(SIDE * ratio, beside)))
-    left, top = round((width - length) / 2), round(_TOP * ratio)
-    bottom = top + round(_BAR * ratio)
-    thin = max(1, round(ratio))
-    table = Image.fromarray(np.ascontiguousarray(scale.table[None]))
-    page.paste(table.resize((length, bottom - top), Image.Resampling.BILINEAR), (left, top))
-    draw.rectangle((left, top, left + length, bottom), outline=colours.dim, width=thin)
-    middle = (top + bottom) / 2
-    draw.text((left - 8 * ratio, middle), scale.low_label, colours.text, font, anchor="rm")
-    draw.text((left + length + 8 * ratio, middle), scale.high_label, colours.text, font, anchor="lm")
-    values = np.linspace(scale.low, scale.high, _TICKS).tolist()
-    for value, text in zip(values, _tick_labels(values), strict=True):
-        x = left + length * (value - scale.low) / (scale.high - scale.low)
-        draw.line((x, bottom, x, bottom + 4 * ratio), colours.text, thin)
-        draw.text((x, bottom + 13 * ratio), text, colours.text, font, anchor="mm")
-    return np.array(page)
-
-
-def _tick_labels(values: list[float]) -> list[str]:
-    """Return the labels of ticks, with three digits at the ends, and equally many decimals in all."""
-    most = max(abs(value) for value in values)
-    places = max(0, 2 - int(np.floor(np.log10(most)))) if most else 0
-    return tick_labels([round(value, places) for value in values])
-
-
-@cache
-def _font(path: Path, size: int) -> ImageFont.FreeTypeFont:
-    return ImageFont.truetype(str(path), max(size, 6))

@@ -14,9 +14,8 @@ from homolog_app.rendering.camera import VIEWS as ANATOMICAL
 from homolog_app.rendering.camera import Box, Clip, Cut, View, around, extent_of
 from homolog_app.rendering.colours import LIGHT_SCHEME, Colours, rgb, rgb_bytes
 from homolog_app.rendering.scene import Balls, Scene, Surface
-from homolog_app.views.captions import Caption, ScaleBar
 from homolog_app.views.content import Content
-from homolog_app.views.strip import NumberLabels, Strip
+from homolog_app.views.view_texts import ViewTexts
 
 __all__ = ["VIEWS", "Cameras", "ViewCell", "ViewMargins"]
 
@@ -166,10 +165,9 @@ class ViewCell:
         self._cut: Cut | None = None
         self._colours = LIGHT_SCHEME
         self._plain: dict[str, Array] = {}
-        self._strip = Strip(renderer)
-        self.texts, self._bar, self._numbers = Caption(renderer), ScaleBar(renderer), NumberLabels(renderer)
-        self._text_px = 12
+        self.texts = ViewTexts(renderer)
         self.overview = Overview(renderer)
+        self._corners = np.empty((0, 2)), np.empty((0, 2))
 
     def place(self, viewport: tuple[float, float, float, float] | None) -> None:
         """Set the view's part of the window, or none."""
@@ -269,11 +267,7 @@ class ViewCell:
 
     def show_caption(self, size: int, *, small: bool, letters: bool, bar: bool) -> None:
         """Show the subject's name and note, the letters and a scale bar, with a text height in pixels."""
-        self._text_px = size
-        lines = self.content.caption if self.content is not None else []
-        self.texts.show(lines, size, small=small, letters=letters)
-        self._bar.show(bar and self.content is not None, round(0.85 * size))
-        self._numbers.show(self.content.numbers if self.content is not None else None, size)
+        self.texts.show(self.content, size, small=small, letters=letters, bar=bar)
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""
@@ -282,8 +276,6 @@ class ViewCell:
         self._plain = {"groomed": bone, "coarse": bone, "raw": np.array(rgb_bytes(colours.raw), np.uint8)}
         self.renderer.SetBackground(*rgb(colours.scene))
         self.texts.paint(colours)
-        self._bar.paint(colours)
-        self._strip.paint(colours)
         self.overview.paint(colours)
         self._update()
 
@@ -294,24 +286,13 @@ class ViewCell:
         self._actors.lift(-(self._balls.radius if self._balls is not None else 0.0) * ahead)
         shown = _some_of(self._placed[name] for name in self._shown if name in self._placed)
         self.overview.face(self.surface_actors, shown, np.stack([right, up, ahead]))
-        self._face_texts(right, up, self._in_view(shown) if len(shown) else np.empty((0, 2)))
+        points = self._in_view(shown) if len(shown) else np.empty((0, 2))
+        self.texts.follow(points, is_close=self.overview.shown)
+        self._corners = self._parts() if self.overview.shown else (points, points)
 
-    def _face_texts(self, right: FloatArray, up: FloatArray, points: FloatArray) -> None:
-        """Place the texts, in a strip if they would lie on the shape, given as points (n, 2) in the view."""
-        if self.content is None:
-            self._strip.face(0, self._text_px)
-            return
-        size, numbered = self.renderer.GetSize(), self.content.numbers is not None
-        on_shape = any(_covers(box, points * size) for box in (self.texts.free_box, self._bar.free_box))
-        self._strip.face(1 + numbered if numbered or on_shape or self.overview.shown else 0, self._text_px)
-        in_strip = self._strip.shown
-        self._bar.face(self._strip.middle(0) if in_strip else None)
-        taken = self._bar.taken if in_strip else 0.0
-        self.texts.face(self.content.patient_axes, right, up, in_strip=in_strip, taken=taken)
-        low, high = self._parts() if self.overview.shown else (points, points)
-        seen = low[:, 1] * size[1] < self._strip.bottom
-        self.texts.leave_free(low[seen], high[seen])
-        self._numbers.face(right, self._strip, self.overview.box)
+    def face_texts(self, in_strip: bool) -> None:
+        """Before each drawing, after `face_camera`: place the texts, in a strip or not."""
+        self.texts.face(self.axes, *self._corners, self.overview.box, in_strip)
 
     def _parts(self) -> tuple[FloatArray, FloatArray]:
         """Return lower left and upper right corners of the shown triangles in the view, (n, 2) each."""
@@ -389,8 +370,3 @@ class ViewCell:
 def _some_of(surfaces: Iterable[FloatArray]) -> FloatArray:
     """Return some vertices of each of the surfaces, (n, 3)."""
     return np.concatenate([np.empty((0, 3)), *(vertices[::_SPARSE] for vertices in surfaces)])
-
-
-def _covers(box: FloatArray, points: FloatArray) -> bool:
-    """Whether a box (4,) contains any of some points (n, 2)."""
-    return bool(((points >= box[:2]) & (points <= box[2:])).all(axis=1).any())

@@ -13,8 +13,8 @@ from homolog_app.rendering.camera import Box, Canvas, Clip, around
 from homolog_app.rendering.colours import DARK_SCHEME, LIGHT_SCHEME, Colours, colours_by_place, rgb
 from homolog_app.rendering.opengl import SMOOTH, need_no_display, pixels_of
 from homolog_app.rendering.scene import ball_radius
-from homolog_app.views.captions import scale_picture
 from homolog_app.views.cell import Cameras, ViewCell, ViewMargins
+from homolog_app.views.colour_bar import scale_picture
 from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.strip import STRIP_ROWS
 
@@ -218,9 +218,13 @@ class Grid:
         self._window.SetDPI(_DPI)
         bounds = self.bounds
         if bounds is not None:
-            for cell in self.cells[: self.count]:
+            cells = self.cells[: self.count]
+            for cell in cells:
                 cell.face_camera(bounds)
                 cell.cut(self.clip, self._box or bounds)
+            in_strips = any(cell.texts.need_strip for cell in cells)
+            for cell in cells:
+                cell.face_texts(in_strips)
 
     def _tints_of(self, cell: ViewCell) -> Array | None:
         if isinstance(self.tints, Mapping):

@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
 
 from homolog.parameters import Parameter, fault_text, parameters
 from homolog_app.rendering.text import parse_number
+from homolog_app.window.theme import scaled
 from homolog_app.window.widgets import GRID, NumberBox, button, label
 
 __all__ = ["SettingsForm", "SettingsPair", "named_rows", "tab_before"]
@@ -336,7 +337,7 @@ class _Row(QWidget):
             for value in parameter.choices:
                 choice.addItem(_LABELS.get(value, value.capitalize()), value)
             choice.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
-            choice.setMinimumWidth(_EDITOR)
+            choice.setMinimumWidth(scaled(_EDITOR))
             choice.activated.connect(lambda _: self._report(choice.currentData()))
             return choice
         if (
@@ -347,7 +348,7 @@ class _Row(QWidget):
         ):
             number = NumberBox(int(parameter.low), int(parameter.high))
             number.setKeyboardTracking(False)
-            number.setFixedWidth(_EDITOR)
+            number.setFixedWidth(scaled(_EDITOR))
             number.setAlignment(Qt.AlignmentFlag.AlignRight)
             number.valueChanged.connect(self._report)
             return number
@@ -355,7 +356,7 @@ class _Row(QWidget):
         if parameter.kind is str:
             text.setMinimumWidth(_TEXT_EDITOR)
         else:
-            text.setFixedWidth(_EDITOR)
+            text.setFixedWidth(scaled(_EDITOR))
             text.setAlignment(Qt.AlignmentFlag.AlignRight)
         text.textEdited.connect(self._report_text)
         return text

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent
+from PySide6.QtGui import QColor, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QWidget
 from pyvistaqt import QtInteractor
 from vtkmodules.vtkRenderingCore import vtkCellPicker  # pyvista picks with a plotter, not in a renderer
@@ -16,7 +16,7 @@ from homolog.arrays import FloatArray
 from homolog_app.rendering.colours import LIGHT_SCHEME, Colours, ColourScale
 from homolog_app.rendering.opengl import SMOOTH
 from homolog_app.rendering.text import short
-from homolog_app.views.captions import HEIGHT, MOST, SIDE, scale_picture
+from homolog_app.views.colour_bar import HEIGHT, MOST, SIDE, scale_height, scale_picture
 from homolog_app.window.theme import text_scale
 
 if TYPE_CHECKING:
@@ -227,7 +227,18 @@ class ColourBar(QWidget):
             text += f"; grey: {scale.grey_label}" if scale.grey_label else ""
             hollow = " On the inner wall of a hollow organ, out of the tissue means a smaller cavity."
             self.setToolTip(text + ". Click to set the range." + hollow * ("tissue" in scale.high_label))
+        self._fit_height()
         self.update()
+
+    def _fit_height(self) -> None:
+        """Take the height of the scale, which may have a title of two lines."""
+        if self._scale is not None:
+            self.setFixedHeight(scale_height(self._scale, self.width(), text_scale()))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Fit the title into the new width."""
+        super().resizeEvent(event)
+        self._fit_height()
 
     def paint(self, colours: Colours) -> None:
         """Apply the colours of the scheme."""

@@ -30,7 +30,7 @@ from homolog_app.window.explore.patient_page import PatientPage
 from homolog_app.window.export.controller import ExportController
 from homolog_app.window.help import HelpController, Tour
 from homolog_app.window.project_controller import ProjectController
-from homolog_app.window.rail import STEPS, DockSizes, Rail, StatusBar, steps_of
+from homolog_app.window.rail import STEPS, DockSizes, Rail, StatusBar, least_inspector, steps_of
 from homolog_app.window.run_panel import GroomPanel, RunPanel
 from homolog_app.window.run_particles import EnergyCurves
 from homolog_app.window.start_page import StartPage
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Docks", "Inspector", "MainWindow"]
 
-_INSPECTOR, _NARROWEST, _FLATTEST, _LOW = 452, 376, 192, 900  # pixels
+_INSPECTOR, _FLATTEST, _LOW = 452, 192, 900  # pixels
 _WIDTH_SHARE, _HEIGHT_SHARE, _WIDEST = 0.25, 0.22, 540
 """Smallest fractions of a large window for inspector and plots; largest minimum width of the inspector."""
 _SIZE, _FRAME = QSize(1440, 900), QSize(8, 40)  # initial size, and size of the system's frame [pixels]
@@ -56,7 +56,7 @@ class Inspector(QFrame):
     def __init__(self, workspace: Workspace, actions: Actions) -> None:
         super().__init__()
         self.setObjectName("Inspector")
-        self.setMinimumWidth(scaled(_NARROWEST))
+        self.setMinimumWidth(least_inspector())
         self.cohort = CohortPanel(workspace.session, workspace.theme, actions)
         self.groom = GroomPanel(workspace.session, actions)
         self.correspond = RunPanel(workspace.session, actions)
@@ -160,7 +160,7 @@ class Docks(QObject):
     def follow_size(self, size: QSize) -> None:
         """Resize inspector and plots with a large window, and give the space back when it shrinks."""
         across, up = Qt.Orientation.Horizontal, Qt.Orientation.Vertical
-        width = min(max(scaled(_NARROWEST), round(_WIDTH_SHARE * size.width())), scaled(_WIDEST))
+        width = min(max(least_inspector(), round(_WIDTH_SHARE * size.width())), scaled(_WIDEST))
         height = max(_FLATTEST, round(_HEIGHT_SHARE * size.height()))
         for dock, orientation, least in (
             (self._inspector_dock, across, width),

@@ -24,7 +24,7 @@ from homolog_app.window.session import PAGE_OF_JOB, Session
 from homolog_app.window.theme import Theme, pixmap, scaled
 from homolog_app.window.widgets import GRID, ActionButton, ProgressBar, keep_space, label
 
-__all__ = ["STEPS", "DockSizes", "Rail", "StatusBar", "Step", "steps_of"]
+__all__ = ["STEPS", "DockSizes", "Rail", "StatusBar", "Step", "least_inspector", "steps_of"]
 
 _log = logging.getLogger(__name__)
 
@@ -182,6 +182,7 @@ def steps_of(session: Session) -> dict[str, Step]:
 
 _MEMORY_MS = 2000
 _BAR_PX = 160, 8
+_INSPECTOR, _INSPECTOR_ENOUGH = 376, 552  # pixels
 _ON_RAIL = ("groom", "run")  # their steps show their progress
 
 
@@ -245,6 +246,11 @@ class StatusBar(QObject):
 
     def _show_memory(self) -> None:
         self.memory.setText(f"Memory: {self._process.memory_info().rss / 2**20:.0f} MB")
+
+
+def least_inspector() -> int:
+    """Return the smallest width of the inspector [pixels]: with large fonts the window fits 1280 pixels."""
+    return min(scaled(_INSPECTOR), _INSPECTOR_ENOUGH)
 
 
 class DockSizes:

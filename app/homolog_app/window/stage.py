@@ -2,7 +2,8 @@
 
 from collections.abc import Callable
 
-from PySide6.QtCore import Qt, Signal, Slot
+from PySide6.QtCore import QSize, Qt, Signal, Slot
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QCheckBox,
     QDialog,
@@ -54,10 +55,11 @@ def view_menu(window: QWidget, actions: Actions) -> QMenu:
 
 _SHOWN = ("view.raw", "view.groomed", "view.particles", "view.slice", "view.clip")
 _GRIDS = ("view.grid1", "view.grid4", "view.grid9", "view.grid16")
+_SPACING = 2
 
 
 class ViewBar(QFrame):
-    """Buttons of the views' commands and the opacity of surfaces."""
+    """Buttons of the views' commands and the opacity of surfaces, in a narrow window without its slider."""
 
     opacity_changed = Signal(float)
 
@@ -66,11 +68,12 @@ class ViewBar(QFrame):
         self.setObjectName("ViewBar")
         row = QHBoxLayout(self)
         row.setContentsMargins(GRID, GRID // 2, GRID, GRID // 2)
-        row.setSpacing(2)
+        row.setSpacing(_SPACING)
         for identifier in _SHOWN:
             row.addWidget(actions.button(identifier, self))
         row.addSpacing(GRID)
-        row.addWidget(label("Opacity", "Hint"))
+        self._name = label("Opacity", "Hint")
+        row.addWidget(self._name)
         self.opacity = QSlider(Qt.Orientation.Horizontal)
         self.opacity.setRange(10, 100)
         self.opacity.setValue(100)
@@ -89,6 +92,23 @@ class ViewBar(QFrame):
         row.addSpacing(GRID)
         for identifier in ("view.link", "view.reset", "view.screenshot"):
             row.addWidget(actions.button(identifier, self))
+
+    def minimumSizeHint(self) -> QSize:
+        """Return the size without the slider and its name."""
+        least = super().minimumSizeHint()
+        return least if self.opacity.isHidden() else least - QSize(self._spare, 0)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Show the slider and its name if there is room."""
+        super().resizeEvent(event)
+        fits = event.size().width() >= self.minimumSizeHint().width() + self._spare
+        for part in (self._name, self.opacity):
+            part.setVisible(fits)
+
+    @property
+    def _spare(self) -> int:
+        """Width of the slider and its name."""
+        return self._name.sizeHint().width() + self.opacity.width() + 2 * _SPACING
 
 
 class ViewFooter(QFrame):
@@ -116,7 +136,14 @@ class ViewFooter(QFrame):
         row.addWidget(actions.button("view.previous", self))
         row.addWidget(self.page)
         row.addWidget(actions.button("view.next", self))
+        self._of_run = True
         self.show_frames(0)
+
+    def show_parts(self, *, run: bool, pages: bool) -> None:
+        """Show the playback where the views show particles of a run, and pages where they show subjects."""
+        self._of_run = run
+        self.setVisible(run or pages)
+        self._show_playback()
 
     def show_frames(self, count: int) -> None:
         """Set the number of a run's frames, or none; the last one is shown."""
@@ -124,8 +151,11 @@ class ViewFooter(QFrame):
         self.time.setRange(0, max(0, count - 1))
         self.time.setValue(max(0, count - 1))
         self.time.blockSignals(False)
+        self._show_playback()
+
+    def _show_playback(self) -> None:
         for widget in (self.play, self.time, self.moment):
-            widget.setVisible(count > 1)
+            widget.setVisible(self._of_run and self.time.maximum() > 0)
 
     def show_page(self, first: int, last: int, total: int) -> None:
         """Show the numbers of the subjects shown."""
@@ -255,7 +285,7 @@ class ClipBar(QFrame):
         self.position.setRange(0, _STEPS)
         self.position.setValue(_STEPS // 2)
         self.position.setPageStep(_STEPS // 10)
-        self.position.setMinimumWidth(120)
+        self.position.setMinimumWidth(60)
         self.position.setAccessibleName("Position of the cutting plane")
         self.position.setToolTip("Position of the cutting plane")
         self.low, self.high = label("", "Hint"), label("", "Hint")

@@ -15,7 +15,7 @@ from homolog_app.studies.study import Study
 from homolog_app.window.actions import Actions
 from homolog_app.window.commands import command
 from homolog_app.window.runner import Status
-from homolog_app.window.theme import Theme, pixmap
+from homolog_app.window.theme import Theme, pixmap, scaled
 from homolog_app.window.widgets import GRID, ActionButton, Progress, button, label, rule
 
 __all__ = ["BEANS", "HEARTS", "SAMPLES", "Sample", "StartPage", "Stop", "stops_for"]
@@ -276,7 +276,7 @@ class StartPage(QFrame):
         column.addSpacing(GRID)
         column.addLayout(self._recent)
         centre = QWidget()
-        centre.setMaximumWidth(768)
+        centre.setMaximumWidth(scaled(768))
         centre.setLayout(column)
         middle = QHBoxLayout()
         middle.addStretch(1)

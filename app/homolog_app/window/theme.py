@@ -16,7 +16,7 @@ from homolog_app.rendering.colours import DARK_SCHEME, LIGHT_SCHEME, Colours
 __all__ = ["Theme", "application_icon", "icon", "pixmap", "scaled", "text_scale"]
 
 
-_SIZES, _USUAL = (12, 15, 17, 32), 12
+_SIZES, _USUAL, _CARD = (12, 15, 17, 32), 12, 144
 
 
 class Theme(QObject):
@@ -71,7 +71,9 @@ class Theme(QObject):
         template = (files("homolog_resources") / "style.qss").read_text(encoding="utf-8")
         tick = "tick_dark" if dark else "tick_light"
         sizes = {f"font{size}": f"{scaled(size)}px" for size in _SIZES}
-        names = asdict(colours) | sizes | {"icons": _icon_folder(), "tick": tick}
+        names = (
+            asdict(colours) | sizes | {"icons": _icon_folder(), "tick": tick, "card": f"{scaled(_CARD)}px"}
+        )
         sheet = Template(template).substitute(names)
         if sheet == self.sheet:
             return  # setting it would style every widget again

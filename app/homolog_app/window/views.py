@@ -291,7 +291,7 @@ class Views(QObject):
         if own is not self._own_particles:
             self._own_particles = own
             self._swap_balls()
-            self.stage.footer.setVisible(not own)
+        self.stage.footer.show_parts(run=not own, pages=not shown.columns)
         self.stage.scene.display(shown)
         self._explore.fitted.draw_ms = self.stage.scene.draw_ms
         if self.shows_slices:

@@ -400,6 +400,22 @@ def test_two_subjects_are_told_to_be_too_few(explored, errors, wait):
     assert not errors
 
 
+def test_a_texture_has_pages_of_subjects_and_no_playback_of_the_run(checking, wait):
+    look, footer = page_of(checking).look, checking.views.stage.footer
+    checking.commands["view.grid1"].trigger()
+    footer.show_frames(5)
+    assert footer.play.isVisible()
+    look.show_what.setCurrentIndex(look.show_what.findData("stripes"))
+    settled(checking, wait)
+    wait(lambda: not footer.play.isVisible())
+    assert footer.isVisible()
+    name = checking.views.stage.scene.shown[0].name
+    checking.commands["view.next"].trigger()
+    assert checking.views.stage.scene.shown[0].name != name
+    look.show_what.setCurrentIndex(0)
+    wait(footer.play.isVisible)
+
+
 def test_a_close_up_has_the_whole_shape_in_a_corner(checking, wait):
     scene = checking.views.stage.scene
     cells = scene.grid.cells

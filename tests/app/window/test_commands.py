@@ -237,3 +237,29 @@ def test_texts_of_plots_grow_with_the_font_of_the_system(window, plots, qapp):
         assert height() == pytest.approx(2.0 * before, rel=0.1)
     finally:
         qapp.setFont(font)
+
+
+@pytest.mark.window
+@pytest.mark.own_window
+def test_with_a_large_font_every_step_fits_a_small_screen(make_window, qapp, ellipsoids, wait):
+    from PySide6.QtGui import QFont
+
+    font, larger = qapp.font(), QFont(qapp.font())
+    larger.setPixelSize(19)
+    qapp.setFont(larger)
+    try:
+        window = make_window()
+        window.projects.open_paths([ellipsoids])
+        wait(lambda: len(window.workspace.session.surveys) == 4)
+        window.resize(1280, 800)
+        bar = window.views.stage.bar
+        plots = [page.plots for page in window.inspector.explore.pages if page.plots is not None]
+        wait(lambda: window.minimumSizeHint().width() <= 1280)
+        assert all(part.minimumSizeHint().width() <= bar.minimumSizeHint().width() for part in plots)
+        assert len(plots) == 4
+        assert bar.opacity.isHidden()
+        assert bar.percent.isVisible()
+        window.resize(1900, 800)
+        wait(bar.opacity.isVisible)
+    finally:
+        qapp.setFont(font)

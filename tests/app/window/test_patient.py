@@ -90,7 +90,9 @@ def test_a_dropped_file_is_compared_and_not_added_to_the_study(patient, explored
     assert not explored.commands["patient.save"].isEnabled()
 
 
-def test_the_pages_of_the_report_are_printed_on_whole_sheets(patient, explored, tmp_path, wait, monkeypatch):
+@pytest.fixture
+def printed(explored, tmp_path, wait, monkeypatch):
+    """Return a function that prints the patient to a file, and returns the number of pages and the file."""
     from PySide6.QtPrintSupport import QPrintDialog
 
     path, asked = tmp_path / "printed.pdf", []
@@ -100,14 +102,30 @@ def test_the_pages_of_the_report_are_printed_on_whole_sheets(patient, explored, 
         dialog.printer().setOutputFileName(str(path))
         return QPrintDialog.DialogCode.Accepted
 
+    def print_patient():
+        explored.commands["file.print"].trigger()
+        wait(lambda: bool(asked) and not explored.workspace.session.job.is_busy, 300.0)
+        return asked[-1], path.read_bytes()
+
     monkeypatch.setattr(QPrintDialog, "exec", accept)
-    explored.commands["file.print"].trigger()
-    wait(lambda: bool(asked) and not patient.workspace.session.job.is_busy, 300.0)
-    assert asked == [2]
-    content = path.read_bytes()
+    return print_patient
+
+
+@pytest.mark.usefixtures("patient")
+def test_the_pages_of_the_report_are_printed_on_whole_sheets(printed):
+    pages, content = printed()
+    assert pages == 2
     assert content.count(b"/MediaBox") == content.count(b"/Type /Page\n") == 2
     sides = [float(side) for side in content.split(b"/MediaBox [")[1].split(b"]")[0].split()]
     assert sides[2:] == pytest.approx([595.0, 842.0], abs=1.0)  # A4 [points]
+
+
+def test_a_follow_up_is_printed_after_the_pages_of_the_first_time(patient, printed, ellipsoids, wait):
+    patient.further.add_time(ellipsoids / "b.nrrd", repeats=False)
+    session = patient.workspace.session
+    wait(lambda: patient.further.times.follow_up is not None and not session.job.is_busy, 300.0)
+    pages, content = printed()
+    assert pages == content.count(b"/Type /Page\n") == 4
 
 
 def test_the_page_shows_how_far_its_comparison_is_and_the_status_bar_does_elsewhere(

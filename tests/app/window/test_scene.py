@@ -70,7 +70,7 @@ def test_texts_keep_their_size_where_the_window_scales_them_by_the_screen(ball):
         window.SetDPI(dpi)
         window.Render()
         size = [0.0, 0.0]
-        grid.cells[0].texts.caption.GetSize(grid.cells[0].renderer, size)
+        grid.cells[0].texts.caption.caption.GetSize(grid.cells[0].renderer, size)
         heights.append(size[1])
     grid.close()
     window.Finalize()

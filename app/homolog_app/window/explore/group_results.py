@@ -120,6 +120,7 @@ class AnswerTable(QTreeWidget):
         height = self.header().sizeHint().height() + sum(heights) + 2 * self.frameWidth() + GRID
         if height != self.height():
             self.setFixedHeight(height)
+        self.updateGeometry()  # also if it was set while a layout was at work
 
     def _rows(self) -> list[QTreeWidgetItem]:
         """Return headings and comparisons from top to bottom."""

@@ -54,7 +54,7 @@ __all__ = [
 MEASURES = {"Distance": "mm", "Volume": "ml", "Area": "cm²", "Wall": "mm", "Deviation": "mm"}
 """The measures in the order of the table, with their units."""
 
-_WIDTH = 120
+_WIDTH = 112
 _FILE = "Mesh file…"
 _MESHES = f"Surfaces ({' '.join(f'*{suffix}' for suffix in MESH_SUFFIXES)})"
 

@@ -190,9 +190,9 @@ class PatientPage(ExplorePage):
     @property
     def layouts(self) -> tuple[int, ...] | None:
         """Numbers of views: 1 or 4 once there is a patient."""
-        if self.comparison is None or self._change is not None:
-            return None
-        return (self.views.currentData(), *_VIEWS.values())
+        if (change := self._change) is not None:
+            return (1 if len(change.changes) == 1 else 4,)
+        return None if self.comparison is None else (self.views.currentData(), *_VIEWS.values())
 
     @property
     def can_be_drawn_again(self) -> bool:

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FollowUpPart", "PatientForm", "region_table", "remark_texts"]
 
+_ABOVE = ("Controls", "Adjust for", "Seen twice")  # names of the reference's fields
 _HEADS = ("Region", "Area\n(mm²)", "Mean\n(mm)", "z")
 _SIDES = {"not given": "", LEFT: LEFT, RIGHT: RIGHT}
 
@@ -54,6 +55,7 @@ class PatientForm(QFormLayout):
     def __init__(self) -> None:
         super().__init__()
         self.setHorizontalSpacing(GRID)
+        self.setLabelAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         self.fields: dict[str, QLineEdit] = {}
         self.side: QComboBox | None = None
         self.cut_off = QCheckBox("Cut off at a flat end")
@@ -84,7 +86,7 @@ class PatientForm(QFormLayout):
 def _named(text: str) -> QLabel:
     """Return a label as wide as those of the reference above, so that the fields are aligned."""
     name = label(text)
-    name.setMinimumWidth(name.fontMetrics().horizontalAdvance("Adjust for"))
+    name.setMinimumWidth(max(map(name.fontMetrics().horizontalAdvance, _ABOVE)))
     return name
 
 
