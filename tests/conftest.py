@@ -152,7 +152,10 @@ def _open_display():
 
     def close():
         server.terminate()
-        server.wait()
+        try:
+            server.wait(10)
+        except subprocess.TimeoutExpired:
+            server.kill()
 
     return close
 
