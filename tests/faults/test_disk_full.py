@@ -96,7 +96,7 @@ def test_a_disk_that_is_really_full_is_told_and_the_project_can_be_read(
 ):
     disk = ProjectFolder(mounted("-t", "tmpfs", "-o", "size=400k", "tmpfs") / "project")
     run = Run(disk, read_cohort(project.folder.parent / "scans"), short_settings)
-    with pytest.raises(InputError, match=r"No space left .* choose a folder"):
+    with pytest.raises(InputError, match=r"No space left .* choose a writable folder"):
         run.execute()
     assert disk.read().unfinished
     with disk.locked():

@@ -46,7 +46,7 @@ def test_an_export_that_cannot_grow_is_named_and_leaves_nothing(
     assert code == INPUT_ERROR
     assert f"homolog: {place / name}" in output
     assert ": can't be written: " in output
-    assert "choose a folder" in output
+    assert "choose a writable folder" in output
     assert ".part-" not in output
     assert contents(place) == {}
     assert contents(project.folder) == before

@@ -15,7 +15,7 @@ def test_a_read_only_project_is_named_by_whatever_writes(project, read_only, con
     assert main([arguments[0], str(folder), *arguments[1:]]) == INPUT_ERROR
     output = capsys.readouterr().err
     assert f"{folder}: can't be written: " in output
-    assert "choose a folder" in output
+    assert "choose a writable folder" in output
     assert contents(project.folder) == before
 
 

@@ -21,7 +21,7 @@ from homolog.errors import Cancelled, InputError, NumericalError, user_message
 __all__ = ["CANCELLED", "INPUT_ERROR", "OK", "PROGRAM_ERROR", "command_parser", "main", "open_window"]
 
 OK, PROGRAM_ERROR, INPUT_ERROR, CANCELLED = 0, 1, 2, 130
-"""Exit codes; 130 is the shell's own for a command ended by Ctrl-C."""
+"""Exit codes; 130 is the shell's convention for a command ended by Ctrl-C."""
 
 _COMMANDS = {
     "run": ("run", "groom a cohort, place corresponding particles, compute the shape model"),
@@ -62,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         parser, modules = command_parser([command] if command in _COMMANDS else [])
         arguments, more = parser.parse_known_args(given)
-        if more and all(Path(item).exists() for item in more):  # as the shell writes out *.nii.gz
+        if more and all(Path(item).exists() for item in more):  # as the shell expands *.nii.gz
             parser.error(f"{command} takes one folder or table; give the folder of these files: {more[0]}, …")
         if more:
             parser.error(f"unrecognized arguments: {' '.join(more)}")
@@ -104,7 +104,7 @@ def command_parser(
     Parameters
     ----------
     commands : collection of str
-        All by default. For others the parser knows only name and purpose.
+        Commands with all options, by default all. For other commands the parser knows only name and purpose.
     """
     parser = argparse.ArgumentParser(
         prog="homolog",

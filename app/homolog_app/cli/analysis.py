@@ -66,7 +66,7 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
 
 
 def _add_question(parser: argparse.ArgumentParser) -> None:
-    """Declare what is asked: columns, groups, pairs, covariates, alignment."""
+    """Declare the question: columns, groups, pairs, covariates, alignment."""
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--group", metavar="COLUMN", default="group", help="column of groups (default group)")
     what.add_argument("--regress", metavar="COLUMN", help="column of a continuous variable")
@@ -219,7 +219,7 @@ def run_check(arguments: argparse.Namespace) -> int:
 def _repair(
     project: ProjectFolder, result: "Result", inspection: "Inspection", count: int, tick: "Tick"
 ) -> "tuple[Inspection, list[str]]":
-    """Repair the most severe suspects one after another; keep improvements."""
+    """Repair the most severe suspects one by one, and keep improvements."""
     from homolog.progress import part_of
     from homolog.run.repair import repaired, write_repaired
 
@@ -298,7 +298,7 @@ def add_geodesics(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the
 
 
 def run_geodesics(arguments: argparse.Namespace) -> int:
-    """Compute, write and verify as asked; return the exit code."""
+    """Compute, write and verify as requested; return the exit code."""
     from homolog.device import choose_device, describe_device, device_faults
     from homolog.files.meshes import read_mesh
     from homolog.geodesics import measure_accuracy, plan_tables, solve_plan

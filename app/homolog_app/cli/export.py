@@ -258,7 +258,7 @@ def _write_points(arguments: argparse.Namespace, folder: Path, tick: "Tick") -> 
         write_morphometrics(folder, result.names, getattr(result, settings.coordinates), result.groups)
         return
     points = dict(zip(result.names, getattr(result, settings.coordinates), strict=True))
-    if settings.coordinates == "world":  # shapes in the coordinates of their files have no common mean
+    if settings.coordinates == "world":  # only aligned shapes have a mean
         points["mean"] = result.world.mean(axis=0)
     for index, (stem, point) in enumerate(zip(file_stems(list(points)), points.values(), strict=True)):
         tick(index / len(points), f"writing {stem}")
@@ -299,5 +299,5 @@ def add_export(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 
 def run_export(arguments: argparse.Namespace) -> int:
     """Export; return the exit code."""
-    with handling(signal.SIGTERM, signal.default_int_handler):  # ended by the window: tidy up as for Ctrl-C
+    with handling(signal.SIGTERM, signal.default_int_handler):  # ended by the window: clean up as for Ctrl-C
         return _KINDS[arguments.what][1](arguments)

@@ -70,7 +70,7 @@ def add_options(
 
 
 class _FormerName(argparse.Action):
-    """A hidden alias of an option that prints the option's present name."""
+    """A hidden alias of an option that prints the option's current name."""
 
     def __init__(self, present: argparse.Action, **kwargs: Any) -> None:  # noqa: ANN401 - argparse's own
         super().__init__(**kwargs)
@@ -84,8 +84,8 @@ class _FormerName(argparse.Action):
         option_string: str | None = None,
     ) -> None:
         name = self._present.option_strings[0]
-        sys.stderr.write(f"homolog: {option_string} is now called {name}; the old name will be removed\n")
-        self._present.required = False  # it is given
+        sys.stderr.write(f"homolog: {option_string} was renamed to {name}; the old name will be removed\n")
+        self._present.required = False  # it is given by its former name
         self._present(parser, namespace, values, option_string)
 
 
@@ -121,7 +121,7 @@ class _RemovedOption(argparse.Action):
 
 
 def add_removed_option(parser: argparse.ArgumentParser, name: str, hint: str) -> None:
-    """Accept and ignore an option that is gone, with a hint on standard error; help does not list it."""
+    """Accept and ignore a removed option, with a hint on standard error; help does not list it."""
     parser.add_argument(
         name, action=_RemovedOption, hint=hint, default=argparse.SUPPRESS, help=argparse.SUPPRESS
     )
@@ -133,7 +133,7 @@ def with_options(settings: _Model, arguments: argparse.Namespace) -> _Model:
     Raises
     ------
     InputError
-        One line for each invalid or out-of-range value.
+        With a line for each invalid value.
     """
     given = {
         parameter.name: None if value == _AUTO and parameter.default is None else value
@@ -156,10 +156,10 @@ def with_all_options(settings: RunSettings, arguments: argparse.Namespace) -> Ru
     Raises
     ------
     InputError
-        As `with_options` does.
+        See `with_options`.
     """
     structure = getattr(arguments, "label", None)
-    if structure is not None:  # a new structure replaces the one that was chosen before
+    if structure is not None:  # a new structure replaces the previous choice
         named = structure != _AUTO and not structure.strip().lstrip("+-").isdecimal()
         defaults = {"label": _AUTO, "segment": structure} if named else {"segment": _AUTO} | vars(arguments)
         arguments = argparse.Namespace(**(vars(arguments) | defaults))
@@ -179,7 +179,7 @@ def options_of(settings: BaseModel) -> list[str]:
         else:
             line += [
                 f"{_option(parameter)}={_AUTO if value is None else value}"
-            ]  # = as numbers may begin with -
+            ]  # with =, since numbers may begin with -
     return line
 
 
@@ -220,7 +220,7 @@ def add_progress_option(parser: argparse.ArgumentParser) -> None:
 
 
 def remaining_seconds(fraction: float, elapsed: float) -> float | None:
-    """Estimated seconds left at the mean pace so far; None while unknown."""
+    """Return the estimated seconds left at the mean speed; None while unknown."""
     return elapsed * (1.0 - fraction) / fraction if fraction > 0.01 and elapsed > 1.0 else None
 
 
@@ -242,7 +242,7 @@ class Progress:
     def show(
         self, fraction: float, message: str, eta_s: float | None = None, phase: str | None = None
     ) -> None:
-        """Show the fraction done [0, 1], the present step and the seconds left, if known."""
+        """Show the fraction done [0, 1], the current step and the seconds left, if known."""
         now = time.monotonic()
         pause = _LINE_S if self._mode == "bar" and not self._moves else _REDRAW_S
         if self._mode == "none" or (now - self._drawn < pause and phase == self._said and fraction < 1.0):
@@ -276,8 +276,8 @@ def _line(fraction: float, message: str, eta_s: float | None) -> str:
 def show_progress(mode: str) -> Iterator[Progress]:
     """Yield the `Progress` of a command and clean up after it.
 
-    JSON lines go to standard output, the bar to standard error (a line every ten seconds where that is
-    no terminal).
+    JSON lines go to standard output, the bar to standard error (a line every ten seconds if this is not a
+    terminal).
     """
     progress = Progress(mode, sys.stdout if mode == "json" else sys.stderr)
     try:

@@ -154,11 +154,11 @@ def add_patient_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--cut-off",
         action="store_true",
-        help="the segmentation itself is cut off at flat ends, as at the border of an image; what is missing "
-        "there does not count as a difference",
+        help="the segmentation itself is cut off at flat ends, as at the border of an image; the missing "
+        "part does not count as a difference",
     )
     parser.add_argument(
-        "--force", action="store_true", help="compare even what looks like another structure or side"
+        "--force", action="store_true", help="compare even an apparently different structure or side"
     )
 
 
@@ -194,7 +194,7 @@ def run_patient(arguments: argparse.Namespace) -> int:
         arguments.cut_off,
     )
     with (
-        handling(signal.SIGTERM, signal.default_int_handler),  # tidy up as for Ctrl-C
+        handling(signal.SIGTERM, signal.default_int_handler),  # clean up as for Ctrl-C
         show_progress(arguments.progress) as progress,
         replace_folder(arguments.out) as folder,
     ):
@@ -214,8 +214,8 @@ def add_patient_report(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the
     parser = kinds.add_parser(
         "patient",
         help="report of one patient against a reference as PDF or HTML",
-        description="Compare a patient with a reference made by homolog reference and write the report "
-        "alone, as two pages of PDF or one HTML page. homolog patient also writes tables and surfaces.",
+        description="Compare a patient with a reference made by homolog reference and write only the "
+        "report, as two pages of PDF or one HTML page. homolog patient also writes tables and surfaces.",
     )
     parser.add_argument("reference", type=Path, help="file that homolog reference wrote")
     parser.add_argument("file", type=Path, help="segmentation or mesh of the patient")

@@ -125,7 +125,7 @@ def add_table(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
         "table",
         description="Add or replace groups and covariates of a project from a table (CSV with commas, "
         "semicolons or tabs, or XLSX). Its column name, subject or id, or else the first column, contains "
-        "the subjects' names or the names of their files. Empty cells keep the present value. Particles do "
+        "the subjects' names or the names of their files. Empty cells keep the current value. Particles do "
         "not change.",
     )
     parser.add_argument("project", type=Path, help="project folder")
@@ -187,9 +187,9 @@ def add_labels(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "labels",
-        description="List the structures in a cohort's files: names, numbers, how many subjects have them, "
-        "volumes, and in how many images they touch the border and may be cut off. Use homolog run COHORT "
-        "--label NAME for one of them, homolog batch for all.",
+        description="List the structures in a cohort's files: names, numbers, numbers of subjects, "
+        "volumes, and numbers of images whose border they touch, where they may be cut off. Use homolog run "
+        "COHORT --label NAME for one of them, homolog batch for all.",
     )
     parser.add_argument("cohort", type=Path, help="folder of label maps, cohort.csv, or project")
     parser.add_argument("--json", action="store_true", help="print all volumes as JSON")
@@ -352,7 +352,7 @@ def _draw(item: "BatchItem", progress: Progress) -> None:
 
 
 def _print_empty(name: str, mode: str) -> None:
-    """Print a line for a structure of which no subject has a voxel."""
+    """Print a line for a structure without a voxel in any subject."""
     message = "the masks of all subjects are empty"
     if mode == "json":
         sys.stdout.write(json.dumps({"structure": name, "state": "empty", "message": message}) + "\n")

@@ -184,7 +184,7 @@ def _start_drawing() -> None:
 
 
 def _with_remedy(error: InputError, job: "Run", count: int) -> InputError:
-    """Return the error about some of a cohort's files, with the option that skips them."""
+    """Return an error about some of a cohort's files, extended by the option that skips them."""
     if not 0 < len(job.notes) < count - 1 or str(error) != job.refusal:
         return error
     return InputError(f"{error}\n{len(job.notes)} of {count} files can't be used; --skip-invalid skips them")
@@ -259,13 +259,11 @@ def _run_inputs(arguments: argparse.Namespace) -> tuple[ProjectFolder, Cohort, R
         record, cohort = source.read(), source.cohort()
         settings = record.settings
         if arguments.resume and not record.unfinished:
-            raise InputError(f"{source.folder}: its last run has finished; there is nothing to resume")
+            raise InputError(f"{source.folder}: its last run has finished and can't be resumed")
     elif arguments.resume:
-        raise InputError(f"{source.folder}: is not a project, so there is nothing to resume")
+        raise InputError(f"{source.folder}: is not a project, so that no run can be resumed")
     elif arguments.fit:
-        raise InputError(
-            f"{source.folder}: is not a project, so it has no result to which subjects can be fitted"
-        )
+        raise InputError(f"{source.folder}: is not a project with a result to which subjects can be fitted")
     elif arguments.out is None:
         raise InputError(
             f"name a folder for the results: homolog run {quote(str(arguments.cohort))} --out PROJECT"
@@ -286,7 +284,7 @@ def _run_inputs(arguments: argparse.Namespace) -> tuple[ProjectFolder, Cohort, R
 def _with_new(cohort: Cohort, paths: Sequence[Path], segment: str | None) -> Cohort:
     """Return the cohort with the subjects of further files, folders or tables at its end.
 
-    Those that it already has from a refused or interrupted fit are not added twice.
+    Subjects that it already has from a refused or interrupted fit are not added twice.
     """
     there = {(subject.name, subject.path.resolve()) for subject in cohort.subjects}
     given = [item for path in paths for item in _subjects_of(path, segment)]
@@ -302,7 +300,7 @@ def _subjects_of(path: Path, segment: str | None) -> tuple[Subject, ...]:
     if path.is_dir() and segment:
         from homolog.grooming.names import matching
 
-        if masks := matching(mask_files(path).items(), segment):  # one subject with a file for each structure
+        if masks := matching(mask_files(path).items(), segment):  # one subject with a file per structure
             return (Subject(path.name, masks[0].parent.resolve()),)
     if path.is_dir() or path.suffix.lower() in TABLE_SUFFIXES:
         return (read_cohort(path) if segment else with_both_sides(read_cohort(path))).subjects

@@ -1,4 +1,4 @@
-"""Cohorts of known truth: ``homolog sample``, ``beans`` and ``demo``, the paper's experiment."""
+"""Cohorts with known truth: ``homolog sample``, ``beans`` and ``demo``, the paper's experiment."""
 
 import argparse
 import shutil
@@ -130,8 +130,8 @@ _MODES = 2  # true factors of variation: slot position and width
 _METHODS = (Method.EUCLIDEAN, Method.GEODESIC_NORMALS)
 _NAMES = {Method.EUCLIDEAN: "original", Method.GEODESIC_NORMALS: "proposed"}
 _ENDS = (0.01, 0.29, 0.80, 0.82)
-"""Shares of the whole time after which the cohort, each method and the figures are done, measured."""
-_ETA_FROM = 0.08  # before that a cold start, which compiles kernels, says nothing about the rest
+"""Measured fractions of the total time at which the cohort, each method and the figures are finished."""
+_ETA_FROM = 0.08  # earlier estimates would include the compilation of kernels
 
 
 def add_demo(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
@@ -172,9 +172,7 @@ def run_demo(arguments: argparse.Namespace) -> int:
         for method, start, end in zip(_METHODS, _ENDS, _ENDS[1:], strict=False):
             settings = optimize.model_copy(update={"method": method})
             name = _NAMES[method]
-            for (
-                done
-            ) in projects.values():  # groomed the same, so that the second method finds it in its cache
+            for done in projects.values():  # equal grooming, so that the second method finds it in its cache
                 with report_os_errors(out / name):
                     shutil.copytree(done.groomed, out / name / done.groomed.name, dirs_exist_ok=True)
             projects[name] = _run_method(out / name, name, cohort, settings, part_of(tick, start, end))
@@ -249,15 +247,15 @@ class ComparisonRow:
     Attributes
     ----------
     figure : str
-        What it is, in words.
+        Description.
     key : str
-        Its name in the CSV file.
+        Name in the CSV file.
     style : str
         Format of its values, such as ``".2%"``.
     values : mapping of str to float
-        By method.
+        Values by method.
     paper : mapping of str to float
-        What the paper reports, by method; mostly nothing.
+        Values reported in the paper, by method; mostly empty.
     """
 
     figure: str
@@ -272,7 +270,7 @@ _FIGURES = (
     ("variance explained by slot position and width", "ground_truth_r2", ".2%"),
     ("R² of slot position on the first two scores", "r2_position", ".3f"),
     ("R² of slot width on the first two scores", "r2_width", ".3f"),
-    ("particles in the slot, of its share of the area", "slot_fill", ".0%"),
+    ("particles in the slot, relative to its share of the area", "slot_fill", ".0%"),
     ("normals over 90° apart, of pairs", "normals_over_90_pairs", ".2%"),
     ("opposite slot walls, of pairs in the slot", "wall_swap", ".2%"),
     ("variance per particle [mm²]", "var_per_particle", ".2f"),
@@ -302,7 +300,7 @@ def write_comparison(
     projects : mapping of str to ProjectFolder
         Finished runs by method.
     beans : sequence of Bean
-        The cohort's truth.
+        The true shapes of the cohort.
     tick : Tick
     """
     from homolog.files.tables import write_table

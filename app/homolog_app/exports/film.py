@@ -43,7 +43,7 @@ class Board:
         self._still: object | None = None
 
     def text(self, x: float, y: float, content: str, *, room: float, size: float = 1.0) -> Text:
-        """Add a line centred on (x, y), size in em; it is reduced to fit the room."""
+        """Add a line centred on (x, y), size in em; it is reduced to fit the space."""
         points = size * self.em * 72.0 / _DPI
         text = self._figure.text(
             x / self.width, 1.0 - y / self.height, content, ha="center", va="center", color=self._theme.text,
@@ -87,7 +87,7 @@ class Board:
         draw_displacement_bar(place, limit, self._theme, 0.7 * self.em * 72.0 / _DPI)
 
     def compose(self, images: Sequence[tuple[Box, Array]]) -> NDArray[np.uint8]:
-        """Return the page with images (red, green, blue, opacity; uint8) laid upon it, (H, W, 4)."""
+        """Return the page with images (red, green, blue, opacity; uint8) composited onto it, (H, W, 4)."""
         if self._still is None:
             self._canvas.draw()  # type: ignore[no-untyped-call]
             self._still = self._canvas.copy_from_bbox(self._figure.bbox)  # type: ignore[no-untyped-call]
@@ -111,7 +111,7 @@ def _ends(filled: Array) -> tuple[int, int]:
 
 
 def _overlay(image: Array, part: NDArray[np.uint8]) -> None:
-    """Lay an image over a part of the page; only its edge pixels are blended."""
+    """Composite an image onto a part of the page; only its edge pixels are blended."""
     opacity = image[..., 3]
     opaque = opacity == 255
     np.copyto(part, image, where=opaque[..., None])
@@ -125,30 +125,30 @@ def _blend(image: Array, page: NDArray[np.uint8]) -> NDArray[np.uint8]:
     mixed = behind + front * (image - behind)
     mixed[..., 3:] = behind[..., 3:] + front * (255.0 - behind[..., 3:])
     clear = page[..., 3] < 255
-    if clear.any():  # the background is weighted by its opacity
+    if clear.any():  # weight the background by its opacity
         share, own = mixed[clear, 3:], 255.0 * front[clear]
         colour = own * image[clear, :3] + (share - own) * behind[clear, :3]
         mixed[clear, :3] = colour / np.maximum(share, 1e-4)
     return np.asarray(np.rint(mixed), dtype=np.uint8)
 
 
-_RIM = 1.4  # letters around a picture [em]
+_RIM = 1.4  # space for letters around a picture [em]
 _THEMES = {Background.LIGHT: LIGHT, Background.DARK: DARK}
 
 
 class Film:
-    """Draws motions at any moment; all share one scale and one colour scale, each column one view.
+    """Draws motions at any time. All have the same scale and colour scale; each column has one view.
 
     Parameters
     ----------
     motions : sequence of Motion
-        At least one.
+        At least one motion.
     sights : sequence of str
-        Of `settings.SIGHTS`, or cameras (`settings.camera_direction`); at least one.
+        At least one view direction of `settings.SIGHTS`, or camera (`settings.camera_direction`).
     settings : PictureSettings
         Size, colours, captions.
     turntable : bool
-        Whether the views turn.
+        Whether the views rotate.
     transparent : bool
         Whether the background is transparent.
 
@@ -211,14 +211,14 @@ class Film:
         return tuple(cell.box for cell in self._cells)
 
     def draw(self, share: float, turn: float = 0.0) -> NDArray[np.uint8]:
-        """Return the page at a moment, shape (height, width, 4).
+        """Return the page at a time, shape (height, width, 4).
 
         Parameters
         ----------
         share : float
-            Way from the low end of each motion, 0, to its high end, 1.
+            Position between the low end of each motion, 0, and its high end, 1.
         turn : float
-            Of the views around the upright axis [radians].
+            Rotation of the views about the vertical axis [rad].
         """
         for actor in self._actors:
             actor.go(share)
@@ -245,7 +245,7 @@ class Film:
         return [self._board.changing_text(*place, "LA", room=_RIM * em, size=0.7) for place in places]
 
     def moment(self, index: int, settings: FilmSettings) -> NDArray[np.uint8]:
-        """Return the position of a film's frame: smoothly up and, in a loop, down again."""
+        """Return the position of a film's frame: smoothly forward and, in a loop, back."""
         whole = settings.frames if settings.loop else settings.frames - 1
         way = 2.0 * np.pi * index / whole if settings.loop else np.pi * index / whole
         turn = 2.0 * np.pi * index / settings.frames if settings.turntable else 0.0
@@ -258,7 +258,7 @@ class _Actor:
     def __init__(self, motion: Motion, theme: Theme, limit: float | None, clip: Clip | None) -> None:
         self.motion = motion
         self._clip, self._cap = clip, theme.cut
-        self._middle = motion.at((motion.low + motion.high) / 2.0).vertices  # the plane stands still
+        self._middle = motion.at((motion.low + motion.high) / 2.0).vertices  # the plane does not move
         self._limit = limit
         self._plain = np.array(theme.surface)
         self._outward = outward_displacement(motion.start, motion.displacement)
@@ -266,17 +266,17 @@ class _Actor:
         self._shadows = np.stack([hollows(motion.at(float(amount))) for amount in self._amounts])
 
     def amount(self, share: float) -> float:
-        """Return its amount at a share of its way."""
+        """Return the amount at a position from 0 to 1."""
         return self.motion.low + share * (self.motion.high - self.motion.low)
 
     def go(self, share: float) -> None:
-        """Move there."""
+        """Move the surface to a position from 0 to 1."""
         amount = self.amount(share)
         colours = self._plain if self._limit is None else self._colours(amount, self._limit)
         self._surface = surface(self.motion.at(amount), colours, self._shadow(amount))
 
     def draw(self, frame: Frame, width: int) -> NDArray[np.uint8]:
-        """Draw it, cut open if that is wanted."""
+        """Draw the surface, cut open if requested."""
         cut = cut_of(self._clip, self._middle, frame.view.axes[2])
         return draw(Scene((self._surface,), cut=cut, cap=self._cap), frame, width)
 

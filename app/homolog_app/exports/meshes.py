@@ -32,25 +32,25 @@ from homolog_app.rendering.colours import common_limit, diverging_colours, outwa
 __all__ = ["write_distances", "write_glb", "write_meshes"]
 
 
-# glTF is in metres with y up and the viewer at +z: left stays at the right, superior up, anterior in front.
+# glTF is in metres with y up and the viewer at +z: left is at the right, superior up, anterior in front.
 _LPS_TO_GLTF = 0.001 * np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 def write_glb(
     path: Path, mesh: TriangleMesh, colours: FloatArray, point_data: Mapping[str, Array] | None = None
 ) -> None:
-    """Write a coloured surface; its vertices are stored in LPS millimetres, the node turns and scales them.
+    """Write a coloured surface; vertices are in LPS millimetres, and the node rotates and scales them.
 
     Parameters
     ----------
     path : Path
-        Replaced whole or not at all.
+        File, replaced atomically.
     mesh : TriangleMesh
         The surface.
     colours : (3,) or (V, 3) array
         Red, green, blue in [0, 1].
     point_data : mapping of str to (V,) array, optional
-        Values at the vertices, kept as attributes ``_NAME``.
+        Values at the vertices, stored as attributes ``_NAME``.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def write_distances(path: Path, surface: TriangleMesh, other: TriangleMesh) -> s
     path : Path
         A ``.vtp`` or ``.ply`` file with the values ``distance_mm``, negative inside the other surface.
     surface, other : TriangleMesh
-        In the same coordinates.
+        Surfaces in the same coordinates.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def write_distances(path: Path, surface: TriangleMesh, other: TriangleMesh) -> s
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Named:
-    """A surface, what it is, and values at its vertices by name; `displacement_mm` is outward."""
+    """A surface with a description, and values at its vertices by name; `displacement_mm` is outward."""
 
     name: str
     what: str
@@ -126,18 +126,18 @@ def write_meshes(
     groups: tuple[str, str, str] | None = None,
     tick: Tick = no_tick,
 ) -> int:
-    """Write surfaces in world coordinates, and ``meshes.csv`` that says what each file is.
+    """Write surfaces in world coordinates, and ``meshes.csv`` with a description of each file.
 
     Parameters
     ----------
     project : ProjectFolder
-        With a result.
+        A project with a result.
     folder : Path
-        Is there, and empty.
+        An existing empty folder.
     settings : MeshSettings
-        Format and what to write.
+        Format and selection of surfaces.
     groups : (str, str, str), optional
-        Column and two groups: their means with displacement, p and q.
+        Column and two groups, whose means are written with displacement, p and q.
     tick : Tick
         Progress and cancelling.
 
@@ -189,7 +189,7 @@ def _group_surfaces(
 ) -> list[_Named]:
     """Return both means with the difference of the second from the first and its significance."""
     motion = group_motion(result, *groups)
-    # The means have the alignment of the run, and so have the tested shapes.
+    # The means have the alignment of the run; so have the tested shapes.
     study = compare(
         result, groups, settings.permutations, settings.seed, tick, alignment=Alignment.AS_IT_LIES
     )
@@ -209,7 +209,7 @@ def _group_surfaces(
 
 
 def _subject_surfaces(project: ProjectFolder, result: Result) -> list[_Named]:
-    """Return the subjects' own surfaces with the displacement of the nearest particle from the mean."""
+    """Return the subjects' surfaces with the displacement of the nearest particle from the mean."""
     away = result.world - result.world.mean(axis=0)
     surfaces = []
     mirrored = mirrors(result.alignments).tolist()

@@ -35,13 +35,13 @@ class Motion:
     Attributes
     ----------
     start : TriangleMesh
-        The surface before it moves.
+        The surface at an amount of 0.
     displacement : (V, 3) array
-        Displacement of its vertices for an amount of 1 [mm].
+        Displacement of its vertices at an amount of 1 [mm].
     low, high : float
-        Amounts at the ends.
+        Amounts at the ends of the motion.
     label : function of the amount
-        The caption at that amount.
+        Returns the caption.
     """
 
     start: TriangleMesh
@@ -52,7 +52,7 @@ class Motion:
 
     @property
     def moves(self) -> bool:
-        """Whether it moves at all."""
+        """Whether the surface moves."""
         return self.high > self.low
 
     def at(self, amount: float) -> TriangleMesh:
@@ -69,7 +69,7 @@ def mode_motions(result: Result, modes: Sequence[int], deviations: float) -> lis
     modes : sequence of int
         Counted from 1.
     deviations : float
-        How far to either side, in standard deviations.
+        Range on both sides, in standard deviations.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def group_means(result: Result, column: str, groups: Sequence[str]) -> list[Floa
     Raises
     ------
     InputError
-        If there is no such column or nobody is in one of the groups.
+        If there is no such column, or a group is empty.
     """
     from homolog_app.report.request import column_of, levels
 
@@ -121,7 +121,7 @@ def group_motion(result: Result, column: str, first: str, second: str) -> Motion
     to_start, move = _warp(result, np.stack([start - mean, end - start]))
 
     def label(amount: float) -> str:
-        percent = f"{100.0 * amount:.0f}".rjust(3, "\u2007")  # as wide as a digit: the line stands still
+        percent = f"{100.0 * amount:.0f}".rjust(3, "\u2007")  # figure space, so that the line keeps its width
         return f"{column}: {first} → {second}{aside}   {percent} %"
 
     mesh = result.mean_surface
@@ -147,10 +147,10 @@ def _signed(amount: float) -> str:
 
 
 SCALE_SHARE = 0.12
-"""Most of the page's width that the scale bar takes."""
+"""Largest fraction of the page's width for the scale bar."""
 
 _STRIP = 2.0  # caption and scale bar of the page [em]
-_BAR_STRIP = 7.0  # colour bar and its words [em]
+_BAR_STRIP = 7.0  # colour bar with labels [em]
 _LINE = 1.5  # captions of cells [em]
 _MARGIN = 0.03
 
@@ -182,13 +182,13 @@ class Plan:
     Attributes
     ----------
     cells : tuple of Cell
-        The pictures, all of one scale.
+        The pictures, all at the same scale.
     captions : tuple of (float, float, float)
-        Middle and room of each motion's line [pixels].
+        Centre and available width of each motion's line [pixels].
     names : tuple of (float, float, float, str)
-        Middle, room and words of the views' names, where there are several.
+        Centre, available width and text of the views' names, if there are several views.
     millimetres : float
-        Of a pixel.
+        Millimetres per pixel.
     bar : Box or None
         The colour bar.
     """
@@ -223,22 +223,22 @@ def make_plan(
     em : float
         Size of the captions' letters [pixels].
     turntable : bool
-        Whether the views turn once around.
+        Whether the views rotate once.
     strip : bool
-        Whether room for a line is left at the lower edge.
+        Whether to reserve space for a line at the lower edge.
     caption : bool
         Whether there are captions.
     bar : bool
         Whether there is a colour bar.
     rim : int
-        Room around each picture [pixels].
+        Margin of each picture [pixels].
     """
     edge = max(round(0.6 * em), 6)
     width, height = size
     above = round(_LINE * em) if len(views) > 1 and caption else 0
     below = round(_LINE * em) if len(motions) > 1 and caption else 0
     table = min(len(motions), len(views)) > 1
-    head = above if table else 0  # one line of names over a table, one over each picture elsewhere
+    head = above if table else 0  # a line of names above a table, otherwise above each picture
     area = Box(
         edge,
         edge + head,
@@ -294,7 +294,7 @@ class _Grid:
         self.height = area.height // rows - above - below - 2 * rim
 
     def scale(self, frames: Sequence[Frame]) -> float:
-        """Return the millimetres of a pixel with which all the frames fit into cells."""
+        """Return the smallest scale [mm/pixel] at which all frames fit into cells."""
         if min(self.width, self.height) < 8:
             return np.inf
         return max(max(frame.width / self.width, frame.height / self.height) for frame in frames)
@@ -329,7 +329,7 @@ def _sized(frame: Frame, box: Box, millimetres: float) -> Frame:
 
 
 def _below(boxes: Sequence[Box], em: float) -> tuple[float, float, float]:
-    """Return middle and room of the line below the pictures of one motion."""
+    """Return centre and available width of the line below the pictures of one motion."""
     left, right = boxes[0].x, boxes[-1].x + boxes[-1].width
     bottom = boxes[-1].y + boxes[-1].height
     return (left + right) / 2.0, bottom + 0.7 * em, 0.88 * (right - left)

@@ -37,7 +37,7 @@ from homolog_app.report.surface_maps import SurfaceCarrier
 __all__ = ["FILM_SUFFIXES", "draw_plot", "write_film", "write_still"]
 
 FILM_SUFFIXES = (".mp4", ".gif", "")
-"""A name without suffix is a folder of numbered pictures."""
+"""Suffixes of films; a name without suffix is a folder of numbered pictures."""
 
 _PALETTE_FRAMES = 8
 _H264 = [
@@ -64,15 +64,15 @@ def write_film(
     Parameters
     ----------
     path : Path
-        Ends in .mp4 or .gif, or is a folder to make. A folder that holds anything is refused.
+        File that ends in .mp4 or .gif, or a folder to create. A folder that is not empty is refused.
     draw : function of the frame's index
-        Returns the frame, (height, width, 4) in 0 ... 255; all of one even size.
+        Returns the frame, (height, width, 4) in 0 ... 255; all have the same even size.
     frames : int
-        How many.
+        Number of frames.
     fps : int
-        Frames a second.
+        Frames per second.
     tick : Tick
-        Progress and cancelling; nothing is left if it raises.
+        Progress and cancellation; if it raises, partial output is removed.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def _encode(arguments: list[str], frames: Iterable[bytes], path: Path) -> None:
     from imageio_ffmpeg import get_ffmpeg_exe
 
     command = [get_ffmpeg_exe(), "-loglevel", "error", "-y", *arguments, str(path)]
-    # Python lets no signal end it when a file may not grow, and neither shall FFmpeg be ended: it says so
+    # Python ignores SIGXFSZ. FFmpeg must ignore it, too, so that it reports the error
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, restore_signals=False
     ) as encoder:
@@ -145,7 +145,7 @@ def _encode(arguments: list[str], frames: Iterable[bytes], path: Path) -> None:
                 encoder.stdin.write(frame)
             encoder.stdin.close()
         except BrokenPipeError:
-            pass  # it has ended early and says why below
+            pass  # it has ended early; its message follows below
         except BaseException:
             encoder.kill()
             raise
@@ -169,13 +169,13 @@ def draw_plot(
     Parameters
     ----------
     project : ProjectFolder
-        With a result.
+        A project with a result.
     settings : PlotSettings
-        Which plot.
+        The kind of plot and its settings.
     groups : (str, str, str), optional
         Column and two groups, for plots that compare them.
     colour_by : str
-        Column that gives colours and markers of scores.
+        Column that determines colours and markers of scores.
     tick : Tick
         Progress and cancelling.
 
@@ -189,7 +189,7 @@ def draw_plot(
         raise InputError(
             f"the plot {settings.kind} compares groups; give a column and two of its groups"
             if groups is None
-            else f"the plot {settings.kind} compares no groups; give none"
+            else f"the plot {settings.kind} compares no groups; omit them"
         )
     result = read_result(project)
     if groups is not None:

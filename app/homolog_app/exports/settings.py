@@ -58,14 +58,14 @@ def camera_view(sight: str) -> View | None:
 
 
 class Background(StrEnum):
-    """Behind the shapes."""
+    """Background of the shapes."""
 
     LIGHT = "light"
     DARK = "dark"
 
 
 class Colouring(StrEnum):
-    """What the surface's colours mean."""
+    """Meaning of the surface's colours."""
 
     DISPLACEMENT = "displacement"
     PLAIN = "plain"
@@ -117,7 +117,7 @@ class ReportSettings(CutSettings, ReportDetails):
 
     @property
     def emptied(self) -> list[str]:
-        """Options that empty what is empty here, as a project keeps what was given before."""
+        """Options that clear empty details, since a project would keep stored ones."""
         empty = [f"--{name}=" for name in ("structure", "cohort", "places") if not getattr(self, name)]
         return empty + (["--axes=auto"] if self.axes is Axes.AUTO else [])
 
@@ -259,7 +259,7 @@ class TableSettings(_Settings):
 
 
 class Plot(StrEnum):
-    """What a plot shows."""
+    """Content of a plot."""
 
     SCREE = "scree"
     SCORES = "scores"
@@ -297,7 +297,7 @@ class PlotSettings(_Settings):
 
 
 class Coordinates(StrEnum):
-    """Which frame points are in."""
+    """Coordinate frame of points."""
 
     WORLD = "world"
     LOCAL = "local"

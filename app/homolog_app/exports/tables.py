@@ -77,14 +77,14 @@ def write_tables(
     Parameters
     ----------
     project : ProjectFolder
-        With a result.
+        A project with a result.
     folder : Path
-        Is there, and empty.
+        An existing empty folder.
     settings : TableSettings
-        For the comparison of `groups`.
+        Settings of the comparison of `groups`.
     groups : (str, str, str), optional
-        Column and two groups to compare; the studies that ``homolog analyze`` kept if not given, of which
-        stored tables of this result are copied unchanged.
+        Column and two groups to compare. By default, the studies stored by ``homolog analyze``; their stored
+        tables are copied if they belong to this result.
     tick : Tick
         Progress and cancelling.
 
@@ -114,7 +114,7 @@ def write_tables(
 
 
 def _copied(project: ProjectFolder, study: KeptStudy, result: Result, folder: Path) -> bool:
-    """Copy a study's stored tables and return True, if they are of this result, its data and this version."""
+    """Copy a study's stored tables, and return True, if they belong to this result, data and version."""
     directions = directions_of(read_details(project), project.read().result)
     now = Answered.now(project, data_digest(result, directions))
     if study.is_outdated or study.answered.model_copy(update={"date": now.date}) != now:
@@ -163,7 +163,7 @@ def _write_modes(path: Path, result: Result, model: ShapeModel) -> None:
 def _write_subjects(
     path: Path, project: ProjectFolder, result: Result, model: ShapeModel, tick: Tick
 ) -> None:
-    """Write each subject's measures, of its groomed surface at its own size, with the cohort's columns."""
+    """Write the measures of each subject's groomed surface at its own size, with the cohort's columns."""
     record = project.read().result
     assert record is not None, "a result that was read has a record"
     far = set(shape_outliers(result.world).tolist())
@@ -185,7 +185,7 @@ def write_cohort(path: Path, cohort: Cohort) -> None:
     Parameters
     ----------
     path : Path
-        File to make or replace. Paths in it start at its folder.
+        File to create or replace. Its paths are relative to its folder.
     cohort : Cohort
 
     Raises
@@ -219,7 +219,7 @@ _MM3_IN_ML, _MM2_IN_CM2 = 1000.0, 100.0
 class Measures:
     """Volume, area, mean wall thickness and mean distance from the mean surface, shape (n,) each.
 
-    In ml, cm² and mm. The distance is that of `distances_from_mean`.
+    Units are ml, cm² and mm. The distance is that of `distances_from_mean`.
     """
 
     volumes: FloatArray
@@ -235,7 +235,7 @@ def measure_meshes(meshes: Sequence[TriangleMesh], from_mean: FloatArray, tick: 
     ----------
     meshes : sequence of TriangleMesh
     from_mean : (n,) array
-        Their distances from the mean surface [mm].
+        Distances of the shapes from the mean surface [mm].
     tick : Tick
     """
     from homolog.surfaces.walls import mean_over_area, wall_thickness
@@ -249,17 +249,18 @@ def measure_meshes(meshes: Sequence[TriangleMesh], from_mean: FloatArray, tick: 
 
 
 def distances_from_mean(world: FloatArray, centre: FloatArray, mean: TriangleMesh) -> FloatArray:
-    """Return how far shapes are from the mean surface: the mean over the particles, without sign.
+    """Return the mean absolute distance of each shape's particles from the mean surface.
 
-    Of a particle, the part of its difference from its mean place along the normal of the mean surface. The
-    distance to the nearest place would not exceed the thickness of a wall, however far the wall has moved.
+    The distance of a particle is the component of its displacement from its mean position along the mean
+    surface's normal. The distance to the nearest point of the surface would not exceed the thickness of a
+    wall, even for large displacements.
 
     Parameters
     ----------
     world : (M, N, 3) array
         Aligned particles [mm].
     centre : (N, 3) array
-        Their mean places [mm].
+        Mean positions of the particles [mm].
     mean : TriangleMesh
         The mean surface.
 
@@ -275,7 +276,7 @@ def distances_from_mean(world: FloatArray, centre: FloatArray, mean: TriangleMes
 def group_lines(result: Result, measures: Measures, first: int, second: int) -> list[str]:
     """Describe mean and standard deviation of each measure by group, with Welch's p.
 
-    One line for each measure; none without groups. See `write_measures` for the parameters.
+    There is one line per measure, or none without groups. See `write_measures` for the parameters.
     """
     groups = [group or "" for group in result.groups]
     if not any(groups):
@@ -319,9 +320,9 @@ def distances(particles: FloatArray, first: int, second: int) -> FloatArray:
 
 
 def write_measures(path: Path, result: Result, measures: Measures, first: int, second: int) -> None:
-    """Write the subjects' distance of two particles, volume, area, wall thickness, distance from the mean.
+    """Write each subject's particle distance, volume, area, wall thickness and distance from the mean.
 
-    All but the last are in the size of the subjects' files.
+    All but the last refer to the size in the subjects' files.
 
     Parameters
     ----------
@@ -329,9 +330,9 @@ def write_measures(path: Path, result: Result, measures: Measures, first: int, s
         The CSV file.
     result : Result
     measures : Measures
-        Of the subjects' surfaces in local coordinates.
+        Measures of the subjects' surfaces in local coordinates.
     first, second : int
-        The particles, counted from 0.
+        Indices of the particles, from 0.
 
     Raises
     ------

@@ -58,7 +58,7 @@ class ModeSurfaces:
     mean : TriangleMesh
         The mean surface.
     displacements : (K, V, 3) array
-        How the mean surface's vertices move along each mode, for one standard deviation [mm].
+        Displacements of the mean surface's vertices for one standard deviation of each mode [mm].
     shares : (K,) array
         Share of the total variance of each mode.
     """
@@ -88,22 +88,22 @@ def draw_modes(
     Parameters
     ----------
     models : mapping of str to ModeSurfaces
-        Models by name, in one world frame; several, such as the two methods of the paper's figure 3, stand
-        side by side below their names.
+        Models by name, in one world frame. Several models, such as the two methods of the paper's figure 3,
+        are drawn side by side below their names.
     modes : sequence of int
-        Which modes to draw, counted from 0.
+        Indices of the modes to draw, from 0.
     deviations : float
-        How far to go along each mode, in standard deviations.
+        Range along each mode, in standard deviations.
     title : str
         Heading.
     view : View, optional
-        Direction of sight; a three-quarter view from the side that moves most if not given.
+        View direction; by default a three-quarter view from the side that moves most.
     clip : Clip, optional
-        The plane that cuts the shapes open; it stands still.
+        The plane that cuts the shapes open; it does not move.
     theme : Theme
         Background, text and surface colours.
     width : int
-        Pixels of a panel's width.
+        Width of a panel [pixels].
     """
     all_models = list(models.values())
     frames = _frames(all_models, modes, deviations, view or _view(all_models[0]))
@@ -143,7 +143,7 @@ def _view(model: ModeSurfaces) -> View:
 def _frames(
     models: Sequence[ModeSurfaces], modes: Sequence[int], deviations: float, view: View
 ) -> list[Frame]:
-    """Return a frame for each mode, all of one scale, that contains its ends in all models."""
+    """Return a frame for each mode that contains its ends in all models; all have the same scale."""
     ends = [
         [model.at(mode, sign * deviations).vertices for model in models for sign in (-1.0, 1.0)]
         for mode in modes
@@ -156,7 +156,7 @@ def _panels(
     model: ModeSurfaces, mean: Surface, mode: int, deviations: float, frame: Frame, limit: float,
     theme: Theme, width: int, cut: Cut | None,
 ) -> list[Panel]:  # fmt: skip
-    """Return three panels of a mode: below the mean, the mean, above it."""
+    """Return three panels of a mode: below the mean, the mean, and above it."""
     outward = outward_displacement(model.mean, model.displacements[mode])
     panels = []
     for amount in (-deviations, 0.0, deviations):
@@ -187,16 +187,16 @@ def draw_differences(
     Parameters
     ----------
     surfaces : mapping of str to (TriangleMesh, (V, 3) array)
-        A row each: its name, the surface and how its vertices move [mm], such as from one group's mean to
-        the other's.
+        The surface of each row and the displacement of its vertices [mm], such as from one group's mean to
+        the other's, by name.
     grey : mapping of str to (V,) bool array, optional
-        By name, vertices that are grey.
+        Grey vertices, by name.
     views : sequence of View
-        A column each; a three-quarter view and the opposite one if none are given.
+        View of each column; by default a three-quarter view and the opposite one.
     inside : sequence of View
-        Further columns, as many as views, where the half that faces the viewer is removed.
+        Views of further columns, as many as `views`, in which the half that faces the viewer is removed.
     limit : float, optional
-        End of the colour scale [mm]; a round value that fits all rows if not given.
+        End of the colour scale [mm]; by default a round value for all rows.
     clip : Clip, optional
         The plane that cuts the shapes open.
     title : str
@@ -204,7 +204,7 @@ def draw_differences(
     theme : Theme
         Background and text.
     width : int
-        Pixels of a panel's width.
+        Width of a panel [pixels].
     """
     outward = {name: outward_displacement(mesh, moves) for name, (mesh, moves) in surfaces.items()}
     limit = limit or common_limit(list(outward.values()))
@@ -252,13 +252,13 @@ def draw_particles(
     title : str
         Heading.
     views : sequence of View
-        A panel each; a three-quarter view and the opposite one if none are given.
+        View of each panel; by default a three-quarter view and the opposite one.
     colours : (N, 3) uint8 array, optional
-        Red, green, blue of each particle; by place on this shape if not given.
+        Red, green, blue of each particle; by default by position on this shape.
     theme : Theme
         Background, text and surface colours.
     width : int
-        Pixels of a panel's width.
+        Width of a panel [pixels].
     """
     colours = colours_by_place(particles) if colours is None else colours
     radius = ball_radius(extent_of(mesh.vertices), len(particles))
@@ -283,7 +283,7 @@ def draw_subjects(
     rows: int = 3,
     width: int = 440,
 ) -> Iterator[Figure]:
-    """Draw every subject with its particles, page by page, all at one scale.
+    """Draw every subject with its particles, page by page, at the same scale.
 
     Parameters
     ----------
@@ -294,13 +294,13 @@ def draw_subjects(
     particles : (M, N, 3) array
         Their particles in world coordinates [mm]. A particle has one colour on all subjects.
     view : View, optional
-        Direction of sight; a three-quarter view if not given.
+        View direction; by default a three-quarter view.
     theme : Theme
         Background, text and surface colours.
     columns, rows : int
-        Panels on a page.
+        Numbers of panels on a page.
     width : int
-        Pixels of a panel's width.
+        Width of a panel [pixels].
     """
     mean = particles.mean(axis=0)
     colours = colours_by_place(mean)
@@ -314,7 +314,7 @@ def draw_subjects(
 
     size = columns * rows
     pages = [range(k, min(k + size, len(meshes))) for k in range(0, len(meshes), size)]
-    executor = ThreadPoolExecutor(1)  # draws the next page while a page is composed and written
+    executor = ThreadPoolExecutor(1)  # draws the next page while the current one is composed and written
     try:
         ahead = [executor.submit(panel, k) for k in pages[0]]
         for page, after in enumerate([*pages[1:], range(0)], start=1):
@@ -330,7 +330,7 @@ def draw_subjects(
 
 _MODES = 3
 _FEW, _MANY = (4, 3, 440), (6, 5, 300)
-"""Columns, rows and pixels of a panel's width on a page of a few subjects, and of many."""
+"""Columns, rows and panel width [pixels] of pages with few subjects, and with many."""
 
 
 def draw_figures(project: ProjectFolder, tick: Tick = no_tick) -> None:

@@ -36,7 +36,7 @@ __all__ = [
 
 
 _GLANCE = 72
-"""Pixels of a picture in which a region's visible part is counted."""
+"""Width [pixels] of the picture in which a region's visible part is counted."""
 
 
 def view_of_region(mesh: TriangleMesh, vertices: IntArray, centre: int) -> View:
@@ -46,16 +46,16 @@ def view_of_region(mesh: TriangleMesh, vertices: IntArray, centre: int) -> View:
     ----------
     mesh : TriangleMesh
     vertices : (n,) int array
-        Of the region.
+        Vertices of the region.
     centre : int
-        Its middle vertex, whose normal is tried first.
+        Its central vertex, whose normal is tried first.
     """
     marked = np.zeros(mesh.vertices.shape, np.uint8)
     marked[vertices] = 255
     scene, software = Scene((Surface(mesh.vertices, mesh.vertex_normals, mesh.faces, marked),)), Software()
     ways = [np.array(way, dtype=np.float64) for way in product((-1, 0, 1), repeat=3) if any(way)]
     views = [_view(way) for way in [mesh.vertex_normals[centre], *ways]]
-    width = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))  # one scale for all
+    width = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))  # the same scale for all
     seen = [
         float(image[..., :3].sum())
         for image in (
@@ -75,7 +75,7 @@ _UNDATED = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
 _OPTIONS: dict[str, dict[str, Any]] = {
     "png": {"pil_kwargs": {"compress_level": 1, "compress_type": zlib.Z_RLE}}
 }
-"""By format. Run lengths take a third of the time of the usual compression, in files of about the size."""
+"""Options by format. Run-length encoding takes a third of the default's time, with files of similar size."""
 _FONT_PT = 8.5
 _TITLE_PT = 10.5
 # Lengths on the page [inches].
@@ -96,7 +96,7 @@ class Panel:
     image : (H, W, 4) uint8 array
         Red, green, blue, opacity.
     caption : str
-        One line; may be empty.
+        Caption of one line; may be empty.
     """
 
     image: Array
@@ -104,7 +104,7 @@ class Panel:
 
 
 class _PixelImage(AxesImage):
-    """An image that is copied, not resampled, where its pixels are those of the page: resampling is slow."""
+    """An image that is copied if its pixels are those of the page, since resampling is slow."""
 
     def make_image(
         self,
@@ -131,28 +131,28 @@ class _Page:
         self._images: Axes | None = None
 
     def axes(self, x: float, y: float, w: float, h: float) -> Axes:
-        """Axes whose upper left corner is at (x, y)."""
+        """Return axes whose upper left corner is at (x, y)."""
         width, height = self._size
         return self.figure.add_axes((x / width, 1.0 - (y + h) / height, w / width, h / height))
 
     def image(self, x: float, y: float, w: float, h: float, pixels: Array) -> None:
         """Draw an image whose upper left corner is at (x, y).
 
-        All images share one axes object, since axes are slow to make.
+        All images share one axes object, since axes are slow to create.
         """
         if self._images is None:
             width, height = self._size
             self._images = self.axes(0.0, 0.0, width, height)
             self._images.axis("off")
             limits = {"xlim": (0.0, width), "ylim": (height, 0.0), "autoscale_on": False}
-            self._images.set(xticks=(), yticks=(), **limits)  # ticks are slow to make, even invisible ones
+            self._images.set(xticks=(), yticks=(), **limits)  # ticks are slow to create, even invisible ones
         image = _PixelImage(self._images, interpolation="none", origin="upper", extent=(x, x + w, y + h, y))
         image.set_data(pixels)
         image.set_clip_path(self._images.patch)
         self._images.add_image(image)
 
     def text(self, x: float, y: float, content: str, size: float = _FONT_PT, **style: Any) -> None:  # noqa: ANN401
-        """Words centred on x."""
+        """Draw text centred on x."""
         width, height = self._size
         style = {"ha": "center", "va": "top", "fontsize": size, "color": self._theme.text, **style}
         self.figure.text(x / width, 1.0 - y / height, content, **style)
@@ -167,7 +167,7 @@ def arrange(
     limit: float | None = None,
     theme: Theme = LIGHT,
 ) -> Figure:
-    """Lay panels out in a grid, image pixel by page pixel.
+    """Lay out panels in a grid, with one page pixel per image pixel.
 
     Parameters
     ----------
@@ -178,9 +178,9 @@ def arrange(
     row_labels : sequence of str
         A label along the left side of each row.
     headings : sequence of str
-        Share the columns evenly, from the left.
+        Headings that divide the columns evenly, from the left.
     limit : float, optional
-        Draw the bar of the displacement colours, from -limit to limit [mm].
+        If given, draw the bar of the displacement colours, from -limit to limit [mm].
     theme : Theme
         Background and text.
     """
@@ -240,7 +240,7 @@ def draw_displacement_bar(place: Axes, limit: float, theme: Theme, font_pt: floa
 def write_picture(figure: Figure, path: Path) -> None:
     """Store a picture as PNG, PDF or SVG, by the path's suffix, atomically.
 
-    The same picture gives the same bytes.
+    The output is reproducible: the same picture gives the same bytes.
 
     Raises
     ------

@@ -32,17 +32,17 @@ __all__ = [
     "draw_slope", "draw_value", "percentile_rows",
 ]  # fmt: skip
 
-_WAVE = 2.4  # radians from subject to subject, so that neighbours don't hide each other
+_WAVE = 2.4  # phase step between subjects [rad], so that neighbours do not hide each other
 _BOX = 0.28
-_LEAST_RANGE = 0.02  # of an axis of measures, relative to their size
-_WHOLE = 1.25  # width of axes without ticks at the left after the layout, of that before
+_LEAST_RANGE = 0.02  # least range of an axis of measures, relative to their size
+_WHOLE = 1.25  # width of axes without left ticks after the layout, relative to that before
 _UNUSUAL = 0.05
-_GAP_PT = 3.0  # between the texts below boxes
-_LEGIBLE = 8  # letters of a group's name below its box
+_GAP_PT = 3.0  # gap between the texts below boxes
+_LEGIBLE = 8  # least number of letters of a group's name below its box
 
 
 def discriminant_points(places: FloatArray, second: BoolArray) -> FloatArray:
-    """Return where `draw_discriminant` draws the subjects (M, 2): the first group above the second."""
+    """Return the positions of subjects in `draw_discriminant` (M, 2): the first group above the second."""
     return np.column_stack([places, ~second + 0.3 * np.sin(_WAVE * np.arange(len(places)))])
 
 
@@ -56,7 +56,7 @@ def draw_discriminant(
     ----------
     axes : Axes
     places : (M,) array
-        Positions along it [mm].
+        Positions along the direction [mm].
     second : (M,) bool array
         Members of the second group.
     names : (str, str)
@@ -65,7 +65,7 @@ def draw_discriminant(
         All groups in the order of their colours.
     colours : Colours
     along : str
-        Name of that direction.
+        Name of the direction.
     """
     dress(axes, colours, x_label=f"{along} (mm RMS)")
     points = discriminant_points(places, second)
@@ -78,7 +78,7 @@ def draw_discriminant(
     most = max(letters(axes, 0.25 * axes.bbox.width), 8)
     counts = int((~second).sum()), int(second.sum())
     rows = [f"{shortened(legible(name), most)} ({n})" for name, n in zip(names, counts, strict=True)]
-    axes.set_yticks([1.0, 0.0], rows)  # a tick's text is set anew when drawn
+    axes.set_yticks([1.0, 0.0], rows)  # a tick's text is set again when drawn
     reach = 1.1 * float(np.abs(places).max())
     axes.set(xlim=(-reach, reach), ylim=(-0.7, 1.7))
 
@@ -115,8 +115,8 @@ def draw_boxes(
 ) -> None:  # fmt: skip
     """Draw a measure by group: quartiles, whiskers, the mean as a diamond, and every subject.
 
-    A box goes from the first to the third quartile, with a line at the median. Whiskers go to the last value
-    within 1.5 times the box's height.
+    A box extends from the first to the third quartile, with a line at the median. Whiskers extend to the last
+    value within 1.5 times the box's height.
 
     Parameters
     ----------
@@ -124,10 +124,10 @@ def draw_boxes(
     parts : sequence of (n,) array
         The measure of each group.
     names : sequence of str
-        The groups. They are left out where there is room for a few letters only.
+        The groups. Names are omitted if only a few letters would fit.
     means : sequence of sequence of str
-        The mean of each group, with its standard deviation next to it, below it, and without; the first for
-        which there is room is written.
+        The mean of each group, with its standard deviation next to it, below it, and without; the first one
+        that fits is written.
     title, unit : str
     colours : Colours
     """
@@ -146,7 +146,7 @@ def draw_boxes(
             part_of_box.set_color(colour)
         across = np.linspace(-0.5, 0.5, len(part)) * _BOX if len(part) > 1 else np.zeros(1)
         axes.plot(index + across, part, ".", color=colour, markersize=5)
-    width = 0.72 * axes.bbox.width / len(parts)  # the texts beside the frame take some
+    width = 0.72 * axes.bbox.width / len(parts)  # the texts next to the frame take some
     room = points_in(axes, width) - _GAP_PT
     below = next(
         (texts for texts in zip(*means, strict=True) if max(map(width_of, texts)) <= room), [""] * len(parts)
@@ -193,11 +193,11 @@ def draw_value(axes: Axes, x: float, y: float, text: str, colours: Colours) -> S
 def percentile_rows(
     comparison: "PatientComparison", reference: "Reference"
 ) -> list[tuple[str, str, "Percentile", FloatArray, float | None]]:
-    """Return a patient's numbers: name, value in words, place among the controls, these, and the limit."""
+    """Return a patient's numbers: name, value as text, percentile, values of the controls, and the limit."""
     measures = (
         ("Distance in the modes", "{:.1f} SD", comparison.mahalanobis, reference.mahalanobis, None),
         ("Distance outside the modes", "{:.2f} mm", comparison.outside, reference.outside, None),
-        ("Size, of the expected", "{:.2f}", comparison.size, reference.size, None),
+        ("Size, relative to expected", "{:.2f}", comparison.size, reference.size, None),
         ("Largest |z|", "{:.1f}", comparison.local, reference.maxima, reference.limit),
     )
     return [
@@ -220,7 +220,7 @@ def draw_percentiles(
     Parameters
     ----------
     rows : sequence of Axes
-        Four.
+        Four axes.
     comparison : PatientComparison
     reference : Reference
     colours : Colours

@@ -27,14 +27,14 @@ DPI = 96
 """Pixels per inch on the screen."""
 FONT_PT, TICK_PT, LINE_PT = 9.0, 8.0, 1.2
 LETTER = 0.55
-"""Mean width of a letter, in sizes of the font."""
+"""Mean width of a letter relative to the font size."""
 
-_LABEL, _KEY = 30, 4  # letters of a label in a legend, and what its marker takes
+_LABEL, _KEY = 30, 4  # letters of a label in a legend, and width of its marker in letters
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _MOST_BARS = 16
 _QUANTILE = 5.991464547107979  # 95 % of the chi-squared distribution with two degrees of freedom
-_LEAST = 3  # subjects of an ellipse
-_FIRST = 20  # iterations that count as the first
+_LEAST = 3  # least number of subjects for an ellipse
+_FIRST = 20  # number of first iterations, whose jumps may leave the frame
 _RISES = "Energies rise while the regularization decreases; the run has converged where they are flat."
 _MEANINGS = {
     "Sampling": "evenness on each surface",
@@ -51,18 +51,18 @@ def new_figure(width: float, height: float, colours: Colours) -> Figure:
 
 
 def group_order(groups: Sequence[str]) -> list[str]:
-    """Return the groups in the order of their colours: controls, others by name, and those of no group."""
+    """Return the groups in the order of their colours: controls, others by name, no group last."""
     return sorted(set(groups), key=lambda name: (not name, not names_reference(name), name))
 
 
 def group_style(index: int, colours: Colours) -> tuple[str, str]:
-    """Return the colour and the marker of a group by its place in `group_order`; no two look alike."""
+    """Return the colour and the marker of a group by its place in `group_order`; all combinations differ."""
     count = len(_MARKERS)
     return colours.groups[(index + index // count) % count], _MARKERS[index % count]
 
 
 def dress(axes: Axes, colours: Colours, title: str = "", x_label: str = "", y_label: str = "") -> None:
-    """Give axes the scheme's colours, and title and labels shortened to the room."""
+    """Apply the scheme's colours to axes, and set title and labels, shortened to the available width."""
     axes.set_facecolor(colours.surface)
     axes.tick_params(labelsize=TICK_PT, color=colours.faint, labelcolor=colours.dim, length=3.0)
     for name, spine in axes.spines.items():
@@ -97,7 +97,7 @@ def width_of(text: str) -> float:
 
 
 def fitting(text: str, room: float) -> str:
-    """Return a tick label, shortened to a room in points."""
+    """Return a tick label, shortened to a width in points."""
     most = len(text)
     while most > 1 and width_of(shortened(text, most)) > room:
         most -= 1
@@ -105,7 +105,7 @@ def fitting(text: str, room: float) -> str:
 
 
 def legend_above(axes: Axes, colours: Colours) -> None:
-    """Put the legend above the frame, in a row if there is room for eight letters of each label."""
+    """Put the legend above the frame, in a row if eight letters of each label fit."""
     handles, labels = axes.get_legend_handles_labels()
     room = letters(axes, axes.bbox.width)
 
@@ -139,7 +139,7 @@ def draw_scree(
     n_retained : int
         Number of retained modes.
     percentile : float
-        Of the null, in percent.
+        Percentile of the null distribution.
     colours : Colours
     """
     noun = "mode" if n_retained == 1 else "modes"
@@ -175,10 +175,10 @@ def draw_scores(
     groups : sequence of str
         Group of each subject; empty without one.
     labels : (str, str)
-        What stands at the axes, with units.
+        Axis labels with units.
     colours : Colours
     ellipses : bool
-        Whether to draw where 95 % of a normal distribution with each group's mean and covariance lie.
+        Whether to draw the 95 % region of a normal distribution with each group's mean and covariance.
     """
     is_grouped = any(groups)
     dress(axes, colours, "" if is_grouped else "Subjects", *labels)
@@ -222,12 +222,13 @@ def draw_place(axes: Axes, x: float, y: float | None, colours: Colours) -> Line2
 def draw_energies(places: Sequence[Axes], rows: FloatArray, colours: Colours) -> None:
     """Draw the three terms of the objective during a run, each on its own axes.
 
-    Jumps of the first iterations may leave the frame. A term that is not part of the method says so.
+    Jumps of the first iterations may leave the frame. A term that is not part of the method is labelled as
+    such.
 
     Parameters
     ----------
     places : sequence of Axes
-        Three.
+        Three axes.
     rows : (T, 4) array
         Iteration, and the entropies of sampling, ensemble and normals.
     colours : Colours
@@ -239,7 +240,7 @@ def draw_energies(places: Sequence[Axes], rows: FloatArray, colours: Colours) ->
 def draw_energy_frames(
     places: Sequence[Axes], rows: FloatArray, colours: Colours, ahead: float = 0.0
 ) -> None:
-    """Draw all of `draw_energies` but the curves, with room for a share of further iterations."""
+    """Draw `draw_energies` without the curves, with space for a fraction of further iterations."""
     figure = places[0].get_figure(root=True)
     assert figure is not None
     note = shortened(_RISES, letters(places[0], figure.bbox.width))
@@ -290,11 +291,11 @@ def draw_quality(
     Parameters
     ----------
     places : sequence of Axes
-        Three.
+        Three axes.
     compactness : (K,) array
         Share of the variance in the first k modes.
     generalization : (M - 2,) array
-        Distance to left-out shapes [mm].
+        Distance of held-out shapes from their best fit [mm].
     specificity : (sequence of int, array)
         Numbers of modes, and the distance of drawn shapes to the nearest real one [mm].
     colours : Colours

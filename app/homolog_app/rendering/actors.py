@@ -1,7 +1,7 @@
 """Scenes drawn by VTK, in the window and off screen; moved objects are updated in place.
 
-Classes of VTK are named only where pyvista has none: a mapper of surfaces that takes clipping planes and
-depth offsets, one that draws a ball for each point, and filters that follow a moving surface by themselves.
+VTK classes are used only where pyvista has no equivalent: a surface mapper with clipping planes and depth
+offsets, a mapper that draws a ball for each point, and filters that follow a moving surface.
 """
 
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ ambientColor = ambientColor * shade + vec3(0.25 * shine);
 diffuseColor *= shade;
 """
 _IN_FRONT = -66000.0
-"""Units of depth, of which there are 65536 from the eye to the horizon."""
+"""Depth offset, in units of 1/65536 of the depth range."""
 _FAINT = 0.35
 
 Vtk = Any  # VTK is untyped
@@ -57,7 +57,7 @@ class SceneActors:
     Parameters
     ----------
     renderer : vtkRenderer
-        Gets the lights of all pictures.
+        Renderer, which receives the standard lights.
     balls : QuickBalls or RoundBalls
     """
 
@@ -75,7 +75,7 @@ class SceneActors:
 
     @property
     def clickable(self) -> list[Vtk]:
-        """Actors of surfaces and of their caps, shown or not: caps occlude what is behind them."""
+        """Actors of surfaces and of their caps, visible or not: caps occlude objects behind them."""
         return [actor for surface in self._surfaces for actor in (surface.actor, surface.cap)]
 
     def is_cap(self, actor: Vtk) -> bool:
@@ -83,7 +83,7 @@ class SceneActors:
         return any(actor is surface.cap for surface in self._surfaces)
 
     def show(self, scene: Scene) -> None:
-        """Draw this scene from now on."""
+        """Draw this scene in place of the previous one."""
         self._scene, before = scene, self._scene
         while len(self._surfaces) < len(scene.surfaces):
             self._surfaces.append(_SurfaceActor(self._plane))
@@ -115,16 +115,17 @@ class SceneActors:
 
 
 _CUT_OFF, _INSET, _RIM, _SMALLEST = 0.1, 0.36, 1.12, 48
-"""Share of half a shape from which it counts as cut; size of the overview, its margin, its least pixels."""
+"""Fraction of half a shape beyond which it counts as cut off; size, margin and least pixels of the
+overview."""
 
 
 class Overview:
-    """The whole shape, small in the lower right corner of a view that shows a part, with a frame around it.
+    """The whole shape, small in the lower right corner of a view that shows a part, which is framed.
 
     Parameters
     ----------
     renderer : vtkRenderer
-        Of the view, in its window.
+        Renderer of the view, in its window.
     """
 
     def __init__(self, renderer: Vtk) -> None:
@@ -153,7 +154,7 @@ class Overview:
 
     @property
     def box(self) -> FloatArray:
-        """Its left, lower, right and upper edge in its view, as shares; an empty box if it is not drawn."""
+        """Its left, lower, right and upper edge as fractions of its view; an empty box if it is not drawn."""
         left, bottom, right, top = self._renderer.GetViewport()
         start = np.array([left, bottom, left, bottom])
         box = (np.array(self._inset.GetViewport()) - start) / np.tile([right - left, top - bottom], 2)
@@ -165,15 +166,15 @@ class Overview:
         self._lines.GetProperty().SetColor(*rgb(colours.accent))
 
     def face(self, actors: Sequence[Vtk], points: FloatArray, axes: FloatArray) -> None:
-        """Before each drawing: show the actors of the surfaces whole if the view shows a part of points.
+        """Before each drawing, show the whole surfaces if the view shows only a part of the points.
 
         Parameters
         ----------
         actors : sequence of vtkActor
         points : (n, 3) array
-            On the surfaces [mm].
+            Points on the surfaces [mm].
         axes : (3, 3) array
-            Directions to the right, upwards and ahead.
+            Unit vectors to the right, upwards and forward.
         """
         width, height = self._renderer.GetSize()
         camera, side = self._renderer.GetActiveCamera(), round(_INSET * min(width, height))
@@ -208,7 +209,7 @@ class Overview:
 
 
 class _SurfaceActor:
-    """A surface and the cap that fills its outline where it is cut: solid parts look solid."""
+    """A surface, and the cap that fills its outline in the cutting plane, so that solids look solid."""
 
     def __init__(self, plane: Vtk) -> None:
         self._plane = plane
@@ -224,7 +225,7 @@ class _SurfaceActor:
         self.cap.GetMapper().SetInputConnection(filled.GetOutputPort())
 
     def show(self, surface: Surface | None) -> None:
-        """Draw a surface, or hide the last one."""
+        """Draw a surface, or hide it if None."""
         self.actor.SetVisibility(surface is not None)
         if surface is None or surface is self._shown:
             return
@@ -245,7 +246,7 @@ class _SurfaceActor:
         self._data.Modified()
 
     def cut(self, cut: bool, colour: Colour) -> None:
-        """Cut it at the plane, or leave it whole."""
+        """Cut the surface at the plane, or leave it whole."""
         _clip(self.actor.GetMapper(), self._plane if cut else None)
         self.cap.SetVisibility(cut and self.actor.GetVisibility())
         self.cap.prop.SetColor(*_parts(colour))
@@ -356,7 +357,7 @@ def _plain_actor() -> Vtk:
 
 
 def _hidden_actor() -> Vtk:
-    """Return an actor that is drawn in front of everything, but faintly."""
+    """Return a faint actor that is drawn in front of everything."""
     actor = _plain_actor()
     mapper = actor.GetMapper()
     mapper.SetResolveCoincidentTopologyToPolygonOffset()

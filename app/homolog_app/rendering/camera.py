@@ -36,16 +36,16 @@ _MARGIN = 0.03
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A direction of sight in LPS.
+    """A view direction in LPS.
 
     Attributes
     ----------
     toward : tuple of 3 float
-        From the shape to the viewer; any length.
+        Direction from the shape to the viewer; any length.
     up : tuple of 3 float
         Approximate upward direction in the picture; not parallel to `toward`.
     name : str
-        Caption of pictures that have several views; may be empty.
+        Caption in pictures with several views; may be empty.
     """
 
     toward: tuple[float, float, float]
@@ -89,8 +89,8 @@ def three_quarter_view(points: FloatArray, weights: FloatArray | None = None) ->
     points : (n, 3) array
         Points of the shape, such as the mean particles [mm].
     weights : (n,) array, optional
-        What is worth seeing, such as the variance of each particle: of the two broad sides the viewer sees
-        the one with more of it. All else being equal the viewer stands to the left, in front and above (LPS).
+        Weights, such as the variance of each particle: the broad side with the larger total weight faces the
+        viewer. With equal weights the viewer is to the left, in front and above (LPS).
     """
     centred = points - points.mean(axis=0)
     _, _, axes = np.linalg.svd(centred, full_matrices=False)
@@ -110,9 +110,9 @@ class Frame:
     Attributes
     ----------
     view : View
-        Direction of sight.
+        View direction.
     centre : tuple of 3 float
-        World point in the middle of the picture [mm].
+        World point at the centre of the picture [mm].
     width, height, depth : float
         Extent along the picture's right, up and the direction to the viewer [mm].
     """
@@ -127,18 +127,18 @@ class Frame:
 def frame_around(
     shapes: Iterable[FloatArray], view: View, *, border: float = 0.0, width: float = 0.0
 ) -> Frame:
-    """Return the smallest frame that holds all the shapes.
+    """Return the smallest frame that contains all the shapes.
 
     Parameters
     ----------
     shapes : iterable of (n, 3) array
-        Points of everything that will be drawn with this frame [mm].
+        Points of all objects to be drawn in this frame [mm].
     view : View
-        Direction of sight.
+        View direction.
     border : float
-        Room to leave around the points, such as the radius of balls drawn there [mm].
+        Margin around the points, such as the radius of balls drawn there [mm].
     width : float
-        Least width [mm]: frames of one width have one scale.
+        Least width [mm]; frames of equal width have the same scale.
     """
     points = np.concatenate([np.asarray(shape) for shape in shapes]) @ view.axes.T
     low, high = points.min(axis=0), points.max(axis=0)
@@ -160,10 +160,10 @@ def _triple(values: FloatArray) -> tuple[float, float, float]:
 
 
 Box = tuple[float, float, float, float, float, float]
-"""Extent along x, y and z [mm]: low and high of each."""
+"""Extent along x, y and z [mm]: lowest and highest value of each."""
 
 Cut = tuple[FloatArray, FloatArray]
-"""Unit normal (3,) towards what stays, and a point (3,) of the plane [mm]."""
+"""Unit normal (3,) towards the part that is kept, and a point (3,) of the plane [mm]."""
 
 
 class ClipPlane(StrEnum):
@@ -189,13 +189,13 @@ class Clip(BaseModel):
     Attributes
     ----------
     plane : ClipPlane
-        A view plane faces the camera and turns with it.
+        Orientation of the plane; a view plane faces the camera and rotates with it.
     position : float
-        0 is at the feet, the front, the right or the viewer, 1 at the opposite end.
+        Position: 0 at the feet, the front, the right or the viewer, 1 at the opposite end.
     flipped : bool
-        Whether the other side is removed than that of the head, the front, the right or the viewer.
+        Whether to remove the other side instead of that of the head, the front, the right or the viewer.
     box : tuple of 6 float or None
-        Extent that the position refers to [mm]; that of the shapes if None.
+        Extent to which the position refers [mm]; None for that of the shapes.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -211,9 +211,9 @@ class Clip(BaseModel):
         Parameters
         ----------
         box : tuple of 6 float
-            Extent of the shapes, where the clip has none of its own [mm].
+            Extent of the shapes, used if the clip has no box [mm].
         ahead : (3,) array
-            Unit direction of sight.
+            Unit view direction.
         """
         low, high = np.reshape(np.array(self.box or box), (3, 2)).T
         along = _ALONG.get(self.plane, ahead)
@@ -275,25 +275,25 @@ class CameraState(BaseModel):
 
 
 class Canvas(BaseModel):
-    """Size, layout and look of the views.
+    """Size, layout and appearance of the views.
 
     Attributes
     ----------
     width, height : int
-        Of the views on the screen [pixels of the screen].
+        Size of the views on the screen [pixels of the screen].
     ratio : float
-        Pixels of the picture for each pixel of the screen.
+        Pixels of the picture per pixel of the screen.
     text : float
         Size of the texts relative to a system font of 12 pixels.
     scheme : str
     layout, page : int
-        Number of subjects a page, and the open page; shapes of the model have their own layout.
+        Number of subjects per page, and the open page; shapes of the model have their own layout.
     raw, groomed, particles : bool
         Whether these are shown.
     opacity : float
-        Of the surfaces.
+        Opacity of the surfaces.
     cameras : tuple of CameraState
-        One for all views, or one each.
+        A camera for all views, or one for each view.
     letters, scale_bar : bool
         Whether the anatomical directions and a scale bar are shown.
     clip : Clip or None

@@ -35,7 +35,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Colours:
-    """What each surface, text and group of subjects is painted with, as ``#rrggbb``."""
+    """Colours of surfaces, texts and groups of subjects, as ``#rrggbb``."""
 
     window: str
     surface: str
@@ -63,7 +63,7 @@ class Colours:
     groups: tuple[str, ...]
 
 
-# Groups: Okabe and Ito (2008), darker on light ground and lighter on dark ground for contrast.
+# Groups: Okabe and Ito (2008), darker on light and lighter on dark backgrounds for contrast.
 LIGHT_SCHEME = Colours(
     window="#f3f4f6", surface="#fbfbfc", raised="#ffffff", sunken="#e9ebee", field="#ffffff", zebra="#f7f8f9",
     hover="#e6ecec", selected="#d3e9e7", notice="#fdf4dc", line="#d3d7dc", text="#1b1f24", dim="#59636e",
@@ -97,7 +97,7 @@ def rgb_bytes(colour: str) -> tuple[int, int, int]:
 
 @dataclass(frozen=True, slots=True)
 class Theme:
-    """Colours of everything but the data; red, green, blue in [0, 1], of a cut 0 ... 255."""
+    """Colours of everything but the data; red, green, blue in [0, 1], that of a cut in 0 ... 255."""
 
     background: tuple[float, float, float]
     text: tuple[float, float, float]
@@ -123,7 +123,7 @@ DARK = Theme(
 
 
 def page_colours(theme: Theme) -> Colours:
-    """Return the colours of plots that stand beside pictures of a theme."""
+    """Return the colours of plots next to pictures of a theme."""
     ground, text = (
         f"#{''.join(f'{round(255 * part):02x}' for part in it)}" for it in (theme.background, theme.text)
     )
@@ -147,7 +147,7 @@ def diverging_colours(values: FloatArray, limit: float) -> FloatArray:
     values : (n,) array
         Outward displacement [mm].
     limit : float
-        Value of the strongest colours [mm], on both sides of 0; values beyond it are cut off.
+        Value of the strongest colours [mm], on both sides of 0; values beyond it are clipped.
     """
     table = diverging_table()
     place = (np.clip(values / limit, -1.0, 1.0) + 1.0) / 2.0 * (len(table) - 1)
@@ -158,8 +158,8 @@ def diverging_colours(values: FloatArray, limit: float) -> FloatArray:
 def colours_by_place(mean: FloatArray) -> Array:
     """Return one colour for each particle, (N, 3) uint8, from its position on the mean shape.
 
-    The angle about the shape's shortest axis gives the hue, the height along that axis the lightness, so that
-    neighbours have similar colours and distant particles different ones.
+    The angle about the shape's shortest axis determines the hue, and the height along that axis the
+    lightness. Neighbours therefore have similar colours, and distant particles different ones.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def colours_by_place(mean: FloatArray) -> Array:
 
 
 _FAINT = 0.35
-"""Remaining saturation of a colour where a difference is within the limit."""
+"""Saturation factor of colours for differences within the limit."""
 GREY = (150, 150, 150)
 """Colour of missing or ignored values: neutral, and not part of any scale."""
 
@@ -198,17 +198,17 @@ class ColourScale:
     Attributes
     ----------
     title, unit : str
-        What is shown, such as ``"Outward displacement"``, and ``"mm"``.
+        Quantity, such as ``"Outward displacement"``, and unit, such as ``"mm"``.
     low, high : float
-        Ends of the scale; values beyond them get the colours of the ends.
+        Ends of the scale; values beyond them have the colours of the ends.
     table : (256, 3) uint8 array
         Colours from low to high.
     low_label, high_label : str
-        What the ends mean, such as ``"into the tissue"`` and ``"out of the tissue"``.
+        Meaning of the ends, such as ``"into the tissue"`` and ``"out of the tissue"``.
     note : str
-        A further remark, such as how long arrows are drawn.
+        A further remark, such as the scale of arrows.
     grey_label : str
-        What grey means, for a patch of it beside the scale; nothing if there is no grey.
+        Meaning of grey, for a patch next to the scale; empty without grey.
     """
 
     title: str
@@ -222,7 +222,7 @@ class ColourScale:
     grey_label: str = ""
 
     def within(self, range_: tuple[float, float] | None) -> "ColourScale":
-        """Return the scale with its ends set by hand, or as it is."""
+        """Return the scale with its ends set by hand, or unchanged without a range."""
         if range_ is None:
             return self
         note = " · ".join(part for part in (self.note, "range set by hand") if part)
@@ -231,7 +231,7 @@ class ColourScale:
     def colours(self, values: Array, faded: BoolArray | None = None, faint: BoolArray | None = None) -> Array:
         """Return (V, 3) uint8 colours of values (V,).
 
-        Those marked in `faded` (V,) are greyed, those in `faint` (V,) as pale as values within a limit.
+        Values marked in `faded` (V,) are grey; those in `faint` (V,) are as pale as values within a limit.
         """
         span = max(self.high - self.low, np.finfo(float).tiny)
         place = np.clip((values - self.low) * ((len(self.table) - 1) / span), 0, len(self.table) - 1)
@@ -256,7 +256,7 @@ def displacement_scale(
     title, note : str
         See `ColourScale`.
     from_middle : bool
-        Whether blue is away from the middle of the shape.
+        Whether blue means away from the centre of the shape.
     """
     table = np.rint(255.0 * diverging_table()).astype(np.uint8)
     centre, tissue = ("toward the centre", "away from the centre"), ("into the tissue", "out of the tissue")
@@ -281,7 +281,7 @@ def outward_displacement(mesh: TriangleMesh, displacement: FloatArray) -> FloatA
 
 
 def common_limit(values: Sequence[FloatArray]) -> float:
-    """Return a round value [mm] above 99 % of all given values."""
+    """Return a round value [mm] that exceeds 99 % of the values."""
     reach = float(np.percentile(np.abs(np.concatenate(values)), 99.0))
     if reach <= 0.0:
         return 1.0

@@ -22,18 +22,18 @@ from homolog_app.rendering.scene import Scene
 __all__ = ["RENDERER", "draw", "renderer_name", "start_renderer", "with_opengl"]
 
 RENDERER = "HOMOLOG_RENDERER"
-"""Environment variable that chooses: ``opengl`` or ``software``."""
+"""Environment variable that selects the renderer: ``opengl`` or ``software``."""
 
 _NO_OPENGL = "no OpenGL was found; install a graphics driver, or Mesa (libegl1 and libgl1-mesa-dri)"
 _EMULATED = ("llvmpipe", "softpipe", "swrast")
-"""OpenGL of Mesa without a graphics card: half as fast as what draws without OpenGL."""
+"""Names of Mesa's OpenGL without a graphics card, which is half as fast as the software renderer."""
 PATIENCE_S = 120.0
-"""A driver that needs longer to begin doesn't work."""
+"""Time within which a working driver starts [s]."""
 
 _FAULTS = (RuntimeError, ImportError, TimeoutError)
-"""Of a process that begins OpenGL; `BrokenProcessPool` is a RuntimeError."""
+"""Errors of a process that starts OpenGL; `BrokenProcessPool` is a RuntimeError."""
 _CARDS = ("dri/card*", "dri/renderD*", "nvidia[0-9]*", "dxg")
-"""Devices of graphics cards on Linux; the last one is Windows' in WSL."""
+"""Devices of graphics cards on Linux; the last one is that of WSL on Windows."""
 
 _log = logging.getLogger(__name__)
 
@@ -56,7 +56,7 @@ def draw(scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
     frame : Frame
         The part of the world to show.
     width : int
-        Pixels along the frame's width; pixels are square.
+        Width in pixels, which are square.
 
     Returns
     -------
@@ -94,7 +94,7 @@ class RendererChoice:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._drawer: _Drawer | None = None
-        self._emulated: OpenGLProcess | None = None  # started only for what needs OpenGL
+        self._emulated: OpenGLProcess | None = None  # started only for functions that need OpenGL
 
     @property
     def name(self) -> str:
@@ -106,7 +106,7 @@ class RendererChoice:
             try:
                 return self._chosen().draw(scene, frame, width)
             except BrokenProcessPool:  # a driver that ended its process
-                _log.warning("the graphics driver failed; pictures are drawn by software from here on")
+                _log.warning("the graphics driver failed; further pictures are drawn by software")
                 self._drawer = _software()
                 return self._drawer.draw(scene, frame, width)
 
@@ -146,12 +146,13 @@ class RendererChoice:
 
 
 class OpenGLProcess:
-    """VTK in a separate process, because it ends its process without OpenGL and has only one thread.
+    """VTK in a separate process, because it terminates its process without OpenGL and is single-threaded.
 
     Parameters
     ----------
     draws_emulated : bool
-        Draw with OpenGL even where that is emulated and slow; otherwise pictures are then drawn by software.
+        Whether to draw with OpenGL even if it is emulated and slow; otherwise pictures are then drawn by
+        software.
     """
 
     def __init__(self, *, draws_emulated: bool = True) -> None:
@@ -161,7 +162,7 @@ class OpenGLProcess:
         try:
             card = self._executor.submit(begin).result(PATIENCE_S)
         except TimeoutError:
-            stack.close()  # or this program would wait for that one at its end
+            stack.close()  # otherwise this program would wait for that process at its end
             raise
         self._software = None if draws_emulated or card not in _EMULATED else _software()
         self.name = f"OpenGL ({card})" if self._software is None else self._software.name
@@ -188,7 +189,7 @@ def _draw(scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
 
 
 def may_have_graphics_card() -> bool:
-    """Return False where OpenGL could only be emulated: to look saves a process that loads VTK."""
+    """Return False if OpenGL can only be emulated, which saves starting a process that loads VTK."""
     return sys.platform != "linux" or any(any(Path("/dev").glob(card)) for card in _CARDS)
 
 

@@ -10,10 +10,10 @@ wp.set_module_options({"enable_backward": False})
 __all__ = ["SMOOTH", "fill", "occlude"]
 
 SMOOTH = 2
-"""Samples a pixel along rows and columns, for smooth edges."""
+"""Number of samples per pixel along rows and columns, for smooth edges."""
 
 SAMPLES = wp.constant(SMOOTH)
-FLAT = wp.constant(1.0e-6)  # sine of the angle between a ray and a plane that it does not meet
+FLAT = wp.constant(1.0e-6)  # sine of the angle below which a ray is parallel to a plane
 (KEY, KEY_STRENGTH), (FILL, FILL_STRENGTH) = (
     (wp.constant(wp.normalize(wp.vec3(*place))), wp.constant(strength)) for place, strength in LIGHTS
 )
@@ -24,8 +24,9 @@ AMBIENT_PART, DIFFUSE_PART = wp.constant(AMBIENT), wp.constant(DIFFUSE)
 class Triangles:
     """Triangles, their colours in 0 ... 255, and the picture's plane: upper left corner, axes, sample size.
 
-    If `cut` is not 0, only what lies beyond a plane is drawn, where `plane` times place is at least `offset`.
-    Solids are closed: behind the plane, a surface that is seen from inside is seen through the cut.
+    If `cut` is not 0, only the part beyond a plane is drawn, where the product of `plane` and position is at
+    least `offset`. Solids are closed: a surface whose inner side is visible behind the plane is seen through
+    the cut.
     """
 
     faces: wp.array(dtype=wp.vec3i)
@@ -49,7 +50,7 @@ def corner_mix(values: wp.array(dtype=wp.vec3), indices: wp.vec3i, u: float, v: 
 
 @wp.func
 def shade(scene: Triangles, face: int, u: float, v: float) -> wp.vec3:
-    """Light a place on a face as VTK does; inner sides of surfaces are lit, too."""
+    """Shade a point on a face as VTK does; inner sides of surfaces are lit, too."""
     normal = wp.normalize(corner_mix(scene.normals, scene.faces[face], u, v))
     back = wp.cross(scene.right, scene.up)
     facing = wp.vec3(wp.dot(normal, scene.right), wp.dot(normal, scene.up), wp.dot(normal, back))
@@ -84,7 +85,7 @@ def draw_face(
     nearest: wp.array2d(dtype=int),
     relief: wp.array2d(dtype=wp.vec3),
 ):
-    """Try the samples in a triangle's bounding box, in the rows from `low`; keep those that lie nearest."""
+    """Test the samples in a triangle's bounding box, in the rows from `low`; keep the nearest hits."""
     indices = scene.faces[face]
     a, b, c = places[indices[0]], places[indices[1]], places[indices[2]]
     top = wp.max(int(wp.ceil(wp.min(a[1], wp.min(b[1], c[1])) - 0.5)), low)
@@ -126,7 +127,7 @@ def pixel_of(
     nearest: wp.array2d(dtype=int),
     relief: wp.array2d(dtype=wp.vec3),
 ) -> wp.vec4ub:
-    """Return the mean colour of a pixel's samples that show a face, and their share as its opacity."""
+    """Return the mean colour of a pixel's samples that hit a face, and their share as opacity."""
     total, hits = wp.vec3(), float(0.0)
     colour, before = wp.vec3(), int(-1)
     for sample in range(SAMPLES * SAMPLES):
@@ -134,7 +135,7 @@ def pixel_of(
         front = nearest[i, j]
         if front >= 0:
             hits += 1.0
-            if front != before:  # a face hardly changes its colour within a pixel
+            if front != before:  # a face's colour hardly varies within a pixel
                 before = front
                 if capped and seen_from_inside(places, scene.faces[front]):
                     colour = scene.cap
@@ -163,8 +164,8 @@ def fill(
 ):
     """Draw the rows of a picture that begin with `first`.
 
-    `places` are columns, rows and depths of the vertices, in samples; `nearest` and `relief` hold each
-    sample's face, place in it, and depth. One thread owns these rows, so that nothing has to be locked.
+    `places` are columns, rows and depths of the vertices, in samples; `nearest` and `relief` contain each
+    sample's face, position in it, and depth. One thread owns these rows, so that no locks are needed.
     """
     for row in range(nearest.shape[0]):
         for column in range(nearest.shape[1]):
@@ -194,7 +195,7 @@ def occlude(
     Every vertex samples one of several interleaved sets of directions.
     """
     i = first + wp.tid()
-    own = (i * 7 + i // 5) % sets  # neighbours have different sets, however vertices are ordered
+    own = (i * 7 + i // 5) % sets  # neighbours have different sets for any order of vertices
     normal = normals[i]
     turn = wp.quat_between_vectors(wp.vec3(0.0, 0.0, 1.0), normal)
     free = float(0.0)
@@ -215,7 +216,7 @@ def find_opposite(
     ahead: wp.array(dtype=float),
     behind: wp.array(dtype=float),
 ):
-    """How far the surface is along the normal of a vertex and against it; infinite where there is none."""
+    """Distance of the surface along the normal of a vertex and against it; infinite without a hit."""
     i = wp.tid()
     out = wp.mesh_query_ray(mesh, points[i] + start * normals[i], normals[i], 1.0e30)
     ahead[i] = wp.where(out.result, out.t + start, wp.inf)

@@ -1,6 +1,6 @@
 """Scenes drawn off screen by pyvista, with the machine's OpenGL, in a separate process.
 
-VTK ends its process where it finds no OpenGL, and is not meant for several threads.
+VTK terminates its process without OpenGL, and does not support several threads.
 """
 
 import os
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
-from vtkmodules.vtkCommonCore import vtkUnsignedCharArray  # a screenshot of pyvista loses the opacity
+from vtkmodules.vtkCommonCore import vtkUnsignedCharArray  # a screenshot by pyvista loses the opacity
 
 from homolog_app.rendering.actors import RoundBalls, SceneActors
 from homolog_app.rendering.camera import VIEWS, Frame
@@ -20,16 +20,16 @@ from homolog_app.rendering.scene import Balls, Scene
 __all__ = ["SMOOTH", "begin", "draw", "need_no_display", "pixels_of", "straight"]
 
 SMOOTH = 8
-"""Samples a pixel for smooth edges."""
+"""Number of samples per pixel, for smooth edges."""
 
 
 def begin() -> str:
-    """Return the OpenGL renderer of a new process, such as ``"llvmpipe"``; end a process without OpenGL.
+    """Return the OpenGL renderer of a new process, such as ``"llvmpipe"``; VTK ends one without OpenGL.
 
     Raises
     ------
     RuntimeError
-        If a picture comes out empty.
+        If a test picture is empty.
     """
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.__stderr__.fileno() if sys.__stderr__ else 2)
     need_no_display()
@@ -76,7 +76,7 @@ def pixels_of(window: Any) -> NDArray[np.uint8]:  # noqa: ANN401 - VTK is untype
 
 
 def straight(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return pixels drawn on clear black with colours of their own, as if their edges were opaque."""
+    """Return pixels drawn on transparent black with straight instead of premultiplied colours."""
     edge = (pixels[..., 3] > 0) & (pixels[..., 3] < 255)
     result = pixels.copy()
     result[edge, :3] = np.minimum(np.rint(pixels[edge, :3] * (255.0 / pixels[edge, 3:])), 255.0)

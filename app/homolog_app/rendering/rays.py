@@ -26,20 +26,20 @@ _OCCLUSION_REACH = 0.25
 
 
 def shaded(mesh: TriangleMesh, colours: FloatArray) -> Surface:
-    """Return a mesh whose colours, (3,) or (V, 3) in [0, 1], are darker in its hollows."""
+    """Return a mesh with colours, (3,) or (V, 3) in [0, 1], that are darkened by ambient occlusion."""
     return surface(mesh, colours, hollows(mesh))
 
 
 def hollows(mesh: TriangleMesh) -> FloatArray:
-    """Return the share of ambient light at each vertex, (V,): less where the surface occludes itself."""
+    """Return the share of ambient light at each vertex, (V,), reduced where the surface occludes itself."""
     light = openness(mesh, float(_OCCLUSION_REACH * np.ptp(mesh.vertices, axis=0).max()))
     return np.asarray(1.0 - _OCCLUSION_DEPTH * (1.0 - light))
 
 
 def openness(mesh: TriangleMesh, reach: float) -> FloatArray:
-    """Return the share of unoccluded directions within a reach [mm] of each vertex, (V,).
+    """Return the share of unoccluded directions within a distance `reach` [mm] of each vertex, (V,).
 
-    A vertex casts a sixteenth of the rays; averages over its neighbours, which cast others, remove the noise.
+    A vertex casts a sixteenth of the rays. Averages over its neighbours, which cast others, remove the noise.
     """
     index = (np.arange(_OCCLUSION_RAYS) + 0.5) / _OCCLUSION_RAYS
     turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(_OCCLUSION_RAYS)
@@ -64,9 +64,9 @@ def openness(mesh: TriangleMesh, reach: float) -> FloatArray:
 
 
 def faces_itself(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
-    """Return how far the surface is from each vertex along its normal, and against it, (V,) each [mm].
+    """Return the distances of the surface from each vertex along its normal, and against it, (V,) each [mm].
 
-    Infinite where there is none.
+    Distances are infinite without a hit.
     """
     cast_on, count = warp_mesh(mesh.vertices, mesh.faces), len(mesh.vertices)
     vectors = [warp_vectors(item) for item in (mesh.vertices, mesh.vertex_normals)]
@@ -86,22 +86,22 @@ def _mean_around(values: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def warp_mesh(vertices: FloatArray, faces: IntArray) -> "wp.Mesh":
-    """Return triangles that rays can be cast at, on the processor."""
+    """Return triangles for ray casting, on the CPU."""
     indices = wp.array(faces.astype(np.int32).ravel(), dtype=int, device=_DEVICE)
     return wp.Mesh(warp_vectors(vertices), indices)
 
 
 def warp_vectors(values: FloatArray) -> "wp.array":
-    """Return (n, 3) values as an array of vectors on the processor."""
+    """Return (n, 3) values as an array of vectors on the CPU."""
     return wp.array(np.ascontiguousarray(values, dtype=np.float32), dtype=wp.vec3, device=_DEVICE)
 
 
-_BANDS = 4  # of rows, for each core: a shape fills some more than others
+_BANDS = 4  # bands of rows per core, which balance the load
 _SMALL_BALL_PIXELS = 8.0
 
 
 class Software:
-    """Draws scenes, smooth at edges."""
+    """Draws scenes in software, with smooth edges."""
 
     name = "software"
 
@@ -144,7 +144,7 @@ class Software:
 
 
 def _joined(scene: Scene, pixel: float, back: FloatArray) -> Surface:
-    """Return all of a scene as one surface, for pixels of a size [mm] and a direction to the viewer."""
+    """Return a scene as one surface, for a pixel size [mm] and a direction to the viewer."""
     balls = scene.balls_left
     solids = [surface for surface in scene.surfaces if surface is not None]
     if balls is not None:
@@ -159,7 +159,7 @@ def _joined(scene: Scene, pixel: float, back: FloatArray) -> Surface:
 
 
 def _ball_surface(balls: Balls, step: float, back: FloatArray | None) -> Surface:
-    """Return balls as triangles, few where they are small in the picture; only those towards a viewer."""
+    """Return balls as triangles: few if they are small in the picture, and only those facing the viewer."""
     unit, faces = _unit_ball(2 if balls.radius > _SMALL_BALL_PIXELS * step else 1)
     if back is not None:
         a, b, c = (unit[faces[:, corner]] for corner in range(3))
@@ -176,7 +176,7 @@ def _ball_surface(balls: Balls, step: float, back: FloatArray | None) -> Surface
 
 @cache
 def _unit_ball(rounds: int) -> tuple[FloatArray, IntArray]:
-    """Split an octahedron's faces and blow it up: after two rounds 66 vertices and 128 faces."""
+    """Subdivide an octahedron, projected to the unit sphere: two rounds give 66 vertices and 128 faces."""
     points = [tuple(sign * axis) for axis in np.eye(3) for sign in (1.0, -1.0)]
     faces = [(x, y, z) if (x + y + z) % 2 == 0 else (x, z, y) for x in (0, 1) for y in (2, 3) for z in (4, 5)]
     for _ in range(rounds):

@@ -1,4 +1,4 @@
-"""Scenes: coloured surfaces, balls, arrows, lines, a cut, lights. Arrays only, for any process."""
+"""Scenes: coloured surfaces, balls, arrows, lines, a cut, lights. They contain only arrays."""
 
 from dataclasses import dataclass
 
@@ -17,10 +17,10 @@ Colour = tuple[int, int, int]
 """Red, green, blue in 0 ... 255."""
 
 LIGHTS = (((-0.3, 0.5, 1.0), 0.9), ((0.8, -0.9, 0.5), 0.35))
-"""Direction (right, up, towards the viewer) and strength of each light. The second one lights dark places."""
+"""Direction (right, up, towards the viewer) and strength of each light. The second one brightens shadows."""
 
 AMBIENT, DIFFUSE = 0.4, 0.6
-"""Parts of the light. Colours that mean numbers shall neither drown in shade nor in shine."""
+"""Shares of the light. Shading and highlights are weak, because colours represent numbers."""
 
 CAP: Colour = (181, 106, 92)
 """Colour of cut surfaces."""
@@ -39,7 +39,7 @@ class Surface:
     colours : (3,) or (V, 3) uint8 array
         Red, green, blue.
     opacity : float
-        In [0, 1]; software draws every surface as opaque.
+        Opacity in [0, 1]; the software renderer draws every surface as opaque.
     """
 
     vertices: FloatArray
@@ -56,9 +56,9 @@ class Balls:
     Attributes
     ----------
     centres : (n, 3) array
-        Midpoints [mm].
+        Centres [mm].
     radius : float
-        [mm].
+        Radius [mm].
     colours : (3,) or (n, 3) uint8 array
         Red, green, blue.
     """
@@ -70,12 +70,12 @@ class Balls:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arrows:
-    """Arrows, in the coordinates that are shown.
+    """Arrows, in displayed coordinates.
 
     Attributes
     ----------
     points, vectors : (A, 3) arrays
-        Where each begins, and its way to the tip [mm].
+        Start of each arrow, and vector to its tip [mm].
     """
 
     points: FloatArray
@@ -89,7 +89,7 @@ class Scene:
     Attributes
     ----------
     surfaces : tuple of Surface or None
-        None holds the place of one that is hidden for now.
+        The surfaces; None is a placeholder for a hidden one.
     balls : Balls or None
     arrows : Arrows or None
     lines : (S, 2, 3) array or None
@@ -97,11 +97,12 @@ class Scene:
     marks : tuple of 3 int
         Colour of arrows and lines.
     through : bool
-        Whether arrows and lines that lie behind a surface are seen faintly through it.
+        Whether arrows and lines behind a surface are faintly visible through it.
     cut : (normal, origin) or None
-        A plane: only what its unit normal (3,) points to is drawn. The origin (3,) is one of its points [mm].
+        A cutting plane: only the side of its unit normal (3,) is drawn. The origin (3,) is a point on it
+        [mm].
     cap : tuple of 3 int
-        Colour of the surfaces of the cut.
+        Colour of the cut surfaces.
     """
 
     surfaces: tuple[Surface | None, ...]
@@ -115,7 +116,7 @@ class Scene:
 
     @property
     def balls_left(self) -> Balls | None:
-        """The balls that the cut leaves; no ball is cut in two."""
+        """The balls on the visible side of the cut; whole balls are kept or removed."""
         if self.balls is None or self.cut is None:
             return self.balls
         normal, origin = self.cut
@@ -133,19 +134,19 @@ def surface(mesh: TriangleMesh, colours: FloatArray, light: FloatArray | None = 
     colours : (3,) or (V, 3) array
         Red, green, blue in [0, 1].
     light : (V,) array, optional
-        Share of the light that reaches each vertex, such as `hollows` gives it.
+        Share of the light that reaches each vertex, such as from `hollows`.
     """
     shaded = colours if light is None else np.broadcast_to(colours, mesh.vertices.shape) * light[:, None]
     return Surface(mesh.vertices, mesh.vertex_normals, mesh.faces, bytes_of(shaded))
 
 
 def ball_radius(extent: Box, count: int) -> float:
-    """Return the radius [mm] of balls for a number of particles, which leave half of the surface free.
+    """Return the radius [mm] of balls for a number of particles, such that half of the surface is free.
 
     Parameters
     ----------
     extent : tuple of 6 float
-        Of all the shapes that are seen [mm].
+        Extent of all visible shapes [mm].
     count : int
         Number of particles of a shape; at least 1.
     """

@@ -43,7 +43,7 @@ _ODD = ("bold", "italic", "oblique", "black", "light", "thin", "mono", "serif")
 
 @cache
 def font_file(text: str = "") -> Path:
-    """Return the first font with all characters of a text, or else most: DejaVu Sans before others."""
+    """Return the first font with all, or otherwise most, characters of a text, starting with DejaVu Sans."""
     best, fewest = usual_file(), signs_lacking(usual_file(), text)
     for path in system_files() if fewest else ():
         if len(missing := signs_lacking(path, text)) < len(fewest):
@@ -92,7 +92,7 @@ def complete_texts(figure: "Figure") -> None:
 
 
 def complete_text(text: "Text") -> None:
-    """Let matplotlib draw a text literally: without formulas, and with a font or box for each character."""
+    """Make matplotlib draw a text literally: without formulas, and with a font or box for each character."""
     text.set_parse_math(False)
     content = legible(text.get_text())
     fonts = {font_file(sign) for sign in content} - {usual_file()}
@@ -112,7 +112,7 @@ def usual_file() -> Path:
 
 @cache
 def system_files() -> tuple[Path, ...]:
-    """Return the system's fonts, upright ones of usual weight first."""
+    """Return the system's fonts, upright ones of regular weight first."""
     from matplotlib.font_manager import findSystemFonts
 
     def oddness(path: Path) -> tuple[int, str]:
@@ -127,7 +127,7 @@ def _font(path: Path) -> "FT2Font | None":
 
     try:
         return FT2Font(str(path))
-    except (OSError, RuntimeError):  # damaged, or of a kind that FreeType doesn't know
+    except (OSError, RuntimeError):  # damaged, or not supported by FreeType
         return None
 
 
@@ -154,7 +154,7 @@ def parse_number(text: str) -> float:
 
 
 def duration(seconds: float) -> str:
-    """Return a duration in words, rounded to its precision: ``"about 3 min"``."""
+    """Return a rounded duration as text: ``"about 3 min"``."""
     if seconds < 60:
         return f"about {max(5, round(seconds / 5) * 5)} s"
     if seconds < 5400:
@@ -169,7 +169,7 @@ def signed(value: float, digits: int = 2) -> str:
 
 
 def shortened(text: str, most: int) -> str:
-    """Return a text of at most a number of letters; longer ones lose their middle."""
+    """Return a text of at most `most` letters; the middle of longer texts is omitted."""
     if len(text) <= most:
         return text
     kept = max(most - 1, 2)
@@ -215,7 +215,7 @@ def edge_letters(patient_axes: FloatArray, right: FloatArray, up: FloatArray) ->
     Parameters
     ----------
     patient_axes : (3, 3) array
-        Columns: the patient's left, back and head in the coordinates that are shown.
+        Columns: the patient's left, back and head in displayed coordinates.
     right, up : (3,) arrays
         The screen's unit directions in the same coordinates.
     """

@@ -208,7 +208,7 @@ def measure_rows(comparison: PatientComparison, reference: Reference) -> list[tu
     named: list[tuple[str, str, Percentile]] = [
         ("Distance in the modes", f"{comparison.mahalanobis.value:.2f} SD", comparison.mahalanobis),
         ("Distance outside the modes", f"{comparison.outside.value:.2f} mm", comparison.outside),
-        ("Size, of the expected", f"{100.0 * comparison.size.value:.0f} %", comparison.size),
+        ("Size, relative to expected", f"{100.0 * comparison.size.value:.0f} %", comparison.size),
         ("Largest |z| on the surface", f"{comparison.local.value:.1f}", comparison.local),
     ]
     return [

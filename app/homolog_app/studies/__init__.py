@@ -1,1 +1,1 @@
-"""Studies, their results and the work on them: what the window and the command line share; no Qt."""
+"""Studies, their results and jobs, shared by the window and the command line; no Qt."""

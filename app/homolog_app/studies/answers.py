@@ -1,4 +1,4 @@
-"""Questions about groups or a number: computed, repeated, stored, and their answers mapped to the surface."""
+"""Questions about groups or a number: computation, repetition, storage, and maps of their answers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -49,9 +49,8 @@ class GroupMap:
     outward : (V,) array
         Its part along the outward normals [mm].
     significant : (V,) bool array
-        For the difference: family-wise corrected p of the nearest particle at most 0.05. For the
-        discriminant: the 95 % bootstrap bounds leave out zero, and the test of the whole shape finds a
-        difference.
+        For the difference: FWE-corrected p of the nearest particle is at most 0.05. For the discriminant: the
+        95 % bootstrap bounds exclude zero, and the test of the whole shape is significant.
     """
 
     ways: Float32Array
@@ -67,29 +66,30 @@ class GroupAnswer:
     ----------
     shape : ModelShape
     study : Study
-        All comparisons, in words and numbers.
+        All comparisons.
     pair : Comparison
-        Of the two groups that are mapped, or the regression.
+        Comparison of the two mapped groups, or the regression.
     first, second : str
-        These groups, or the lowest and the highest value in words.
+        Names of these groups, or the lowest and the highest value as text.
     start : (V, 3) array
         Displacement of the model's mean surface to the first group's mean, or to the shape at the lowest
         value [mm].
     difference : GroupMap
-        From there to the second.
+        From `start` to the second group or value.
     discriminant : GroupMap or None
         Along the linear discriminant; None without retained modes, and for a regression.
     places : (m,) array or None
-        Positions of the subjects along the discriminant, the mean difference of pairs or the effect of the
+        Positions of the subjects along the discriminant, the mean difference of pairs, or the effect of the
         number, as root mean square displacement of the particles [mm].
     values : (m,) array or None
-        The number, for a regression.
+        Values of the number, for a regression.
     groups : tuple of str
-        Of these subjects, as the table has them now.
+        Groups of these subjects in the current table.
     limit : float
         End of the colour scale that fits both maps [mm].
     subjects : (m,) int array
-        Indices of the subjects that have a place: those of the pair, of pairs the first and the second ones.
+        Indices of the subjects with a position: those of the compared groups; for pairs, the first and second
+        members.
     """
 
     shape: ModelShape
@@ -125,31 +125,31 @@ class GroupAnswer:
 def answer_groups(
     shape: ModelShape, result: Result, request: StudyRequest, tick: Tick, pair: int = 0
 ) -> GroupAnswer:
-    """Answer a question and carry the difference of two of its groups, or the slope, to the surface.
+    """Answer a question, and map the difference of two of its groups, or the slope, to the surface.
 
     Parameters
     ----------
     shape : ModelShape
     result : Result
-        That of the model, with the columns to ask about.
+        Result of the model, with the columns of the question.
     request : StudyRequest
-        Of any kind.
+        Request of any kind.
     tick : Tick
         Progress and cancelling.
     pair : int
-        Which two groups, in the order of the study's pairs.
+        Index of the two groups among the study's pairs.
 
     Raises
     ------
     InputError
-        If groups are too small or values missing; says which.
+        If groups are too small or values are missing; the message names them.
     """
     study = run_study(result, request, part_of(tick, 0.0, 0.9))
     return carried_answer(shape, result, study, pair, part_of(tick, 0.9, 1.0))
 
 
 def carried_answer(shape: ModelShape, result: Result, study: Study, index: int, tick: Tick) -> GroupAnswer:
-    """Carry the difference of a study's pair of groups, or its slope, to the surface.
+    """Map the difference of a study's pair of groups, or its slope, to the surface.
 
     Raises
     ------
@@ -192,7 +192,7 @@ def carried_answer(shape: ModelShape, result: Result, study: Study, index: int, 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _MorphPath:
-    """From where to where, by how much (N, 3), and which share of it comes before the subjects' mean."""
+    """Names of start and end, the effect (N, 3), and the share of it before the subjects' mean."""
 
     first: str
     second: str
@@ -204,7 +204,7 @@ class _MorphPath:
 def _between(request: StudyRequest, pair: Comparison) -> _MorphPath:
     if request.kind == "pairs":
         first, second = request.between
-        return _MorphPath(first, second, pair.pointwise.effect[0], 0.0)  # the mean is that of the first ones
+        return _MorphPath(first, second, pair.pointwise.effect[0], 0.0)  # the mean of the first members
     first, second = pair.counts
     return _MorphPath(
         first, second, pair.pointwise.effect[0], pair.counts[second] / sum(pair.counts.values())
@@ -212,7 +212,7 @@ def _between(request: StudyRequest, pair: Comparison) -> _MorphPath:
 
 
 def _slope(study: Study, pair: Comparison) -> _MorphPath:
-    """Return the way from the lowest to the highest value."""
+    """Return the path from the lowest to the highest value."""
     values = np.array([float(study.labels[subject]) for subject in pair.subjects])
     low, high = float(values.min()), float(values.max())
     first, second = short(low), short(high)
@@ -221,7 +221,7 @@ def _slope(study: Study, pair: Comparison) -> _MorphPath:
 
 
 def _paired(result: Result, study: Study) -> IntArray:
-    """Return the subjects of all pairs: the first of each, then the second of each."""
+    """Return the subjects of all pairs: all first members, then all second ones."""
     first, second = study.request.between
     taking = [
         label if name not in study.left_out else ""
@@ -248,9 +248,9 @@ class Question:
     Attributes
     ----------
     requests : tuple of StudyRequest
-        One, or one for each alignment.
+        A request, or one for each alignment.
     cells : tuple of (str, ...)
-        The columns of the table that are used, a value for each subject of the result.
+        The used columns of the table, with a value for each subject of the result.
     """
 
     requests: tuple[StudyRequest, ...]
@@ -275,9 +275,9 @@ class Answers:
     ----------
     question : Question
     models : tuple of ModelShape
-        That it was asked of: the open one's, and one to compare with or none.
+        Models that were tested: that of the open result, and optionally one for comparison.
     studies : tuple of (Study, ...)
-        For each request, that of each model.
+        Studies of each model, for each request.
     """
 
     question: Question
@@ -291,7 +291,7 @@ class Answers:
 
 
 def question_of(requests: Sequence[StudyRequest], result: Result, cohort: Cohort) -> Question:
-    """Return a question with the table's present values, so that later changes can be detected."""
+    """Return a question with the table's current values, so that later changes can be detected."""
     present = with_current_table(result, cohort)
     known = {name for columns in present.columns for name in columns}
     used = [request.column for request in requests]
@@ -309,12 +309,12 @@ def question_of(requests: Sequence[StudyRequest], result: Result, cohort: Cohort
 def answer_question(
     models: "Sequence[ModelShape]", cohort: Cohort, requests: Sequence[StudyRequest], tick: Tick
 ) -> "tuple[Answers, list[GroupAnswer]]":
-    """Answer all requests in each model, and carry the first two groups' difference to the surface.
+    """Answer all requests in each model, and map the first two groups' difference to the surface.
 
     Raises
     ------
     InputError
-        If groups are too small or values missing; says which.
+        If groups are too small or values are missing; the message names them.
     """
     from homolog_app.report.study import run_study
 
@@ -333,17 +333,17 @@ def answer_question(
 def map_answers(
     answers: Answers, models: "Sequence[ModelShape]", cohort: Cohort, which: tuple[int, int], tick: Tick
 ) -> "list[GroupAnswer]":
-    """Carry a difference or slope to the surface of those models that are still shown.
+    """Map a difference or slope to the surfaces of the displayed models.
 
     Parameters
     ----------
     answers : Answers
     models : sequence of ModelShape
-        Those that are shown.
+        The displayed models.
     cohort : Study
-        With the table as it is now.
+        Study with the current table.
     which : (int, int)
-        Request, and pair of its groups.
+        Indices of request and pair of groups.
     tick : Tick
         Progress and cancelling.
     """
@@ -366,7 +366,7 @@ def save_answers(project: ProjectFolder, answers: Answers, cohort: Cohort, tick:
 def repeat_by_seed(
     project: ProjectFolder, answers: Answers, cohort: Cohort, seeds: int, tick: Tick
 ) -> list[str]:
-    """Answer with other seeds of the correspondence too, as ``--seeds`` does; store the answers."""
+    """Answer also with other seeds of the correspondence, as ``--seeds`` does; store the answers."""
     from homolog_app.report.seeds import answer_by_seed, spread_text, write_spread
     from homolog_app.report.tables import save_study
 

@@ -20,9 +20,9 @@ THUMBNAIL = 64
 _MARGIN = 6
 _MOST_VOXELS = 128**3
 _MOST_DRAWN = 2**30
-"""Voxels that are gone through for the pictures of a file's labels, at most."""
+"""Largest number of voxels that are processed for the thumbnails of a file's labels."""
 _MOST_MEASURED = 2**31
-"""Bytes of a subject's files that are read for the volumes of all structures, at most."""
+"""Largest number of bytes of a subject's files that are read for the volumes of all structures."""
 _GZIP_END = 4
 _LIGHT = np.array([-0.4, -0.8, 0.45])
 
@@ -34,13 +34,13 @@ class LabelSummary:
     Attributes
     ----------
     value : int or None
-        Its label; None if it has a file of its own.
+        Label of the structure; None if it has a file of its own.
     volume_ml : float or None
-        None if measuring all of the subject's files would take long.
+        Volume; None if measuring all of the subject's files would take long.
     thumbnail : (64, 64) uint8 array or None
-        0 where nothing is; None if there are many.
+        Thumbnail, 0 in the background; None if there are many structures.
     name : str
-        Empty if nothing names it.
+        Name of the structure; empty if unknown.
     at_border : bool
         Whether it touches the border of its image.
     """
@@ -61,21 +61,21 @@ class FileSurvey:
     subject : Subject
     label : int or None
     segment : str or None
-        The value and the name that were looked at; everything if both are None.
+        Value and name of the previewed structure; both are None for all structures.
     problem : str
-        Why the file can't be used, for people; empty if it can.
+        Reason why the file can't be used; empty if it can.
     volume_ml : float
-        Of a surface with its openings closed flat; 0 if it has none.
+        Volume; that of a surface is computed with openings closed flat, and 0 if it has no volume.
     thumbnail : (64, 64) uint8 array or None
-        Seen from the front, 0 where nothing is.
-    labels : tuple of LabelFound
-        What the files hold; empty for surfaces.
+        View from the front, 0 in the background.
+    labels : tuple of LabelSummary
+        Structures in the files; empty for surfaces.
     voxels : Segmentation or None
         The voxels around the structure; None for surfaces.
     surface : TriangleMesh or None
-        The structure as it is in the file, in its own coordinates.
+        The structure as stored, in the coordinates of the file.
     every : int
-        The surface was made of every n-th voxel only, to be quick.
+        The surface was computed from every n-th voxel, to save time.
     """
 
     subject: Subject
@@ -98,8 +98,8 @@ class FileSurvey:
 def survey_subject(subject: Subject, label: int | None, segment: str | None = None) -> FileSurvey:
     """Preview a subject's file. An unusable file gives a preview with a problem, not an error.
 
-    A file whose structures can't be taken together, because they overlap or lie apart, has a problem and
-    its labels.
+    A file whose structures can't be combined, because they overlap or are separate, has a problem and a list
+    of its labels.
     """
     survey = FileSurvey(subject, label, segment=segment)
     try:
@@ -131,7 +131,7 @@ def _with_mesh(survey: FileSurvey, path: Path) -> FileSurvey:
 
 
 def _volume(mesh: TriangleMesh) -> float:
-    """Return a surface's volume [mm³] with its openings closed flat; 0 where that leaves it open."""
+    """Return a surface's volume [mm³] with its openings closed flat; 0 if it remains open."""
     from homolog.surfaces.rims import capped
 
     vertices, caps, _, _, still_open, _ = capped(mesh.vertices, mesh.faces, np.zeros(len(mesh.faces), int))
@@ -149,7 +149,7 @@ def _with_voxels(survey: FileSurvey, chosen: Segmentation) -> FileSurvey:
 
 
 def _labels(volume: Volume) -> tuple[LabelSummary, ...]:
-    """Return the structures of a file, with pictures if it does not take long to draw them."""
+    """Return the structures of a file, with thumbnails if these are fast to draw."""
     extents = volume.extents()
     drawn = len(extents) * volume.layers[0].size < _MOST_DRAWN
     return tuple(
@@ -165,7 +165,7 @@ def _labels(volume: Volume) -> tuple[LabelSummary, ...]:
 
 
 def _of_masks(subject: Subject, masks: Mapping[str, Path]) -> tuple[LabelSummary, ...]:
-    """Return the structures of a subject that has a file for each; measured if it does not take long."""
+    """Return the structures of a subject with a file for each, measured if this is fast."""
     if sum(map(_unpacked_bytes, masks.values())) > _MOST_MEASURED:
         return tuple(LabelSummary(None, None, None, name) for name in masks)
     return tuple(

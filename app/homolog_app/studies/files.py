@@ -51,11 +51,11 @@ class ViewRecord(BaseModel):
         The open step, empty if unknown, and the open page of Explore by its title.
     selection : tuple of str
     layout : int
-        Subjects a page of the views.
+        Number of subjects per page of the views.
     camera : CameraState or None
-        From where the views looked; None for the usual side.
+        Camera of the views; None for the default.
     opacity : float
-        Of the surfaces.
+        Opacity of the surfaces.
     letters, scale_bar : bool
         Whether the anatomical directions and a scale bar are shown.
     """
@@ -99,7 +99,7 @@ class Opened:
 
 
 def record_of(study: Study, project: ProjectFolder, view: ViewRecord) -> StudyRecord:
-    """Return a study for the disk, with paths that start at the project's folder."""
+    """Return a study for the disk, with paths relative to the project's folder."""
     return StudyRecord(
         subjects=project.describe(study.whole),
         excluded=[member.name for member in study.members if not member.included],
@@ -109,7 +109,7 @@ def record_of(study: Study, project: ProjectFolder, view: ViewRecord) -> StudyRe
 
 
 def study_of(record: StudyRecord, folder: Path) -> Study:
-    """Return the study of a record whose paths start at a folder."""
+    """Return the study of a record whose paths are relative to a folder."""
     excluded = set(record.excluded)
     members = tuple(
         Member(
@@ -155,7 +155,7 @@ def open_project(project: ProjectFolder) -> Opened:
     Raises
     ------
     InputError
-        If the folder is no project or damaged.
+        If the folder is not a project, or damaged.
     """
     project.recover()
     record = project.read()
@@ -250,7 +250,7 @@ class InterruptedSession:
         return Path(self.record.folder) if self.record.folder else self.folder / _DRAFT
 
     def discard(self) -> None:
-        """Delete it."""
+        """Delete the journal."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
@@ -282,9 +282,9 @@ def interrupted_text(checkpoint: Path, particles: int) -> str:
     Parameters
     ----------
     checkpoint : Path
-        The file.
+        The checkpoint file.
     particles : int
-        How many were wanted.
+        Requested number of particles.
     """
     try:
         placed, iterations, fraction = _read(checkpoint, checkpoint.stat().st_mtime_ns)

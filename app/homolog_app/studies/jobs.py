@@ -82,7 +82,7 @@ def read_files(
 
 
 def import_model(source: Path, folder: Path, domain: str, tick: Tick) -> list[str]:
-    """Create a project from another program's model; return remarks on it."""
+    """Create a project from another program's model; return remarks on the import."""
     from homolog import exchange
 
     return exchange.import_model(source, ProjectFolder(folder), domain=domain, tick=tick)
@@ -149,7 +149,7 @@ def groomed_before(
         try:
             key = content_key(read_source(subject, settings.groom), settings.groom)
         except InputError:
-            return None  # said where files are read
+            return None  # reported when files are read
         kept = load_groomed(project.groomed, subject.name, key)
         if kept is None:
             return None
@@ -186,7 +186,7 @@ class RunJob:
 
     @property
     def keeps(self) -> bool:
-        """Whether it has particles that can be saved when it is cancelled; an initial result remains."""
+        """Whether particles can be saved when the run is cancelled; an initial result remains."""
         return self._run.can_be_kept
 
     @property
@@ -221,7 +221,7 @@ class RunJob:
         return self._finished() if self._run.keep() else None
 
     def execute(self) -> LoadedResult:
-        """Do the run and read its result; raises Cancelled if it was cancelled."""
+        """Execute the run and read its result; raises Cancelled if it was cancelled."""
         from homolog.run import FinishReason
 
         try:
@@ -240,7 +240,7 @@ class RunJob:
         frame = self._run.frame
         if frame is not None and frame is not self._last:
             self._last = frame
-            if frame.iteration > 0:  # before, there are no energies
+            if frame.iteration > 0:  # before the first iteration there are no energies
                 self.recorder.take(frame.iteration, frame.world, frame.energies, frame.alignments)
         if not self._from_result:
             self._fits.look()

@@ -1,4 +1,4 @@
-"""A project's result as the window shows it: surfaces of its subjects, recorded frames of its run."""
+"""A project's result with the data for the window: surfaces of its subjects, recorded frames of its run."""
 
 import threading
 from collections import OrderedDict
@@ -28,7 +28,7 @@ _MOST_FRAMES = 200
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedFrame:
-    """The (M, n, 3) particles [mm] at an iteration, in the common coordinates of that moment, read-only.
+    """The (M, n, 3) particles [mm] at an iteration, in the common coordinates at that time, read-only.
 
     `alignments`, (M, 4, 4) from local to these coordinates, are None in frames of version 0.1.
     """
@@ -40,19 +40,20 @@ class RecordedFrame:
 
 _Surfaces = tuple[TriangleMesh, TriangleMesh]
 _MOST_KEPT = 200
-"""Subjects whose surfaces are kept in memory."""
+"""Largest number of subjects whose surfaces are kept in memory."""
 
 
 class SubjectSurfaces(Mapping[str, _Surfaces]):
-    """Groomed surfaces by subject, each with a light one of the same shape, in local coordinates.
+    """Groomed surfaces by subject, each with a simplified one, in local coordinates.
 
-    One that is not in memory is read from the project: InputError is raised if it is missing or damaged.
+    Surfaces that are not in memory are read from the project; InputError is raised if they are missing or
+    damaged.
 
     Parameters
     ----------
     project : ProjectFolder
     subjects : sequence of ResultSubject
-        Of its result.
+        Subjects of its result.
     """
 
     def __init__(self, project: ProjectFolder, subjects: Sequence[ResultSubject]) -> None:
@@ -62,14 +63,14 @@ class SubjectSurfaces(Mapping[str, _Surfaces]):
         self._lock = threading.Lock()
 
     def read_first(self, tick: Tick = no_tick) -> None:
-        """Read all surfaces, if they are kept; they remain available then if the folder is lost."""
+        """Read all surfaces, if they are kept; they then remain available if the folder is lost."""
         if len(self) <= _MOST_KEPT:
             for number, name in enumerate(self):
                 tick(number / len(self), f"surface of {name}")
                 self[name]
 
     def __getitem__(self, name: str) -> _Surfaces:
-        """Return the surface of a subject and a light one."""
+        """Return the surface of a subject, and a simplified one."""
         with self._lock:
             if name in self._kept:
                 self._kept.move_to_end(name)
@@ -109,13 +110,13 @@ class LoadedResult:
     ----------
     result : Result
     surfaces : mapping of str to (TriangleMesh, TriangleMesh)
-        The groomed surface of each subject and a light one of the same shape, in local coordinates.
+        The groomed surface of each subject, and a simplified one, in local coordinates.
     energies : (T, 4) float64 array
-        Iteration and the three parts of the objective.
+        Iteration and the three terms of the objective.
     frames : tuple of RecordedFrame
-        Moments of the run, oldest first; empty if none were kept.
+        Recorded frames of the run, oldest first; may be empty.
     summary : str
-        One line for people.
+        Summary in one line.
     record : ResultRecord
         The record of the result.
     """
@@ -129,7 +130,7 @@ class LoadedResult:
 
     @property
     def method(self) -> Method:
-        """That placed the particles."""
+        """The method that placed the particles."""
         return self.record.settings.optimize.method
 
     @property
@@ -139,7 +140,7 @@ class LoadedResult:
 
 
 class Recorder:
-    """Records frames of a run: all at first, fewer the longer it lasts."""
+    """Records frames of a run: all at first, then fewer."""
 
     def __init__(self) -> None:
         self.frames: list[RecordedFrame] = []
@@ -185,7 +186,7 @@ def load_result(project: ProjectFolder, tick: Tick = no_tick) -> LoadedResult:
     Raises
     ------
     InputError
-        If there is none, or a file is missing or damaged.
+        If there is no result, or a file is missing or damaged.
     """
     result = read_result(project, part_of(tick, 0.0, 0.3))
     record = project.read().result
@@ -211,8 +212,8 @@ def write_from_memory(
     Parameters
     ----------
     project : ProjectFolder
-        Without a result.
-    loaded : Loaded
+        A project without a result.
+    loaded : LoadedResult
         The result in memory, without groomed volumes.
     cohort : Cohort
         The subjects of the project.
@@ -260,7 +261,7 @@ def _remarks(record: ResultRecord) -> str:
 def _energies(project: ProjectFolder) -> FloatArray:
     path = project.folder / "energies.csv"
     try:
-        rows = path.read_text(encoding="utf-8").splitlines()[1:]  # none of a model that was imported
+        rows = path.read_text(encoding="utf-8").splitlines()[1:]  # empty for an imported model
         return frozen(np.array([row.split(",") for row in rows], dtype=np.float64).reshape(-1, 4))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: can't be read: {error}; run again") from error
@@ -276,7 +277,7 @@ def _frames(project: ProjectFolder) -> tuple[RecordedFrame, ...]:
     if not path.is_file():
         return ()
     arrays = read_arrays(path)
-    if str(arrays.get("result")) != _fingerprint(project):  # another run has replaced the result since
+    if str(arrays.get("result")) != _fingerprint(project):  # another run has replaced the result
         return ()
     return tuple(
         RecordedFrame(int(iteration), arrays[f"frame_{index:04d}"], arrays.get(f"alignments_{index:04d}"))

@@ -55,9 +55,9 @@ class ModelShape:
     Attributes
     ----------
     name : str
-        The project's.
+        Name of the project.
     method : Method
-        That placed the particles.
+        The method that placed the particles.
     result : Result
     model : ShapeModel
     parallel : ParallelAnalysis
@@ -65,13 +65,13 @@ class ModelShape:
     mean : TriangleMesh
         The mean surface, V vertices.
     mean_normals : (V, 3) float32 array
-        Its unit normals.
+        Unit normals of the mean surface.
     moves : (K, 3 V) float32 array
         Displacement of the vertices for one standard deviation of each mode [mm].
     faces : (3, F) int array
         First, second and third corner of each face.
     corners : (V, F) sparse float32 array
-        One where a vertex is a corner of a face: sums face normals at vertices.
+        One where a vertex is a corner of a face; the matrix sums face normals at vertices.
     arrows_at : (A,) int array
         Vertices where arrows are drawn, evenly spread.
     limit : float
@@ -108,7 +108,7 @@ class ModelShape:
 
     def moved(self, deviations: FloatArray) -> Float32Array:
         """Return displacements from the mean (V, 3) [mm] at multiples (k,) of the modes' deviations."""
-        # Not by BLAS, whose threads would have to be woken for a product as small as this.
+        # Without BLAS: waking its threads would take longer than this small product.
         amounts = np.asarray(deviations, dtype=np.float32)
         flat: Float32Array = np.einsum("k,kv->v", amounts, self.moves[: len(amounts)])
         return flat.reshape(-1, 3)
@@ -125,7 +125,7 @@ class ModelShape:
     def carried(self, displacements: FloatArray) -> Float32Array:
         """Return displacements of the vertices (m, V, 3) for those of the particles (m, N, 3) [mm].
 
-        Takes long: solves the spline.
+        This is slow, because it solves the spline.
         """
         return _carried(self.result, displacements)
 
@@ -136,7 +136,7 @@ def read_model_shape(folder_name: str, project: ProjectFolder, tick: Tick) -> Mo
     Raises
     ------
     InputError
-        If the folder is no project or holds no result.
+        If the folder is not a project, or has no result.
     """
     tick(0.0, f"reading {folder_name}")
     record = project.read().result
@@ -147,7 +147,7 @@ def read_model_shape(folder_name: str, project: ProjectFolder, tick: Tick) -> Mo
 
 
 def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_tick) -> ModelShape:
-    """Fit the shape model of a result and carry its modes to the mean surface.
+    """Fit the shape model of a result, and map its modes to the mean surface.
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ def largest_region(faces: IntArray, inside: BoolArray) -> BoolArray:
 
 
 def middle_of(shape: "ModelShape", region: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Return the vertex of a region nearest to its middle [mm] and the mean surface's normal there."""
+    """Return the vertex of a region nearest to its centre [mm], and the mean surface's normal there."""
     vertices = shape.mean.vertices
     chosen = np.flatnonzero(region)
     nearest = chosen[np.linalg.norm(vertices[chosen] - vertices[chosen].mean(axis=0), axis=1).argmin()]
@@ -273,7 +273,7 @@ class PreliminaryModel:
     ----------
     shape : ModelShape
     particles, wanted : int
-        Particles on each shape, now and at the end of the run.
+        Numbers of particles on each shape, now and at the end of the run.
     iteration : int
     """
 
@@ -295,7 +295,7 @@ class PreliminaryFits:
     ----------
     run : Run
     name : str
-        The project's, for captions.
+        Name of the project, for captions.
     method : Method
     wanted : int
         Final number of particles of the run.
@@ -303,7 +303,7 @@ class PreliminaryFits:
     Attributes
     ----------
     newest : PreliminaryModel or None
-        Any thread may read it.
+        The newest model; any thread may read it.
     """
 
     def __init__(self, run: "Run", name: str, method: Method, wanted: int) -> None:

@@ -49,7 +49,7 @@ _MOST_CATEGORIES = 12
 
 
 def size_name(study: Study) -> str:
-    """Return the name of the shapes' own size: ``size``, unless the table has a column of that name."""
+    """Return the name of the shapes' size: ``size``, unless the table has a column of that name."""
     return SHAPE_SIZE if SIZE in study.columns else SIZE
 
 
@@ -60,9 +60,9 @@ def values_of(study: Study, column: str) -> list[str]:
 
 
 def numbers_of(study: Study, *, complete: bool = False) -> dict[str, str]:
-    """Return the columns of different numbers, each with the reason why it can't be used, or an empty text.
+    """Return the numeric columns, each with the reason why it can't be used, or an empty text.
 
-    Size is included; unusable ones come last. With `complete`, missing values are allowed.
+    Size is included; unusable columns come last. With `complete`, missing values are allowed.
     """
     own = size_name(study)
     problems = {own: ""}
@@ -85,9 +85,9 @@ def has_missing(study: Study) -> bool:
 
 
 def covariates_of(study: Study, column: str, *, complete: bool = False) -> dict[str, str]:
-    """Return the possible covariates for a column, each with why it can't be used, or an empty text.
+    """Return the possible covariates for a column, each with a reason why it can't be used, or an empty text.
 
-    Numbers with few values are offered as codes of categories too (``site:c``).
+    Numbers with few values are also offered as codes of categories (``site:c``).
     """
     problems = {}
     own = size_name(study)
@@ -122,7 +122,7 @@ def _unusable(cells: list[str]) -> str:
 
 
 def pairings_of(study: Study, column: str, between: tuple[str, str]) -> list[str]:
-    """Return the columns that can pair two values of a column: half of their subjects, each in one pair."""
+    """Return the columns that uniquely pair at least half of the subjects with two values of a column."""
     labels = _cells(study, column)
     offered = []
     for name in ("group", *study.columns):

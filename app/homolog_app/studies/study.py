@@ -1,4 +1,4 @@
-"""A study as one immutable value, and extensions of its result."""
+"""A study as an immutable value, and extensions of its result."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -41,7 +41,7 @@ __all__ = [
 
 
 FILES = f"Segmentations and surfaces ({' '.join(f'*{suffix}' for suffix in IMAGE_SUFFIXES + MESH_SUFFIXES)})"
-"""A filter for dialogs of files."""
+"""Filter for file dialogs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ class Study:
         return replace(self, members=tuple(changed.get(member.name, member) for member in self.members))
 
     def adding(self, subjects: Iterable[Subject]) -> "Study":
-        """Return the study with more subjects; files that are listed already are not added again."""
+        """Return the study with more subjects; files that are already listed are not added again."""
         files = {member.subject.path for member in self.members}
         names = {member.name for member in self.members}
         added = []
@@ -145,7 +145,7 @@ def read_subjects(paths: Iterable[Path]) -> Cohort:
     Raises
     ------
     InputError
-        If a folder holds none, or a file is of no known kind.
+        If a folder contains no subjects, or a file is of an unknown kind.
     """
     subjects: list[Subject] = []
     notes: list[str] = []
@@ -193,9 +193,9 @@ class Extension:
     particles : int
         Number of particles to add, if requested.
     subjects : tuple of str
-        New ones that can be fitted to it.
+        New subjects that can be fitted to the result.
     message : str
-        What the run would do, or what it requires.
+        Description of the run, or its requirements.
     """
 
     particles: int
@@ -205,7 +205,7 @@ class Extension:
 
 def extension_of(study: Study, result: ResultRecord) -> Extension:
     """Return the possible extension of a result by a run of a study."""
-    known = dict.fromkeys(subject.name for subject in result.subjects)  # not lists: thousands are looked up
+    known = dict.fromkeys(subject.name for subject in result.subjects)  # not a list: thousands are looked up
     names = dict.fromkeys(subject.name for subject in study.included)
     fresh = tuple(name for name in names if name not in known)
     gone = [name for name in known if name not in names]
@@ -245,7 +245,7 @@ def extension_of(study: Study, result: ResultRecord) -> Extension:
 
 def outdated_text(study: Study, result: ResultRecord) -> str:
     """Describe changes of cohort and settings since a result was computed; empty without changes."""
-    known = dict.fromkeys(subject.name for subject in result.subjects)  # not lists: thousands are looked up
+    known = dict.fromkeys(subject.name for subject in result.subjects)  # not a list: thousands are looked up
     names = dict.fromkeys(subject.name for subject in study.included)
     gone, fresh = [name for name in known if name not in names], [name for name in names if name not in known]
     parts = [f"{_listed(gone)} {_are(gone)} excluded in Cohort but still part of it"] if gone else []
@@ -280,7 +280,7 @@ def _them(names: list[str]) -> str:
 
 
 def with_current_table(result: Result, study: Study) -> Result:
-    """Return a result with the present groups and columns of the study's table."""
+    """Return a result with the current groups and columns of the study's table."""
     present = {member.name: member.subject for member in study.members}
     groups, columns = [], []
     for name, group, values in zip(result.names, result.groups, result.columns, strict=True):

@@ -304,5 +304,5 @@ def test_the_only_structure_of_a_file_may_have_the_files_name(nifti):
     volume = read_volume(nifti("Left Kidney.nii.gz", one))
     assert volume.segmentation(None, "kidney_left").mask.sum() == one.sum()
     for path, name in ((nifti("a/kidney.nii.gz", two), "kidney"), (nifti("b/kidney.nii.gz", one), "liver")):
-        with pytest.raises(InputError, match="has no structure called"):
+        with pytest.raises(InputError, match="has no structure named"):
             read_volume(path).segmentation(None, name)

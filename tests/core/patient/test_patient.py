@@ -345,7 +345,7 @@ def test_the_nearest_controls_are_told_only_by_a_reference_that_keeps_scores(ref
 
 def test_scores_that_do_not_belong_to_the_controls_are_refused(reference, tmp_path):
     replace(reference, scores=np.zeros((3, reference.modes))).save(tmp_path / "bad.npz")
-    with pytest.raises(InputError, match="do not belong together"):
+    with pytest.raises(InputError, match="inconsistent"):
         Reference.load(tmp_path / "bad.npz")
 
 

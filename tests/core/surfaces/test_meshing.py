@@ -166,7 +166,7 @@ def test_the_largest_of_two_surfaces_is_returned():
 
 
 def test_a_field_without_a_surface_is_an_error():
-    with pytest.raises(NumericalError, match="nothing is left"):
+    with pytest.raises(NumericalError, match="vanishes"):
         isosurface(DistanceField(np.ones((8, 8, 8)), np.eye(4)))
 
 
