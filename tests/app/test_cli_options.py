@@ -76,7 +76,7 @@ def test_an_option_works_by_its_former_name_with_a_hint(command, former, present
     assert capsys.readouterr().err == ""
     given = getattr(parser.parse_args([*command, *former]), name)
     assert (unset != value, given) == (True, value)
-    assert f"{former[0]} is now called {present}" in capsys.readouterr().err
+    assert f"{former[0]} was renamed to {present}" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         parser.parse_args([command[0], "--help"])
     text = capsys.readouterr().out
@@ -95,4 +95,4 @@ def test_a_removed_option_is_accepted_with_a_hint(value, capsys):
 def test_a_required_option_may_be_given_by_its_former_name(capsys):
     command = ["export", "screenshot", "project", "--out", "a.png", "--view", "{}"]
     assert cli.command_parser()[0].parse_args(command).scene == "{}"
-    assert "--view is now called --scene" in capsys.readouterr().err
+    assert "--view was renamed to --scene" in capsys.readouterr().err

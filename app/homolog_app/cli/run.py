@@ -259,9 +259,9 @@ def _run_inputs(arguments: argparse.Namespace) -> tuple[ProjectFolder, Cohort, R
         record, cohort = source.read(), source.cohort()
         settings = record.settings
         if arguments.resume and not record.unfinished:
-            raise InputError(f"{source.folder}: its last run has finished and can't be resumed")
+            raise InputError(f"{source.folder}: its last run has finished; there is nothing to resume")
     elif arguments.resume:
-        raise InputError(f"{source.folder}: is not a project, so that no run can be resumed")
+        raise InputError(f"{source.folder}: is not a project, so there is nothing to resume")
     elif arguments.fit:
         raise InputError(f"{source.folder}: is not a project with a result to which subjects can be fitted")
     elif arguments.out is None:

@@ -70,9 +70,9 @@ def _holds_zeros(stream: BinaryIO | gzip.GzipFile) -> bool:
     if any(offset):  # added to every value
         return False
     stream.seek(max(begin, 0))
-    found = False
+    has_zeros = False
     while part := stream.read(_PART):
         if part.count(0) < len(part):
             return False
-        found = True
-    return found
+        has_zeros = True
+    return has_zeros

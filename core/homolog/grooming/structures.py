@@ -174,14 +174,14 @@ def structures_of_files(cohort: Cohort) -> Structures:
         ]
         for subject, masks in by_subject.items()
     }
-    found = sorted(joined(unread), key=lambda structure: -len(structure.by_subject))
+    structures = sorted(joined(unread), key=lambda structure: -len(structure.by_subject))
     names = (name for masks in by_subject.values() for name in masks)
-    return Structures(tuple(found), {}, _unknown(names, found))
+    return Structures(tuple(structures), {}, _unknown(names, structures))
 
 
-def _unknown(names: Iterable[str], found: Sequence[Structure]) -> tuple[str, ...]:
+def _unknown(names: Iterable[str], structures: Sequence[Structure]) -> tuple[str, ...]:
     """Return the names, each once, that no structure has."""
-    known, rest = [structure.name for structure in found], list[str]()
+    known, rest = [structure.name for structure in structures], list[str]()
     for name in names:
         if not any(same_name(name, other) for other in (*known, *rest)):
             rest.append(name)
