@@ -48,7 +48,9 @@ _MIN_SUBJECTS = 3  # fewer subjects do not show which of them is unusual
 _TURNED = 60.0  # degrees: a larger rotation gets a note
 _DOUBTFUL = 40.0  # degrees: a larger rotation relative to the others is checked again
 _NEIGHBOURS = 3
-_LINKS = 4  # shapes to which each is registered if files have arbitrary orientations
+_LINKS, _PAIRS = 4, 56
+"""Shapes to which each is registered if files have arbitrary orientations: at least the first, and the second
+divided by their number, since in a small cohort few shapes are similar."""
 _EPSILON = 1e-6  # stands for distance zero, since SciPy's graphs drop edges up to 1e-8
 _CLEARLY_BETTER, _UNLIKE = 0.6, 1.5
 """A held shape is rotated freely if that reduces its distance to less than the first factor, and if its
@@ -56,6 +58,10 @@ distance exceeds the second factor times the median."""
 _CLOSER = 0.75
 """Inconsistent orientations of files are ignored if the sum of distances then falls below this fraction."""
 _KEPT = "the shapes are nearly round or symmetric; the consistent orientation of the files was kept"
+_UNSURE = (
+    "the shapes are nearly round or symmetric, and the orientations of the files are not clearly consistent: "
+    "its rotation relative to the others is uncertain; check it, or give all files one orientation"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,12 +84,14 @@ class Registration:
 class _Fits:
     """Registrations to the medoid.
 
-    `held` says whether they keep the orientations of the files. `turns` contains the rotation angles
+    `held` says whether they keep the orientations of the files, `unsure` whether neither shapes nor files
+    determine the orientations. `turns` contains the rotation angles
     [degrees] that would improve the fit clearly, by index of the shape.
     """
 
     fits: list[Fit]
     held: bool = False
+    unsure: bool = False
     turns: dict[int, float] = field(default_factory=dict)
 
 
@@ -197,14 +205,15 @@ def _fits(
         turns = better_turned(
             units, fits, by_typicality(units).tolist(), partial(register_pair, free=True), tick
         )
+    unsure = is_soft and not alike
     if not holds and 2 * np.count_nonzero(doubtful) >= len(units):
-        return _Fits(_by_neighbours(units, middle, register_pair, tick))
+        return _Fits(_by_neighbours(units, middle, register_pair, tick), unsure=unsure)
     fits = _reconsidered(units, reference, fits, doubtful, register_pair, tick)
     if not alike and _distance(others := _by_neighbours(units, middle, register_pair, tick)) < (
         _CLOSER * _distance(fits)
     ):
-        return _Fits(others)
-    return _Fits(fits, holds, turns)
+        return _Fits(others, unsure=unsure)
+    return _Fits(fits, holds, unsure, turns)
 
 
 def _doubtful(fits: Sequence[Fit]) -> BoolArray:
@@ -277,9 +286,10 @@ def _by_neighbours(
     of the files are ignored.
     """
     radii = radii_of(units)
+    links = max(_LINKS, _PAIRS // len(units))
     apart = np.abs(radii[:, None] - radii).sum(axis=2) + _EPSILON
     linked = minimum_spanning_tree(apart).toarray() > 0.0
-    nearest = np.argsort(apart, axis=1, kind="stable")[:, : _LINKS + 1]  # the first is the shape itself
+    nearest = np.argsort(apart, axis=1, kind="stable")[:, : links + 1]  # the first is the shape itself
     np.put_along_axis(linked, nearest, True, axis=1)
     first, second = np.nonzero(np.triu(linked | linked.T, 1))
     pairs = list(zip(first.tolist(), second.tolist(), strict=True))
@@ -323,7 +333,7 @@ def _notes(
     for index, (distance, angle, ratio) in enumerate(
         zip(distances.tolist(), angles.tolist(), ratios.tolist(), strict=True)
     ):
-        note = _KEPT if registrations.held else None
+        note = _KEPT if registrations.held else _UNSURE if registrations.unsure else None
         if not 1.0 / _OTHER_SIZE < ratio < _OTHER_SIZE:
             times, word = (ratio, "large") if ratio > 1.0 else (1.0 / ratio, "small")
             note = f"is {times:.0f} times as {word} as most others; check that its unit is mm"
@@ -337,7 +347,7 @@ def _notes(
                 f"does not look like the others: {100.0 * distance:.0f} % of its size away from the most "
                 f"typical subject, usually {100.0 * typical:.0f} %; check that it shows the same structure"
             )
-        elif many:
+        elif many and not registrations.unsure:
             note = (
                 "the files have different orientations; each shape was rotated to match the others: check it"
             )

@@ -1,3 +1,4 @@
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -273,6 +274,23 @@ def test_shapes_whose_files_lie_in_any_orientation_are_placed_by_the_closest_reg
     assert np.allclose(places, places[0], atol=1e-6)
 
 
+@pytest.mark.parametrize(("count", "links"), [(5, 4), (8, 7), (10, 5), (16, 4)])
+def test_of_few_shapes_in_any_orientation_each_is_compared_with_more_of_the_others(paw, count, links):
+    turns = Rotation.random(count, random_state=0).as_matrix()
+    shapes = [moved(paw, turn, [1000.0 * k, 0.0, 0.0]) for k, turn in enumerate(turns)]
+    compared = Counter()
+
+    def register_pair(moving, fixed, *, free=False, bends=False):
+        pair = [round(item.centre[0] / 1000.0) for item in (moving, fixed)]
+        compared.update(pair if bends else ())
+        pose = np.eye(4)
+        pose[:3, :3] = turns[pair[1]] @ turns[pair[0]].T
+        return Fit(pose, 0.1)
+
+    register(shapes, GroomSettings(), register_pair=register_pair)
+    assert min(compared.values()) == links
+
+
 @pytest.mark.parametrize(("bends", "degrees"), [(False, 180.0), (True, 0.0)])
 def test_a_rod_that_widens_towards_its_other_end_is_told_by_its_hook_once_bent(coarse_egg, bends, degrees):
     rod = coarse_egg.vertices * [1.5, 0.5, 0.6]
@@ -329,6 +347,12 @@ def test_a_round_shape_that_is_turned_in_its_file_is_noted(paw, egg):
     notes = register(cohort, GroomSettings()).notes
     assert ["rotation by" in (note or "") for note in notes] == [index == 4 for index in range(8)]
     assert "round" in (notes[0] or "")
+
+
+def test_where_neither_round_shapes_nor_their_files_tell_how_they_lie_a_note_says_so(paw, coarse_egg):
+    for turns, is_unsure in ((Rotation.random(8, random_state=3), True), (Rotation.identity(8), False)):
+        notes = register(_round_organs(paw, coarse_egg, turns), GroomSettings()).notes
+        assert ["uncertain" in (note or "") for note in notes] == [is_unsure] * 8
 
 
 def test_files_agree_only_if_shapes_are_more_alike_in_them_than_turned_at_random(paw, coarse_egg):
