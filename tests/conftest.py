@@ -55,17 +55,46 @@ def _gpu_for_marked_tests(request):
 
 
 @pytest.fixture(scope="session")
-def ellipsoids(tmp_path_factory):
+def made_once(tmp_path_factory):
+    """Return a function that fills a folder of this process; of several processes only the first works.
+
+    The others copy what it made, with its times: a project may be open in one process at a time only.
+    """
+    from filelock import FileLock
+
+    def folder_of(name, fill):
+        folder = tmp_path_factory.mktemp(name)
+        if "PYTEST_XDIST_WORKER" not in os.environ:
+            fill(folder)
+            return folder
+        common = tmp_path_factory.getbasetemp().parent / f"made-once-{name}"
+        with FileLock(f"{common}.lock"):
+            if common.is_dir():
+                shutil.copytree(common, folder, dirs_exist_ok=True)
+            else:
+                fill(folder)
+                partial = common.with_suffix(".partial")
+                shutil.copytree(folder, partial)
+                partial.rename(common)
+        return folder
+
+    return folder_of
+
+
+@pytest.fixture(scope="session")
+def ellipsoids(made_once):
     """Return a folder with the label maps of four ellipsoids, 1 mm voxels; not to be written to."""
     import SimpleITK
 
-    folder = tmp_path_factory.mktemp("cohort") / "scans"
-    folder.mkdir()
-    grid = np.stack(np.meshgrid(*[np.arange(-11.0, 12.0)] * 3, indexing="ij"))
-    for name, axes in (("a", (9, 7, 6)), ("b", (10, 7, 5)), ("c", (8, 7.5, 6)), ("d", (9.5, 6, 6.5))):
-        inside = (np.square(grid) / np.square(axes)[:, None, None, None]).sum(axis=0) <= 1.0
-        SimpleITK.WriteImage(SimpleITK.GetImageFromArray(inside.astype(np.uint8).T), folder / f"{name}.nrrd")
-    return folder
+    def fill(folder):
+        (folder / "scans").mkdir()
+        grid = np.stack(np.meshgrid(*[np.arange(-11.0, 12.0)] * 3, indexing="ij"))
+        for name, axes in (("a", (9, 7, 6)), ("b", (10, 7, 5)), ("c", (8, 7.5, 6)), ("d", (9.5, 6, 6.5))):
+            inside = (np.square(grid) / np.square(axes)[:, None, None, None]).sum(axis=0) <= 1.0
+            image = SimpleITK.GetImageFromArray(inside.astype(np.uint8).T)
+            SimpleITK.WriteImage(image, folder / "scans" / f"{name}.nrrd")
+
+    return made_once("cohort", fill) / "scans"
 
 
 @pytest.fixture(scope="session")
@@ -84,15 +113,19 @@ def short_settings():
 
 
 @pytest.fixture(scope="session")
-def finished_run(ellipsoids, short_settings):
+def finished_run(made_once, ellipsoids, short_settings):
     """Return a project beside the ellipsoids, with a result of theirs; not to be written to."""
     from homolog.cohort import read_cohort
     from homolog.files.project import ProjectFolder
     from homolog.run import Run
 
-    project = ProjectFolder(ellipsoids.parent / "project")
-    Run(project, read_cohort(ellipsoids), short_settings).execute()
-    return project
+    def fill(folder):
+        shutil.copytree(ellipsoids, folder / "scans")
+        Run(ProjectFolder(folder / "project"), read_cohort(folder / "scans"), short_settings).execute()
+
+    project = ellipsoids.parent / "project"
+    shutil.copytree(made_once("finished-run", fill) / "project", project)
+    return ProjectFolder(project)
 
 
 @pytest.fixture(scope="session")
@@ -165,10 +198,16 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: item.path.name != "test_repository.py")
 
 
+def pytest_collection():
+    """Turn garbage collection off: what is loaded with the tests stays, and to look at it takes seconds."""
+    gc.disable()
+
+
 def pytest_collection_finish():
     """Exempt modules and tests from garbage collection: each run collects, as the tests of windows do."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 @pytest.hookimpl(optionalhook=True)

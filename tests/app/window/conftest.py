@@ -54,12 +54,13 @@ def wait(qapp):
     from PySide6.QtCore import QEvent
 
     def until(condition, seconds=240.0, what=""):
-        end = time.monotonic() + seconds
+        begin = time.monotonic()
         while not condition():
-            assert time.monotonic() < end, f"waited {seconds} s in vain {what}"
+            waited = time.monotonic() - begin
+            assert waited < seconds, f"waited {seconds} s in vain {what}"
             qapp.processEvents()
             qapp.sendPostedEvents(None, QEvent.Type.DeferredDelete)  # as the program's own loop does
-            time.sleep(0.005)
+            time.sleep(min(0.002 + 0.05 * waited, 0.03))  # looking takes time from what is waited for
 
     return until
 
@@ -231,32 +232,35 @@ def explored(window, finished, tmp_path, wait):
 
 
 @pytest.fixture(scope="session")
-def bean_project(tmp_path_factory):
+def bean_project(made_once):
     """Return a project of ten coffee beans, those with a wide slot in a group; not to be written to.
 
     A voxel lies apart from the first, so that grooming has a note on it.
     """
-    from dataclasses import replace
-
     import SimpleITK
 
     from homolog.beans.files import write_beans
     from homolog.beans.generate import draw_beans
-    from homolog.cohort import Cohort
+    from homolog.cohort import Cohort, Subject
 
-    folder, beans = tmp_path_factory.mktemp("beans"), draw_beans(10)
-    cohort = write_beans(folder, beans, 5)
-    for subject in cohort.subjects:  # each test that opens the project reads them
-        image = SimpleITK.Shrink(SimpleITK.ReadImage(subject.path), [2, 2, 2])
-        image[1, 1, 1] = int(subject is cohort.subjects[0])
-        SimpleITK.WriteImage(image, subject.path)
+    beans = draw_beans(10)
     middle = sorted(bean.width for bean in beans)[5]
-    subjects = [
-        replace(subject, group="wide" if bean.width >= middle else "slim")
-        for subject, bean in zip(cohort.subjects, beans, strict=True)
-    ]
-    project = tmp_path_factory.mktemp("slots") / "project"
-    return run_quickly(project, Cohort(tuple(subjects), folder), alignment="none", spacing=1.5)
+
+    def write(folder):
+        for index, subject in enumerate(write_beans(folder, beans, 5).subjects):
+            image = SimpleITK.Shrink(SimpleITK.ReadImage(subject.path), [2, 2, 2])  # they are read often
+            image[1, 1, 1] = int(index == 0)
+            SimpleITK.WriteImage(image, subject.path)
+
+    def compute(folder):
+        subjects = [
+            Subject(path.stem, path.resolve(), "wide" if bean.width >= middle else "slim")
+            for path, bean in zip(sorted(scans.glob("*.nrrd")), beans, strict=True)
+        ]
+        run_quickly(folder / "project", Cohort(tuple(subjects), scans), alignment="none", spacing=1.5)
+
+    scans = made_once("beans", write)
+    return made_once("slots", compute) / "project"
 
 
 @pytest.fixture(scope="session")

@@ -27,9 +27,32 @@ def spread_of(world):
     return float(((world - world.mean(axis=0)) ** 2).sum() / (len(world) - 1) / world.shape[1])
 
 
+@dataclasses.dataclass
+class Watched:
+    """A whole optimization, and what it handed over on its way."""
+
+    result: object
+    checkpoints: list
+    frames: list
+    ticks: list
+
+
 @pytest.fixture(scope="module")
-def actual(ellipsoid_shapes):
-    return optimize(ellipsoid_shapes, QUICK)
+def watched(ellipsoid_shapes):
+    checkpoints, frames, ticks = [], [], []
+    result = optimize(
+        ellipsoid_shapes,
+        QUICK,
+        tick=lambda fraction, message: ticks.append((fraction, message)),
+        checkpoint=checkpoints.append,
+        observe=frames.append,
+    )
+    return Watched(result, checkpoints, frames, ticks)
+
+
+@pytest.fixture(scope="module")
+def actual(watched):
+    return watched.result
 
 
 def test_particles_lie_on_every_surface_and_spread_over_it(actual, ellipsoid_shapes):
@@ -63,9 +86,10 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(actual, ell
     assert np.abs(other.world - actual.world).max() > 0.1
 
 
-def test_a_resumed_optimization_ends_bit_identical_wherever_it_was_broken_off(actual, ellipsoid_shapes):
-    kept = []
-    optimize(ellipsoid_shapes, QUICK, checkpoint=kept.append)
+def test_a_resumed_optimization_ends_bit_identical_wherever_it_was_broken_off(
+    actual, watched, ellipsoid_shapes
+):
+    kept = watched.checkpoints
     assert len(kept) == len(plan_stages(QUICK))
     for checkpoint in (kept[2], kept[-2], kept[-1]):
         rest = optimize(ellipsoid_shapes, QUICK, resume=checkpoint)
@@ -88,15 +112,12 @@ def test_cancelling_stops_at_once_and_hands_over_a_checkpoint_to_go_on_from(actu
     np.testing.assert_array_equal(rest.world, actual.world)
 
 
-def test_every_iteration_there_is_a_chance_to_cancel(ellipsoid_shapes):
-    ticks = []
-    result = optimize(ellipsoid_shapes, QUICK, tick=lambda fraction, message: ticks.append(message))
-    assert sum("particles" in message for message in ticks) >= result.iterations
+def test_every_iteration_there_is_a_chance_to_cancel(watched):
+    assert sum("particles" in message for _, message in watched.ticks) >= watched.result.iterations
 
 
-def test_a_checkpoint_of_another_cohort_is_refused(ellipsoid_shapes):
-    kept = []
-    optimize(ellipsoid_shapes, QUICK, checkpoint=kept.append)
+def test_a_checkpoint_of_another_cohort_is_refused(watched, ellipsoid_shapes):
+    kept = watched.checkpoints
     with pytest.raises(InputError, match="another cohort"):
         optimize(ellipsoid_shapes[:4], QUICK, resume=kept[-1])
     faces = kept[-1].faces.copy()
@@ -105,9 +126,8 @@ def test_a_checkpoint_of_another_cohort_is_refused(ellipsoid_shapes):
         optimize(ellipsoid_shapes, QUICK, resume=dataclasses.replace(kept[-1], faces=faces))
 
 
-def test_frames_show_the_stages_in_order(ellipsoid_shapes):
-    frames = []
-    optimize(ellipsoid_shapes, QUICK, observe=frames.append)
+def test_frames_show_the_stages_in_order(watched):
+    frames = watched.frames
     iterations = [frame.iteration for frame in frames]
     assert iterations == sorted(iterations)
     assert all(frame.world.shape[0] == 5 for frame in frames)
