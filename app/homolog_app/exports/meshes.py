@@ -139,7 +139,7 @@ def write_meshes(
     groups : (str, str, str), optional
         Column and two groups, whose means are written with displacement, p and q.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Returns
     -------

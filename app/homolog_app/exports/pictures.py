@@ -177,7 +177,7 @@ def draw_plot(
     colour_by : str
         Column that determines colours and markers of scores.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Raises
     ------

@@ -86,7 +86,7 @@ def write_tables(
         Column and two groups to compare. By default, the studies stored by ``homolog analyze``; their stored
         tables are copied if they belong to this result.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Raises
     ------

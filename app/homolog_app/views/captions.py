@@ -21,12 +21,12 @@ _EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
 _FREE, _ROOM, _LEAST = 0.43, 0.97, 4
 _CUT, _BETWEEN = "…", " · "
 _PLATE = 0.75  # opacity
-_LETTER = 1.8  # room of a letter from its place, in heights of the text
+_LETTER = 1.8  # distance from a letter's position that it needs free, in text heights
 _LINE = 1.2  # line spacing
 
 
 class Caption:
-    """A caption of two lines, in the view's strip of one, that never leaves its view; and four letters."""
+    """A caption of two lines (one in a strip), which always fits into its view, and four letters."""
 
     def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
         self._renderer = renderer
@@ -46,9 +46,9 @@ class Caption:
             renderer.AddViewProp(actor)
 
     def show(self, lines: list[str], size: int, *, small: bool, letters: bool) -> None:
-        """Show a caption with text of a height in pixels, or hide it.
+        """Show a caption with a text height [pixels], or hide it.
 
-        Small views leave out the letter at the top, where the name is; its opposite is at the bottom.
+        In small views the letter at the top, where the name is, is omitted; its opposite is at the bottom.
         """
         wanted = (lines, size, small, letters)
         if wanted == self._shown:
@@ -70,7 +70,7 @@ class Caption:
     ) -> None:
         """Before each drawing: update the letters for a patient's axes (3, 3), and fit the caption.
 
-        In a strip the caption is one line and leaves free what is taken at its right [pixels].
+        In a strip the caption is one line, and a width `taken` at its right remains free [pixels].
         """
         for actor, text in zip(self._letters, edge_letters(axes, right, up), strict=True):
             if actor.GetInput() != text:
@@ -81,7 +81,7 @@ class Caption:
             self._fit(width, height, in_strip=in_strip, taken=taken)
 
     def has_room(self, taken: float) -> bool:
-        """Whether the first line fits next to what is taken of a strip [pixels]."""
+        """Whether the first line fits into a strip of which a width `taken` is occupied [pixels]."""
         width = self._renderer.GetSize()[0]
         return not self._lines or self._name_px + taken <= _ROOM * width
 
@@ -100,7 +100,7 @@ class Caption:
     def leave_free(self, low: FloatArray, high: FloatArray) -> None:
         """Before each drawing: omit letters on a shape.
 
-        Its parts are given by their lower left and upper right corners (n, 2) in the view, from 0 to 1.
+        The shape is given by its parts' lower left and upper right corners (n, 2) in the view, from 0 to 1.
         """
         room = np.array(self._renderer.GetSize(), dtype=np.float64)
         for actor, edge in zip(self._letters, _EDGES, strict=True):
@@ -125,7 +125,7 @@ class Caption:
         self.caption.GetTextProperty().SetFontFile(str(font))
         room = _ROOM * width - taken
         lines = written(text, font).split("\n")
-        if in_strip and self._length(lines[0]) > room:  # rather the whole name than parts of both
+        if in_strip and self._length(lines[0]) > room:  # the whole name is preferred to parts of both lines
             lines = written(self._lines[0], font).split("\n") if self._lines else lines
         lengths = [self._length(line) for line in lines]
         fitting = [self._shortened(*parts, room) for parts in zip(lines, lengths, strict=True)]
@@ -139,7 +139,7 @@ class Caption:
             actor.SetVisibility(lettered and high)
 
     def _shortened(self, line: str, length: float, room: float) -> str:
-        """Return a line, shortened in the middle to fit the room."""
+        """Return a line, shortened in the middle to fit into a width."""
         short, keep = line, len(line)
         while length > room and keep > _LEAST:
             keep = max(_LEAST, min(keep - 1, int(keep * room / length)))
@@ -148,7 +148,7 @@ class Caption:
         return short
 
     def _length(self, line: str) -> float:
-        """Return how many pixels a line takes."""
+        """Return the width of a line [pixels]."""
         size = [0.0, 0.0]
         self.caption.SetInput(line)
         self.caption.GetSize(self._renderer, size)
@@ -156,7 +156,7 @@ class Caption:
 
 
 def text_at(x: float, y: float) -> pv.Text:
-    """Return an empty text at a place of the view, in shares of it."""
+    """Return an empty text at a position of the view, in fractions of it."""
     actor = _plain_text()
     actor.GetPositionCoordinate().SetCoordinateSystemToNormalizedViewport()
     actor.SetPosition(x, y)
@@ -177,7 +177,7 @@ def text_box(renderer: Any, text: Any) -> FloatArray:  # noqa: ANN401 - VTK is u
 
 def _plain_text() -> pv.Text:
     actor = pv.Text()
-    actor.prop.set_font_file(font_file())  # VTK's own fonts know no Greek
+    actor.prop.set_font_file(font_file())  # VTK's own fonts have no Greek letters
     return actor
 
 
@@ -190,7 +190,7 @@ _LOWEST = 5.5  # height of the lowest view with a scale bar and a caption, in he
 class ScaleBar:
     """A line with its length in millimetres, at the lower left of a view in parallel projection.
 
-    In the strip of a view it stands at the right.
+    In the strip of a view it is at the right.
     """
 
     def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
@@ -208,7 +208,7 @@ class ScaleBar:
             renderer.AddViewProp(actor)
 
     def show(self, shown: bool, size: int) -> None:
-        """Show the bar with text of a height in pixels, or hide it."""
+        """Show the bar with a text height [pixels], or hide it."""
         self._size, self._wanted, self._drawn = size, shown, None
         for actor in (self._line, self._text):
             actor.SetVisibility(shown)
@@ -223,7 +223,7 @@ class ScaleBar:
 
     @property
     def free_box(self) -> FloatArray:
-        """Left, lower, right and upper edge outside a strip, about [pixels]; zeros where there is no bar."""
+        """Approximate left, lower, right and upper edge outside a strip [pixels]; zeros without a bar."""
         if not self._is_shown:
             return np.zeros(4)
         left, bottom = _PLACE[0] * self._size, _PLACE[1] * self._size
@@ -231,7 +231,7 @@ class ScaleBar:
 
     @property
     def taken(self) -> float:
-        """Width of a strip that the bar takes [pixels]."""
+        """Width of the bar in a strip [pixels]."""
         return self._length()[1] + _BAR_TEXT * self._size if self._is_shown else 0.0
 
     @property
@@ -239,14 +239,14 @@ class ScaleBar:
         return self._wanted and self._renderer.GetSize()[1] >= _LOWEST * self._size
 
     def _length(self) -> tuple[float, float]:
-        """Return the length of the bar [mm], and [pixels]."""
+        """Return the length of the bar in mm and in pixels."""
         width, height = self._renderer.GetSize()
         millimetres = 2.0 * self._renderer.GetActiveCamera().GetParallelScale() / max(height, 1)
         length = round_length(min(_SHARE * width, _MOST * self._size / 12.0) * millimetres)
         return length, length / millimetres
 
     def hide(self) -> None:
-        """Before this drawing: show no bar."""
+        """Before each drawing: hide the bar."""
         self._drawn = None
         for actor in (self._line, self._text):
             actor.SetVisibility(False)

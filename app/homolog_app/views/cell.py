@@ -1,4 +1,4 @@
-"""One view of the grid, and the cameras: one for all views, or one each."""
+"""One view of the grid, and the cameras: one for all views, or one for each."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -32,7 +32,7 @@ VIEWS = {
 """View directions of the window's commands."""
 
 _FREE = 0.6
-"""Share of a view that is always available to shapes."""
+"""Fraction of a view that is always available to shapes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +44,11 @@ class ViewMargins:
     width, height : float
         Of the view.
     beside, above : float
-        Rims at the left and right, and at the top and bottom.
+        Margins at the left and right, and at the top and bottom.
     caption : float
         Width of the longest caption.
     below : float
-        Rim at the top and bottom where shapes are so wide that they stand below the caption.
+        Margin at the top and bottom of shapes that are so wide that they are placed below the caption.
     """
 
     width: float
@@ -84,17 +84,17 @@ class Cameras:
 
     @property
     def each(self) -> list[Any]:
-        """The camera of all views, or those of each if they are not linked."""
+        """The common camera of all views, or the camera of each view if they are not linked."""
         return [cell.renderer.GetActiveCamera() for cell in self._first(self._cells)]
 
     def link(self, linked: bool) -> None:
-        """Rotate all views together, or each alone."""
+        """Rotate all views together, or each independently."""
         self._linked = linked
         for cell in self._cells[1:]:
             self.add(cell.renderer)
 
     def add(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
-        """Add a view with the first one's direction, with a common or its own camera."""
+        """Add a view with the first one's direction, with the common camera or its own."""
         camera = self._cells[0].renderer.GetActiveCamera()
         camera.ParallelProjectionOn()
         if self._linked:
@@ -119,7 +119,7 @@ class Cameras:
         ----------
         count : int
             Number of views.
-        room : Room
+        room : ViewMargins
             Of a view.
 
         Returns
@@ -145,7 +145,7 @@ class Cameras:
 
 
 _OVER = 0.5
-"""Opacity of a surface that is overlaid on another."""
+"""Opacity of a surface that is drawn over another."""
 _LEAST_MARGIN, _SMALL, _SPARSE = 0.94, 0.5, 5
 _SURFACES = ("raw", "groomed", "coarse")
 
@@ -177,7 +177,7 @@ class ViewCell:
         self.overview.hide()
 
     def fill(self, content: Content | None) -> None:
-        """Hold a content, or nothing; moved surfaces are updated in place. `show_particles` draws it."""
+        """Set the content, or none; moved surfaces are updated in place. `show_particles` draws it."""
         if content is self.content:
             return
         before, self.content = self.content, content
@@ -200,9 +200,9 @@ class ViewCell:
             self._update()
 
     def show(self, raw: bool, groomed: bool, quick: bool, opacity: float) -> None:
-        """Show or hide the surfaces, from `show_particles` on; both are drawn with the raw one as a shell.
+        """Set which surfaces `show_particles` draws; of both, the raw one is a transparent shell.
 
-        Fast drawing uses the light surface, unless colours belong to the vertices of the full one.
+        Fast drawing uses the simplified surface, unless the full one has colours at its vertices.
         """
         overlaid = self.content is not None and self.content.overlaid
         raw = raw or overlaid
@@ -215,7 +215,7 @@ class ViewCell:
         )
 
     def cut(self, clip: Clip | None, box: Box) -> None:
-        """Before each drawing: cut the shapes open for the present camera, or leave them whole."""
+        """Before each drawing: cut the shapes open for the current camera, or leave them whole."""
         cut = None if clip is None else clip.cut(box, self.axes[2])
         if cut is None or self._cut is None:
             changed = cut is not self._cut
@@ -226,13 +226,13 @@ class ViewCell:
             self._update()
 
     def show_particles(self, points: FloatArray | None, colours: Array | None, radius: float) -> None:
-        """Move the particles, or hide them, and draw the content as it now is."""
+        """Move the particles, or hide them, and draw the current content."""
         none = points is None or colours is None
         self._balls = None if none else Balls(np.asarray(points), radius, np.asarray(colours))
         self._update()
 
     def _update(self) -> None:
-        """Draw all this from now on."""
+        """Apply all settings to the actors."""
         content = self.content
         self._actors.show(
             Scene(
@@ -248,7 +248,7 @@ class ViewCell:
         )
 
     def _surface(self, name: str) -> Surface | None:
-        """Return the shown surface; the same object while it does not change."""
+        """Return the displayed surface; the same object as long as it is unchanged."""
         content = self.content
         if content is None or name not in self._placed or name not in self._shown:
             return None
@@ -266,11 +266,11 @@ class ViewCell:
         return self._surfaces[name]
 
     def show_caption(self, size: int, *, small: bool, letters: bool, bar: bool) -> None:
-        """Show the subject's name and note, the letters and a scale bar, with a text height in pixels."""
+        """Show the subject's name and note, the letters and a scale bar, with a text height [pixels]."""
         self.texts.show(self.content, size, small=small, letters=letters, bar=bar)
 
     def paint(self, colours: Colours) -> None:
-        """Take the colours of the scheme."""
+        """Apply the scheme's colours."""
         self._colours = colours
         bone = np.array(rgb_bytes(colours.bone), np.uint8)
         self._plain = {"groomed": bone, "coarse": bone, "raw": np.array(rgb_bytes(colours.raw), np.uint8)}
@@ -295,7 +295,7 @@ class ViewCell:
         self.texts.face(self.axes, *self._corners, self.overview.box, in_strip)
 
     def _parts(self) -> tuple[FloatArray, FloatArray]:
-        """Return lower left and upper right corners of the shown triangles in the view, (n, 2) each."""
+        """Return the lower left and upper right corners of the drawn triangles in the view, (n, 2) each."""
         low, high = [np.empty((0, 2))], [np.empty((0, 2))]
         for name in self._shown:
             light = "coarse" if name == "groomed" and "coarse" in self._placed else name
@@ -307,7 +307,7 @@ class ViewCell:
         return np.concatenate(low), np.concatenate(high)
 
     def _in_view(self, points: FloatArray) -> FloatArray:
-        """Return where points (n, 3) are seen, (n, 2), from 0 at the left and lower edge to 1."""
+        """Return points (n, 3) in view coordinates (n, 2), from 0 at the left and lower edge to 1."""
         camera, (width, height) = self.renderer.GetActiveCamera(), self.renderer.GetSize()
         half = camera.GetParallelScale() * np.array([width / max(height, 1), 1.0])
         apart = (points - np.array(camera.GetFocalPoint())) @ self.axes[:2].T
@@ -315,7 +315,7 @@ class ViewCell:
 
     @property
     def axes(self) -> FloatArray:
-        """Directions to the right, upwards and ahead in the present view, (3, 3)."""
+        """Directions to the right, upwards and ahead in the current view, (3, 3)."""
         camera = self.renderer.GetActiveCamera()
         ahead = np.array(camera.GetDirectionOfProjection())
         right = np.cross(ahead, camera.GetViewUp())
@@ -324,11 +324,11 @@ class ViewCell:
 
     @property
     def points(self) -> FloatArray:
-        """Some vertices of the surfaces [mm], (n, 3), whether shown or not."""
+        """A subset of the vertices of the surfaces [mm], (n, 3), whether they are shown or not."""
         return _some_of(self._placed.values())
 
     def fit(self, points: FloatArray, room: ViewMargins) -> None:
-        """Zoom so that points (n, 3) fill the present view."""
+        """Zoom so that points (n, 3) fill the current view."""
         camera, axes = self.renderer.GetActiveCamera(), self.axes
         low, high = (pick(points @ axes.T, axis=0) for pick in (np.min, np.max))
         middle = axes.T @ ((low + high) / 2.0)
@@ -340,7 +340,7 @@ class ViewCell:
     def widen(self, points: FloatArray, room: ViewMargins) -> None:
         """Zoom out if points (n, 3) would reach the letters at the edges, with the same centre.
 
-        Motion therefore remains visible. Points that fill less than half of the view belong to another
+        Motion therefore remains visible. If points fill less than half of the view, they belong to another
         structure, and the view is fitted to them.
         """
         camera = self.renderer.GetActiveCamera()
@@ -353,20 +353,20 @@ class ViewCell:
 
     @property
     def surface_actors(self) -> list[Any]:
-        """Clickable actors of the surfaces, shown or not: caps occlude what is behind them."""
+        """Pickable actors: surfaces, shown or not, and caps, which occlude shapes behind them."""
         return self._actors.clickable
 
     def is_cap(self, actor: Any) -> bool:  # noqa: ANN401 - VTK is untyped
-        """Whether an actor of VTK is the surface of the cut."""
+        """Whether a VTK actor is the cut surface."""
         return self._actors.is_cap(actor)
 
     @property
     def bounds(self) -> Box | None:
-        """Extent of the surfaces [mm], of the input's only where it is shown; None if there are none."""
+        """Extent of the surfaces [mm], with the input only where it is shown; None without surfaces."""
         raw = "raw" in self._shown or len(self._boxes) == 1
         return around([box for name, box in self._boxes.items() if raw or name != "raw"])
 
 
 def _some_of(surfaces: Iterable[FloatArray]) -> FloatArray:
-    """Return some vertices of each of the surfaces, (n, 3)."""
+    """Return a subset of the vertices of each surface, (n, 3) together."""
     return np.concatenate([np.empty((0, 3)), *(vertices[::_SPARSE] for vertices in surfaces)])

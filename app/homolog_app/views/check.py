@@ -35,10 +35,10 @@ ENERGIES = {"sampling": "crowding", "ensemble": "odd positions", "normals": "odd
 _PALE = (168, 168, 168)
 _MARK, _SECOND = (214, 30, 130), (0, 114, 178)
 _LIGHT, _DARK = np.array([(236, 231, 220), (38, 110, 140)], float)
-_ROUND = (1.0, 1.2, 1.6, 2.0, 2.4, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # their quarters are short numbers
+_ROUND = (1.0, 1.2, 1.6, 2.0, 2.4, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # numbers whose quarters have few digits
 _SIDES = 28
 _RING, _LIFT = 0.5, 0.15
-"""Radius of the ring around a marked particle and its height over the surface, in spacings."""
+"""Radius of the ring around a marked particle and its height above the surface, in particle spacings."""
 _NAMED = 8
 """Largest number of marked particles with labels."""
 
@@ -47,7 +47,7 @@ _NAMED = 8
 class Distances:
     """Distances [mm] of all vertices of a subject's surface from a point on it: geodesic and Euclidean.
 
-    Place and surface normal there, (3,) each, are in aligned coordinates.
+    The point and its surface normal, (3,) each, are in aligned coordinates.
     """
 
     subject: int
@@ -66,11 +66,11 @@ class Marks:
     show : str
         ``"located"``, ``"neighbours"``, ``"distances"``, a key of `ENERGIES`, or ``"texture"``.
     particle : int or None
-        The chosen one; ringed on all shapes.
+        The selected particle, with a ring on all shapes.
     subject : int or None
-        Where further particles are ringed …
+        The subject on which further particles have rings.
     others : (k,) int array
-        … these.
+        These further particles.
     distances : Distances or None
     energies : ParticleEnergies or None
     texture : mapping of str to (V,) array
@@ -87,7 +87,7 @@ class Marks:
 
     @property
     def pair(self) -> tuple[int, int] | None:
-        """The two particles of a suspect, such as an exchange, which are marked on every shape."""
+        """The two particles of a suspect, such as exchanged ones, which are marked on every shape."""
         pair = tuple(int(number) for number in self.others)
         return (pair[0], pair[1]) if len(pair) == 2 and self.particle in pair else None
 
@@ -95,7 +95,7 @@ class Marks:
 def checked_scene(
     subjects: SubjectContents, inspection: "Inspection", names: Sequence[str], marks: Marks
 ) -> ViewContents:
-    """Return what the views show."""
+    """Return the contents of the views."""
     number = {name: m for m, name in enumerate(names)}
     if marks.show == "distances" and marks.distances is not None:
         return _distances(subjects, inspection, marks.distances, names)
@@ -192,7 +192,7 @@ def _distances(
 
 
 def _marked(inspection: "Inspection", m: int, marks: Marks) -> dict[str, Any]:
-    """Return rings and numbers of the chosen particle, and of those marked on this subject only."""
+    """Return rings and numbers of the selected particle, and of those marked on this subject only."""
     chosen = [] if marks.particle is None else [marks.particle]
     if marks.pair is not None:
         chosen = list(marks.pair)
@@ -206,7 +206,7 @@ def _marked(inspection: "Inspection", m: int, marks: Marks) -> dict[str, Any]:
     if marks.pair is not None:
         colours[1] = _SECOND
     beside = 1.2 * _RING * places.spacing[m] * float(scale_of(places.alignments[m]))
-    named = len(chosen) if len(chosen) <= _NAMED else 1  # more numbers would cover each other
+    named = len(chosen) if len(chosen) <= _NAMED else 1  # more numbers would overlap
     return {
         "lines": _circles(inspection, m, points, places.normals[m, chosen]),
         "numbers": Numbers(np.array(chosen[:named]), points[:named], colours[:named], beside),
@@ -231,7 +231,7 @@ def _toned(tones: FloatArray) -> Array:
 
 
 def _distance_scale(title: str, limit: float, note: str) -> ColourScale:
-    """Return the scale of distances: near is bright, far is dark."""
+    """Return the scale of distances: small ones are bright, large ones dark."""
     power = 10.0 ** np.floor(np.log10(max(limit, 1e-9)))
     high = next(factor * power for factor in _ROUND if factor * power >= limit)
     return ColourScale(title, "mm", 0.0, float(high), viridis()[::-1].copy(), note=note)
@@ -257,13 +257,13 @@ def distances_on(
 
 
 def energies_of(inspection: "Inspection", project: ProjectFolder, tick: Tick) -> "ParticleEnergies":
-    """Return the contribution of each particle to the energies, by the settings of the project's result."""
+    """Return the contribution of each particle to the energies, with the settings of the project's result."""
     from homolog.inspection import particle_energies
 
     tick(0.0, "energies of particles")
     record = project.read().result
     if record is None:
-        raise InputError(f"{project.folder}: has no result any more; run again")
+        raise InputError(f"{project.folder}: the result no longer exists; run again")
     return particle_energies(inspection.located, inspection.consensus, record.settings.optimize)
 
 

@@ -15,11 +15,11 @@ __all__ = ["HEIGHT", "MOST", "SIDE", "scale_height", "scale_picture"]
 _DOT = " · "
 
 HEIGHT, MOST, SIDE = 64, 520, 120
-"""Height of the strip, most of the bar's length, and room at its sides [pixels of a usual screen]."""
+"""Height of the strip, maximum length of the bar, and margins at its sides [pixels at a ratio of 1]."""
 
 _BAR, _TOP = 12, 24
 _TICKS = 5
-_LETTERS, _PATCH, _SECOND = 12, 18, 16  # a second line is so much lower
+_LETTERS, _PATCH, _SECOND = 12, 18, 16  # last: distance to a second line
 
 
 def scale_picture(
@@ -35,9 +35,9 @@ def scale_picture(
     width : int
         Of the picture [pixels].
     ratio : float
-        How many times as large as on a usual screen.
+        Pixels of the picture per pixel of a screen without scaling.
     transparent : bool
-        Whether there is no background.
+        Whether the background is transparent.
     """
     paper = "#00000000" if transparent else colours.scene
     page = Image.new("RGBA", (width, scale_height(scale, width, ratio)), paper)
@@ -46,7 +46,7 @@ def scale_picture(
     for parts in _title_lines(scale, width, ratio):
         _draw_title(draw, parts, colours, width, middle, ratio)
         middle += _SECOND * ratio
-    down = middle - (12 + _SECOND) * ratio  # by a second line
+    down = middle - (12 + _SECOND) * ratio  # because of a second line
     font = _font(font_file(), size)
     beside = max(font.getlength(text) for text in (scale.low_label, scale.high_label)) + 12 * ratio
     length = round(min(MOST * ratio, width - 2 * max(SIDE * ratio, beside)))
@@ -61,7 +61,7 @@ def scale_picture(
     draw.text((left + length + 8 * ratio, middle), scale.high_label, colours.text, font, anchor="lm")
     values = np.linspace(scale.low, scale.high, _TICKS).tolist()
     labels = _tick_labels(values)
-    if sum(map(font.getlength, labels)) + 4 * size > length:  # room for every other one
+    if sum(map(font.getlength, labels)) + 4 * size > length:  # only every second label fits
         values, labels = values[::2], labels[::2]
     for value, text in zip(values, labels, strict=True):
         x = left + length * (value - scale.low) / (scale.high - scale.low)
@@ -77,7 +77,7 @@ def scale_height(scale: ColourScale, width: int, ratio: float) -> int:
 
 
 def _title_lines(scale: ColourScale, width: int, ratio: float) -> list[tuple[str, str]]:
-    """Return title and meaning of grey, in one line or, if they are wider than the picture, two."""
+    """Return the title and the meaning of grey, in one line, or in two if they are wider than the picture."""
     line = f"{scale.title} ({scale.unit})" if scale.unit else scale.title
     line += f" · {scale.note}" if scale.note else ""
     whole = line, scale.grey_label
@@ -122,7 +122,7 @@ def _draw_title(
 
 
 def _tick_labels(values: list[float]) -> list[str]:
-    """Return the labels of ticks, with three digits at the ends, and equally many decimals in all."""
+    """Return the labels of ticks: three digits at the ends, the same number of decimals in all."""
     most = max(abs(value) for value in values)
     places = max(0, 2 - int(np.floor(np.log10(most)))) if most else 0
     return tick_labels([round(value, places) for value in values])

@@ -40,7 +40,7 @@ class Numbers:
     ----------
     values : (k,) int array
     places : (k, 3) array
-        [mm], in the coordinates that are shown.
+        [mm], in display coordinates.
     colours : (k, 3) uint8 array
         Red, green, blue.
     beside : float
@@ -66,24 +66,24 @@ class Content:
     raw : TriangleMesh or None
         The input as it is, in the coordinates of the file.
     groomed, coarse : TriangleMesh or None
-        The groomed surface and a light one for quick drawing, in the coordinates of the file.
+        The groomed surface and a simplified one for fast drawing, in the coordinates of the file.
     alignment : (4, 4) array
-        From those coordinates to the common ones that are shown.
+        From those coordinates to the display coordinates, which all contents share.
     note : str
         Second line of the caption.
     colours : (V, 3) uint8 array, optional
-        Red, green and blue of each vertex of `groomed`, such as a `ColourScale` gives them.
+        Red, green and blue of each vertex of `groomed`, such as those of a `ColourScale`.
     normals : (V, 3) array, optional
-        Unit normals of `groomed` where they are known already; computed if not given.
+        Unit normals of `groomed`; computed if not given.
     arrows : Arrows, optional
     lines : (S, 2, 3) array, optional
-        Line segments [mm] in the coordinates that are shown, such as the border of a region.
+        Line segments [mm] in display coordinates, such as the border of a region.
     through : bool
-        Whether arrows and lines that lie behind the surface are seen faintly through it.
+        Whether arrows and lines behind the surface are faintly visible through it.
     overlaid : bool
-        Whether `groomed` is seen transparent over `raw`, whatever the user has switched on.
+        Whether `groomed` is drawn transparent over `raw`, regardless of the user's choice of surfaces.
     numbers : Numbers, optional
-        Seen in front of everything.
+        Drawn in front of everything.
     titled : bool
         Whether the caption begins with the name.
     """
@@ -105,12 +105,12 @@ class Content:
 
     @property
     def caption(self) -> list[str]:
-        """The lines at the top of the view."""
+        """Lines of text at the top of the view."""
         return [line for line in (self.name if self.titled else "", self.note) if line]
 
     @property
     def patient_axes(self) -> FloatArray:
-        """Directions of the patient's left, back and head as shown: the columns of a rotation."""
+        """The patient's left, back and head in display coordinates: the columns of a rotation."""
         left, _, right = np.linalg.svd(self.alignment[:3, :3])
         return np.asarray(left @ right)
 
@@ -141,7 +141,7 @@ class SubjectContents(Sequence[Content]):
     def __getitem__(self, index: slice) -> list[Content]: ...
 
     def __getitem__(self, index: int | slice) -> Content | list[Content]:
-        """Make the content of a subject, or those of some."""
+        """Make the content of a subject, or of those of a slice."""
         chosen = range(len(self))[index]
         assert self._make is not None, "no index is valid without subjects"
         return self._make(chosen) if isinstance(chosen, int) else [self._make(place) for place in chosen]
@@ -156,7 +156,7 @@ class SubjectContents(Sequence[Content]):
         return None if place is None else self[place]
 
     def changed(self, change: Callable[[Content], Content]) -> "SubjectContents":
-        """Return contents that are changed when they are shown."""
+        """Return contents to which a function is applied when they are shown."""
         return SubjectContents(list(self._places), lambda place: change(self[place]))
 
 
@@ -168,16 +168,17 @@ class ViewContents:
     ----------
     contents : sequence of Content
     columns : int or None
-        Views in a row, with all contents on one page; None pages through them in the user's layout.
+        Number of views in a row, with all contents on one page; None for pages in the user's layout.
     scale : ColourScale or None
-        What the colours mean; drawn below the views.
+        Meaning of the colours; drawn below the views.
     particles : mapping of str to (N, 3) array, or None
-        Particles [mm] of each content by name, in the coordinates that are shown; None are those of the run.
+        Particles [mm] of each content by name, in display coordinates; None for those of the run.
     tints : (N, 3) uint8 array, mapping of str to such arrays, or None
-        Colours of the particles, the same on all contents or of each by name; None gives each its colour by
-        place.
+        Colours of the particles, common to all contents or for each by name; None for colours by
+        position.
     stays : bool
-        Whether a close-up stays when the contents change, if both the old and the new ones say so.
+        Whether the camera of a close-up remains when the contents change; required of the old and the new
+            ones.
     """
 
     contents: Sequence[Content]
@@ -197,7 +198,7 @@ _Arrays = dict[str, Array]
 
 
 class _Scale(BaseModel):
-    """What a `ColourScale` holds besides its table."""
+    """Attributes of a `ColourScale` other than its table."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -205,14 +206,14 @@ class _Scale(BaseModel):
     unit: str
     low: float
     high: float
-    low_label: str = Field(validation_alias=AliasChoices("low_label", "low_words"))  # as files of 0.2 call it
+    low_label: str = Field(validation_alias=AliasChoices("low_label", "low_words"))  # name in files of 0.2
     high_label: str = Field(validation_alias=AliasChoices("high_label", "high_words"))
     note: str
     grey_label: str = Field("", validation_alias=AliasChoices("grey_label", "grey_words"))
 
 
 class _Texts(BaseModel):
-    """Data other than arrays: names and notes of the contents, columns, scale, canvas."""
+    """Data that are not arrays: names and notes of the contents, columns, scale, canvas."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -266,12 +267,12 @@ def write_shown(path: Path, shown: ViewContents, canvas: Canvas) -> None:
 
 
 def read_shown(path: Path) -> tuple[ViewContents, Canvas]:
-    """Read what `write_shown` wrote.
+    """Read a file of `write_shown`.
 
     Raises
     ------
     InputError
-        If the file is missing, damaged, or holds anything else.
+        If the file is missing, damaged, or of another kind.
     """
     arrays = read_arrays(path)
     try:
@@ -323,7 +324,7 @@ def _inside(arrays: _Arrays, prefix: str) -> _Arrays:
 
 
 def _content(name: str, note: str, arrays: _Arrays) -> Content:
-    """Return a content; VTK, which looks after nothing, gets no array that doesn't fit."""
+    """Return a content; sizes of arrays are checked, because VTK does not check them."""
     meshes = {surface: _mesh(arrays, surface) for surface in _SURFACES}
     points = len(mesh.vertices) if (mesh := meshes["groomed"]) else 0
     arrows = None
@@ -359,7 +360,7 @@ def _mesh(arrays: _Arrays, name: str) -> TriangleMesh | None:
 
 
 def _particles(arrays: _Arrays) -> tuple[Array, Array]:
-    """Return particles and their colours; empty where there are none."""
+    """Return particles and their colours; empty arrays if there are none."""
     places = _table(arrays, "particles")
     return places, _table(arrays, "tints", len(places) if "tints" in arrays else 0, kind="u1")
 
@@ -367,7 +368,7 @@ def _particles(arrays: _Arrays) -> tuple[Array, Array]:
 def _table(
     arrays: _Arrays, name: str, count: int | None = None, shape: tuple[int, ...] = (3,), kind: str = "f8"
 ) -> Array:
-    """Return an array of finite numbers with `count` rows of a shape; empty if there is none."""
+    """Return an array of finite numbers with `count` rows of a shape; an empty one if it is missing."""
     array = arrays.get(name, np.empty((0, *shape), kind))
     fits = array.dtype.kind == kind[0] and array.shape[1:] == shape and count in (None, len(array))
     if not fits or not np.isfinite(array).all():

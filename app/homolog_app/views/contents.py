@@ -57,7 +57,7 @@ class Groomed:
 def moment_of(loaded: LoadedResult, index: int) -> tuple[dict[str, FloatArray], Array]:
     """Return the particles (N, 3) [mm] of each subject in a recorded frame of the run, and their colours.
 
-    All frames with the same number of particles have the colours of the last of them.
+    All frames with the same number of particles have the colours of the last of these frames.
     """
     names, final, frame = loaded.result.names, loaded.result.world, loaded.frames[index]
     stages = [each.particles for each in loaded.frames] + [final]
@@ -83,8 +83,8 @@ def subject_contents(
 ) -> SubjectContents:
     """Return the contents of all subjects.
 
-    A result shows its own surfaces; before there is one, the groomed surfaces where they are, the input
-    elsewhere. Subjects without an alignment are shown about their own centre.
+    With a result, its surfaces are shown; without one, the groomed surfaces, or the input of subjects that
+    are not groomed. Subjects without an alignment are centred.
     """
     alignments = dict(zip(result.result.names, result.result.alignments, strict=True)) if result else {}
     turned = dict(zip(alignments, mirrors(result.result.alignments).tolist(), strict=True)) if result else {}
@@ -124,11 +124,11 @@ class DisplayOptions:
     Attributes
     ----------
     scale : ColourScale or None
-        Colours; plain surfaces without.
+        None for surfaces of one colour.
     arrows : float
         Magnification of arrows; 0 draws none.
     from_middle : bool
-        Whether values count as positive away from the middle of the shape, not out of the tissue.
+        Whether values are positive away from the centre of the shape, rather than out of the tissue.
     """
 
     scale: ColourScale | None = None
@@ -156,16 +156,16 @@ def model_content(
     name, note : str
         The caption's lines.
     moved : (V, 3) array
-        Way of the vertices from the mean surface to where they are drawn [mm].
-    look : Look
+        Displacement of the drawn vertices from the mean surface [mm].
+    look : DisplayOptions
     values : (V,) array, optional
-        What the colours show [mm]; the outward part of `moved` if not given.
+        Values of the colours [mm]; the outward component of `moved` if not given.
     ways : (V, 3) array, optional
-        What the arrows show [mm]; `moved` if not given.
+        Vectors of the arrows [mm]; `moved` if not given.
     faded : (V,) bool array, optional
-        Vertices drawn grey, without arrows, and with a line around them.
+        Vertices that are drawn grey, without arrows, and with a line around them.
     alignment : (4, 4) array, optional
-        Motion of the whole shape, to lie beside another.
+        Rigid motion of the whole shape, such as an alignment to another model.
     """
     placed = np.eye(4) if alignment is None else alignment
     vertices: Array = shape.mean.vertices.astype(np.float32) + moved
@@ -188,13 +188,13 @@ def model_content(
 
 
 def outward_sign(vertices: Array, normals: Array) -> Array:
-    """Return 1 for vertices (V, 3) whose outward normal points away from their middle, -1 for others."""
+    """Return 1 for vertices (V, 3) whose outward normal points away from their centre, -1 for others."""
     away = np.einsum("vi,vi->v", vertices - vertices.mean(axis=0), normals)
     return np.where(away >= 0.0, 1.0, -1.0)
 
 
 def untitled(content: Content, models: "Sequence[ModelShape]") -> Content:
-    """Return a shape of a model without the project's name, unless another project is shown, too."""
+    """Return a shape of a model without the project's name, unless another project is shown as well."""
     if len(models) > 1:
         return content
     mirrored = models[0].result.mirrored
@@ -203,7 +203,7 @@ def untitled(content: Content, models: "Sequence[ModelShape]") -> Content:
 
 
 def single_subject(subject: Content) -> Content:
-    """Return a subject with only its groomed surface, and a caption that says so."""
+    """Return a subject with only its groomed surface and a corresponding caption."""
     return replace(subject, raw=None, note="groomed surface")
 
 
@@ -217,7 +217,7 @@ def arrow_factor(shape: "ModelShape", limit: float) -> float:
 
 
 def region_border(vertices: Array, faces: Array, inside: BoolArray) -> FloatArray:
-    """Return the segments (S, 2, 3) between the vertices of a region and the others, through edge middles."""
+    """Return the segments (S, 2, 3) of a region's border, through the midpoints of edges that cross it."""
     marks = inside[faces]
     count = marks.sum(axis=1)
     mixed = (count == 1) | (count == 2)
@@ -230,7 +230,7 @@ def region_border(vertices: Array, faces: Array, inside: BoolArray) -> FloatArra
 
 
 def _arrows(points: Array, normals: Array, vectors: Array, placed: FloatArray) -> Arrows:
-    """Arrows outside of the surface: those inward end on it, the others begin on it."""
+    """Return arrows outside the surface: inward ones end on it, the others begin on it."""
     inward = np.einsum("ai,ai->a", vectors, normals) < 0.0
     starts = points - np.where(inward[:, None], vectors, 0.0)
     return Arrows(_placed(starts, placed), vectors @ placed[:3, :3].T)
@@ -241,7 +241,7 @@ def _placed(points: Array, placed: FloatArray) -> FloatArray:
 
 
 MEAN, MEAN_OF = "mean", "mean of "
-"""Names of the mean surface, and of that of a group."""
+"""Names of the mean surface, and of a group's mean."""
 
 
 def named_surface(

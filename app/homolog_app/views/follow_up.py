@@ -53,7 +53,7 @@ class PatientTimes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChangeRegion:
-    """A region of change: the later time, the region, its place as shown, and from where it is seen."""
+    """A region of change at a later time, a point of it in display coordinates, and its view direction."""
 
     time: str
     region: "Region"
@@ -74,7 +74,7 @@ def with_file(
     Raises
     ------
     InputError
-        If the file can't be compared with the reference, or is there already.
+        If the file can't be compared with the reference, or a file of its name was added before.
     """
     from homolog.patient import compare_patient, compare_times
     from homolog_app.report.patient import patients_of
@@ -83,7 +83,7 @@ def with_file(
     if len(subjects) != 1:
         raise InputError(f"{path}: contains {len(subjects)} subjects; choose one file")
     if subjects[0].name in {item.name for item in (*times.comparisons, *times.repeats)}:
-        raise InputError(f"{path}: a file of this name is there already; give each time its own name")
+        raise InputError(f"{path}: a file of this name was added before; use a different name for each time")
     added = compare_patient(reference, subjects[0], values, tick=part_of(tick, 0.0, 0.8))
     if repeats:
         times = replace(times, repeats=(*times.repeats, added))

@@ -23,10 +23,10 @@ __all__ = ["Grid", "drawn"]
 
 _GAP = 0.0015
 _FEW = 4
-_DPI = 72  # sizes of texts are pixels; the window of pyvistaqt scales them a second time on fine screens
+_DPI = 72  # text sizes are pixels; the window of pyvistaqt would scale them twice on high-resolution screens
 _TEXT_PX = {1: 16, 4: 15, 9: 13}  # by the largest number of views
-_TYPICAL = 500  # subjects whose mean gives particles their colours, at most
-_LETTER = 0.55  # width of a letter by its height, about
+_TYPICAL = 500  # maximum number of subjects whose mean determines the colours of particles
+_LETTER = 0.55  # approximate ratio of a letter's width to its height
 
 
 class Grid:
@@ -37,7 +37,7 @@ class Grid:
     Parameters
     ----------
     window : vtkRenderWindow
-        Gets a renderer for each view that is needed.
+        A renderer is added to it for each view that is needed.
     """
 
     def __init__(self, window: Any) -> None:  # noqa: ANN401 - VTK is untyped
@@ -48,11 +48,11 @@ class Grid:
         self.cells: list[ViewCell] = []
         self._observer = window.AddObserver("StartEvent", self._before_drawing)
         self.ratio = 1.0
-        """Pixels of the picture for each of a usual screen: names and letters keep their size."""
+        """Pixels of the picture per pixel of a screen without scaling, by which texts are enlarged."""
         self.text = 1.0
         """Size of the texts relative to a system font of 12 pixels."""
         self.quick = False
-        """Whether light surfaces are drawn in place of full ones."""
+        """Whether simplified surfaces are drawn instead of full ones."""
         self._contents: Sequence[Content] = ()
         self.particles: Mapping[str, FloatArray] = {}
         self.tints: Array | Mapping[str, Array] | None = None
@@ -89,7 +89,7 @@ class Grid:
 
     @property
     def contents(self) -> Sequence[Content]:
-        """Those of all pages."""
+        """The contents of all pages."""
         return self._contents
 
     @property
@@ -155,7 +155,7 @@ class Grid:
         self.cameras.widen(self.count, self._room(width, height))
 
     def _room(self, width: float, height: float) -> ViewMargins:
-        """Return the room of a view: shapes stay below wide captions and clear of letters."""
+        """Return the margins of a view: shapes remain below wide captions and clear of letters."""
         rows, columns = self.shape
         wide, high = max(1.0, width / columns), max(1.0, height / rows)
         longest = max((len(line) for item in self.shown for line in item.caption), default=0)
@@ -167,11 +167,11 @@ class Grid:
 
     @property
     def _text_px(self) -> float:
-        """Height of the texts, in pixels of a usual screen."""
+        """Height of the texts, in pixels of a screen without scaling."""
         return self.text * next((size for most, size in _TEXT_PX.items() if self.count <= most), 12)
 
     def paint(self, colours: Colours) -> None:
-        """Take the colours of the scheme."""
+        """Apply the scheme's colours."""
         self._colours = colours
         self._backdrop.SetBackground(*rgb(colours.line))
         for cell in self.cells:
@@ -206,7 +206,7 @@ class Grid:
 
     @property
     def bounds(self) -> Box | None:
-        """Extent of all that is in the views [mm]; None if there is nothing."""
+        """Extent of all contents of the views [mm]; None if there are none."""
         return around([box for cell in self.cells[: self.count] if (box := cell.bounds) is not None])
 
     @property
@@ -244,19 +244,19 @@ def drawn(
 
     Parameters
     ----------
-    shown : Shown
+    shown : ViewContents
         With its particles.
     canvas : Canvas
-        How they are looked at.
+        Size, camera and layout.
     scale : int
-        How many times as large as on the screen.
+        Factor from the size on the screen.
     transparent : bool
-        Whether there is no background.
+        Whether the background is transparent.
 
     Returns
     -------
     (height, width, 4) uint8 array
-        Red, green, blue, opacity; the colour scale, if there is one, at the lower edge.
+        Red, green, blue, opacity; with the colour scale, if any, at the lower edge.
     """
     need_no_display()
     _release_context_of_qt()
@@ -295,8 +295,8 @@ def drawn(
 def _release_context_of_qt() -> None:
     """Tell Qt that its context is no longer current, if this process has Qt windows.
 
-    VTK makes its own context current without telling Qt. Qt would still take that of the views for current,
-    and free OpenGL objects in no context or in another one when a window is deleted.
+    VTK makes its own context current without telling Qt. Qt would still assume that the context of the views
+    is current, and free OpenGL objects in no context or in another one when a window is deleted.
     """
     gui = sys.modules.get("PySide6.QtGui")
     context = gui.QOpenGLContext.currentContext() if gui is not None else None
@@ -310,6 +310,6 @@ def _look(grid: Grid, canvas: Canvas) -> None:
     for camera, state in zip(grid.cameras.each, canvas.cameras, strict=False):
         state.set(camera)
     if not canvas.cameras:
-        grid.show_page(canvas.page)  # there must be something to look at
+        grid.show_page(canvas.page)  # the camera needs contents
         grid.cameras.turn("corner")
         grid.fit(canvas.width, canvas.height)

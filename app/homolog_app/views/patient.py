@@ -42,7 +42,7 @@ __all__ = [
 
 
 def verdict_text(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
-    """Describe the findings; empty without a patient."""
+    """Describe the findings; an empty text without a patient."""
     if comparison is None or reference is None:
         return ""
     from homolog_app.report.patient_texts import detectable_text, verdict
@@ -51,7 +51,7 @@ def verdict_text(comparison: "PatientComparison | None", reference: "Reference |
 
 
 def nearest_text(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
-    """Name the nearest controls; empty without a patient or stored scores."""
+    """Name the nearest controls; an empty text without a patient or stored scores."""
     if comparison is None or reference is None:
         return ""
     from homolog_app.report.patient_texts import nearest_controls_text
@@ -60,7 +60,7 @@ def nearest_text(comparison: "PatientComparison | None", reference: "Reference |
 
 
 def about_texts(reference: "Reference | None") -> tuple[str, str]:
-    """Describe the reference, or how to get one; and return the cautions about it."""
+    """Return a description of the reference, or how to make one, and the cautions about it."""
     if reference is None:
         return "No reference yet. Make one from this result or open a file.", ""
     from homolog_app.report.patient_texts import reference_text
@@ -71,7 +71,7 @@ def about_texts(reference: "Reference | None") -> tuple[str, str]:
 
 
 EXPECTED, MEAN, Z = "expected", "mean", "z"
-"""Maps: difference from the expected shape, from the mean [mm], and the former in standard deviations."""
+"""Maps: difference from the expected shape [mm], from the mean [mm], and from the expected shape [SD]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,15 +81,15 @@ class PatientDisplay:
     Attributes
     ----------
     kind : str
-        Which map.
+        The map, one of `MAPS`.
     count : int
         1 shows the map, 4 the mean, the patient, the expected shape and the map.
     way : float
-        Place of the shape with the map: 0 at the mean, 1 at the patient.
+        Position of the shape with the map between the mean (0) and the patient (1).
     by_modes : bool
-        Whether the way leads along one mode after the other, rather than straight.
+        Whether the path follows one mode after the other, rather than a straight line.
     overlaid : bool
-        Whether the patient is seen transparent over the mean.
+        Whether the patient is drawn transparent over the mean.
     only_beyond : bool
         Whether differences within the limit are grey.
     """
@@ -105,7 +105,7 @@ class PatientDisplay:
 def patient_scene(
     comparison: "PatientComparison", reference: "Reference", look: PatientDisplay
 ) -> ViewContents:
-    """Return what the views show."""
+    """Return the contents of the views."""
     kind, count, only_beyond = look.kind, look.count, look.only_beyond
     scale, values = _scale(comparison, reference, kind)
     beyond = np.abs(comparison.z) > reference.limit
@@ -146,7 +146,7 @@ def _straight(comparison: "PatientComparison") -> list[_Step]:
 
 
 def _steps(comparison: "PatientComparison", reference: "Reference") -> list[_Step]:
-    """Return the way along each mode above chance, then what further modes and none of them explain."""
+    """Return the steps along each mode above chance, along the further modes, and outside the modes."""
     model, scores = reference.model, comparison.fit.scores
     moves = model.components[:, : model.vertices]
     vertices = comparison.mean.vertices
@@ -161,7 +161,7 @@ def _steps(comparison: "PatientComparison", reference: "Reference") -> list[_Ste
 
 
 def _point_on_path(start: FloatArray, steps: Sequence[_Step], way: float) -> _Step:
-    """Return the vertices at a share of the path, with steps of equal length."""
+    """Return the title and the vertices at a fraction of the path, with steps of equal length."""
     if way in (0.0, 1.0):
         return ("the mean", start) if way == 0.0 else ("", steps[-1][1])
     index = min(int(way * len(steps)), len(steps) - 1)
@@ -172,9 +172,9 @@ def _point_on_path(start: FloatArray, steps: Sequence[_Step], way: float) -> _St
 
 
 def region_place(comparison: "PatientComparison", region: "Region") -> tuple[FloatArray, FloatArray]:
-    """Return a place in a region on the patient's own surface, as shown, and from where it is seen.
+    """Return a point (3,) of a region on the patient's own surface as displayed, and its view direction.
 
-    Where the patient's surface is far from the expected one, it is the nearest place.
+    If the patient's surface is far from the expected one, it is the closest point.
     """
     from homolog_app.pictures.layout import view_of_region
 
@@ -193,15 +193,15 @@ def region_place(comparison: "PatientComparison", region: "Region") -> tuple[Flo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ComparedPatient:
-    """A patient that was compared, with what the page shows of its file.
+    """A compared patient, with the data of its file for the page.
 
     Attributes
     ----------
     comparison : PatientComparison
     subject : Subject
-        Its file.
+        The patient's file.
     places : sequence of ((3,) array, (3,) array)
-        Of each region: where it is, and from where it is seen, since other walls may hide it.
+        Point of each region, and the direction from which it is visible, since other walls may hide it.
     image : Path or None
         The scan behind the segmentation.
     voxels : Segmentation or None
@@ -299,15 +299,15 @@ def on_own_surface(
     ----------
     comparison : PatientComparison
     name, note : str
-        Of the view.
+        Lines of the view's caption.
     scale : ColourScale
     values : (V,) array
     beyond : (V,) bool array or None
-        What is beyond the limit, with a border around it.
+        Vertices beyond the limit, which get a border.
     faded : (V,) bool array or None
-        What is grey.
+        Vertices that are drawn grey.
     faint : bool
-        Whether the rest is faint.
+        Whether the other vertices have faint colours.
     moved : (V, 3) array, optional
         Displacement of the surface in the reference's frame [mm].
     """

@@ -29,7 +29,7 @@ __all__ = ["GREY_LABELS", "deviations_of", "group_scene", "measured_scene", "mod
 _STEPS: Mapping[int, tuple[float, ...]] = {
     4: (-1.0, 1.0), 9: (-1.0, 0.0, 1.0), 16: (-1.0, -0.5, 0.5, 1.0),
 }  # fmt: skip
-"""Parts of the reach in each row, by the number of views."""
+"""Positions in each row as fractions of the range, by the number of views."""
 _MOST = 16
 _STAY = np.eye(4)
 
@@ -43,7 +43,7 @@ def mode_scene(view: ModesView, models: _Models, subject: Content | None = None)
     ----------
     view : ModesView
     models : sequence of ModelShape
-        The open result's, and one to compare with or none.
+        The open result's model, and optionally one for comparison.
     subject : Content, optional
         A subject whose own surface is shown next to the shape.
     """
@@ -89,7 +89,7 @@ def _look(view: ModesView, models: _Models) -> DisplayOptions:
 
 
 def _rows(view: ModesView, models: _Models) -> list[int]:
-    """Return the modes of the rows: those of the axes, then the others in order, as many as there is room."""
+    """Return the modes of the rows: those of the axes, then the others in order, up to the number of rows."""
     steps = _STEPS[view.count]
     room = min(view.count // len(steps), _MOST // (len(steps) * len(models)))
     order = dict.fromkeys([*view.axes, *range(models[0].modes)])
@@ -135,9 +135,9 @@ GREY_LABELS = {
     "discriminant": "95 % bootstrap interval includes 0, or no difference found",
     "both": f"difference: corrected p > {LEVEL:g}; discriminant: 95 % interval includes 0",
 }
-"""What grey means on each map."""
+"""Meaning of grey on each map."""
 _GREY, _LEFT_OF_COLOUR = 150.0, 0.2
-_NAME = 24  # letters of a group's
+_NAME = 24  # maximum letters of a group's name
 
 
 def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswer]") -> ViewContents:
@@ -147,9 +147,9 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
     ----------
     view : GroupsView
     models : sequence of ModelShape
-        The open result's, and one to compare with or none.
+        The open result's model, and optionally one for comparison.
     answers : sequence of GroupAnswer
-        Of these models; none before the test.
+        Answers of these models; none before the test.
     """
     if not answers:
         plain = [
@@ -216,7 +216,7 @@ def _row(
 def _mapped(
     view: GroupsView, answer: "GroupAnswer", look: DisplayOptions, placed: FloatArray, what: str, title: str
 ) -> Content:
-    """Return the map on the shape at the place that is chosen."""
+    """Return the map on the shape at the selected position."""
     shape = answer.shape
     chosen = answer.discriminant if what == "discriminant" else answer.difference
     if chosen is None:
@@ -236,7 +236,7 @@ def _mapped(
 
 
 def _mean(answer: "GroupAnswer", placed: FloatArray, way: float, title: str) -> Content:
-    """Return a shape without colours: at an end, or half-way."""
+    """Return a shape without colours at an end of the path or half-way."""
     if way == 0.5:
         text, count = "half-way", ""
     else:
@@ -250,13 +250,13 @@ def _mean(answer: "GroupAnswer", placed: FloatArray, way: float, title: str) -> 
 
 
 def _at(answer: "GroupAnswer", chosen: "GroupMap", way: float) -> FloatArray:
-    """Return the way from the model's mean; both maps go through the middle between the groups' means."""
+    """Return the displacement from the model's mean; both maps include the midpoint of the groups' means."""
     middle = answer.start + 0.5 * answer.difference.ways
     return np.asarray(middle + np.float32(way - 0.5) * chosen.ways)
 
 
 _PIN = 0.07
-_NEARLY_ALL, _ROOM = 95.0, 1.25  # subjects differ from the mean shape
+_NEARLY_ALL, _ROOM = 95.0, 1.25  # percentile of the mean shape, and a factor since subjects differ from it
 
 
 def deviations_of(view: MeasureView) -> FloatArray:
@@ -279,14 +279,14 @@ def measured_scene(
     view : MeasureView
     shape : ModelShape
     subjects : mapping of str to Content
-        The subjects that the view names.
+        The subjects of the view.
     groups : sequence of str or None, optional
-        Of the subjects of the model; those of the result if not given.
+        Group of each subject of the model; those of the result if not given.
 
     Raises
     ------
     InputError
-        If a surface is named that does not exist.
+        If a surface of the view does not exist.
     """
     aligned = {
         name: item.groomed.placed(item.alignment)
@@ -314,7 +314,7 @@ def measured_scene(
 
 
 def _measured(view: MeasureView, shape: "ModelShape", subject: Content | None) -> tuple[Content, FloatArray]:
-    """Return the shape, or the own surface of a subject, and its particles (N, 3)."""
+    """Return the shape, or a subject's own surface, and its particles (N, 3)."""
     if subject is None:
         deviations = deviations_of(view)
         particles = shape.model.instance(deviations)
@@ -340,7 +340,7 @@ def _with_line(content: Content, particles: FloatArray | None, view: MeasureView
 def _with_thickness(
     view: MeasureView, contents: Sequence[Content], shape: "ModelShape"
 ) -> tuple[list[Content], ColourScale]:
-    """Colour surfaces by the thickness of their walls, in their own size."""
+    """Colour surfaces by the thickness of their walls, at their original size."""
     from homolog.surfaces.walls import wall_thickness
 
     scale = _thickness_scale(wall_thickness(shape.mean)).within(view.colour_range)
@@ -366,13 +366,13 @@ def _with_distances(
     scale = replace(scale, low_label="inside it", high_label="outside")
     coloured = []
     for content, item in zip(contents, apart, strict=True):
-        notes = (content.note if len(contents) == 1 else "", distance_text(item))  # little room for two
+        notes = (content.note if len(contents) == 1 else "", distance_text(item))  # two views are narrow
         coloured.append(_coloured(replace(content, note=" · ".join(filter(None, notes))), item.signed, scale))
     return coloured, scale
 
 
 def distance_text(apart: "SurfaceDistances") -> str:
-    """Return mean, 95th percentile and maximum of distances in words."""
+    """Return the mean, the 95th percentile and the maximum of distances as text."""
     mean, high, most = (short(value) for value in (apart.mean, apart.percentile(95.0), apart.maximum))
     return f"mean {mean}, 95 % {high}, max {most} mm"
 
@@ -384,14 +384,14 @@ def _coloured(content: Content, values: FloatArray, scale: ColourScale) -> Conte
 
 
 def _thickness_scale(thickness: FloatArray) -> ColourScale:
-    """Return a scale from 0 to what nearly all of the mean shape's wall stays below, with some room."""
+    """Return a scale from 0 to somewhat above the 95th percentile of the mean shape's thickness."""
     known = thickness[~np.isnan(thickness)]
     high = _ROOM * float(np.percentile(known, _NEARLY_ALL)) if len(known) else 1.0
     return ColourScale("Wall thickness", "mm", 0.0, float(f"{high:.2g}"), viridis(), "thin", "thick")
 
 
 def _with_pins(content: Content, ends: FloatArray) -> Content:
-    """Mark two points of a surface with pins from outside, and the line between them."""
+    """Mark two points of a surface with pins from outside and a line between them."""
     assert content.groomed is not None
     assert content.normals is not None
     vertices = content.groomed.vertices

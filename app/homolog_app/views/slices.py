@@ -1,4 +1,4 @@
-"""Slices of scans and label maps on three planes, with their outlines and their range of grey values."""
+"""Slices of scans and label maps in three planes, with contours and grey-value windows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,23 +33,23 @@ __all__ = [
 
 AUTOMATIC = "Automatic"
 _CT_AIR = -500.0
-"""Only CT has grey values this low in much of a scan."""
+"""Only in CT do many voxels have grey values as low as this [HU]."""
 
 
 @dataclass(frozen=True, slots=True)
 class GreyWindow:
-    """Grey values around a level: its width below and above, from black to white."""
+    """A grey-value window: its width from black to white, and the level in the middle."""
 
     width: float
     level: float
 
     @classmethod
     def between(cls, low: float, high: float) -> "GreyWindow":
-        """Return the window from black to white."""
+        """Return the window with `low` as black and `high` as white."""
         return cls(high - low, 0.5 * (low + high))
 
     def dragged(self, right: float, down: float) -> "GreyWindow":
-        """Return the window after a drag: wider to the right, darker downwards (parts of the widget)."""
+        """Return the window after a drag (fractions of the widget): wider to the right, darker downwards."""
         return GreyWindow(max(self.width * float(np.exp(2.0 * right)), 1e-6), self.level + self.width * down)
 
     def shades(self, values: Float32Array) -> Array:
@@ -65,33 +65,33 @@ PRESETS = {
     "CT lung": GreyWindow(1500.0, -600.0),
     "CT brain": GreyWindow(80.0, 40.0),
 }
-"""Usual windows of CT [HU]; MR has no units, so that its window follows from the scan (`AUTOMATIC`)."""
+"""Standard windows of CT [HU]; MR has no units, so its window is derived from the scan (`AUTOMATIC`)."""
 
 
 def first_preset(scan: Scan) -> str:
-    """Return the window that a scan is shown with at first: soft tissue if it looks like CT."""
+    """Return the initial window of a scan: soft tissue if its values are those of CT."""
     low = scan.values[:: max(1, len(scan.values) // 16)].min() * scan.slope + scan.intercept
     return "CT soft tissue" if low <= _CT_AIR else AUTOMATIC
 
 
 _MOST_SAMPLES = 1024
-"""Per side of a slice, where a mask is sampled for its contour."""
+"""Samples per side of a slice for the contour of a mask."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outline:
-    """A surface that is seen as a contour.
+    """A surface that is drawn as a contour.
 
     Attributes
     ----------
     title : str
-        What the legend calls it.
+        Name in the legend.
     mesh : TriangleMesh
         In the coordinates of the file, LPS [mm].
     colours : (V, 3) uint8 array or None
-        Of its vertices; None gives it the scheme's colour.
+        Colours of its vertices; None for the scheme's colour.
     note : str
-        What the colours mean.
+        Meaning of the colours.
     """
 
     title: str
@@ -107,9 +107,9 @@ class SliceScene:
     Attributes
     ----------
     name : str
-        The subject's; nothing if none is chosen.
+        The subject's name; empty if none is selected.
     image : Path or None
-        Its scan, which may be missing.
+        Its scan; None if it has none.
     voxels : Segmentation or None
         Its structure; None for surfaces.
     outlines : sequence of Outline
@@ -122,7 +122,7 @@ class SliceScene:
 
     @property
     def points(self) -> FloatArray:
-        """Places of the structure, LPS [mm], (P, 3); none if nothing is known of it."""
+        """Points of the structure, LPS [mm], (P, 3); none if it has neither surfaces nor voxels."""
         if self.outlines:
             return self.outlines[0].mesh.vertices
         if self.voxels is None:
@@ -160,7 +160,7 @@ class Grid:
         return transform_points(np.asarray(np.linalg.inv(self.matrix)), points)
 
     def box_of(self, points: FloatArray) -> FloatArray:
-        """Return the least and largest indices of points (P, 3) [mm], (2, 3); without points, of the grid."""
+        """Return the lowest and highest indices (2, 3) of points (P, 3) [mm]; without points, of the grid."""
         if not len(points):
             return np.stack([np.zeros(3), np.array(self.shape) - 1.0])
         indices = self.indices(points)
@@ -174,7 +174,7 @@ class Plane:
     Attributes
     ----------
     title : str
-        Axial, Coronal or Sagittal: what it is closest to.
+        The closest of Axial, Coronal and Sagittal.
     axis, across, down : int
         Axes of the grid: through the plane, to the right and down on the screen.
     turned_across, turned_down : bool
@@ -198,7 +198,7 @@ class Plane:
         return values[:: -1 if self.turned_down else 1, :: -1 if self.turned_across else 1]
 
     def places(self, indices: FloatArray, shape: Sequence[int]) -> FloatArray:
-        """Return where indices (…, 3) lie in the picture, in voxels to the right and down from its corner."""
+        """Return positions of indices (…, 3) in the picture, in voxels right and down from its corner."""
         result: FloatArray = indices[..., [self.across, self.down]] + 0.5
         for column, (axis, turned) in enumerate(self._sides):
             if turned:
@@ -206,7 +206,7 @@ class Plane:
         return result
 
     def moved(self, index: FloatArray, place: tuple[float, float], shape: Sequence[int]) -> FloatArray:
-        """Return an index (3,) with the parts in the plane replaced by those of a place in the picture."""
+        """Return an index (3,) whose components in the plane are replaced by a position in the picture."""
         result = np.array(index, np.float64)
         for value, (axis, turned) in zip(place, self._sides, strict=True):
             result[axis] = (shape[axis] - value if turned else value) - 0.5
@@ -218,9 +218,9 @@ class Plane:
 
 
 def planes_of(grid: Grid) -> tuple[Plane, Plane, Plane]:
-    """Return the axial, coronal and sagittal plane of a grid, each along its own axes.
+    """Return the axial, coronal and sagittal plane of a grid, along the grid's axes.
 
-    Left or back is at the right, head (in axial planes front) at the top, as radiologists see them.
+    In the radiological convention, left or back is at the right, and head (in axial planes front) at the top.
     """
     directions = grid.matrix[:3, :3] / grid.spacing
     left, back, head = max(
@@ -262,9 +262,9 @@ def section_of(corners: FloatArray, faces: Array, colours: Array | None, axis: i
     faces : (F, 3) int array
     colours : (V, 3) uint8 array or None
     axis : int
-        Through the plane.
+        Axis of the grid through the plane.
     index : float
-        Where the plane is.
+        Index of the plane on this axis.
     """
     above = corners[:, axis] - index
     is_above = above > 0.0
@@ -284,16 +284,16 @@ def section_of(corners: FloatArray, faces: Array, colours: Array | None, axis: i
 
 
 def mask_contour(voxels: Segmentation, grid: Grid, axis: int, index: int) -> list[FloatArray]:
-    """Return the border of a segmentation in a slice of a grid, which may be another than its own.
+    """Return the border of a segmentation in a slice of a grid, which may differ from its own.
 
-    The mask is sampled in the slice only, and only where it is.
+    The mask is sampled only in the slice and within the mask's bounding box.
 
     Parameters
     ----------
     voxels : Segmentation
     grid : Grid
     axis, index : int
-        Which slice of the grid.
+        Axis and index of the slice.
 
     Returns
     -------

@@ -34,12 +34,12 @@ def view_contents_of(project: ProjectFolder, wanted: Snapshot, tick: Tick) -> Vi
     project : ProjectFolder
     wanted : Snapshot
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Raises
     ------
     InputError
-        If the project has no result to show, or no such subject, mode, group, particle or moment.
+        If the project has no result to show, or no such subject, mode, group, particle or recorded frame.
     """
     tick(0.0, "reading the project")
     project.recover()
@@ -101,12 +101,12 @@ def _contents(
 
 
 def _with_particles(shown: ViewContents, loaded: LoadedResult | None, moment: int | None) -> ViewContents:
-    """Return the subjects with their particles, at the end of the run or at a moment of it."""
+    """Return the subjects with their particles, at the end of the run or in a recorded frame."""
     if loaded is None:
         return replace(shown, particles={})
     if moment is None:
         return replace(shown, particles=loaded.particles)
-    _check(0 <= moment < len(loaded.frames), f"no moment {moment} of {len(loaded.frames)}")
+    _check(0 <= moment < len(loaded.frames), f"no recorded frame {moment} of {len(loaded.frames)}")
     particles, tints = moment_of(loaded, moment)
     return replace(shown, particles=particles, tints=tints)
 
@@ -131,7 +131,7 @@ def _groups(
     models = _models(project, loaded, wanted, part_of(tick, 0.1, 0.5))
     if view.request is None:
         return group_scene(view, models, [])
-    # Whether labels could be exchanged as well is not seen on a picture.
+    # Pictures don't show the result of the repeated null tests.
     request = view.request.model_copy(update={"null_repeats": 0})
     ticks = [part_of(tick, 0.5 + 0.4 * n / len(models), 0.9) for n in range(len(models))]
     answers = [

@@ -13,17 +13,17 @@ from homolog_app.views.content import Numbers
 
 __all__ = ["STRIP_ROWS", "NumberLabels", "Strip"]
 
-_TOP = 0.025  # distance of the texts from the upper edge, as a share of the view
-_ROW = 1.4  # height of a row, in heights of the text
+_TOP = 0.025  # distance of the texts from the upper edge, as a fraction of the view
+_ROW = 1.4  # height of a row, in text heights
 STRIP_ROWS = 2.0 * _ROW + 0.3
-"""Height of a strip with numbers, in heights of the text."""
-_GAP = 0.35  # distance of numbers from each other and from the edges, in heights of the text
-_RING = 0.83  # where a leader ends, in distances from the point
+"""Height of a strip with numbers, in text heights."""
+_GAP = 0.35  # distance of numbers from each other and from the edges, in text heights
+_RING = 0.83  # distance of a leader's end from its point, as a fraction of `Numbers.beside`
 _WIDTH = 1.6  # of leaders, for a text of 12 pixels
 
 
 class Strip:
-    """A band at the top of a view, which hides what of a shape reaches it."""
+    """A band at the top of a view, in front of the shapes."""
 
     def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
         self._renderer = renderer
@@ -41,7 +41,7 @@ class Strip:
             actor.GetProperty().SetColor(*rgb(colour))
 
     def face(self, rows: int, size: int) -> None:
-        """Before each drawing: make room for rows of texts with a height in pixels, or hide the strip."""
+        """Before each drawing: set the number of rows for texts of a height [pixels], or hide the strip."""
         width, height = self._renderer.GetSize()
         self._rows, self._size, self._height = rows, size, float(height)
         for actor in self._actors:
@@ -55,7 +55,7 @@ class Strip:
 
     @property
     def shown(self) -> bool:
-        """Whether there is a strip."""
+        """Whether the strip is visible."""
         return self._rows > 0
 
     @property
@@ -82,7 +82,7 @@ class NumberLabels:
         renderer.AddViewProp(self._leaders)
 
     def show(self, numbers: Numbers | None, size: int) -> None:
-        """Show numbers of a height in pixels."""
+        """Show numbers with a text height [pixels]."""
         self._numbers, self._size = numbers, size
         values = [] if numbers is None else numbers.values.tolist()
         while len(self._texts) < len(values):
@@ -107,8 +107,8 @@ class NumberLabels:
     def face(self, right: FloatArray, strip: Strip, inset: FloatArray) -> None:
         """Before each drawing: place numbers above their points, in the last row of a strip.
 
-        A number is left out if there is no room for it, or if its point is not seen: outside the view, under
-        the strip, or under the inset, a box (4,) of shares of the view.
+        A number is omitted if it doesn't fit, or if its point is not visible: outside the view, under
+        the strip, or under the inset, a box (4,) in fractions of the view.
         """
         if self._numbers is None:
             return
@@ -161,7 +161,7 @@ class NumberLabels:
 
 
 def _spread(places: FloatArray, wide: FloatArray, gap: float, width: float) -> FloatArray:
-    """Return middles of texts near sorted places, that neither overlap nor leave the width."""
+    """Return centres of texts near sorted positions, without overlap and within the width."""
     middles = places.astype(float)
     edge = gap
     for index, half in enumerate(wide / 2.0):

@@ -1,4 +1,4 @@
-"""The display state of each page, as a value from which window and command line draw."""
+"""Display state of each page, from which the window and the command line draw it."""
 
 import json
 from math import inf
@@ -34,8 +34,8 @@ class ColouredView(_View):
     colour_range : (float, float) or None
         Lowest and highest value, set by the user; automatic if None.
     from_middle : bool
-        Whether displacements count as positive away from the middle of the shape, as on the inner wall of a
-        hollow organ whose cavity becomes larger. Otherwise they do out of the tissue.
+        Whether displacements are positive away from the centre of the shape, as on the inner wall of a
+        hollow organ whose cavity becomes larger, rather than out of the tissue.
     """
 
     colour_range: tuple[float, float] | None = None
@@ -50,7 +50,7 @@ class ColouredView(_View):
 
 
 class SubjectsView(_View):
-    """The subjects, with their particles at a stored moment of the run; at its end if none is named."""
+    """The subjects, with their particles in a recorded frame of the run, or at its end if none is given."""
 
     page: Literal["subjects"] = "subjects"
     moment: int | None = None
@@ -62,17 +62,17 @@ class ModesView(ColouredView):
     Attributes
     ----------
     count : int
-        1 shows the shape at the deviations; 4, 9 and 16 show steps along modes, a row each.
+        1 shows the shape at the deviations; 4, 9 and 16 show steps along modes, one mode per row.
     deviations : tuple of float
-        Of the first modes [SD].
+        Deviations along the first modes [SD].
     axes : tuple of int
-        Modes whose rows come first, from 0.
+        Modes of the first rows, counted from 0.
     reach : float
         Standard deviations at the ends of rows.
     subject : str
-        Whose own surface is shown next to the shape; nobody's if empty.
+        Subject whose own surface is shown next to the shape; none if empty.
     colours, arrows : bool
-        Whether displacement is shown so.
+        Whether displacement is shown by colours, and by arrows.
     """
 
     page: Literal["modes"] = "modes"
@@ -95,7 +95,7 @@ class GroupsView(ColouredView):
     pair : int
         Index of the two groups among the pairs of the question.
     outdated : bool
-        Whether the question was changed since.
+        Whether the question has changed since the answer.
     map : str
     count : int
         1 shows the map, 4 also the shapes that it compares.
@@ -122,13 +122,13 @@ class MeasureView(ColouredView):
     Attributes
     ----------
     subject : str
-        What is shown in place of the shape along the mode, as in `named_surface`; that shape if empty.
+        Surface that replaces the shape along the mode, named as in `named_surface`; that shape if empty.
     beside : str or None
-        What is shown next to it, in the same way; nothing if None.
+        Surface next to it, named in the same way; none if None.
     map : str
-        What the colours show: the thickness of the wall, or the distance from another surface.
+        Quantity of the colours: the thickness of the wall, or the distance from another surface.
     distance_from : str
-        The other surface, as in `named_surface`.
+        The other surface, named as in `named_surface`.
     """
 
     page: Literal["measure"] = "measure"
@@ -147,11 +147,11 @@ class CheckView(_View):
     Attributes
     ----------
     show : str
-        As in `check_shown.Marks`, with ``"checkerboard"`` and ``"stripes"`` for textures.
+        As in `homolog_app.views.check.Marks`, with ``"checkerboard"`` and ``"stripes"`` for textures.
     particle : int or None
-        The chosen one.
+        The selected particle.
     subject : str
-        On which `others` are ringed.
+        Subject on which `others` have rings.
     others : tuple of int
     place : (x, y, z) or None
         Point from which distances are shown [mm], if not from the particle.
@@ -169,14 +169,14 @@ View = Annotated[SubjectsView | ModesView | GroupsView | MeasureView | CheckView
 
 
 class Snapshot(_View):
-    """Everything that a picture of the views needs besides the project.
+    """All data for a picture of the views, except those of the project.
 
     Attributes
     ----------
     view : View
     canvas : Canvas
     title : str
-        Of the study, where it is named.
+        Title of the study, in captions that include it.
     beside : Path or None
         The project that is compared with it.
     """

@@ -1,4 +1,4 @@
-"""All texts of a view: caption, letters, scale bar and numbers, none of which lies on a shape."""
+"""All texts of a view: caption, letters, scale bar and numbers, none of which overlaps a shape."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ __all__ = ["ViewTexts"]
 
 
 class ViewTexts:
-    """The texts of a view, in a strip at its top where they would lie on the shape.
+    """The texts of a view, which are moved to a strip at its top if they would overlap the shape.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class ViewTexts:
         self._is_close = False
 
     def show(self, content: Content | None, size: int, *, small: bool, letters: bool, bar: bool) -> None:
-        """Show the texts of a content with a height in pixels."""
+        """Show the texts of a content with a text height [pixels]."""
         self._content, self._size = content, size
         self.caption.show(content.caption if content else [], size, small=small, letters=letters)
         self._bar.show(bar and content is not None, round(0.85 * size))
@@ -43,12 +43,12 @@ class ViewTexts:
             part.paint(colours)
 
     def follow(self, points: FloatArray, *, is_close: bool) -> None:
-        """Before each drawing: note where a shape is seen, (n, 2) from 0 to 1, and whether as a part only."""
+        """Before each drawing: set a shape's points (n, 2), from 0 to 1, and whether the view is a close-up."""
         self._points, self._is_close = points * self._renderer.GetSize(), is_close
 
     @property
     def need_strip(self) -> bool:
-        """Whether a text would lie on the shape, or numbers are shown."""
+        """Whether a text would overlap the shape, or numbers are shown."""
         content = self._content
         if content is None:
             return False
@@ -70,9 +70,9 @@ class ViewTexts:
         low, high : (n, 2) array
             Corners of the shape's parts in the view, from 0 to 1.
         inset : (4,) array
-            Of the view's overview, in shares of the view.
+            Box of the view's overview, in fractions of the view.
         in_strip : bool
-            Whether they are in a strip.
+            Whether the texts are in the strip.
         """
         content = self._content
         if content is None:
@@ -82,7 +82,7 @@ class ViewTexts:
         taken = self._bar.taken if in_strip and self._covers_bar else 0.0
         if not taken or self.caption.has_room(taken):
             self._bar.face(self._strip.middle(0) if taken else None)
-        else:  # the name matters more
+        else:  # the name has priority
             self._bar.hide()
             taken = 0.0
         right, up, _ = axes
@@ -93,5 +93,5 @@ class ViewTexts:
 
 
 def _covers(box: FloatArray, points: FloatArray) -> bool:
-    """Whether a box (4,) contains any of some points (n, 2)."""
+    """Whether a box (4,) contains any of the points (n, 2)."""
     return bool(((points >= box[:2]) & (points <= box[2:])).all(axis=1).any())

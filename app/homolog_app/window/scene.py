@@ -207,7 +207,7 @@ class Scene(QWidget):
             self._refresh()
 
     def set_linked(self, linked: bool) -> None:
-        """Rotate all views together, or each alone."""
+        """Rotate all views together, or each independently."""
         self.grid.cameras.link(linked)
         self._refresh()
 

@@ -50,7 +50,7 @@ __all__ = ["GroupsPage"]
 _MAPS = {"Mean difference": "difference", "Discriminant": "discriminant"}
 _LAYOUTS = {"The map": 1, "Group means and maps": 4}
 _WHOLE = 100
-_END = 14  # letters of a group's name next to the slider
+_END = 14  # maximum letters of a group's name next to the slider
 
 
 class GroupsPage(ExplorePage):
