@@ -43,7 +43,7 @@ class ViewTexts:
             part.paint(colours)
 
     def follow(self, points: FloatArray, *, is_close: bool) -> None:
-        """Before each drawing: set a shape's points (n, 2), from 0 to 1, and whether the view is a close-up."""
+        """Before each drawing: set a shape's points (n, 2), from 0 to 1, and whether it is a close-up."""
         self._points, self._is_close = points * self._renderer.GetSize(), is_close
 
     @property
