@@ -27,6 +27,8 @@ _SAMPLE = 16
 _CLEAR = 2.0
 """Least median of the usual preferences relative to their spread; below it shapes do not show sides."""
 _LEAST_SPREAD = 0.05
+_CERTAIN = 1.5
+"""Largest magnitude of a preference that counts: beyond it, differences say nothing more about sides."""
 _LIKELY = np.log(100.0)
 """Least log-likelihood ratio of a preference: mirror image versus usual subject."""
 _LEAST, _NOTABLE = 0.5, 0.5
@@ -115,6 +117,11 @@ def better_mirrored(
             pose[:3, 3] = (placed[k].centre - placed[middle].centre) / placed[k].size
         image = _turned(cloud, MIRROR[:3, :3])
         image = _moved(image, register_pair(image, fixed, free=True).pose)  # its orientation is arbitrary
+        poses = (
+            pose,
+            register_pair(cloud, fixed, free=True).pose,
+        )  # among both sides the second may be closer
+        pose = min(poses, key=lambda item: _gap(_moved(cloud, item), fixed))
         return _Pair(_moved(cloud, pose), image, _moved(_thinned(units[k], _FIXED), pose))
 
     involved = sorted({*tested, *references})
@@ -185,6 +192,7 @@ def reversed_ones(preferences: FloatArray, *, majority: bool = True) -> list[boo
         Whether the usual subjects are those of the more frequent sign; otherwise they are the positive ones.
     """
     values = -preferences if majority and 2 * np.sum(preferences < 0.0) > len(preferences) else preferences
+    values = np.clip(values, -_CERTAIN, _CERTAIN)
     usual = values[values > 0.0]
     if len(usual) < _FEWEST:
         return [False] * len(values)

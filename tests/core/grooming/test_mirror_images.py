@@ -43,6 +43,15 @@ def test_chance_asymmetries_of_few_subjects_are_no_sides(measured):
     assert flagged(*measured) == []
 
 
+def test_preferences_that_are_all_large_may_differ_much():
+    assert flagged(3.8, -4.0, 1.1, -3.9, 3.0, -1.3, 1.4, -1.3) == [1, 3, 5, 7]
+
+
+def test_half_of_a_cohort_is_flagged_where_its_sides_differ_clearly():
+    hippocampi = (0.66, -0.76, 0.89, -0.75, 0.59, -0.66, 0.81, -0.86, 0.65, -0.51)
+    assert flagged(*hippocampi) == [1, 3, 5, 7, 9]
+
+
 def test_a_preference_near_zero_is_left_alone():
     assert flagged(1.2, 1.0, 1.1, -0.1, 1.3, 0.9) == []
 

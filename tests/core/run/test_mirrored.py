@@ -224,6 +224,17 @@ def test_a_wrong_side_in_the_table_is_noted(scans, both, tmp_path):
     ]
 
 
+def test_half_of_the_subjects_are_noted_where_nothing_tells_their_side(tmp_path):
+    names = "abcdef"
+    for number, name in enumerate(names):
+        write_scan(tmp_path, name, 0.6 * number, mirrored=number % 2 == 1)
+    cohort = read_cohort(tmp_path)
+    aligned, alignments = align_cohort(cohort, groom_cohort(cohort, SETTINGS.groom), SETTINGS.groom)
+    noted = {item.name for item in aligned if any("far better" in note for note in item.report.notes)}
+    assert noted in ({*names[::2]}, {*names[1::2]})
+    assert (np.linalg.det(alignments[:, :3, :3]) > 0.0).all()
+
+
 def test_files_that_are_mirrored_already_are_left_alone(scans, one_side):
     cohort = read_cohort(scans / "one")
     shapes = groom_cohort(cohort, SETTINGS.groom, cache=one_side.groomed)
