@@ -31,7 +31,7 @@ VIEWS = {
 }
 """View directions of the window's commands."""
 
-_FREE = 0.6
+_FREE = 0.45
 """Fraction of a view that is always available to shapes."""
 
 

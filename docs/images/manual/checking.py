@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from homolog.inspection import Inspection
     from homolog_app.window.main_window import MainWindow
 
-SUBJECT, APART = 2, 60
+SUBJECT, NEAR = 2, 8  # the exchanged particles are seen together
 
 
 def keep_checking(
@@ -55,8 +55,10 @@ def _beside_slot(inspection: "Inspection | None") -> int:
 
 
 def _exchanged(result: "Result") -> "Result":
-    first = int(result.world[SUBJECT][:, 2].argmax())
-    pair = [first, (first + APART) % result.world.shape[1]]
+    world = result.world[SUBJECT]
+    first = int(world[:, 2].argmax())
+    nearest = np.linalg.norm(world - world[first], axis=1).argsort()
+    pair = [first, int(nearest[NEAR])]
     changed = []
     for points in (result.local, result.world):
         points = np.array(points)

@@ -263,3 +263,30 @@ def test_with_a_large_font_every_step_fits_a_small_screen(make_window, qapp, ell
         wait(bar.opacity.isVisible)
     finally:
         qapp.setFont(font)
+
+
+@pytest.mark.window
+def test_texts_of_a_small_plot_keep_the_usual_size_with_a_large_font(window, plots, qapp):
+    from PySide6.QtGui import QFont
+
+    from homolog_app.window.explore.plot_canvas import figure_of
+    from homolog_app.window.run_particles import EnergyCurves
+
+    curves = EnergyCurves(window.workspace.theme)
+    curves.setMinimumSize(1, 1)
+    curves.show_rows(np.array([[1.0, 3.0, 2.0, 1.0], [2.0, 2.0, 1.0, 0.5]]))
+
+    def dpi(*size):
+        curves.resize(*size)
+        return size[0] / figure_of(curves).get_size_inches()[0]
+
+    usual, font = dpi(900, 400), qapp.font()
+    larger = QFont(font)
+    larger.setPixelSize(24)
+    qapp.setFont(larger)
+    try:
+        small, middle, large = dpi(220, 140), dpi(900, 240), dpi(900, 400)
+    finally:
+        qapp.setFont(font)
+    assert small == pytest.approx(usual)
+    assert 1.2 * usual < middle < large

@@ -27,7 +27,7 @@ from homolog_app.rendering.text import short
 from homolog_app.views.contents import MEAN_OF, mesh_file
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.explore.plot import Plot
-from homolog_app.window.theme import Theme
+from homolog_app.window.theme import Theme, scaled
 from homolog_app.window.widgets import GRID
 from homolog_app.window.workspace import FileDialogs
 
@@ -359,6 +359,8 @@ _HIGH = 232
 class PercentileBars(Plot):
     """Controls as marks, their middle 90 % as a band, the patient as a diamond."""
 
+    usual = (400, 200)
+
     def __init__(self, theme: Theme) -> None:
         super().__init__(theme, "The patient among the controls", "")
         self._shown: tuple[PatientComparison, Reference] | None = None
@@ -371,7 +373,7 @@ class PercentileBars(Plot):
     def show_patient(self, comparison: "PatientComparison | None", reference: "Reference | None") -> None:
         """Show a patient, or nothing."""
         self._shown = None if comparison is None or reference is None else (comparison, reference)
-        self.setFixedHeight(0 if self._shown is None else _HIGH)
+        self.setFixedHeight(0 if self._shown is None else scaled(_HIGH))
         if self._shown is not None:
             from homolog_app.plots import percentile_rows
 

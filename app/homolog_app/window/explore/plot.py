@@ -139,7 +139,11 @@ class Plot(QWidget):
         Canvas of the plot; None before the plot is visible.
     files : FileDialogs or None
         The dialogs that ask where to save the plot.
+    usual : (int, int)
+        Width and height that texts of the usual size need [pixels].
     """
+
+    usual = (240, 150)
 
     redrawn = Signal()
     moved = Signal()

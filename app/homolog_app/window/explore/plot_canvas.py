@@ -15,14 +15,12 @@ from homolog_app.window.theme import Theme, text_scale
 
 __all__ = ["PlotCanvas", "figure_of"]
 
-_USUAL = (240, 150)
-"""Size at which a plot has room for texts of the usual size [pixels]."""
-
 
 class Drawn(Protocol):
     """The interface between a canvas and its plot."""
 
     theme: Theme
+    usual: tuple[int, int]
 
     @property
     def redrawn(self) -> SignalInstance: ...
@@ -103,7 +101,7 @@ class PlotCanvas(FigureCanvasQTAgg):
         if (self._is_due or extent != self._drawn) and self.width() > 0 and self.height() > 0:
             self._is_new |= extent != self._drawn  # the size decides which texts are shortened
             self._is_due, self._drawn = False, extent
-            dpi = _dpi(self.width(), self.height())
+            dpi = _dpi(self.width(), self.height(), self._plot.usual)
             self.figure.set_dpi(dpi * self.device_pixel_ratio)
             size = self.width() / dpi, self.height() / dpi
             self.figure.set_size_inches(
@@ -137,15 +135,15 @@ class PlotCanvas(FigureCanvasQTAgg):
             self.figure.draw_artist(artist)
 
 
-def _dpi(width: int, height: int) -> float:
+def _dpi(width: int, height: int, usual: tuple[int, int]) -> float:
     """Return the resolution of a plot of some size: texts grow with the system's font where there is room."""
-    room = min(width / _USUAL[0], height / _USUAL[1])
+    room = min(width / usual[0], height / usual[1])
     return DPI * min(text_scale(), max(1.0, room))
 
 
 def figure_of(plot: Drawn) -> Figure:
     """Return a figure of a plot as large as on the screen, for a file or the clipboard."""
-    dpi = _dpi(plot.width(), plot.height())
+    dpi = _dpi(plot.width(), plot.height(), plot.usual)
     figure = new_figure(plot.width() / dpi, plot.height() / dpi, plot.theme.colours)
     _fill(figure, plot)
     figure.draw_without_rendering()  # names are placed in the final layout
