@@ -1,4 +1,4 @@
-"""The last parts of a report: what its words and numbers mean, each once, and the references."""
+"""The last parts of a report: definitions of its terms and quantities, and the references."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -16,7 +16,7 @@ __all__ = ["definitions", "numbered"]
 def definitions(
     studies: Sequence[Study], carrier: SurfaceCarrier, *, confirmed: bool
 ) -> Iterator[tuple[str, str]]:
-    """Yield terms with their meanings, those that the studies need.
+    """Yield the terms that the studies use, with their definitions.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def definitions(
     carrier : SurfaceCarrier
         Of the result.
     confirmed : bool
-        Whether the authors have said what the axes are.
+        Whether the authors have confirmed the axes.
     """
     yield from _of_answers(studies)
     yield from _of_places(carrier)
@@ -34,7 +34,7 @@ def definitions(
 
 
 def _of_answers(studies: Sequence[Study]) -> Iterator[tuple[str, str]]:
-    """Yield what is compared, and the numbers that say how it differs."""
+    """Yield the terms for comparisons and for effects on the whole shape."""
     kinds = {study.request.kind for study in studies}
     yield (
         "Study, comparison",
@@ -56,13 +56,13 @@ def _of_answers(studies: Sequence[Study]) -> Iterator[tuple[str, str]]:
     )
     yield (
         "p, significant",
-        "p is the permutation p, two-sided (of accuracy and AUC one-sided), corrected as the methods say; "
-        f"significant is p ≤ {LEVEL:g}. Intervals (95 % CI) are not corrected.",
+        "p is the permutation p, two-sided (of accuracy and AUC one-sided), corrected as described in the "
+        f"methods; significant is p ≤ {LEVEL:g}. Intervals (95 % CI) are not corrected.",
     )
     yield "D", " ".join(text for kind, text in _DISTANCE.items() if kind in kinds)
     yield (
         "ω²",
-        "Share of the generalised variance in the tested modes that the groups, the variable or the mean "
+        "Fraction of the generalised variance in the tested modes that the groups, the variable or the mean "
         "difference explain, corrected for bias.",
     )
     yield (
@@ -75,7 +75,7 @@ def _of_answers(studies: Sequence[Study]) -> Iterator[tuple[str, str]]:
 
 
 def _of_places(carrier: SurfaceCarrier) -> Iterator[tuple[str, str]]:
-    """Yield what says where shapes differ, and which way they move."""
+    """Yield the terms for the location and direction of differences."""
     yield (
         "Region, peak, outward",
         "A region is connected significant particles, its peak the one with the largest statistic. Outward "
@@ -83,7 +83,7 @@ def _of_places(carrier: SurfaceCarrier) -> Iterator[tuple[str, str]]:
         "mean is over the region's area, with the mean of the particles' intervals, at least as wide as "
         "that of the mean. Positions are tested in all directions, so that an outward interval may contain "
         "zero: such area counts as neither out of the tissue nor into it. Where the peak moves much farther "
-        "than its outward part, it moves along the surface, which on a smooth surface may be another "
+        "than its outward component, it moves along the surface, which on a smooth surface may be another "
         "distribution of points rather than of tissue: claim it only near edges and landmarks. Effects at "
         "peaks are overestimated, as peaks were chosen by their statistics.",
     )
@@ -94,8 +94,8 @@ def _of_places(carrier: SurfaceCarrier) -> Iterator[tuple[str, str]]:
         f"{LEVEL:g}. Colours of all maps of one quantity (of form, of shape, of one variable) end at the "
         "same value."
         + (
-            " Outside, the side is named from which the shape is seen; inside, the near half is removed, and "
-            "the wall is named that is seen."
+            " Outside views are named by the side from which the shape is seen; in inside views the near "
+            "half is removed, and they are named by the visible wall."
             if carrier.is_hollow
             else ""
         ),
@@ -112,13 +112,13 @@ def _of_places(carrier: SurfaceCarrier) -> Iterator[tuple[str, str]]:
 
 
 def _of_subjects(studies: Sequence[Study]) -> Iterator[tuple[str, str]]:
-    """Yield what tells single subjects apart, where a study does."""
+    """Yield the terms for the classification and the dispersion of subjects."""
     comparisons = [comparison for study in studies for comparison in study.comparisons]
     if any(comparison.discriminant is not None for comparison in comparisons):
         yield (
             "Balanced accuracy, AUC",
-            "Balanced accuracy is the mean of the two groups' shares of subjects that a cross-validated "
-            "linear discriminant puts on the right side, the AUC the probability that it ranks a subject of "
+            "Balanced accuracy is the mean of the two groups' fractions of subjects that a cross-validated "
+            "linear discriminant classifies correctly; the AUC is the probability that it ranks a subject of "
             "the second group above one of the first. Positions along the discriminant in figures are not "
             "cross-validated; bars are the groups' means.",
         )
@@ -126,8 +126,8 @@ def _of_subjects(studies: Sequence[Study]) -> Iterator[tuple[str, str]]:
         yield (
             "Dispersion, r",
             "Dispersion is the mean distance of subjects from their group's centroid or from the shape "
-            "fitted to them, root mean square over the particles, in the comparison's own modes. r, which "
-            "outliers exceed the limit of, is a subject's distance divided by the median distance.",
+            "fitted to them, root mean square over the particles, in the comparison's own modes. r is a "
+            "subject's distance divided by the median distance; outliers exceed its limit.",
         )
 
 
@@ -238,14 +238,14 @@ _CITED = re.compile(r"\[([a-z]+(?:, [a-z]+)*)\]")
 def numbered(texts: Sequence[str], version: str) -> tuple[list[str], list[str]]:
     """Return texts with the numbers of the references that they cite, and those references in order.
 
-    Brackets around other words stay as they are.
+    Brackets around other words are unchanged.
 
     Parameters
     ----------
     texts : sequence of str
-        ``[holm]`` and ``[reiser, steiger]`` cite.
+        Texts with citations such as ``[holm]`` and ``[reiser, steiger]``.
     version : str
-        Of the program.
+        Version of the program.
     """
     cited: list[str] = []
 

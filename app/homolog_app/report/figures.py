@@ -52,12 +52,12 @@ _DRAWS = 200
 _VIEWS = ("anterior", "posterior", "superior", "inferior")
 _HOLLOW_VIEWS = ("anterior", "posterior", "left", "right")
 _SMALL = (2.3, 1.7)
-"""Size of a figure of which three are beside each other [inches]."""
+"""Size of a figure, three of which fit next to each other [inches]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportFigure:
-    """A figure with its file name and caption, and whether it may be beside others."""
+    """A figure with its file name and caption, and whether others may be placed next to it."""
 
     name: str
     figure: Figure
@@ -102,7 +102,7 @@ def model_figures(
 
 
 def map_limits(studies: Sequence[Study], carrier: SurfaceCarrier) -> list[float]:
-    """Return the end of the colour scale of each study's maps [mm]: one for all that show one quantity."""
+    """Return the end of the colour scale of each study's maps [mm], common to maps of the same quantity."""
     outward: dict[tuple[str, ...], list[FloatArray]] = {}
     for study in studies:
         for item in study.comparisons:
@@ -115,7 +115,7 @@ def map_limits(studies: Sequence[Study], carrier: SurfaceCarrier) -> list[float]
 
 
 def _quantity(study: Study) -> tuple[str, ...]:
-    """Return what maps show: differences of form or of shape, or changes along one variable."""
+    """Return the quantity of maps: differences of form or of shape, or changes along one variable."""
     request = study.request
     return request.alignment.value, request.column if request.kind == "regression" else ""
 
@@ -173,9 +173,10 @@ def quality_figure(result: Result, model: ShapeModel, theme: Theme = LIGHT) -> F
 
 
 def quality_rows(result: Result, model: ShapeModel) -> list[tuple[int, float, float | None, float | None]]:
-    """Return modes, compactness (share), generalization and specificity [mm] of a model, for 1, 2 … modes.
+    """Return number of modes, compactness (0 to 1), generalization and specificity [mm] of a model.
 
-    Specificity is computed for some numbers of modes only; nothing is with fewer than three subjects.
+    Specificity is computed for some numbers of modes only. The result is empty with fewer than three
+    subjects.
     """
     if len(result.world) < 3:
         return []
@@ -216,9 +217,9 @@ def map_figure(
     limit: float | None = None,
     clip: Clip | None = None,
 ) -> Figure:
-    """Draw the effect of a comparison of two, and where it is significant; of hollow shapes also inside.
+    """Draw the effect of a comparison of two and its significance, for hollow shapes also on the inside.
 
-    Colours end at the limit [mm], by default a round value that fits.
+    Colours end at the limit [mm], by default a suitable round value.
     """
     mesh, effect = carrier.mean_of(comparison), carrier.moved(comparison.pointwise.effect[0])
     significant = carrier.significant(comparison, LEVEL)
@@ -267,10 +268,10 @@ def _scree_caption(parallel: ParallelAnalysis, model: ShapeModel) -> str:
     held = f"{100.0 * model.explained_variance_ratio[:count].sum():.0f} % of the variance"
     above = {
         0: "No mode is above chance.",
-        1: f"The first mode is above chance and holds {held}.",
-    }.get(count, f"The first {count} modes are above chance and hold {held}.")
+        1: f"The first mode is above chance and explains {held}.",
+    }.get(count, f"The first {count} modes are above chance and explain {held}.")
     return (
-        "Variance of each mode, and what data without correlation reach (parallel analysis, "
+        "Variance of each mode, and the threshold from data without correlation (parallel analysis, "
         f"{parallel.repeats} {parallel.null} data sets); hatched: not retained. {above}"
     )
 

@@ -28,7 +28,7 @@ def interval_text(effect: Effect, digits: int = 2) -> str:
 
 
 def percent_text(effect: Effect) -> str:
-    """Return a share in per cent with its interval, such as ``"83 % (95 % CI 63 to 92 %)"``."""
+    """Return a percentage with its interval, such as ``"83 % (95 % CI 63 to 92 %)"``."""
     value, low, high = (f"{100.0 * item:.0f}" for item in (effect.value, effect.low, effect.high))
     return f"{value} % (95 % CI {low} to {high} %)"
 
@@ -75,7 +75,7 @@ def dispersion_text(dispersion: Dispersion) -> str:
 def correction_text(study: Study, *, size: bool = False, overall: bool = False) -> str:
     """Return the corrections of p-values, such as ``"corrected for 2 answers"``, or nothing.
 
-    Those of size are corrected for pairs only, those of all groups together (`overall`) for answers only.
+    p-values of size are corrected for pairs only, those of all groups together (`overall`) for answers only.
     """
     parts = [f"{len(study.pairwise)} pairs of groups (Holm)"] if study.pairwise and not overall else []
     if study.request.answers > 1 and not size:
@@ -84,12 +84,12 @@ def correction_text(study: Study, *, size: bool = False, overall: bool = False) 
 
 
 def shows_size(study: Study) -> bool:
-    """Return whether a study reports size, which its other answer, on form, does if there is one."""
+    """Return whether a study reports size; a study of shape does not if the same question has one of form."""
     return study.overall.reports_size
 
 
 def shown_variance(comparison: Comparison) -> float:
-    """Return the share of the variance that the tested modes hold [%]."""
+    """Return the percentage of the variance that the tested modes explain."""
     eigenvalues = comparison.test.parallel.eigenvalues
     return 100.0 * float(eigenvalues[: comparison.test.modes].sum() / max(eigenvalues.sum(), 1e-300))
 
@@ -103,7 +103,7 @@ def classified_text(comparison: Comparison) -> str:
 
 
 def region_text(study: Study, comparison: Comparison) -> str:
-    """Return where the effect is significant: particles, area and its share of the surface."""
+    """Return the extent of significance: particles, area, and percentage of the surface."""
     significant = comparison.p_fwe <= LEVEL
     if not significant.any():
         return f"none of {len(significant)} particles"
@@ -116,17 +116,17 @@ def region_text(study: Study, comparison: Comparison) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What a comparison shows.
+    """The results of a comparison.
 
     Attributes
     ----------
     verdict : str
-        In a few words.
+        Summary in one sentence.
     effects : tuple of str
         Effects with their intervals and corrected p-values, in sentences: whole shape, particles,
         classification, size.
     details : tuple of str
-        Statistics of the test of the whole shape, and what p-values are corrected for.
+        Statistics of the test of the whole shape, and the corrections of p-values.
     """
 
     verdict: str
@@ -140,7 +140,7 @@ class Finding:
 
 
 def findings(study: Study) -> list[Finding]:
-    """Return what each comparison of a study shows.
+    """Return the findings of each comparison of a study.
 
     *Significant* refers to the permutation test, corrected for pairs of groups and answers.
     """
@@ -157,7 +157,7 @@ def outlier_text(result: Result) -> list[str]:
         return []
     verb = "lies" if len(far) == 1 else "lie"
     return [
-        f"{', '.join(far)}: {verb} far from all other shapes. Look at segmentation and particles before "
+        f"{', '.join(far)}: {verb} far from all other shapes. Check segmentation and particles before "
         "trusting any test; p-values of F are unreliable with such subjects."
     ]
 
@@ -189,12 +189,12 @@ def covariate_sentences(study: Study) -> Iterator[str]:
 
 
 def covariate_size(effect: Comparison) -> Effect | None:
-    """Return the effect on size, if it is reported."""
+    """Return the effect on size; None if it is not reported."""
     return effect.size if effect.reports_size else None
 
 
 def _covariate_size_text(effect: Comparison) -> str:
-    """Return the effect on size with its p, or nothing where size is not reported."""
+    """Return the effect on size with its p-value; an empty text if size is not reported."""
     size = covariate_size(effect)
     if size is None or size.p is None or not np.isfinite(size.value):
         return ""
@@ -203,19 +203,19 @@ def _covariate_size_text(effect: Comparison) -> str:
 
 
 def covariate_unit(effect: Comparison) -> str:
-    """Return what the effect of a covariate is per, or nothing for a difference of categories."""
+    """Return ``" per unit"`` for the effect of a number, an empty text for a difference of categories."""
     several = effect.pointwise.effect.shape[0] > 1
     return "" if several or " - " in effect.title else " per unit"
 
 
 def covariate_area(study: Study, effect: Comparison) -> float:
-    """Return the share of the surface on which a covariate's effect is significant [%]."""
+    """Return the percentage of the surface on which a covariate's effect is significant."""
     inside = float(study.areas[effect.p_fwe <= LEVEL].sum())
     return 100.0 * inside / max(float(study.areas.sum()), np.finfo(float).tiny)
 
 
 def covariate_interval(effect: Effect, unit: str) -> str:
-    """Return a covariate's effect with its interval, in three digits."""
+    """Return a covariate's effect with its interval, to three digits."""
     bounds = (effect.value, effect.low, effect.high)
     value, low, high = ("0" if bound == 0.0 else f"{bound:#.3g}".rstrip(".") for bound in bounds)
     if not unit:
@@ -229,15 +229,15 @@ _NOTHING = {
     ("regression", False): "no change of {} with {} can be shown",
     ("regression", True): "no change of the whole {} with {} can be shown, but {} of {} particles change",
 }
-"""Texts without an effect on the whole shape: without and with significant particles."""
+"""Texts if there is no effect on the whole shape: without and with significant particles."""
 
 
 NOUNS = {Alignment.AS_IT_LIES: "form or pose", Alignment.RIGID: "form", Alignment.SIMILARITY: "shape"}
-"""What is compared, by the alignment."""
+"""The compared property, by the alignment."""
 
 
 def verdict_of(study: Study, comparison: Comparison) -> str:
-    """Return what a comparison shows, in a few words."""
+    """Return a summary of a comparison in one sentence."""
     noun = NOUNS[study.request.alignment]
     significant = comparison.p_adjusted <= LEVEL
     inside = int(np.count_nonzero(comparison.p_fwe <= LEVEL))
@@ -295,7 +295,7 @@ def _effects(study: Study, comparison: Comparison) -> tuple[str, ...]:
         )
     if dispersion_caution(comparison.dispersion, comparison.counts) and len(comparison.counts) == 2:
         sentences.append(
-            "The interval of D and the p values of accuracy and AUC assume equal dispersion, which these "
+            "The interval of D and the p-values of accuracy and AUC assume equal dispersion, which these "
             "groups do not have."
         )
     size = _size_text(study, comparison) if shows_size(study) else []
@@ -303,7 +303,7 @@ def _effects(study: Study, comparison: Comparison) -> tuple[str, ...]:
 
 
 def _local_correction(study: Study, comparison: Comparison) -> str:
-    """Return what p-values of particles are corrected for."""
+    """Return the corrections of the particles' p-values."""
     parts = ["the surface"]
     if comparison in study.pairwise:
         parts.append(f"{len(study.pairwise)} pairs")
@@ -332,7 +332,7 @@ def _details(study: Study, comparison: Comparison) -> tuple[str, ...]:
     size = ""
     if shows_size(study) and comparison.size_p_adjusted is not None:
         size = f"; that of size is {correction_text(study, size=True, overall=overall) or 'not corrected'}"
-    return (*statistics, f"p values of the {tested} are {correction}{size}.")
+    return (*statistics, f"p-values of the {tested} are {correction}{size}.")
 
 
 def _tested(p: float | None, effect: Effect) -> str:
@@ -342,7 +342,7 @@ def _tested(p: float | None, effect: Effect) -> str:
 
 
 def size_variance_text(between: SizeVariance) -> str:
-    """Return F and the share of the variance of size that lies between groups."""
+    """Return F and the fraction of the variance of size that is between groups."""
     return (
         f"F({between.dof[0]:g}, {between.dof[1]:.3g}) = {between.f:.2f}, ω² = "
         f"{interval_text(between.omega_squared)}"

@@ -36,20 +36,20 @@ __all__ = [
 ]  # fmt: skip
 
 _METHOD = (
-    "Each time was compared with the reference for itself. The first surface was then registered rigidly to "
-    "each later one with robust weights (Geman and McClure), and the distance to it was taken along the "
-    "first one's normals, outward positive. What the same registration makes of the first surface itself was "
-    "taken off.",
+    "Each time was compared with the reference separately. The first surface was then registered rigidly to "
+    "each later one with robust weights (Geman and McClure), and the distance to it was measured along the "
+    "first one's normals, outward positive. The distance that the same registration yields for the first "
+    "surface itself was subtracted.",
 )
-_UNKNOWN = "No control of the reference was seen twice, so that the change of healthy subjects is not known."
+_UNKNOWN = "No control of the reference was scanned twice, so the change of healthy subjects is not known."
 _EXPECTED = (
-    "The change of controls who were seen twice was measured in the same way, each by a model without that "
-    "person. z is the patient's change, less their mean change, in their standard deviations; one healthy "
-    "subject in twenty exceeds the limit anywhere."
+    "The change of controls who were scanned twice was measured in the same way, each with a model without "
+    "that control. z is the patient's change minus their mean change, in their standard deviations; one "
+    "healthy subject in twenty exceeds the limit anywhere."
 )
 _MAPS_A_PAGE = 3
 _HIGHEST = 2.0
-"""Of a map on a page [inches]."""
+"""Width and height of a map on a page [inches]."""
 _COLUMNS = ("time", "volume (%)", "mean (mm)", "rms (mm)", "outward (mm)", "inward (mm)", "beyond (mm²)")
 _UNSIGNED = ("rms (mm)", "beyond (mm²)")
 
@@ -57,7 +57,7 @@ _UNSIGNED = ("rms (mm)", "beyond (mm²)")
 def check_times(subjects: Sequence[Subject], repeats: Sequence[Path]) -> None:
     """Raise InputError if a follow-up has too few times or a repeat is missing."""
     if len(subjects) < 2:
-        raise InputError("--follow-up: needs two files at least; give the first time first")
+        raise InputError("--follow-up: needs at least two files; give the first time first")
     for path in repeats:
         if not path.exists():
             raise InputError(f"{path}: does not exist; correct the path")
@@ -67,8 +67,8 @@ def error_text(follow_up: FollowUp) -> str:
     """Describe the measurement error and the scope of its limit."""
     if follow_up.error is None:
         return (
-            "No measurement error is known: no repeated segmentations were given. A difference may be that "
-            "of scanning or segmenting twice."
+            "No measurement error is known: no repeated segmentations were given. A difference may be "
+            "due to scanning or segmenting twice."
         )
     repeats = f"{follow_up.repeats} repeated segmentation{'s' * (follow_up.repeats != 1)}"
     size = f"{float(follow_up.error.mean()):.2f} mm on average"
@@ -79,8 +79,8 @@ def error_text(follow_up: FollowUp) -> str:
         )
     return (
         f"Measurement error from {repeats}: standard deviation {size}. The limit (|z| = "
-        f"{follow_up.limit:.2f}) holds for each place alone: some places exceed it by chance. Three and more "
-        "repeats give one for the whole surface."
+        f"{follow_up.limit:.2f}) applies to each position separately: some positions exceed it by chance. "
+        "Three or more repeats give a limit for the whole surface."
     )
 
 
@@ -95,13 +95,13 @@ def write_follow_up(
         Exists.
     follow_up : FollowUp
     reference : Reference
-        That all times are compared with.
+        Reference for all times.
     tick : Tick
 
     Returns
     -------
     list of str
-        What was found, a line for each time.
+        Findings, one line for each time.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def follow_up_sheets(follow_up: FollowUp, reference: Reference) -> list[Sheet]:
 
 
 def _pictures(follow_up: FollowUp) -> tuple[list[tuple[Panel, ...]], float]:
-    """Return a row of pictures for each later time, and the end of their colour scale [mm]."""
+    """Return a row of pictures for each later time, and the limit of their colour scale [mm]."""
     scale = common_limit([change.distance for change in follow_up.changes])
     rows = [
         change_pictures(follow_up.comparisons[0], change.distance, beyond_limit(change, follow_up), scale)
@@ -259,7 +259,7 @@ def _page(follow_up: FollowUp, reference: Reference, panels: Sequence[Sequence[P
 
 
 def beyond_limit(change: Change, follow_up: FollowUp) -> BoolArray | None:
-    """Return where a change exceeds that of the controls, else the measurement error, (V,).
+    """Return the vertices (V,) beyond the controls' limit or, without one, beyond the measurement error.
 
     None if neither is known.
     """
@@ -289,8 +289,8 @@ def expected_sentence(change: Change, follow_up: FollowUp) -> str:
             f"{signed(most.peak, 1)} mm (|z| {abs(most.z):.1f}, limit {expected.limit:.1f})"
         )
     return (
-        f"Against {expected.pairs} controls seen twice ({expected.between}): {rms.value:.2f} mm (rms) from "
-        f"their mean change, percentile {rms.percent:.0f} ({rms.low:.0f} to {rms.high:.0f}); volume "
+        f"Against {expected.pairs} controls scanned twice ({expected.between}): {rms.value:.2f} mm (rms) "
+        f"from their mean change, percentile {rms.percent:.0f} ({rms.low:.0f} to {rms.high:.0f}); volume "
         f"percentile {volume.percent:.0f} ({volume.low:.0f} to {volume.high:.0f}); {local}."
     )
 

@@ -1,4 +1,4 @@
-"""The first page of a report: what was found, in one table and a few sentences, and cautions."""
+"""The first page of a report: the main results in one table and a few sentences, and cautions."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -27,9 +27,9 @@ from homolog_app.report.surface_maps import Region, SurfaceCarrier, significant_
 __all__ = ["add_main_results"]
 
 _LITTLE = 0.5
-"""Share of the smaller significant area up to which two studies hardly agree on where."""
+"""Fraction of the smaller significant area; with less overlap two studies hardly agree on the location."""
 _MAINLY_ALONG = 0.5
-"""Share of a displacement below which its outward part counts as the smaller one."""
+"""Fraction of a displacement below which its outward component counts as the smaller one."""
 _MARK = "†"
 
 
@@ -63,7 +63,7 @@ def add_main_results(
 
 
 def _role_text(studies: Sequence[Study], *, primary: bool) -> str:
-    """Return which study is primary, and what that means for p-values; nothing of a single one."""
+    """Return the roles of the studies and the consequences for p-values; an empty text for a single study."""
     if len(studies) < 2:
         return ""
     count = questions_of(studies)
@@ -71,24 +71,25 @@ def _role_text(studies: Sequence[Study], *, primary: bool) -> str:
     answers = max(study.request.answers for study in studies)
     if primary:
         own = studies[0].request.answers
-        kept = f" Its p-values are corrected for {own} answers all the same." if own > 1 else ""
+        kept = f" Its p-values are nevertheless corrected for {own} answers." if own > 1 else ""
         others, them = ("The others are", "them") if len(studies) > 2 else ("Study 2 is", "it")
         return (
-            f"Study 1 was named primary.{kept} {others} secondary: p-values are corrected {within} alone, "
+            f"Study 1 was declared primary.{kept} {others} secondary: p-values are corrected {within} only, "
             f"which makes {them} exploratory."
         )
     if count == 1:
         corrected = f" p-values are corrected for all {answers} answers." if answers == len(studies) else ""
-        return f"No study was named primary (homolog analyze --primary).{corrected}"
+        return f"No study was declared primary (homolog analyze --primary).{corrected}"
     return (
-        f"No study was named primary (homolog analyze --primary). p-values are corrected {within}, not for "
-        f"their number: without any effect, up to {100.0 * LEVEL * count:g} % of reports with {count} "
-        f"questions would find one. Name the primary study, or take p ≤ {LEVEL / count:.2g} as significant."
+        f"No study was declared primary (homolog analyze --primary). p-values are corrected {within}, not "
+        f"for their number: without any effect, up to {100.0 * LEVEL * count:g} % of reports with {count} "
+        f"questions would find one. Declare the primary study, or consider p ≤ {LEVEL / count:.2g} "
+        "significant."
     )
 
 
 def _answer(study: Study) -> str:
-    """Return what a study compares, in a few words."""
+    """Return a short description of what a study compares."""
     adjusted = f", adjusted for {', '.join(study.request.covariates)}" if study.request.covariates else ""
     remains = "; allometry remains" if study.request.alignment is Alignment.SIMILARITY else ""
     return f"{NOUNS[study.request.alignment]}{adjusted}{remains}"
@@ -103,11 +104,11 @@ def _shown(comparison: Comparison, answers: Sequence[SeedAnswer]) -> Comparison:
 def _sentences(
     study: Study, shown: Sequence[Comparison], answers: Sequence[SeedAnswer], carrier: SurfaceCarrier
 ) -> Iterator[str]:
-    """Yield which pairs differ, and where the largest regions are that are more than chance of placing."""
+    """Yield the pairs that differ, and the largest regions that hardly depend on the seed."""
     pairs = shown[1:]
     differ = [pair.title for pair in pairs if pair.p_adjusted <= LEVEL]
     if len(differ) == len(pairs) > 0:
-        yield "So do all pairs."
+        yield "All pairs differ as well."
     elif pairs:
         rest = ", ".join(pair.title for pair in pairs if pair.title not in differ)
         yield f"Of the pairs {', '.join(differ) or 'none'} differ; no difference can be shown of {rest}."
@@ -122,18 +123,18 @@ def _sentences(
         elif regions:
             where.append(_where(comparison.title, regions, study))
     if where:
-        yield f"Largest regions, by the place of their peak: {'; '.join(where)}."
+        yield f"Largest regions, by the location of their peak: {'; '.join(where)}."
     if unsure:
         yield (
-            f"No region can be claimed for {', '.join(unsure)}: significant are single particles, or none "
-            "with most seeds."
+            f"No region can be claimed for {', '.join(unsure)}: only single particles are significant, or "
+            "none with most seeds."
         )
     if nowhere:
         yield f"No particle is significant for {', '.join(nowhere)}."
 
 
 def _where(title: str, regions: Sequence[Region], study: Study) -> str:
-    """Return where the largest region is, and which way it moves."""
+    """Return the location and the direction of the largest region."""
     region = regions[0]
     per = f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
     digits = digits_of(study, region.mean_outward.high - region.mean_outward.low) - (0 if per else 1)
@@ -176,15 +177,15 @@ def _table(page: Page, studies: Sequence[Study], seeds: Sequence[Sequence[SeedAn
     numbers = sorted({number for answers in seeds for number in seed_numbers(answers)})
     if several:
         sentences.append(
-            f"With seeds {', '.join(map(str, numbers))} particles were placed and tests made again: in Study "
-            f"{', '.join(several)} D, p, area, accuracy and bounds of intervals are each the median over the "
-            "seeds of the correspondence (ranges: last table; of each seed: seeds.csv). Numbers of modes and "
-            "all that follows, maps too, are of the first seed."
+            f"With seeds {', '.join(map(str, numbers))} the placement of particles and the tests were "
+            f"repeated: in Study {', '.join(several)} D, p, area, accuracy and bounds of intervals are each "
+            "the median over the seeds of the correspondence (ranges: last table; of each seed: seeds.csv). "
+            "Numbers of modes and all further results, including maps, are those of the first seed."
         )
     if older:
         sentences.append(
-            f"Study {', '.join(older)}: of the first seed; other seeds are in the last table, and their "
-            f"intervals "
+            f"Study {', '.join(older)}: values of the first seed; other seeds are in the last table, and "
+            "their intervals "
             "after homolog analyze --seeds again."
         )
     if any(study.pairwise for study in studies):
@@ -227,7 +228,7 @@ def _accuracy_p(comparison: Comparison, answers: Sequence[SeedAnswer]) -> float 
 
 
 def _remarks(studies: Sequence[Study], seeds: Sequence[Sequence[SeedAnswer]]) -> Iterator[str]:
-    """Yield what the table does not show at once."""
+    """Yield remarks that the table does not show directly."""
     alike = [
         f"{comparison.title} (Study {number}, {p_text(tested)})"
         for number, (study, answers) in enumerate(zip(studies, seeds, strict=True), start=1)
@@ -248,7 +249,7 @@ def _remarks(studies: Sequence[Study], seeds: Sequence[Sequence[SeedAnswer]]) ->
                 ]
     if apart:
         yield (
-            "The place is uncertain, as significant areas of unadjusted and adjusted studies hardly "
+            "The location is uncertain, because significant areas of unadjusted and adjusted studies hardly "
             f"overlap: {', '.join(apart)}."
         )
     effects = [
@@ -261,7 +262,7 @@ def _remarks(studies: Sequence[Study], seeds: Sequence[Sequence[SeedAnswer]]) ->
 
 
 def _covariate_effects(study: Study) -> Iterator[str]:
-    """Yield the significant effects of covariates on the whole shape or on size, in a few words."""
+    """Yield short descriptions of significant effects of covariates on the whole shape or on size."""
     for effect in study.overall.covariates:
         parts = []
         if effect.test.modes and effect.p_adjusted <= LEVEL:
@@ -275,7 +276,7 @@ def _covariate_effects(study: Study) -> Iterator[str]:
 
 
 def _disagreements(study: Study, other: Study) -> Iterator[tuple[str, float]]:
-    """Yield comparisons of two studies whose significant areas hardly overlap, and by how much [%]."""
+    """Yield comparisons of two studies whose significant areas hardly overlap, and the overlap [%]."""
     others = {comparison.title: comparison.p_fwe <= LEVEL for comparison in other.comparisons}
     for comparison in study.comparisons:
         own, its = comparison.p_fwe <= LEVEL, others.get(comparison.title)
@@ -336,8 +337,8 @@ def _outliers(studies: Sequence[Study], correspondence: Sequence[CorrespondenceR
         others = f", not in Study {', '.join(rest)}" if rest else ""
         worst = ""
         if correspondence and max(correspondence, key=lambda row: row.surface_mean_mm).name == name:
-            worst = " Particles represent its surface worst of all."
+            worst = " Its surface is the one that particles represent worst."
         yield (
-            f"{name} is an outlier in {where}{others}.{worst} Look at it before trusting any test; results "
+            f"{name} is an outlier in {where}{others}.{worst} Check it before trusting any test; results "
             "without it follow."
         )

@@ -1,4 +1,4 @@
-"""Methods text, to repeat the analysis."""
+"""Text on methods, with which the analysis can be repeated."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -17,7 +17,7 @@ __all__ = ["least_text", "methods", "questions_of"]
 def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
     """Return paragraphs for the methods section of a paper: model, common methods of studies, each study.
 
-    They cite by the names that `homolog_app.report.appendix.numbered` knows.
+    Citations are the keys of `homolog_app.report.appendix.numbered`.
     """
     sentences = [_statistics(study) for study in studies]
     shared = [text for text in sentences[0] if all(text in each for each in sentences)] if studies else []
@@ -33,13 +33,13 @@ def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
 
 
 def questions_of(studies: Sequence[Study]) -> int:
-    """Return how many questions studies ask, form and shape of each being one."""
+    """Return the number of questions of studies; form and shape of the same question count once."""
     rigid = {"alignment": Alignment.RIGID}
     return len({study.request.model_copy(update=rigid).question for study in studies})
 
 
 def _own_sentences(sentences: list[list[str]]) -> list[str]:
-    """Return each sentence once, in paragraphs by the studies of which it is true."""
+    """Return each sentence once, in paragraphs by the studies to which it applies."""
     studies_of: dict[str, list[str]] = {}
     for number, own in enumerate(sentences, start=1):
         for sentence in dict.fromkeys(own):
@@ -55,14 +55,14 @@ def _size_of_groups(study: Study) -> list[str]:
         return []
     f = "the F of the analysis of covariance" if study.request.covariates else "Welch's F"
     return [
-        f"Size of all groups together has {f}.",
-        "The ω² of size is the share of its variance that lies between the groups, estimated from that F, "
+        f"The statistic for size of all groups together is {f}.",
+        "The ω² of size is the fraction of its variance between the groups, estimated from that F, "
         "with bounds from the noncentral F distribution.",
     ]
 
 
 _ALIGNED = {
-    Alignment.AS_IT_LIES: "Shapes were compared as the correspondence left them, not aligned further.",
+    Alignment.AS_IT_LIES: "Shapes were compared in their alignment after the run, without another one.",
     Alignment.RIGID: (
         "Shapes were aligned by generalized Procrustes analysis [gower] without scaling, so that size and "
         "shape (form) were compared."
@@ -81,8 +81,8 @@ def _statistics(study: Study) -> list[str]:
     sentences = [
         *_test_of_the_shape(study),
         _ALIGNED[study.request.alignment],
-        "At every particle the position was tested by the same statistic as the whole shape, in its "
-        "coordinates along the principal axes of their scatter in the place of modes, each scaled to a sum "
+        "At every particle the position was tested by the same statistic as the whole shape, with its "
+        "coordinates along the principal axes of their scatter instead of modes, each scaled to a sum "
         "of squares of 1; p-values were corrected over the surface by the permutation distribution of the "
         "largest statistic (family-wise error [westfall]); false discovery rates [benjamini] are in the "
         "tables.",
@@ -125,7 +125,7 @@ _EXCHANGED = {
 
 
 def _exchangeable(study: Study) -> str:
-    """Return what the permutation tests take for granted."""
+    """Return the assumptions of the permutation tests."""
     what = "residuals" if study.request.covariates or study.request.kind == "regression" else "subjects"
     scaled = ", once scaled to one dispersion," if study.request.kind == "groups" else ""
     others = f"subjects and, without an effect, {what} that{scaled} could be exchanged"
@@ -139,7 +139,7 @@ def _f_verdict(study: Study) -> str:
     most = f"more than {100.0 * LOOSE:g} percentage points above it"
     if not off:
         return f"it is nowhere {most}."
-    return f"it is {most} in {'; '.join(off)}, so that p (F) is not to be used there."
+    return f"it is {most} in {'; '.join(off)}, so that p (F) should not be used there."
 
 
 def _one_sided(study: Study) -> str:
@@ -168,7 +168,7 @@ def _test_of_the_shape(study: Study) -> Iterator[str]:
     yield from _statistic(study)
     yield _permutations(study)
     yield (
-        "Hotelling's T² [hotelling] or Wilks' lambda [wilks] with the F distribution are given as well; "
+        "Hotelling's T² [hotelling] or Wilks' lambda [wilks] with the F distribution are also reported; "
         "they assume normal data and equal covariances and are not corrected."
     )
 
@@ -212,7 +212,7 @@ def _further_measures(study: Study) -> Iterator[str]:
     if study.overall.dispersion is not None:
         yield (
             "Equality of dispersion was tested [anderson] by the distances of subjects in the tested modes: "
-            "residuals were permuted, and distances computed to what is fitted to the permuted residuals "
+            "residuals were permuted, and distances computed from the fit to the permuted residuals "
             f"({study.overall.dispersion.permutations} permutations, p not corrected). Intervals of "
             f"dispersions {_JACKKNIFE[request.kind]} come from the jackknife."
         )
@@ -233,8 +233,8 @@ def _further_measures(study: Study) -> Iterator[str]:
     if any(comparison.distance is not None for comparison in study.comparisons):
         several = _OF_SEVERAL * bool(study.pairwise)
         yield (
-            f"{_DISTANCES[request.kind]}{several} and the explained share of the generalised variance (ω², "
-            "from Wilks' lambda) were corrected for bias; their intervals come from the noncentral F "
+            f"{_DISTANCES[request.kind]}{several} and the explained fraction of the generalised variance "
+            "(ω², from Wilks' lambda) were corrected for bias; their intervals come from the noncentral F "
             "distribution [reiser, steiger], assume equal covariances and are not corrected for pairs."
         )
 
@@ -276,16 +276,16 @@ def _discriminants(study: Study) -> Iterator[str]:
     yield (
         "The linear discriminant was computed in the retained modes with a shrunk covariance [ledoit]. "
         f"Balanced accuracy and area under the curve (AUC) come from {folds}-fold stratified "
-        f"cross-validation, repeated {fits[0].repeats} times; in each fold as many modes as the comparison "
-        "retained and the direction were fitted without the left-out subjects. Both are means over the "
-        "repeats. The interval of accuracy joins those of both groups' shares [wilson, newcombe]; that of "
-        "the AUC is Newcombe's method 5 [auc] with the variance of Hanley and McNeil [hanley] for the mean "
-        "AUC and the numbers of both groups. They treat left-out subjects as independent; where interval "
+        f"cross-validation, repeated {fits[0].repeats} times; in each fold, as many modes as the comparison "
+        "retained and the direction were fitted without the held-out subjects. Both are means over the "
+        "repeats. The interval of accuracy combines those of both groups' fractions [wilson, newcombe]; that "
+        "of the AUC is Newcombe's method 5 [auc] with the variance of Hanley and McNeil [hanley] for the "
+        "mean AUC and the numbers of both groups. They treat held-out subjects as independent; if interval "
         f"and p disagree, p is the test. The p-values of both come from {fits[0].auc.permutations} "
-        f"permutations: before correction the least possible is {1.0 / (fits[0].auc.permutations + 1):.2g}."
+        f"permutations; the smallest possible uncorrected p is {1.0 / (fits[0].auc.permutations + 1):.2g}."
     )
     if study.request.covariates:
-        yield "The effects of covariates, too, were fitted without the left-out subjects."
+        yield "The effects of covariates were also fitted without the held-out subjects."
 
 
 _WELCH = (
@@ -296,16 +296,16 @@ _WELCH = (
     "by the normal deviate [paulson] of F with k (G - 1) and (G² - 1) / (3 L) degrees of freedom."
 )
 _MODES = (
-    "Its modes, and the axes at particles, are those of the scaled data z_i of the formulas below, each "
+    "Its modes, and the axes at particles, are those of the scaled data z_i in the formulas below, each "
     "with a sum of squares of 1."
 )
 _GROUPS_SCALED = (
-    "For permuted groups to keep the dispersions of the real ones, let s_g² = Σ |x_i - m_g|² / (n_g - 1) "
+    "For permuted groups to have the dispersions of the real ones, let s_g² = Σ |x_i - m_g|² / (n_g - 1) "
     "over all coordinates, divided so that the s_g have a geometric mean of 1, c the mean of the m_g "
-    "weighted by n_g / s_g², and z_i = (x_i - c) / s_g. A subject that a permutation puts into group h has "
-    "the value s_h (z_i + u) there. The same u for all subjects stands for the mean that centring removed: "
+    "weighted by n_g / s_g², and z_i = (x_i - c) / s_g. A subject that a permutation assigns to group h has "
+    "the value s_h (z_i + u) there. The same u for all subjects replaces the mean that centring removed: "
     "u = a n^(-1/2) Σ e_j z_j with random signs e_j for each permutation and a = n^(-1) (Σ n_g / s_g) (Σ "
-    "n_g / s_g²)^(-1/2); where all permutations were taken, each was taken with u = a z_j and u = - a z_j "
+    "n_g / s_g²)^(-1/2); where all permutations were used, each was used with u = a z_j and u = - a z_j "
     "for every subject j."
 )
 _RATIO = (
@@ -315,13 +315,13 @@ _RATIO = (
     "r_i the residuals of the whole model, h_i their leverages, and w_i = Σ t_i² / (1 - h_i)."
 )
 _RESIDUALS_SCALED = (
-    "For permuted groups to keep the dispersions of the real ones, let s_g² be the mean of |r_i|² / (1 - "
+    "For permuted groups to have the dispersions of the real ones, let s_g² be the mean of |r_i|² / (1 - "
     "h_i) in group g over all coordinates, divided so that log s_g has a mean of 0 over the subjects; z_i "
     "is y_i / s_g less its least squares fit by the intercept and the covariates, each divided by s_g. A "
-    "subject that a permutation puts into group h has the value s_h (z_i + u) there, from which the "
-    "permuted covariates are regressed out. The same u for all subjects stands for the mean that this fit "
+    "subject that a permutation assigns to group h has the value s_h (z_i + u) there, from which the "
+    "permuted covariates are regressed out. The same u for all subjects replaces the mean that this fit "
     "removed: u = a n^(-1/2) Σ e_j z_j with random signs e_j for each permutation and a = |Q'1| / n, Q "
-    "being an orthonormal basis of the divided columns; where all permutations were taken, each was taken "
+    "being an orthonormal basis of the divided columns; where all permutations were used, each was used "
     "with u = a z_j and u = - a z_j for every subject j."
 )
 _VARIABLE_SCALED = (
@@ -332,7 +332,7 @@ _VARIABLE_SCALED = (
 
 
 def _statistic(study: Study) -> tuple[str, ...]:
-    """Return the statistic of a study's permutation tests, and what is done to dispersions."""
+    """Return the statistic of a study's permutation tests and the treatment of dispersions."""
     request = study.request
     if request.kind == "pairs":
         return (_RATIO,)
@@ -352,10 +352,10 @@ def _permutations(study: Study) -> str:
     all_of = [f"all {count + 1} of {title}" for title, (count, exact) in counts.items() if exact]
     if not random:
         listed = f"all {study.overall.test.permutations + 1}" if len(counts) == 1 else ", ".join(all_of)
-        return f"{tests} took {listed} permutations. {least_text(study)}"
+        return f"{tests} used {listed} permutations. {least_text(study)}"
     few = f", and {', '.join(all_of)}" if all_of else ""
     return (
-        f"{tests} took {random[0]} random permutations (seed {study.request.seed}){few}. {least_text(study)}"
+        f"{tests} used {random[0]} random permutations (seed {study.request.seed}){few}. {least_text(study)}"
     )
 
 
@@ -368,7 +368,7 @@ def tested_text(study: Study, *further: str) -> str:
 
 
 def least_text(study: Study) -> str:
-    """Return the least p that permutations leave before correction, if all comparisons have as many."""
+    """Return the smallest possible p before correction, if it is the same for all comparisons."""
     counts = {
         (comparison.test.permutations, comparison.test.exact)
         for comparison in study.comparisons
@@ -380,15 +380,15 @@ def least_text(study: Study) -> str:
     least = (_alike(study) if exact else 1) / (count + 1)
     how = f"all {count + 1}" if exact else f"{count}"
     return (
-        f"With {how} permutations the least possible p of whole shape and particles is {least:.2g}, before "
-        "correction."
+        f"With {how} permutations the smallest possible p of whole shape and particles is {least:.2g}, "
+        "before correction."
     )
 
 
 def _alike(study: Study) -> int:
-    """Return how many of all permutations have the observed statistic in any case.
+    """Return how many of all permutations necessarily have the observed statistic.
 
-    These are the opposite signs, and groups of equal numbers that change places.
+    These are opposite signs, and exchanges of groups with equal numbers of subjects.
     """
     if study.request.kind == "pairs":
         return 2

@@ -1,4 +1,4 @@
-"""The model of a report: how it was made, in words and settings, and the quality of its correspondence."""
+"""The model of a report: methods and settings of the run, and the quality of its correspondence."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
@@ -44,7 +44,7 @@ def _groomed(record: ResultRecord) -> str:
         automatic = " (automatic)" if record.settings.groom.spacing is None else ""
         values["spacing"] = f"{_range(spacings, '.3g')} mm{automatic}"
     if not record.mirrored_text:
-        values["mirror"] += " (nobody was mirrored)"
+        values["mirror"] += " (no subject was mirrored)"
     listed = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in values.items())
     vertices = [subject.vertices for subject in record.subjects if subject.vertices]
     surfaces = f" Surfaces had {_range(vertices, 'd')} vertices." if vertices else ""
@@ -70,13 +70,13 @@ def _model(record: ResultRecord) -> str:
     return (
         f"The shape model is a principal component analysis of the particle positions, {pose_text(record)} "
         "(variances with the divisor n - 1). The mean surface is the mesh of the subject nearest to the "
-        f"mean, carried to the mean particles by a thin-plate spline{surface}.{folds}{remarks}"
+        f"mean, warped to the mean particles by a thin-plate spline{surface}.{folds}{remarks}"
     )
 
 
 _REPAIRED = (
-    " Repaired means that during the run such particles were moved to where the other subjects have them, "
-    "and optimized again."
+    " Repaired means that during the run such particles were moved to the positions predicted by the other "
+    "subjects, and optimized again."
 )
 
 
@@ -127,7 +127,7 @@ _MODEL_POSES = {
     Procrustes.SIMILARITY: "aligned by their particles and scaled to one size",
 }
 _POSES = {
-    Procrustes.OFF: "During the optimization their poses stayed as they were after grooming.",
+    Procrustes.OFF: "During the optimization they remained in their poses after grooming.",
     Procrustes.RIGID: "During the optimization they were aligned rigidly by their particles.",
     Procrustes.FORM: (
         "During the optimization they were aligned by their particles and scaled to one size; the positions "
@@ -140,7 +140,7 @@ _POSES = {
 
 
 _NOT_GIVEN = {"core_set": "none", "segment": "none", "pairs": "none", "label": "all above 0"}
-"""What settings are that are not given; others are then chosen by the program."""
+"""Values of settings that are not given; other settings without a value are automatic."""
 
 
 def _values_of(settings: BaseModel) -> Iterator[tuple[str, str]]:
@@ -181,7 +181,7 @@ _FILE = "correspondence.csv"
 
 @dataclass(frozen=True, slots=True)
 class CorrespondenceRow:
-    """How well the particles of a subject represent its surface.
+    """The quality of the representation of a subject's surface by its particles.
 
     Attributes
     ----------
@@ -190,11 +190,11 @@ class CorrespondenceRow:
     off_surface_mm : float
         Mean distance of its particles from its surface.
     unevenness_percent : float
-        Standard deviation of the areas that particles stand for, divided by their mean.
+        Standard deviation of the areas of the particles, divided by their mean.
     farthest_mm : float
         Largest distance of a vertex of the surface from its nearest particle on the same side of a wall.
     surface_mean_mm, surface_p95_mm : float
-        Mean and 95th percentile of the distances between its surface and the mean surface carried to its
+        Mean and 95th percentile of the distances between its surface and the mean surface warped to its
         particles, over the area of both.
     """
 
@@ -209,7 +209,7 @@ class CorrespondenceRow:
 def correspondence_rows(
     meshes: Sequence[TriangleMesh], result: Result, carrier: SurfaceCarrier
 ) -> list[CorrespondenceRow]:
-    """Measure the correspondence of each subject in aligned coordinates, from surfaces in those of files."""
+    """Measure the correspondence of each subject in aligned coordinates; meshes are in file coordinates."""
     rows = []
     for index, (name, surface) in enumerate(zip(result.names, meshes, strict=False)):
         mesh = surface.placed(result.alignments[index])
@@ -232,7 +232,7 @@ def correspondence_rows(
 
 
 def add_correspondence(page: Page, folder: Path, rows: Sequence[CorrespondenceRow]) -> None:
-    """Add what `correspondence_rows` measured, and write it as a table into the report's folder."""
+    """Add the results of `correspondence_rows`, and write them as a table into the report's folder."""
     if not rows:
         return
     columns = [field.name for field in fields(CorrespondenceRow)]
@@ -241,8 +241,8 @@ def add_correspondence(page: Page, folder: Path, rows: Sequence[CorrespondenceRo
         ("particles from their own surface, mean (mm)", ".3f"),
         ("evenness: coefficient of variation of the particles' areas (%)", ".1f"),
         ("largest distance of the surface from its nearest particle (mm)", ".2f"),
-        ("surface from carried mean surface, mean over the area (mm)", ".3f"),
-        ("surface from carried mean surface, 95th percentile of the area (mm)", ".3f"),
+        ("surface from warped mean surface, mean over the area (mm)", ".3f"),
+        ("surface from warped mean surface, 95th percentile of the area (mm)", ".3f"),
     )
     table = []
     for number, (title, form) in enumerate(titles, start=1):
@@ -251,15 +251,15 @@ def add_correspondence(page: Page, folder: Path, rows: Sequence[CorrespondenceRo
         cells = (float(np.mean(values)), min(values), max(values))
         table.append((title, *(format(value, form) for value in cells), rows[worst].name))
     page.table(
-        ["measure of a subject", "mean of subjects", "least", "largest", "subject with the largest"],
+        ["measure of a subject", "mean of subjects", "smallest", "largest", "subject with the largest"],
         table,
         as_text=True,
         caption="Quality of the correspondence over the subjects",
     )
     page.paragraph(
-        "Evenness: 0 % would be equal areas. The mean surface was carried to each subject's particles by "
-        "the spline that all maps use; its distance from the subject's own surface, in both directions, is "
-        "what particles and spline do not represent. Values of each subject are in correspondence.csv."
+        "Evenness: 0 % means equal areas. The mean surface was warped to each subject's particles by "
+        "the spline of all maps; its distance from the subject's own surface, in both directions, is the "
+        "part that particles and spline do not represent. Values of each subject are in correspondence.csv."
     )
 
 
@@ -267,7 +267,7 @@ def landmark_text(errors: "LandmarkErrors") -> str:
     """Return a sentence about all landmarks."""
     worst = int(errors.by_landmark.argmax())
     return (
-        f"{len(errors.names)} landmarks of {len(errors.subjects)} subjects, carried to each other: mean "
+        f"{len(errors.names)} landmarks of {len(errors.subjects)} subjects, transferred to each other: mean "
         f"error {errors.mean:.2f} mm, median {errors.median:.2f} mm; worst {errors.names[worst]}, mean "
         f"{errors.by_landmark[worst]:.2f} mm"
     )

@@ -33,7 +33,7 @@ _DPI = 150
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """A link to a file, by its path from the page."""
+    """A link to a file, by its path relative to the page."""
 
     text: str
     target: str
@@ -41,7 +41,7 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A linked picture: path from the page, caption, and target file."""
+    """A linked picture: path relative to the page, caption, and target file."""
 
     source: str
     caption: str
@@ -49,17 +49,17 @@ class Picture:
 
 
 class Page:
-    """A page that is built from top to bottom. Texts are plain: markup in them is escaped."""
+    """A page that is built from top to bottom. Texts are plain text; markup in them is escaped."""
 
     def __init__(self, title: str, notice: str, *, footer: str = "") -> None:
         self.title, self.notice, self._footer = title, notice, footer
         self.parts: list[dict[str, object]] = []
         self.study = ""
-        """What captions name after their text."""
+        """Study that captions state after their text."""
         self._numbers = {"Table": 0, "Figure": 0}
 
     def following(self, kind: str, after: int = 1) -> str:
-        """Return what a table or figure to come is called: "Table 3"."""
+        """Return the number of a table or figure that follows, such as "Table 3"."""
         return f"{kind} {self._numbers[kind] + after}"
 
     def _numbered(self, kind: str, caption: str) -> str:
@@ -81,7 +81,7 @@ class Page:
         self._add("caution", text=text)
 
     def points(self, points: Iterable[tuple[str, str | Sequence[str]]]) -> None:
-        """Add a list of points: a highlighted beginning, and the rest, which may have several lines."""
+        """Add a list of points, each a highlighted beginning and a text of one or several lines."""
         lines = [(first, [rest] if isinstance(rest, str) else list(rest)) for first, rest in points]
         self._add("points", points=lines)
 
@@ -95,10 +95,10 @@ class Page:
         omit: str | None = None,
         caption: str = "",
     ) -> None:
-        """Add a table; of text its cells are set to the left, with a summary it is folded away.
+        """Add a table; cells are left-aligned if they are text, and a table with a summary is collapsed.
 
-        Columns whose cells all are `omit` are left out. A table with a caption is numbered, and left out
-        without rows.
+        Columns whose cells are all `omit` are omitted. A table with a caption is numbered, and omitted if
+        it has no rows.
         """
         rows = list(rows)
         if caption and not rows:
@@ -110,19 +110,19 @@ class Page:
         self._add("table", columns=columns, rows=rows, as_text=as_text, summary=summary, caption=caption)
 
     def figures(self, figures: Sequence[ReportFigure]) -> None:
-        """Add figures, numbered, beside each other where they fit."""
+        """Add numbered figures, next to each other if they fit."""
         if not figures:
             return
         numbered = [replace(item, caption=self._numbered("Figure", item.caption)) for item in figures]
         self._add("figures", figures=[_embedded(figure) for figure in numbered])
 
     def pictures(self, pictures: Sequence[Picture]) -> None:
-        """Add small pictures that lie beside the page, as many in a row as fit."""
+        """Add small pictures from the page's folder, as many in a row as fit."""
         if pictures:
             self._add("pictures", pictures=pictures)
 
     def links(self, targets: Iterable[str], summary: str) -> None:
-        """Add a list of files, by their paths from the page, folded away."""
+        """Add a collapsed list of files, by their paths relative to the page."""
         self._add("links", targets=list(targets), summary=summary)
 
     @property
@@ -146,14 +146,14 @@ _OPTION = re.compile(r"(?<!\S)--[a-z][\w-]*(?: \d+)?")
 
 
 def _typeset(text: str) -> Markup:
-    """Return an escaped text with typographic signs and unbroken command options."""
+    """Return an escaped text with typographic characters and unbroken command options."""
     return Markup(_OPTION.sub(r'<span class="unbroken">\g<0></span>', str(escape(typeset(text)))))
 
 
 def _embedded(report_figure: ReportFigure) -> dict[str, object]:
-    """Return a figure as the template takes it: its picture as text, its width [pixels], its caption.
+    """Return a figure for the template: its picture as text, its width [pixels], its caption.
 
-    The PDF takes the figure itself.
+    The PDF embeds the figure itself.
     """
     picture, figure = io.BytesIO(), report_figure.figure
     complete_texts(figure)
@@ -177,7 +177,7 @@ _ENDED = {"iterations": "not converged"}
 
 
 def write_index(batch: Batch, cohort: Cohort, problems: Mapping[str, str], empty: Sequence[str] = ()) -> Path:
-    """Write ``index.html`` and ``volumes.csv`` of a batch, also of one that is still going on.
+    """Write ``index.html`` and ``volumes.csv`` of a batch, which may still be running.
 
     Parameters
     ----------
@@ -185,9 +185,9 @@ def write_index(batch: Batch, cohort: Cohort, problems: Mapping[str, str], empty
     cohort : Cohort
         All its subjects.
     problems : mapping of str to str
-        Why files of subjects can't be read, by the subjects' names.
+        Reasons why files of subjects can't be read, by the subjects' names.
     empty : sequence of str
-        Structures of which no subject has a voxel.
+        Structures without voxels in all subjects.
 
     Returns
     -------
@@ -246,7 +246,7 @@ def _row(item: BatchItem, folder: Path) -> tuple[str | Link, ...]:
 
 
 def _first_mode(item: BatchItem, result: ResultRecord | None) -> str:
-    """Return the share of the first mode, from the project's own table."""
+    """Return the explained variance of the first mode, from the project's own table."""
     path = item.project.model / "eigenvalues.csv"
     if result is None or not path.is_file():
         return "–"

@@ -72,20 +72,20 @@ _SUMMARY = (
 
 @dataclass(frozen=True, slots=True)
 class PatientRequest:
-    """Patients to be compared, and how.
+    """Patients to be compared, with options.
 
     Attributes
     ----------
     files : tuple of Path
         Segmentations, meshes, DICOM series, folders of those, or tables.
     covariates : mapping of str to str
-        Of all of them, where a table has no other value.
+        Covariates of all patients, unless a table has another value.
     side : str
         ``"left"``, ``"right"``, or empty if it is not given.
     label : str or None
-        Value or name of the structure, if it is not that of the controls.
+        Value or name of the structure, if it differs from that of the controls.
     force : bool
-        Compare even what looks like another structure or side.
+        Compare files even if they appear to be of another structure or side.
     against : tuple of Path
         References of further groups.
     follow_up : bool
@@ -118,12 +118,12 @@ class PatientSummary:
 def write_patients(
     folder: Path, reference: Reference, request: PatientRequest, tick: Tick = no_tick
 ) -> PatientSummary:
-    """Compare patients and write their reports; several get a folder each and one table.
+    """Compare patients and write their reports; several patients have a folder each and one table.
 
     Parameters
     ----------
     folder : Path
-        Exists and is empty.
+        Existing empty folder.
     reference : Reference
     request : PatientRequest
     tick : Tick
@@ -135,7 +135,7 @@ def write_patients(
     Raises
     ------
     InputError
-        If the only patient can't be compared, none of several can, or the folder can't be written to.
+        If no patient can be compared, or the folder can't be written to.
     """
     subjects = patients_of(request.files)
     reference = with_label(reference, request.label)
@@ -182,12 +182,13 @@ def write_patients(
 
 
 def write_report_file(path: Path, reference: Reference, request: PatientRequest, tick: Tick = no_tick) -> str:
-    """Compare one patient and write the report alone, as PDF or HTML; returns what was found.
+    """Compare one patient and write only the report, as PDF or HTML; return the findings.
 
     Raises
     ------
     InputError
-        If the files are not those of one patient, who can't be compared, or the report can't be written.
+        If the files are not those of one patient, the patient can't be compared, or the report can't be
+                written.
     """
     subjects = patients_of(request.files)
     if len(subjects) != 1:
@@ -206,7 +207,7 @@ def write_report_file(path: Path, reference: Reference, request: PatientRequest,
 def _compared(
     reference: Reference, subject: Subject, request: PatientRequest, tick: Tick
 ) -> PatientComparison:
-    """Compare a patient; values of a table come before those that were given for all."""
+    """Compare a patient; values of a table take precedence over those for all patients."""
     values = {**request.covariates, **{key: item for key, item in subject.columns.items() if item}}
     side, cut_off, force = request.side, request.cut_off, request.force
     return compare_patient(reference, subject, values, side=side, cut_off=cut_off, force=force, tick=tick)
@@ -235,7 +236,7 @@ def patients_of(files: Sequence[Path]) -> tuple[Subject, ...]:
     names = [subject.name for subject in subjects]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise InputError(f"several patients are called {', '.join(twice)}; give each its own name")
+        raise InputError(f"several patients have the name {', '.join(twice)}; names must be unique")
     return tuple(subjects)
 
 
@@ -261,13 +262,13 @@ def write_patient(
     Parameters
     ----------
     folder : Path
-        Made if need be.
+        Created if necessary.
     comparison : PatientComparison
     reference : Reference
-        That it is with.
+        Reference of the comparison.
     tick : Tick
     groups : sequence of GroupRow
-        How typical the patient is of several groups; none if there is one reference only.
+        Typicality for several groups; empty if there is one reference only.
 
     Raises
     ------
@@ -324,9 +325,9 @@ def patient_page(
     for text in comparison.remarks:
         page.caution(text)
     caption = (
-        "Difference in mm on the subject's own surface: blue lies outward, yellow inward. Top: from the "
-        "shape that the reference expects of this subject, faint within the limit. Bottom: from the mean "
-        f"of the reference.{cut_off_text(comparison)}"
+        "Difference in mm on the subject's own surface: blue is outward, yellow inward. Top: difference from "
+        "the shape that the reference expects of this subject, faint within the limit. Bottom: difference "
+        f"from the mean of the reference.{cut_off_text(comparison)}"
     )
     page.figures([ReportFigure("maps", maps, caption)])
     page.heading("Regions beyond the limit")
@@ -381,15 +382,15 @@ def write_times(
     tick: Tick = no_tick,
     groups: Sequence[GroupRow] = (),
 ) -> None:
-    """Write a patient at several times: a folder for each time, and the report of the change.
+    """Write the results of a patient at several times: a folder for each time, and the report of the change.
 
     Parameters
     ----------
     folder : Path
-        Exists.
+        Existing folder.
     follow_up, reference, tick
     groups : sequence of GroupRow
-        How typical the first time is of several groups.
+        Typicality of the first time for several groups.
     """
     times = follow_up.comparisons
     stems = file_stems([item.name for item in times])

@@ -108,11 +108,11 @@ def change_pictures(
     Parameters
     ----------
     first : PatientComparison
-        Of the first time.
+        Comparison of the first time.
     distance : (V,) array
-        At the reference's vertices [mm].
+        Change at the reference's vertices [mm].
     beyond : (V,) bool array or None
-        Where the map is not faint, if that is given.
+        Vertices where the map is not faint; None for all.
     limit : float
         Ends of the colour scale [mm].
     width : int
@@ -166,7 +166,7 @@ def write_pdf(
     maps: MapPictures,
     groups: Sequence[str] = (),
 ) -> None:
-    """Write the report as two pages; `groups` says how typical the patient is of several groups.
+    """Write the report as two pages; `groups` are sentences on the typicality for several groups.
 
     Raises
     ------
@@ -189,7 +189,7 @@ def _title(comparison: PatientComparison) -> str:
 
 
 def first_sheet(comparison: PatientComparison, reference: Reference, maps: MapPictures) -> Sheet:
-    """Return the page with finding, cautions, maps and place among the controls."""
+    """Return the page with findings, cautions, maps and the position among the controls."""
     sheet = Sheet(_title(comparison))
     sheet.text(who_text(comparison, reference))
     sheet.heading("Finding")
@@ -244,7 +244,7 @@ def second_sheet(comparison: PatientComparison, reference: Reference, groups: Se
 
 
 def _add_bars(sheet: Sheet, comparison: PatientComparison, reference: Reference) -> None:
-    """Add the patient among the controls."""
+    """Add the chart of the patient among the controls."""
     places = []
     for _ in range(4):
         width, high = WIDE - 2.0 * EDGE, 0.16

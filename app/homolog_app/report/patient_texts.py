@@ -31,11 +31,11 @@ __all__ = [
 ]
 
 _USUALLY_NEAR = 0.95
-"""Share of particles in place above which there is no caution."""
+"""Fraction of particles in place above which there is no caution."""
 _COARSE = 0.12
-"""Of the size (root mean square radius): a limit above it finds gross changes only."""
+"""Fraction of the size (root mean square radius); a larger limit detects gross changes only."""
 _UNLIKE = 2.5
-"""Distance of a left-out control from its fit, over the median, above which it is unlike the others."""
+"""Ratio of a held-out control's distance from its fit to the median; above it, the control is an outlier."""
 
 REGION_COLUMNS = ("region", "area (mm²)", "mean (mm)", "peak (mm)", "z at peak", "place", "particles")
 
@@ -46,13 +46,13 @@ MARKS = (
 
 METHOD = (
     "The surface was groomed with the settings of the controls, registered rigidly, and the reference's "
-    "mean and modes were fitted to it with robust weights (Geman and McClure), so that a place that the "
-    "modes do not explain counts little in the fit and stands out from it. The map is the distance from "
+    "mean and modes were fitted to it with robust weights (Geman and McClure), so that a part that the "
+    "modes do not explain has little weight in the fit and stands out from it. The map is the distance from "
     "the shape that the reference expects of this subject, along its normals, outward positive; z is that "
     "distance in standard deviations of controls.",
     "Every control was fitted in the same way, from its own surface alone, to the model of the other "
-    "controls. Percentiles are among those fits. The limit of z is such that a healthy subject exceeds it "
-    "anywhere on the surface in 5 % of cases. Intervals of percentiles are 95 % (Clopper and Pearson).",
+    "controls. Percentiles refer to those fits. The limit of z is such that 5 % of healthy subjects exceed "
+    "it anywhere on the surface. Intervals of percentiles are 95 % (Clopper and Pearson).",
 )
 
 
@@ -74,25 +74,26 @@ def reference_text(reference: Reference) -> list[str]:
         f"{about.particles} particles, {reference.modes} modes above chance"
         f"{', adjusted for ' + ' and '.join(reference.coding.names) if reference.coding.names else ''}",
         f"controls fitted as patients: {quality.outside:.2f} mm from the fitted model on average; "
-        f"{100.0 * quality.near:.0f} % of particles within 0.3 spacings of their place in the joint run",
+        f"{100.0 * quality.near:.0f} % of particles within 0.3 spacings of their position in the joint run",
         f"limit: |z| = {reference.limit:.2f}, on average {quality.limit_mm:.1f} mm",
     ]
     if (change := reference.change) is not None:
         usual = float(change.limit * change.local.deviation.mean())
         lines.append(
-            f"{change.pairs} controls seen twice ({change.between}): a change of {usual:.1f} mm on average "
-            "is beyond theirs"
+            f"{change.pairs} controls scanned twice ({change.between}): a change of {usual:.1f} mm on "
+            "average is beyond theirs"
         )
     if quality.near < _USUALLY_NEAR:
         lines.append(
-            "caution: particles of a patient may lie elsewhere than the joint run would put them; maps, "
+            "caution: particles of a patient may differ from their positions in a joint run; maps, "
             "regions and percentiles do not depend on them"
         )
     size = float(rms_radius(reference.surface.vertices))
     if quality.limit_mm > _COARSE * size:
         lines.append(
-            f"caution: controls vary much where the modes do not explain it; only differences of about "
-            f"{quality.limit_mm:.1f} mm are found (size {size:.0f} mm); more controls or particles may help"
+            f"caution: controls vary much outside the modes; only differences of about "
+            f"{quality.limit_mm:.1f} mm are detected (size {size:.0f} mm); more controls or particles may "
+            "help"
         )
     usual = float(np.median(reference.outside))
     if unlike := int((reference.outside > _UNLIKE * usual).sum()):
@@ -103,7 +104,7 @@ def reference_text(reference: Reference) -> list[str]:
             "that are not controls"
         )
     if reference.mirrored is not None and reference.side_limit is None:
-        lines.append("the side can't be told from the shape: controls fit about as well mirrored")
+        lines.append("the side can't be determined from the shape: controls fit about as well mirrored")
     if about.controls < 20:
         lines.append(
             f"caution: {about.controls} controls are few; limits are wide and percentiles coarse (20 or "
@@ -126,11 +127,11 @@ def reference_rows(reference: Reference) -> list[tuple[str, str]]:
         ("Adjusted for", ", ".join(reference.coding.names) or "nothing"),
         ("Modes", f"{reference.modes} above chance; {len(reference.model.variances)} fitted"),
         ("Particles", str(about.particles)),
-        ("Scores of controls", "kept, with names" if reference.names else "kept")
+        ("Scores of controls", "stored, with names" if reference.names else "stored")
         if reference.scores is not None
-        else ("Scores of controls", "not kept"),
+        else ("Scores of controls", "not stored"),
         (
-            "Controls seen twice",
+            "Controls scanned twice",
             "none" if reference.change is None else f"{reference.change.pairs}, {reference.change.between}",
         ),
         ("Particles in place", _placed_text(reference)),
@@ -145,7 +146,7 @@ def reference_rows(reference: Reference) -> list[tuple[str, str]]:
 def _placed_text(reference: Reference) -> str:
     quality = reference.quality
     return (
-        f"{100.0 * quality.near:.0f} % of those of left-out controls within 0.3 spacings of the joint run, "
+        f"{100.0 * quality.near:.0f} % of those of held-out controls within 0.3 spacings of the joint run, "
         f"95 % within {quality.error_95:.1f}"
     )
 
@@ -154,7 +155,7 @@ def _side_text(reference: Reference) -> str:
     if reference.mirrored is None:
         return "not checked"
     if reference.side_limit is None:
-        return "can't be told from the shape: a mirrored file is not recognised"
+        return "can't be determined from the shape: a mirrored file is not recognized"
     return "checked by the shape"
 
 
@@ -169,9 +170,9 @@ def verdict(comparison: PatientComparison, reference: Reference) -> str:
     first = comparison.regions[0]
     where = comparison.place(first)
     area = sum(region.area for region in comparison.regions)
-    parts = "1 region lies" if count == 1 else f"{count} regions lie"
+    parts = "1 region is" if count == 1 else f"{count} regions are"
     return (
-        f"{parts} beyond the limit, {area:.0f} mm² in all; the most extreme is {_side(first)} "
+        f"{parts} beyond the limit, {area:.0f} mm² in total; the most extreme is {_side(first)} "
         f"by up to {abs(first.peak):.1f} mm{f' ({where})' if where else ''}, |z| {abs(first.z):.1f} (limit "
         f"{reference.limit:.1f}; p = {comparison.local.p:.2g} against "
         f"{reference.provenance.controls} controls)."
@@ -179,11 +180,12 @@ def verdict(comparison: PatientComparison, reference: Reference) -> str:
 
 
 def detectable_text(reference: Reference) -> str:
-    """State the smallest difference that would be found."""
+    """State the smallest detectable difference."""
     least, most = np.quantile(reference.detectable, (0.05, 0.95)).tolist()
     return (
-        f"Differences below about {reference.quality.limit_mm:.1f} mm ({least:.1f} to {most:.1f}, by place) "
-        "are not found, and narrow ones must be larger: no region does not mean no lesion."
+        f"Differences below about {reference.quality.limit_mm:.1f} mm ({least:.1f} to {most:.1f}, depending "
+        "on the position) are not detected, and narrow ones must be larger: no region does not mean no "
+        "lesion."
     )
 
 
@@ -191,7 +193,7 @@ def cut_off_text(comparison: PatientComparison) -> str:
     """Explain the grey part of maps; empty if nothing is cut off."""
     if not comparison.missing.any():
         return ""
-    return " Grey: cut off; the expected shape is shown there and is not judged."
+    return " Grey: cut off; the expected shape is shown there, without assessment."
 
 
 def nearest_controls_text(comparison: PatientComparison, reference: Reference) -> str:
@@ -253,8 +255,8 @@ GROUP_COLUMNS = (
 
 GROUP_CAUTION = (
     "Not a diagnosis: a shape can be typical of several groups or of none, and groups that were scanned or "
-    "segmented otherwise differ for that. p is the probability that a member of the group is as far from its "
-    "mean; members have 0.05 or less in 5 % of cases or fewer."
+    "segmented differently differ for that reason. p is the probability that a member of the group is at "
+    "least as far from its mean; at most 5 % of members have 0.05 or less."
 )
 _LEVEL = 0.05
 
@@ -265,16 +267,16 @@ def group_rows(
     others: Sequence[Reference],
     compare: Callable[..., PatientComparison],
 ) -> list[GroupRow]:
-    """Return how typical a patient is of a reference's group and of those of others; none without others.
+    """Return the typicality of a patient for the groups of several references; none for a single reference.
 
     Parameters
     ----------
     comparison : PatientComparison
-        With `reference`.
+        Comparison with `reference`.
     reference : Reference
     others : sequence of Reference
     compare : callable
-        Compares the patient with the reference that it is given as ``reference``.
+        Compares the patient with the reference in its argument ``reference``.
     """
     if not others:
         return []
@@ -290,14 +292,14 @@ def group_rows(
 
 
 def group_sentence(row: GroupRow) -> str:
-    """State how typical a patient is of a group, and the calibration."""
+    """State the typicality of a patient for a group, and the calibration."""
     group, controls, modes, outside, p, held_modes, held_outside, problem = row
     if p is None:
         return f"{group}: can't be compared: {problem}"
     verdict = "within" if p > _LEVEL else "beyond"
     return (
-        f"{group}: p = {p:.2g} (modes {modes:.2g}, outside of them {outside:.2g}), {verdict} what 95 % of "
-        f"the group are. Left out one by one, {held_modes} and {held_outside} of {controls} controls are "
+        f"{group}: p = {p:.2g} (modes {modes:.2g}, outside of them {outside:.2g}), {verdict} the range of 95 "
+        f"% of the group. When each is held out, {held_modes} and {held_outside} of {controls} controls are "
         "within."
     )
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 __all__ = ["Bookmark", "EmbeddedFigure", "pdf_of"]
 
 _POINTS = 72.0
-"""In an inch."""
+"""PDF points per inch."""
 _name: Any = backend_pdf.Name  # matplotlib does not type it
 
 
@@ -25,12 +25,12 @@ class Bookmark(NamedTuple):
 
 
 class EmbeddedFigure(Artist):
-    """A figure drawn as a part of another one, in PDF only.
+    """A figure that is drawn as a part of another one, in PDF only.
 
     Parameters
     ----------
     figure : Figure
-        To embed.
+        Figure to embed.
     left, bottom : float
         Its lower left corner [inches].
     scale : float
@@ -41,10 +41,10 @@ class EmbeddedFigure(Artist):
         super().__init__()
         self.content, self.place = figure, (left * _POINTS, bottom * _POINTS, scale)
         for artist in figure.findobj():
-            artist.set_rasterized(False)  # bars of colours, whose pixels would go to the wrong place
+            artist.set_rasterized(False)  # pixels of colour bars would be misplaced
 
     def draw(self, renderer: Any) -> None:  # noqa: ANN401 - of the PDF, which matplotlib does not type
-        """Draw the figure in its own coordinates, which the page's are changed to meanwhile."""
+        """Draw the figure in its own coordinates, to which those of the page are changed temporarily."""
         left, bottom, scale = self.place
         file, state = renderer.file, renderer.gc
         file.output(*state.finalize())
@@ -76,7 +76,7 @@ class _Document(PdfPages):
     """A PDF with bookmarks, which matplotlib does not write by itself."""
 
     def add_bookmarks(self, bookmarks: Sequence[Bookmark]) -> None:
-        """Add bookmarks to the pages so far, and show them when the file is opened."""
+        """Add bookmarks to the existing pages, and show them when the file is opened."""
         file: Any = self._file
         file.endStream()
         outline = file.reserveObject("outline")
@@ -103,11 +103,11 @@ class _Document(PdfPages):
             "Outlines": outline,
             "PageMode": _name("UseOutlines"),
         }
-        file.writeObject(file.rootObject, root)  # in the place of the one that the file began with
+        file.writeObject(file.rootObject, root)  # replaces the initial one
 
 
 def _parents(levels: Sequence[int]) -> list[int | None]:
-    """Return the index of the entry that each one is below, by their levels."""
+    """Return the index of each entry's parent from the levels."""
     parents: list[int | None] = []
     above: list[int] = []
     for number, level in enumerate(levels):
@@ -121,7 +121,7 @@ def _parents(levels: Sequence[int]) -> list[int | None]:
 def _children(
     objects: Sequence[object], parents: Sequence[int | None], parent: int | None
 ) -> dict[str, object]:
-    """Return the first, the last and the number of the entries below one, closed below the first level."""
+    """Return the first, the last and the number of an entry's children, collapsed below the first level."""
     below = [index for index, other in enumerate(parents) if other == parent]
     if not below:
         return {}

@@ -27,14 +27,14 @@ SHAPE_SIZE = "shape-size"
 
 
 def levels(values: Sequence[str]) -> list[str]:
-    """Return the different values in the order in which they appear, missing ones left out."""
+    """Return the distinct values in the order of their first occurrence, without missing ones."""
     return [value for value in dict.fromkeys(values) if not is_missing(value)]
 
 
 def column_of(result: Result, column: str) -> list[str]:
     """Return a column of the cohort's table for each subject, missing values as empty text.
 
-    ``group`` and ``shape-size`` are always there; so is ``size``, unless the table has such a column.
+    ``group`` and ``shape-size`` always exist; so does ``size``, unless the table has such a column.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def column_of(result: Result, column: str) -> list[str]:
     """
     known = columns_of(result)
     if column not in known and f"{column}{CATEGORY}" in known:
-        column = f"{column}{CATEGORY}"  # the table declares it
+        column = f"{column}{CATEGORY}"  # as declared by the table
     if column == "group":
         values = [group or "" for group in result.groups]
     elif column == SHAPE_SIZE or (column == SIZE and SIZE not in known):
@@ -57,9 +57,9 @@ def column_of(result: Result, column: str) -> list[str]:
 
 
 def compared_shapes(result: Result, alignment: Alignment) -> FloatArray:
-    """Return the particles (M, N, 3) that are compared [mm], before they are aligned.
+    """Return the compared particles (M, N, 3) [mm] before their alignment.
 
-    For every alignment but "as it lies" each shape has its own size, also if the run brought all to one.
+    For every alignment but "as it lies", shapes have their original sizes, even if the run scaled them.
     """
     return result.world if alignment is Alignment.AS_IT_LIES else _at_own_size(result)
 
@@ -86,30 +86,30 @@ SIZE_TEXTS = {
 
 
 class StudyRequest(StudySettings):
-    """One question to a project's result.
+    """One question about a project's result.
 
     Attributes
     ----------
     kind : str
-        ``groups`` compares the groups of a column, ``regression`` asks for a linear effect of a column,
+        ``groups`` compares the groups of a column, ``regression`` tests the linear effect of a column,
         ``pairs`` compares the two subjects that share a value of `pairs`.
     column : str
-        The groups, or the variable.
+        Column of the groups, or the variable.
     between : tuple of str
-        The groups in order: differences are from the first; two of them for pairs.
+        The groups in order: differences are relative to the first; two of them for pairs.
     pairs : str or None
-        The column that names the pairs.
+        Column that identifies the pairs.
     covariates : tuple of str
-        Columns adjusted for; ``COLUMN:c`` takes numbers as codes of categories, ``shape-size`` is the size of
-        the shapes (``size`` too, if the cohort has no column of that name).
+        Columns of the adjustment; in ``COLUMN:c`` numbers are codes of categories, ``shape-size`` is the size
+        of the shapes (so is ``size``, if the cohort has no column of that name).
     alignment : Alignment
-        How shapes are aligned before they are compared.
+        Alignment of the shapes before the comparison.
     complete_cases : bool
-        Whether subjects without a value in a column that is used are left out.
+        Whether subjects without a value in one of these columns are excluded.
     answers : int
-        Answers to the same question, on form and shape, that p-values are corrected for.
+        Number of answers to the same question, on form and shape, for which p-values are corrected.
     earlier : bool
-        Whether an earlier version kept the question, which did not align shapes rigidly.
+        Whether an earlier version stored the question; it did not align shapes rigidly.
     """
 
     kind: Literal["groups", "regression", "pairs"] = "groups"
@@ -125,7 +125,7 @@ class StudyRequest(StudySettings):
     @model_validator(mode="before")
     @classmethod
     def _read_earlier(cls, values: Any) -> Any:  # noqa: ANN401 - whatever the file holds
-        """Take the alignment from `scaling`, which said in earlier versions whether size was removed."""
+        """Read the alignment from `scaling`, which in earlier versions stated whether size was removed."""
         if isinstance(values, dict) and "scaling" in values:
             values = dict(values)
             alignment = Alignment.SIMILARITY if values.pop("scaling") is True else Alignment.RIGID
@@ -181,7 +181,7 @@ class StudyRequest(StudySettings):
 def category_of(column: str, known: "set[str]") -> tuple[str, bool]:
     """Return a covariate's column, and whether its numbers are declared codes of categories.
 
-    The question declares it (``site:c``), or the table, whose column then has such a name.
+    They are declared by the question (``site:c``), or by the name of the table's column.
     """
     if column not in known and f"{column}{CATEGORY}" in known:
         return f"{column}{CATEGORY}", True

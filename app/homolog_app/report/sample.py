@@ -31,23 +31,23 @@ __all__ = [
 VOXEL = "voxel"
 """Variable whose categories are edges of voxels [mm], the shortest first."""
 _MOST_CATEGORIES = 8
-"""Of a column that is not asked for, for it to be in the description of the sample."""
+"""Limit for columns outside the questions to be included in the description of the sample."""
 
 
 @dataclass(frozen=True, slots=True)
 class SampleRow:
-    """A number of subjects of a group, or mean, standard deviation and range of a variable in it.
+    """The number of subjects of a group, or mean, standard deviation and range of a variable in it.
 
     Attributes
     ----------
     group, variable, category : str
-        The category is empty for numbers.
+        The category is empty for numeric variables.
     count : int
-        Subjects that are counted, or have a value.
+        Number of subjects in the category, or with a value.
     mean, spread, least, largest : float or None
-        None where subjects are counted; the spread also for one subject.
+        None for counts of subjects; the spread also for one subject.
     unit : str
-        Of the variable; empty if the cohort's table gives none.
+        Unit of the variable; empty if the cohort's table gives none.
     """
 
     group: str
@@ -104,7 +104,7 @@ def sample_rows(study: Study, result: Result) -> list[SampleRow]:
 
 
 def _voxels(result: Result, members: Sequence[int], taking: Sequence[int]) -> list[tuple[str, int]]:
-    """Return sizes of voxels with how many members have them; of many sizes, the ranges of their edges."""
+    """Return voxel sizes with the number of members; of many sizes, the ranges of their edges."""
     known = [result.voxels[index] for index in taking if result.voxels and result.voxels[index]]
     sizes = sorted({voxel_text([voxel]) for voxel in known})
     if len(sizes) > _MOST_CATEGORIES:
@@ -128,30 +128,30 @@ def _describes(values: set[str]) -> bool:
         return several and (
             len(values) <= _MOST_CATEGORIES if as_numbers is None else bool(np.isfinite(as_numbers).all())
         )
-    except InputError:  # commas that may be between thousands
+    except InputError:  # commas may be thousands separators
         return False
 
 
 def add_missing(
     page: Page, record: ResultRecord, details: ReportDetails, *, one_seed: bool, primary: bool | None
 ) -> None:
-    """Add one list of what a paper needs and only its authors know.
+    """Add a list of information that a paper needs and only its authors have.
 
-    A study may have but one seed. Whether one of several studies is primary; None if there are not several.
+    `one_seed`: a study has a single seed. `primary`: one of several studies is primary; None for one study.
     """
     points = [] if details.structure else ["the anatomical structure (--structure)"]
     if not details.cohort:
         points.append(
             "the cohort (--cohort): where and when subjects were recruited, criteria of inclusion and "
-            "diagnosis, what the groups are"
+            "diagnosis, definition of the groups"
         )
     if not any(subject.voxel for subject in record.subjects):
         points.append("voxel size")
     points += [
         "scanner, protocol, phase or time of imaging, and the spacing of slices before any resampling",
         "who segmented, how, and how well segmentations of one subject agree",
-        "units of columns whose names do not tell them",
-        "why there are as many subjects and particles",
+        "units of columns whose names do not contain them",
+        "reasons for the numbers of subjects and particles",
         "ethics approval",
     ]
     if primary is not None:
@@ -165,12 +165,12 @@ def add_missing(
             "for studies of one seed, how answers vary with the seed of the correspondence (homolog analyze "
             "--seeds 5)"
         )
-    given = "" if not details.cohort else " where the description of the cohort does not say it"
-    page.paragraph(f"The program does not know, and a paper needs{given}: {'; '.join(points)}.")
+    given = "" if not details.cohort else " unless the description of the cohort contains it"
+    page.paragraph(f"A paper also needs, and the program does not know{given}: {'; '.join(points)}.")
 
 
 def add_samples(page: Page, studies: Sequence[Study], result: Result) -> None:
-    """Describe the sample of each study, the same one once."""
+    """Describe the sample of each study; studies with the same sample share a description."""
     numbers_of: dict[str, list[int]] = {}
     first: dict[str, Study] = {}
     for number, study in enumerate(studies, start=1):
@@ -193,7 +193,7 @@ def _sample_text(row: SampleRow, of: int) -> str:
 
 
 def _range_text(least: float, largest: float) -> str:
-    """Return a range in four digits, both ends with the same decimals."""
+    """Return a range with four digits and the same decimals at both ends."""
     ends = (f"{least:.4g}", f"{largest:.4g}")
     decimals = max(0 if "e" in end else len(end.partition(".")[2]) for end in ends)
     return f"{least:.{decimals}f} to {largest:.{decimals}f}"
@@ -218,7 +218,7 @@ def _sample(page: Page, study: Study, result: Result, of: str) -> None:
         caption=f"Subjects of Study {of}" if of else "Subjects",
     )
     page.paragraph(
-        "Mean ± standard deviation (least to largest), or number of subjects (share of the group)."
+        "Mean ± standard deviation (minimum to maximum), or number of subjects (percentage of the group)."
     )
     categories: dict[str, list[str]] = {}
     for row in rows:
@@ -255,10 +255,10 @@ def measures_of(meshes: Sequence[TriangleMesh], *, hollow: bool) -> list[Measure
     Parameters
     ----------
     meshes : sequence of TriangleMesh
-        Closed, one for each subject.
+        Closed surfaces, one for each subject.
     hollow : bool
-        Whether the shapes have a cavity, so that wall thickness is of interest: the mean over the surface's
-        area of the thickness at each point.
+        Whether the shapes have a cavity, so that wall thickness is of interest: the thickness at each
+        point, averaged over the surface's area.
 
     Returns
     -------
@@ -282,7 +282,7 @@ def measures_of(meshes: Sequence[TriangleMesh], *, hollow: bool) -> list[Measure
 def add_measures(
     page: Page, folder: Path, result: Result, studies: Sequence[Study], measures: Sequence[Measure]
 ) -> None:
-    """Add a table of the measures for each set of groups that was compared; write those of all subjects."""
+    """Add a table of the measures for each set of compared groups; write those of all subjects to a file."""
     if not measures:
         return
     rows = zip(result.names, *(item.values.tolist() for item in measures), strict=True)

@@ -1,4 +1,4 @@
-"""Repetition of a question with correspondences from other seeds: how much an answer depends on the seed."""
+"""Repetition of a question with correspondences from other seeds, and the variation of the answers."""
 
 import csv
 import shutil
@@ -39,7 +39,7 @@ _EFFECTS = {
     "mahalanobis_d_corrected": "", "balanced_accuracy": f"balanced_accuracy_{_P}", "auc": f"auc_{_P}",
     "size_effect_mm": f"size_{_P}",
 }  # fmt: skip
-"""Columns of estimates, and of their p, if they have one; intervals are beside them."""
+"""Columns of estimates, and of their p-values, if any; intervals are in adjacent columns."""
 COLUMNS = [
     "comparison", "seed_of_correspondence", _P, "particles_p_fwe_corrected_05",
     "area_p_fwe_corrected_05_percent",
@@ -50,9 +50,9 @@ COLUMNS = [
 
 @dataclass(frozen=True, slots=True)
 class SeedAnswer:
-    """One comparison's answer from the correspondence of one seed; None where there is none.
+    """One comparison's answer from the correspondence of one seed; missing values are None.
 
-    Effects have the corrected p. Earlier versions stored neither that nor intervals, which are then NaN.
+    Effects have the corrected p. Earlier versions stored neither it nor intervals, which are then NaN.
     """
 
     comparison: str
@@ -82,36 +82,37 @@ def answer_by_seed(
 ) -> list[list[SeedAnswer]]:
     """Repeat the run of a result with other seeds and answer questions about each.
 
-    The runs are kept in ``seeds/`` of the project and used again as long as the result's settings and
+    The runs are stored in ``seeds/`` of the project and reused as long as the result's settings and
     surfaces are the same.
 
     Parameters
     ----------
     project : ProjectFolder
-        With the result.
+        Project of the result.
     result : Result
-        As read, with the table's present columns.
+        The result as read, with the table's current columns.
     requests : sequence of StudyRequest
         The questions.
     count : int
-        Seeds in all, the result's own among them.
+        Total number of seeds, including the result's own.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Returns
     -------
     list of list of SeedAnswer
-        For each question the answers: comparisons of the first seed, then of the others.
+        Answers to each question: comparisons of the first seed, followed by those of the others.
 
     Raises
     ------
     InputError
-        If the result can't be repeated, because another program made it or files are gone.
+        If the result can't be repeated, because it is from another program or files are missing.
     """
     record = project.read().result
     if record is None or record.source:
         raise InputError(
-            f"{project.folder}: its particles were not placed by Homolog; no seed can be changed"
+            f"{project.folder}: its particles were not placed by Homolog, so the run can't be repeated with "
+            "other seeds"
         )
     first = record.settings.optimize.seed
     answers: list[list[SeedAnswer]] = [[] for _ in requests]
@@ -130,7 +131,7 @@ def answer_by_seed(
 
 
 def write_spread(folder: Path, answers: Sequence[SeedAnswer]) -> None:
-    """Write the answers of all seeds beside a study's tables."""
+    """Write the answers of all seeds to the folder of a study's tables."""
     write_table(
         folder / FILE,
         COLUMNS,
@@ -151,7 +152,7 @@ def write_spread(folder: Path, answers: Sequence[SeedAnswer]) -> None:
 
 
 def read_spread(folder: Path, fingerprint: str, study: Study) -> list[SeedAnswer]:
-    """Return the answers of all seeds in a study's folder; none if of other particles, data or settings."""
+    """Return the stored answers of all seeds; none if they belong to other particles, data or settings."""
     path = folder / FILE
     if not path.is_file():
         return []
@@ -182,7 +183,7 @@ def read_spread(folder: Path, fingerprint: str, study: Study) -> list[SeedAnswer
 
 
 def seed_numbers(answers: Sequence[SeedAnswer]) -> list[int]:
-    """Return the different seeds of answers, the result's own first."""
+    """Return the distinct seeds of answers, the result's own first."""
     return list(dict.fromkeys(answer.seed for answer in answers))
 
 
@@ -212,7 +213,7 @@ def spread_text(answers: Sequence[SeedAnswer]) -> list[str]:
 
 
 def _range_of_p(low: str, high: str) -> str:
-    """Return such as "p = 0.002 to 0.004", "p < 0.001" or "p ≤ 0.004"."""
+    """Return a range such as "p = 0.002 to 0.004", "p < 0.001" or "p ≤ 0.004"."""
     if low != high and low.startswith("p <"):
         return high.replace("=", "≤")
     return _range(low, high).replace(" to p = ", " to ")
@@ -228,7 +229,7 @@ def _repeated(project: ProjectFolder, record: ResultRecord, seed: int, tick: Tic
     if _is_stored(project, record, seed):
         return again
     if not again.groomed.is_dir() and project.groomed.is_dir():
-        shutil.copytree(project.groomed, again.groomed)  # so that nothing is groomed again
+        shutil.copytree(project.groomed, again.groomed)  # avoids grooming again
         again.write(project.read().model_copy(update={"result": None, "subjects": [], "unfinished": False}))
     cohort = project.cohort()
     names = {subject.name for subject in record.subjects}
@@ -260,7 +261,7 @@ def _settings(record: ResultRecord, seed: int) -> RunSettings:
 
 
 def _is_stored(project: ProjectFolder, record: ResultRecord, seed: int) -> bool:
-    """Return whether a seed's run with the settings and surfaces of a result is there."""
+    """Return whether a seed's run with the settings and surfaces of a result exists."""
     again = _place(project, seed)
     there = again.read().result if again.exists else None
     if there is None or there.settings != _settings(record, seed):
@@ -270,7 +271,7 @@ def _is_stored(project: ProjectFolder, record: ResultRecord, seed: int) -> bool:
 
 
 def stored_seeds(project: ProjectFolder) -> int:
-    """Return the number of seeds whose correspondence is there, the result's own among them."""
+    """Return the number of seeds with a stored correspondence, including the result's own."""
     record = project.read().result
     if record is None or record.source:
         return 1
@@ -317,7 +318,7 @@ def _answers(study: Study, seed: int, fingerprint: str) -> list[SeedAnswer]:
 
 
 def _plain(effect: Effect, p: float | None) -> Effect:
-    """Return estimate and interval with the corrected p."""
+    """Return the estimate and its interval with the corrected p."""
     return Effect(effect.value, effect.low, effect.high, p)
 
 
@@ -333,7 +334,7 @@ def _effect_of(row: Mapping[str, str], name: str) -> Effect | None:
 def median_answer(answers: Sequence[SeedAnswer], title: str) -> SeedAnswer | None:
     """Return the medians of a comparison's answers over the seeds; None unless there are several.
 
-    Bounds of intervals are medians, too.
+    Bounds of intervals are also medians.
     """
     own = [answer for answer in answers if answer.comparison == title]
     if len(own) < 2:
@@ -385,12 +386,12 @@ def add_seeds(page: "Page", seeds: Sequence[Sequence[SeedAnswer]]) -> None:
         rows,
         as_text=True,
         omit="–",
-        caption="Least and largest answers over the seeds of the correspondence",
+        caption="Smallest and largest answers over the seeds of the correspondence",
     )  # fmt: skip
 
 
 def _p_range(least: str, most: str) -> str:
-    """Return such as "0.002 to 0.004", "< 0.001" or "≤ 0.004"."""
+    """Return a range such as "0.002 to 0.004", "< 0.001" or "≤ 0.004"."""
     return f"≤ {most}" if least != most and least.startswith("<") else _range(least, most)
 
 

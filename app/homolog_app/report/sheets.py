@@ -38,22 +38,22 @@ WIDE, HIGH = 8.27, 11.69
 EDGE = 0.6
 """Margin [inches]."""
 _LINE = 0.17
-_WRAP = 108  # characters of small text on a line
-_ROW_LINE = 0.145  # of a table's cell
+_WRAP = 108  # characters per line of small text
+_ROW_LINE = 0.145  # line height in a table's cell
 _ROW_GAP = 0.04
-_ACROSS = 15.0  # characters of a table's cell in an inch
+_ACROSS = 15.0  # characters per inch in a table's cell
 BOTTOM = HIGH - 0.65
-"""Where a page is full [inches]."""
+"""Lower end of the content of a page [inches]."""
 _ORANGE, _GREY = "#a03c00", "#5a5a62"
 _SMALLEST = 0.75
 """Smallest scale of a figure to fit next to another."""
 _BOLD = 1.12
-"""Width of bold letters."""
+"""Relative width of bold letters."""
 _CAPITALS = 0.3
 """Relative width of capital letters."""
 _MOST_COLUMNS = 9
 _UNCUT = 0.6
-"""Share of a sheet up to which a table is not cut."""
+"""Fraction of a sheet up to which a table is not divided."""
 _MOST_TURNED = 4
 """Rows of a transposed table next to each other."""
 _MOST_ROWS = 200
@@ -64,7 +64,7 @@ class Sheet:
     """An A4 page that is filled from top to bottom; lengths in inches."""
 
     def __init__(self, title: str, *, running: bool = False) -> None:
-        """Begin a sheet with its title and the notice; with a running title in a small line instead."""
+        """Begin a sheet with its title and the notice, or with a small running title."""
         self.figure = Figure(figsize=(WIDE, HIGH), facecolor="white")
         FigureCanvasAgg(self.figure)
         self.y = EDGE
@@ -101,7 +101,7 @@ class Sheet:
         self.text(content, 10.5, bold=True)
 
     def rows(self, rows: Sequence[Sequence[str]], starts: Sequence[float]) -> None:
-        """Add a table, whose first row is its header; columns start at these inches from the left edge."""
+        """Add a table with a header as first row; `starts` are the columns' distances from the left edge."""
         for number, row in enumerate(rows):
             self.row(row, starts, bold=number == 0)
         self.y += 0.05
@@ -117,7 +117,7 @@ class Sheet:
         self.y += row_height(cells)
 
     def panels(self, panels: Sequence[Panel], limit: float, most: float = HIGH) -> None:
-        """Add a row of pictures of at most this height, with the colour bar."""
+        """Add a row of pictures of at most the height `most`, with the colour bar."""
         width = (WIDE - 2.0 * EDGE - 1.05) / len(panels)
         slopes = [panel.image.shape[0] / panel.image.shape[1] for panel in panels]
         wide = min(width - 0.06, most / max(slopes))
@@ -142,13 +142,13 @@ class Sheet:
         self.y += max(tall, long + 0.5) + 0.28
 
     def embed(self, figure: Figure, left: float, top: float, width: float) -> None:
-        """Put a figure at a position, as vector graphics."""
+        """Place a figure as vector graphics."""
         scale = width / figure.get_figwidth()
         bottom = HIGH - top - scale * figure.get_figheight()
         self.figure.add_artist(EmbeddedFigure(figure, left, bottom, scale), clip=False)
 
     def picture(self, image: Array, left: float, top: float, width: float) -> None:
-        """Put a picture at a position."""
+        """Place a picture."""
         high = image.shape[0] / image.shape[1] * width
         place = self.figure.add_axes((left / WIDE, 1.0 - (top + high) / HIGH, width / WIDE, high / HIGH))
         place.imshow(image, interpolation="antialiased", aspect="auto")
@@ -161,13 +161,13 @@ def wrapped(content: str, size: float = 8.5) -> list[str]:
 
 
 def wrapped_cells(row: Sequence[str], starts: Sequence[float], width: float = 1.0) -> list[list[str]]:
-    """Return the lines of each cell of a row; letters are wider than usual by the factor `width`."""
+    """Return the lines of each cell of a row; `width` is the letters' width relative to regular ones."""
     ends = [*starts[1:], WIDE - 2 * EDGE]
     lines = []
     for cell, start, end in zip(row, starts, ends, strict=True):
         most = max(4, int((end - start) * _ACROSS / width * len(cell) / max(_length(cell), 1.0)))
         text = _breakable(cell)
-        if max(map(len, text.split(" "))) > most:  # rather between a number and its unit than within a number
+        if max(map(len, text.split(" "))) > most:  # a break between number and unit is preferred
             text = text.replace("\u00a0", " ")
         lines.append(textwrap.wrap(text, most) or [""])
     return lines
@@ -184,14 +184,14 @@ def row_height(cells: Sequence[Sequence[str]]) -> float:
 
 
 def write_sheets(path: Path, title: str, sheets: Sequence[Sheet], contents: Sequence[Bookmark] = ()) -> None:
-    """Write pages to a PDF, whole or not at all; raises InputError if it can't be written."""
+    """Write pages to a PDF, completely or not at all; raises InputError if it can't be written."""
     content = pdf_of(_finished(sheets), title, contents)
     with atomic_write(path) as part:
         part.write_bytes(content)
 
 
 def drawn_sheets(sheets: Sequence[Sheet], dpi: float) -> list[Array]:
-    """Return pages as pictures (H, W, 3) of 8 bits, for a printer."""
+    """Return pages as 8-bit pictures (H, W, 3) for printing."""
     pictures = []
     for figure in _finished(sheets):
         figure.set_dpi(dpi)
@@ -210,7 +210,7 @@ def _finished(sheets: Sequence[Sheet]) -> list[Figure]:
 
 
 def write_page(path: Path, page: Page) -> None:
-    """Write a page as a PDF of A4 pages with bookmarks, including folded tables, without lists of files.
+    """Write a page as a PDF of A4 pages with bookmarks, including collapsed tables, without lists of files.
 
     Raises
     ------
@@ -235,7 +235,7 @@ def _flow(page: Page) -> "_Flow":
 
 
 class _Flow:
-    """Parts of a page that flow over as many sheets as they need."""
+    """Distributes the parts of a page over as many sheets as necessary."""
 
     def __init__(self, title: str) -> None:
         self._title = title
@@ -275,11 +275,11 @@ class _Flow:
 
     @property
     def sheet(self) -> Sheet:
-        """The sheet that is being filled."""
+        """The current sheet."""
         return self.sheets[-1]
 
     def room(self, height: float) -> None:
-        """Start a sheet if this one has less room [inches], and write the pending headings."""
+        """Start a new sheet if the current one has less space [inches], and write the pending headings."""
         if self.sheet.y + height + 0.35 * len(self._headings) > BOTTOM:
             self.sheets.append(Sheet(self._title, running=True))
         headings, self._headings = self._headings, []
@@ -299,7 +299,7 @@ class _Flow:
     def table(self, columns: Sequence[str], rows: Sequence[Sequence[str]], name: str = "") -> None:
         """Add a table; one with many columns is transposed.
 
-        Rows are not broken. A table that continues on the next sheet repeats its number and header there.
+        Rows are not divided. A table that continues on the next sheet repeats its number and header there.
         """
         if len(columns) > _MOST_COLUMNS:
             some = ceil(len(rows) / max(ceil(len(rows) / _MOST_TURNED), 1))
@@ -366,7 +366,7 @@ def _cell_text(cell: str | Link) -> str:
 
 
 def _starts(rows: Sequence[Sequence[str]]) -> list[float]:
-    """Return the left edges of the columns: wide for long texts, without broken words if possible.
+    """Return the left edges of the columns: wide for long texts, if possible without divided words.
 
     The first row is the header, whose texts may be broken between words.
     """
@@ -393,5 +393,5 @@ def _letters(cells: Sequence[Sequence[str]]) -> float:
 
 
 def _length(text: str) -> float:
-    """Return the length of a text in letters of average width; capitals are wider."""
+    """Return the length of a text in letters of average width, with wider capitals."""
     return len(text) + _CAPITALS * sum(letter.isupper() for letter in text)

@@ -1,4 +1,4 @@
-"""Studies that are stored in a project: their questions, what the answers belong to, the primary one."""
+"""Studies that are stored in a project: questions, provenance of the answers, the primary study."""
 
 import csv
 import json
@@ -33,7 +33,7 @@ __all__ = [
 
 _RECORD, _TESTS, _WITHOUT = "study.json", "tests.csv", "tests_without_outliers.csv"
 PRIMARY = "primary"
-"""Column of these tables."""
+"""Column of the study's tables."""
 _DISTANCE = "mahalanobis_d_corrected"
 
 
@@ -50,7 +50,7 @@ class Answered(BaseModel):
 
     @classmethod
     def now(cls, project: ProjectFolder, data: str = "") -> "Answered":
-        """Describe an answer about a project's present result."""
+        """Describe an answer about a project's current result."""
         record = project.read().result
         try:
             number = version("homolog")
@@ -66,7 +66,7 @@ class Answered(BaseModel):
 
 
 def study_folder(project: ProjectFolder, request: StudyRequest) -> Path:
-    """Return the folder of a study's tables: the one that holds this question, or a free one."""
+    """Return the folder of a study's tables: the one of this question, or an unused one."""
     return _folder_in(project.folder / "analysis", request)
 
 
@@ -87,7 +87,7 @@ def _folder_in(root: Path, request: StudyRequest) -> Path:
 def write_request(request: StudyRequest, folder: Path, answered: Answered) -> None:
     """Store a question with the record of its answer; raises InputError if it can't be written.
 
-    A primary study stays so.
+    A primary study remains primary.
     """
     path = folder / _RECORD
     _write(path, _Record(request, answered, is_primary(folder)))
@@ -95,13 +95,13 @@ def write_request(request: StudyRequest, folder: Path, answered: Answered) -> No
 
 
 def is_primary(folder: Path) -> bool:
-    """Return whether a folder holds the primary study; raises InputError if its question is damaged."""
+    """Return whether a folder contains the primary study; raises InputError if its question is damaged."""
     path = folder / _RECORD
     return path.is_file() and _read(path).is_primary
 
 
 def name_primary(project: ProjectFolder, request: StudyRequest | None) -> None:
-    """Make the stored study of a question the primary one, and no other; none if no question is given.
+    """Make the stored study of a question the only primary one; without a question, none is primary.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def name_primary(project: ProjectFolder, request: StudyRequest | None) -> None:
 
 
 def _mark(path: Path, is_primary: bool) -> None:
-    """State in a table whether its study is the primary one; tables of earlier versions stay as they are."""
+    """State in a table whether its study is the primary one; tables of earlier versions are unchanged."""
     if not path.is_file():
         return
     with path.open(encoding="utf-8", newline="") as stream:
@@ -129,7 +129,7 @@ def _mark(path: Path, is_primary: bool) -> None:
 
 
 def read_requests(project: ProjectFolder) -> list[StudyRequest]:
-    """Return the questions stored in a project, the primary one first, answers to each next to each other.
+    """Return the questions stored in a project, the primary one first, answers to the same one adjacent.
 
     Raises
     ------
@@ -148,7 +148,7 @@ class StoredTest(NamedTuple):
 
 
 class KeptStudy(NamedTuple):
-    """A request that is stored in a project.
+    """A question that is stored in a project.
 
     Attributes
     ----------
@@ -157,9 +157,9 @@ class KeptStudy(NamedTuple):
     tests : dict of str to StoredTest
         The test of each comparison; empty if the table can't be read.
     is_primary : bool
-        Whether it was named the primary study.
+        Whether it was declared the primary study.
     answered : Answered
-        What its tables belong to.
+        Provenance of its tables.
     """
 
     request: StudyRequest
@@ -170,7 +170,7 @@ class KeptStudy(NamedTuple):
 
 
 def kept_studies(project: ProjectFolder) -> list[KeptStudy]:
-    """Return the questions as `read_requests` does, with their answers.
+    """Return the questions in the order of `read_requests`, with their answers.
 
     Raises
     ------
@@ -211,7 +211,7 @@ def _stored_tests(path: Path) -> dict[str, StoredTest]:
 
 
 def _name(request: StudyRequest) -> str:
-    """Return the name of a question, whatever the alignment."""
+    """Return the name of a question regardless of the alignment."""
     return request.model_copy(update={"alignment": Alignment.RIGID}).name
 
 
@@ -221,7 +221,7 @@ def _place(request: StudyRequest) -> tuple[str, int]:
 
 
 class _Record(NamedTuple):
-    """A stored question, what its answer belongs to, and whether its study is the primary one."""
+    """A stored question, the provenance of its answer, and whether its study is the primary one."""
 
     request: StudyRequest
     answered: Answered

@@ -1,4 +1,4 @@
-"""A question answered: the statistics of `homolog.analysis` on a project's result."""
+"""Answers to questions: the statistics of `homolog.analysis` on a project's result."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -42,19 +42,19 @@ class Study:
     request : StudyRequest
         The question.
     overall : Comparison
-        Of all the groups, or the only comparison.
+        Comparison of all groups, or the only comparison.
     pairwise : tuple of Comparison
-        Each two of three or more groups.
+        Comparisons of all pairs of three or more groups.
     labels : tuple of str
         Value of the request's column for each subject of the result.
     left_out : dict
-        Excluded subjects of the result, and why.
+        Excluded subjects of the result, with reasons.
     areas : (N,) array
-        Area of the mean surface that each particle stands for [mm²].
+        Area of the mean surface that belongs to each particle [mm²].
     names : tuple of str
         The subjects of the result.
     notes : tuple of str
-        Remarks on the data, in sentences.
+        Remarks on the data, each a sentence.
     """
 
     request: StudyRequest
@@ -72,7 +72,7 @@ class Study:
 
     @property
     def comparisons(self) -> tuple[Comparison, ...]:
-        """All of them, the overall one first."""
+        """All comparisons, the overall one first."""
         return (self.overall, *self.pairwise)
 
 
@@ -94,16 +94,16 @@ def run_study(result: Result, request: StudyRequest, tick: Tick = no_tick) -> St
     Parameters
     ----------
     result : Result
-        Of a project.
+        Result of a project.
     request : StudyRequest
         The question.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Raises
     ------
     InputError
-        If a column or group is not there, values are missing, or subjects are too few; says which.
+        If a column or group does not exist, values are missing, or there are too few subjects.
     """
     _check(result, request)
     labels = column_of(result, request.column)
@@ -177,27 +177,25 @@ class _Details(TypedDict):
 
 
 def _check(result: Result, request: StudyRequest) -> None:
-    """Refuse invalid questions before anything is computed."""
+    """Raise InputError for invalid questions before any computation."""
     known = columns_of(result)
     named = [category_of(covariate, known)[0] for covariate in request.covariates]
     twice = [item for item, count in Counter(named).items() if count > 1]
     if twice:
         raise InputError(f"the covariate {twice[0]!r} is given twice; give it once")
     if request.kind == "pairs" and request.covariates:
-        raise InputError(
-            "a paired comparison takes no covariates, as it is made within pairs; leave them out"
-        )
+        raise InputError("a paired comparison is made within pairs and has no covariates; omit them")
     plain, is_category = category_of(request.column, known)
     if is_category and (request.kind == "regression" or not plain.endswith(CATEGORY)):
         raise InputError(
-            f"{request.column!r} is declared a category, which only covariates can be here; compare the "
+            f"{request.column!r} is declared a category, which is possible for covariates only; compare the "
             f"groups of {plain!r} instead"
         )
     labels = column_of(result, request.column)
     there = levels(labels)
     if not there:
         raise InputError(
-            f"column {request.column!r}: is empty; add its values with homolog table, or name another column"
+            f"column {request.column!r}: is empty; add its values with homolog table, or use another column"
         )
     for group in request.between:
         if group not in there:
@@ -206,17 +204,17 @@ def _check(result: Result, request: StudyRequest) -> None:
             )
     if request.kind == "pairs" and len(request.between) != 2:
         raise InputError(
-            f"a paired comparison is between two values of column {request.column!r}; name two of: "
+            f"a paired comparison is between two values of column {request.column!r}; choose two of: "
             f"{', '.join(there)}"
         )
     if request.kind == "groups" and len(request.between) < 2:
         raise InputError(f"column {request.column!r}: has one group only; a comparison needs two")
     if plain in named:
-        raise InputError(f"{request.column!r} is tested itself; remove it from the covariates")
+        raise InputError(f"{request.column!r} is the tested variable itself; remove it from the covariates")
 
 
 def _left_out(result: Result, request: StudyRequest, labels: Sequence[str]) -> dict[str, str]:
-    """Return the subjects that lack a value, and why; empty unless complete cases are requested."""
+    """Return the subjects without a value, with reasons; empty unless complete cases are requested."""
     if not request.complete_cases:
         return {}
     known = columns_of(result)
@@ -263,12 +261,10 @@ def _regression(question: _Question) -> Comparison:
     if not request.complete_cases:
         members = np.arange(len(names))
     cells = [question.labels[index] for index in members]
-    covariate_columns({request.column: cells}, [names[index] for index in members])  # names what is amiss
+    covariate_columns({request.column: cells}, [names[index] for index in members])  # checks the cells
     values = numbers(cells)
     if values is None:
-        raise InputError(
-            f"column {request.column!r} contains words; compare its groups instead of a regression"
-        )
+        raise InputError(f"column {request.column!r} contains text; compare its groups instead")
     extra = _covariates(question, members)
     regression = regress(
         question.shapes[members],
@@ -310,7 +306,7 @@ def _pairs(question: _Question) -> Comparison:
 
 
 def _covariates(question: _Question, members: IntArray) -> FloatArray | None:
-    """Covariates of the members in the rows of all subjects; rows of others are zero and not used."""
+    """Return covariates with a row for each subject; rows of subjects other than the members are zero."""
     if not question.request.covariates:
         return None
     names = question.result.names
@@ -354,7 +350,7 @@ def _areas(result: Result) -> FloatArray:
 
 
 def study_notes(result: Result, request: StudyRequest) -> tuple[str, ...]:
-    """Return what is told of columns and of questions of earlier versions."""
+    """Return notes on columns and on questions of earlier versions."""
     known = columns_of(result)
     covariates = dict(category_of(covariate, known) for covariate in request.covariates)
     columns = list(covariates)
@@ -367,7 +363,7 @@ def study_notes(result: Result, request: StudyRequest) -> tuple[str, ...]:
         notes.append(f"'size' is the column of the cohort's table; the size of the shapes is {SHAPE_SIZE!r}.")
     if request.earlier:
         notes.append(
-            "An earlier version stored this question and compared shapes as they lie. They are now aligned "
-            "rigidly first; alignment as-it-lies gives the earlier answer."
+            "An earlier version stored this question and compared shapes as they lie. Now they are aligned "
+            "rigidly before; alignment as-it-lies gives the earlier answer."
         )
     return tuple(notes)

@@ -1,4 +1,4 @@
-"""The section of a report on one study: effects, regions, figures; and what tests of all studies assume."""
+"""The section of a report on one study: effects, regions, figures; and the assumptions of all tests."""
 
 from collections.abc import Iterator, Sequence
 from math import floor, isfinite, log10
@@ -37,7 +37,7 @@ def add_study(
 ) -> None:  # fmt: skip
     """Add a study, titled such as "Study 1, primary": tables of effects, separation and regions, figures.
 
-    The seed is that of the correspondence, None if another program made it.
+    The seed is that of the correspondence, None if it is from another program.
     """
     page.heading(f"{title}. {study.request.title}")
     page.study = title.replace(" ", "\u00a0", 1) + ("" if seed is None else f", seed\u00a0{seed}")
@@ -117,7 +117,7 @@ def _effect_row(study: Study, title: str, comparison: Comparison) -> tuple[str, 
 
 
 def _further_row(study: Study, title: str, comparison: Comparison) -> tuple[str, ...]:
-    """Return size, where it is tested and not told by the study of form, and separation."""
+    """Return a row with size, unless it is in the study of form, and separation."""
     size, p, line = comparison.size, comparison.size_p_adjusted, comparison.discriminant
     of_size, separation = ("–", "–", "–"), ("–", "–", "–", "–")
     if shows_size(study) and size is not None and p is not None:
@@ -164,11 +164,11 @@ def _covariate_row(study: Study, effect: Comparison) -> tuple[str, ...]:
 
 
 _MOST_REGIONS = 3
-"""Of a comparison, in the table of regions."""
+"""Maximum number of regions of a comparison in the table."""
 
 
 def tested_comparisons(study: Study) -> Iterator[tuple[str, Comparison]]:
-    """Yield each comparison with its title, followed by the same without its outliers."""
+    """Yield each comparison with its title, followed by the comparison without outliers."""
     for comparison in study.comparisons:
         yield comparison.title, comparison
         if comparison.without_outliers is not None:
@@ -177,7 +177,7 @@ def tested_comparisons(study: Study) -> Iterator[tuple[str, Comparison]]:
 
 
 def add_regions(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
-    """Add a table of the largest regions where particles are significant, and one of walls."""
+    """Add a table of the largest significant regions, and one of walls."""
     rows = []
     for comparison in study.comparisons:
         regions = significant_regions(study, comparison, carrier)
@@ -197,31 +197,31 @@ def add_regions(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
         ],
         rows,
         as_text=True,
-        caption=f"Where: the largest regions, {_MOST_REGIONS} of a comparison at most (all: regions.csv)",
+        caption=f"Largest regions, at most {_MOST_REGIONS} of a comparison (all: regions.csv)",
     )  # fmt: skip
     if carrier.is_hollow:
         _add_walls(page, study, carrier)
 
 
 def axes_text(carrier: SurfaceCarrier, *, confirmed: bool) -> str:
-    """Return what places are called by, and whether authors have confirmed it."""
+    """Return the naming of locations, and whether the authors have confirmed the axes."""
     if carrier.directions.are_the_patients:
         unsure = (
             ""
             if confirmed
             else " Headers can be wrong after resampling or export, and nobody has confirmed these (--axes "
-            "patient): compare the figures with the anatomy before a place is published."
+            "patient): compare the figures with the anatomy before a location is published."
         )
         return (
-            "Places are directions from the middle of the mean shape along the patient's axes, as the files "
-            "state them: left is towards the patient's left, anterior towards the front, superior towards "
-            f"the head.{unsure}"
+            "Locations are directions from the middle of the mean shape along the patient's axes, as the "
+            "files state them: left is towards the patient's left, anterior towards the front, superior "
+            f"towards the head.{unsure}"
         )
     if carrier.directions.are_named:
         sides = zip(carrier.directions.sides, "xyz", strict=True)
         named = ", ".join(f"{low} and {high} of smaller and larger {axis}" for (low, high), axis in sides)
         return (
-            f"Places are sides of the mean shape, seen from its middle, as the authors named them: {named}."
+            f"Locations are sides of the mean shape, seen from its middle, as named by the authors: {named}."
         )
     return (
         "Places are directions from the middle of the mean shape along the axes of the coordinates (of "
@@ -244,7 +244,7 @@ def _region_row(study: Study, comparison: Comparison, region: Region, number: st
 
 
 def _add_walls(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
-    """Add how much of each wall of a hollow shape is significant, and moves which way."""
+    """Add the significant area of each wall of a hollow shape, and its direction of displacement."""
     walls = carrier.walls_at_particles(len(study.areas))
     rows = []
     for comparison in study.comparisons:
@@ -271,12 +271,12 @@ def _add_walls(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
          "into the tissue (mm²)", "neither clearly (mm²)"],
         rows,
         as_text=True,
-        caption="Significant area of each wall, and which way it moves",
+        caption="Significant area of each wall, by direction of displacement",
     )  # fmt: skip
 
 
 def interval_cell(effect: Effect, digits: int = 2, scale: float = 1.0) -> str:
-    """Return an estimate with its interval as tables have it, such as ``"1.27 (0.41 to 2.02)"``."""
+    """Return an estimate with its interval in the format of tables, such as ``"1.27 (0.41 to 2.02)"``."""
     value, low, high = (f"{scale * item:.{digits}f}" for item in (effect.value, effect.low, effect.high))
     return f"{value} ({low} to {high})" if isfinite(effect.low) else value
 
@@ -293,12 +293,12 @@ def mean_text(mean: float, spread: float) -> str:
 
 
 def decimals_of(spread: float) -> int:
-    """Return the decimals of numbers with such a standard deviation, so that it has three digits."""
+    """Return the number of decimals at which a standard deviation has three digits."""
     return max(0, 2 - floor(log10(spread))) if spread > 0.0 else 0
 
 
 def digits_of(study: Study, width: float) -> int:
-    """Return the decimals of an effect whose interval is so wide."""
+    """Return the number of decimals of an effect from the width of its interval."""
     if study.request.kind != "regression" or not width > 0.0:
         return 2
     return max(2, 2 - floor(log10(width)))
@@ -375,7 +375,7 @@ def _assumptions_row(study: Study, comparison: Comparison) -> tuple[str, ...]:
 
 
 def _group_of(study: Study, subject: int) -> str:
-    """Return the group of an outlier, with a comma; nothing of pairs and regressions."""
+    """Return the group of an outlier, with a comma; an empty text for pairs and regressions."""
     return f"{study.labels[subject]}, " if study.request.kind == "groups" else ""
 
 

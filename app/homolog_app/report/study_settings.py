@@ -1,4 +1,4 @@
-"""How a question is tested: the same settings for the command line, the window and Python."""
+"""Settings of the tests of a question, common to the command line, the window and Python."""
 
 from typing import Annotated
 
@@ -34,7 +34,7 @@ class AnalysisSettings(StudySettings):
         int | None,
         Field(
             ge=1,
-            description="Repeat correspondence and tests with this number of seeds in all, and report how "
+            description="Repeat correspondence and tests with this total number of seeds, and report how "
             "the answers vary. The runs are stored in PROJECT/seeds, and later questions are repeated with "
             "them. Default: those stored.",
         ),

@@ -1,4 +1,4 @@
-"""Results at particles mapped to the mean surface, connected regions of them, and how places are called."""
+"""Results at particles mapped to the mean surface, their connected regions, and names of locations."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -39,11 +39,11 @@ INNER, OUTER, EDGE = "inner surface", "outer surface", "edge of the opening"
 
 
 _ASSUMED = "axes were assumed"
-"""What the notes of all files say whose header gives no orientation."""
+"""Part of the notes on files whose header gives no orientation."""
 _OFF_THE_MIDDLE = 1.0 / 3.0
-"""Share of half the extent along an axis from which a place is called by that axis' side."""
+"""Fraction of half the extent along an axis from which a location is named by that side."""
 _ALONG = 0.35
-"""Cosine to an axis from which a direction is called by it."""
+"""Cosine to an axis from which a direction is named by it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,41 +53,41 @@ class Directions:
     Attributes
     ----------
     sides : tuple of pairs of str
-        Towards smaller and larger values of each coordinate.
+        Names of the sides of smaller and larger values of each coordinate.
     """
 
     sides: tuple[tuple[str, str], ...]
 
     @property
     def are_the_patients(self) -> bool:
-        """Whether they are those of the patient."""
+        """Whether the axes are those of the patient."""
         return self is PATIENT_AXES
 
     @property
     def are_named(self) -> bool:
-        """Whether they are words, and not coordinates."""
+        """Whether the names are words, not coordinates."""
         return self is not FILE_AXES
 
     def place(self, points: FloatArray, number: int) -> str:
-        """Return where one of the points (N, 3) lies from the middle of all, such as ``"left posterior"``."""
+        """Return one point's location from the middle of points (N, 3), such as ``"left posterior"``."""
         middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
         return self._named(
             (points[number] - middle) / np.maximum(np.ptp(points, axis=0) / 2.0, 1e-300), _OFF_THE_MIDDLE
         )
 
     def way(self, vector: FloatArray) -> str:
-        """Return which way a vector (3,) points."""
+        """Return the name of the direction of a vector (3,)."""
         return self._named(vector / max(float(np.linalg.norm(vector)), 1e-300), _ALONG)
 
     def view(self, name: str) -> View:
-        """Return an anatomical view, captioned by the side from which it looks."""
+        """Return an anatomical view, named by the side of the viewer."""
         view = VIEWS[name]
         return (
             view if self.are_the_patients else replace(view, name=f"from {self.way(np.array(view.toward))}")
         )
 
     def far_wall(self, name: str) -> View:
-        """Return an anatomical view whose near half is removed, captioned by the wall that it then shows."""
+        """Return an anatomical view whose near half is removed, named by the visible wall."""
         view = VIEWS[name]
         return replace(view, name=f"{self.way(-np.array(view.toward))} wall")
 
@@ -101,13 +101,13 @@ class Directions:
 
 
 PATIENT_AXES = Directions((("right", "left"), ("anterior", "posterior"), ("inferior", "superior")))
-"""Of LPS coordinates that are those of the patient."""
+"""Directions of LPS coordinates that are those of the patient."""
 FILE_AXES = Directions((("-x", "+x"), ("-y", "+y"), ("-z", "+z")))
-"""Of coordinates whose relation to the patient is not known."""
+"""Directions of coordinates whose relation to the patient is unknown."""
 
 
 def directions_of(details: ReportDetails, record: ResultRecord | None) -> Directions:
-    """Return how places are called."""
+    """Return the names of directions."""
     if details.places:
         pairs = (pair.split("/") for pair in details.places.split())
         return Directions(tuple((low, high) for low, high in pairs))
@@ -128,13 +128,13 @@ class SurfaceCarrier:
     mesh : TriangleMesh
         The mean surface.
     operator : (V, n) array
-        Thin-plate weights of the particles that carry it.
+        Thin-plate weights of the particles that warp it.
     centres : (n,) int array
         Indices of those particles.
     nearest : (V,) int array
         The closest particle to each vertex on the same side of a wall.
     directions : Directions
-        How places are called.
+        Names of directions.
     """
 
     mesh: TriangleMesh
@@ -145,7 +145,7 @@ class SurfaceCarrier:
 
     @classmethod
     def of(cls, result: Result, directions: Directions = PATIENT_AXES) -> "SurfaceCarrier":
-        """Prepare the mean surface of a result, whose places have these names."""
+        """Prepare the mean surface of a result, with the names of directions."""
         mean = result.world.mean(axis=0)
         centres = farthest_points(mean, MOST_CENTRES)
         vertices = result.mean_surface.vertices
@@ -168,10 +168,10 @@ class SurfaceCarrier:
         return significant
 
     def walls_at_particles(self, count: int) -> list[str]:
-        """Return on which wall each of so many particles is: `INNER`, `OUTER` or `EDGE`.
+        """Return the wall of each of `count` particles: `INNER`, `OUTER` or `EDGE`.
 
-        An inner surface mostly sees itself, or faces itself across the cavity; the edge of an opening lies
-        between both. All are empty where inner surfaces are a tenth of the area or less: the shape is not
+        An inner surface mostly sees itself, or faces itself across the cavity; the edge of an opening is
+        between both. All are empty if inner surfaces are a tenth of the area or less: the shape is not
         hollow.
         """
         inner, edge, areas = self._walls
@@ -192,7 +192,7 @@ class SurfaceCarrier:
 
     @cached_property
     def _walls(self) -> tuple[BoolArray, BoolArray, FloatArray]:
-        """Which vertices are on an inner surface and on the edge of its opening, and the area around each."""
+        """Masks of vertices on an inner surface and on the edge of its opening, and the vertices' areas."""
         from homolog_app.rendering.rays import faces_itself, openness  # loads Warp
 
         diagonal = float(np.linalg.norm(np.ptp(self.mesh.vertices, axis=0)))
@@ -208,14 +208,14 @@ class SurfaceCarrier:
         return inner, ~inner & near & (behind > _ALONG_THE_WALL * across), areas
 
     def outward_at_particles(self, comparison: Comparison, displacement: FloatArray) -> FloatArray:
-        """Return the outward part of displacements of the particles (..., N, 3) [mm], shape (..., N)."""
+        """Return the outward component of displacements of the particles (..., N, 3) [mm], shape (..., N)."""
         outward: FloatArray = (displacement * self.normals_at_particles(comparison)).sum(axis=-1)
         return outward
 
     def ways_at_particles(self, comparison: Comparison) -> IntArray:
-        """Return whether each particle moves outward (1) or inward (-1), or neither clearly (0), (N,).
+        """Return for each particle (N,) whether it moves outward (1), inward (-1), or neither clearly (0).
 
-        Clear is an outward part whose interval excludes zero.
+        The direction is clear if the interval of the outward component excludes zero.
         """
         low, high = comparison.pointwise.bounds(self.normals_at_particles(comparison))
         return np.where(low > 0.0, 1, 0) - np.where(high < 0.0, 1, 0)
@@ -229,11 +229,11 @@ class SurfaceCarrier:
 
 
 _ENCLOSED = 0.5
-"""Share of directions in which a place of an inner surface sees the surface again, as in a cavity."""
+"""Fraction of directions in which a point of an inner surface sees the surface again, as in a cavity."""
 _NEAR_THE_WALL, _ALONG_THE_WALL = 1.5, 1.7
-"""Of the wall's thickness: how near an edge lies to the inner surface, and how long the way through it is."""
+"""Maximum distance of an edge from the inner surface, and length of rays through it, in wall thicknesses."""
 _HOLLOW = 0.1
-"""Share of the area that inner surfaces need, for a shape to be called hollow."""
+"""Minimum fraction of the area of inner surfaces in a hollow shape."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -245,27 +245,27 @@ class Region:
     particles : (n,) int array
         Their indices.
     area : float
-        Of the mean surface that they stand for [mm²].
+        Area of the mean surface that belongs to them [mm²].
     peak : int
         The particle with the largest statistic.
     position : (3,) array
         Its mean position [mm].
     place : str
-        The same in words, from the middle of the mean shape along the axes of the files.
+        Name of the position, relative to the middle of the mean shape along the axes of the files.
     wall : str
         `INNER`, `OUTER` or `EDGE` of a hollow shape; empty for others.
     outward : Effect
         Displacement at the peak along the outward normal [mm] with its interval, not corrected over the
         surface.
     length : float
-        Of the whole displacement at the peak [mm].
+        Length of the displacement at the peak [mm].
     way : str
-        Which way that points.
+        Name of its direction.
     mean_outward : Effect
-        Outward displacement, mean over the region's area [mm]. The interval is the mean of the particles'
+        Mean outward displacement over the region's area [mm]. The interval is the mean of the particles'
         intervals, which is at least as wide as that of their mean.
     outward_range : (float, float)
-        Least and largest outward displacement of the region's particles [mm].
+        Smallest and largest outward displacement of the region's particles [mm].
     p, q : float
         Corrected p and false discovery rate of the peak.
     """
@@ -286,11 +286,11 @@ class Region:
 
     @property
     def where(self) -> str:
-        """Wall and place, in words."""
+        """Text of the wall and the location."""
         return f"{self.wall}, {self.place}" if self.wall else self.place
 
     def direction(self, outward: Effect) -> str:
-        """Describe the direction of an outward displacement, if its interval tells it."""
+        """Describe the direction of an outward displacement, if its interval determines it."""
         if outward.low <= 0.0 <= outward.high:
             return "neither clearly out of the tissue nor into it"
         way = "out of the tissue" if outward.value > 0.0 else "into the tissue"
@@ -302,7 +302,7 @@ class Region:
 def significant_regions(study: Study, comparison: Comparison, carrier: SurfaceCarrier) -> list[Region]:
     """Return the regions of a comparison with one effect, the largest first.
 
-    Of a hollow shape, those on its inner surface, outer surface and edge are apart.
+    Regions on the inner surface, the outer surface and the edge of a hollow shape are separate.
     """
     inside = comparison.p_fwe <= LEVEL
     if len(comparison.pointwise.effect) > 1 or not inside.any():

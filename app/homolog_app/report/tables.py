@@ -37,16 +37,16 @@ def save_study(
 ) -> Path:
     """Write a study's tables and its question into the project; returns their folder.
 
-    Stored answers of other seeds go if the result's own is not this one.
+    Stored answers of other seeds are deleted if they don't belong to this answer.
 
     Parameters
     ----------
     project : ProjectFolder
     study : Study
     result : Result
-        That it was asked of.
+        Result of the answer.
     carrier : SurfaceCarrier, optional
-        Of the result, if it is there already.
+        Carrier of the result, if it exists already.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def save_study(
 
 
 def data_digest(result: Result, directions: Directions) -> str:
-    """Return a digest of what tables are computed from: shapes, groups, columns, names of places."""
+    """Return a digest of the data of tables: shapes, groups, columns, names of directions."""
     whole = sha256(repr((result.names, result.groups, result.columns, directions.sides)).encode())
     for array in (result.world, result.alignments, result.mean_surface.vertices):
         whole.update(np.ascontiguousarray(array).tobytes())
@@ -81,20 +81,20 @@ def write_study_tables(
     *,
     is_primary: bool = False,
 ) -> None:
-    """Write the tables of a study; ``columns.csv`` says what each column holds.
+    """Write the tables of a study; ``columns.csv`` describes each column.
 
     Parameters
     ----------
     folder : Path
-        Made if need be.
+        Created if necessary.
     study : Study
-        What to write.
+        The study.
     result : Result
-        That it was computed from.
+        Result from which it was computed.
     carrier : SurfaceCarrier
-        Of that result.
+        Carrier of that result.
     answered : Answered
-        Of what result, when and by which version.
+        Result, time and version of the answer.
     is_primary : bool
         Whether it is the primary study.
 
@@ -172,7 +172,7 @@ def _tables(
 
 
 def _tests(study: Study, provenance: dict[str, _Cell]) -> Iterator[_Table]:
-    """Yield the tests of each comparison, and the same without outliers."""
+    """Yield the tests of each comparison, with and without outliers."""
     rows = [_test_row(study, comparison) | provenance for comparison in study.comparisons]
     yield "tests.csv", list(rows[0]), (list(row.values()) for row in rows)
     without = (
@@ -276,7 +276,7 @@ def _bounds(effect: Effect | None) -> tuple[float | None, float | None]:
 def _particles(
     study: Study, comparison: Comparison, result: Result, carrier: SurfaceCarrier
 ) -> tuple[list[str], Iterator[list[_Cell]]]:
-    """Columns and rows of a comparison's particles: mean position, effects with intervals, p and q."""
+    """Return columns and rows of a comparison's particles: mean position, effects with intervals, p and q."""
     per = "_per_unit" if study.request.kind == "regression" else ""
     columns = ["particle", "area_mm2", "mean_x_mm", "mean_y_mm", "mean_z_mm"]
     values = [study.areas[:, None], comparison.mean]
@@ -336,7 +336,7 @@ def _regions(study: Study, carrier: SurfaceCarrier) -> Iterator[list[_Cell]]:
 
 
 def _outward_test(study: Study, comparison: Comparison, result: Result, carrier: SurfaceCarrier) -> WelchMap:
-    """Test two groups for outward displacement alone, with its sign and for unequal variances."""
+    """Test two groups for signed outward displacement only, with unequal variances."""
     request = study.request
     shapes = prepare_shapes(
         compared_shapes(result, request.alignment)[comparison.subjects], study_options(request)
@@ -349,7 +349,7 @@ def _outward_test(study: Study, comparison: Comparison, result: Result, carrier:
 
 
 def _subjects(study: Study, result: Result) -> tuple[list[str], Iterator[list[_Cell]]]:
-    """Columns and rows of the subjects: label, part, and place along each discriminant."""
+    """Return columns and rows of the subjects: label, part, and position along each discriminant."""
     lines = [comparison for comparison in study.comparisons if comparison.discriminant is not None]
     places: list[dict[int, float]] = []
     for item in lines:

@@ -54,21 +54,21 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     Parameters
     ----------
     project : ProjectFolder
-        With a result; studies are those that ``homolog analyze`` kept.
+        Project with a result and the studies that ``homolog analyze`` stored.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
     clip : Clip, optional
         The plane that cuts the shapes of the figures open.
 
     Returns
     -------
     Path
-        The page; the same as ``report.pdf`` and figures in ``figures`` lie beside it.
+        The page; the PDF ``report.pdf`` and the folder ``figures`` are next to it.
 
     Raises
     ------
     InputError
-        If there is no result, a study can't be answered any more, or the folder can't be written to.
+        If there is no result, a study can no longer be answered, or the folder can't be written to.
     """
     tick(0.0, "reading the result")
     result = read_result(project)
@@ -140,7 +140,7 @@ def _write_figures(folder: Path, figures: Sequence[ReportFigure]) -> None:
 
 
 def _surfaces(project: ProjectFolder, record: ResultRecord) -> list[TriangleMesh]:
-    """Return the subjects' surfaces in the coordinates of their files; none if some are missing."""
+    """Return the subjects' surfaces in the coordinates of their files; none if one is missing."""
     meshes = []
     for subject in record.subjects:
         try:
@@ -152,15 +152,15 @@ def _surfaces(project: ProjectFolder, record: ResultRecord) -> list[TriangleMesh
 
 
 def _add_check(page: Page, result: Result, meshes: Sequence[TriangleMesh]) -> None:
-    """Add what `homolog check` finds."""
+    """Add the suspects of `homolog check`."""
     if len(meshes) < 3:
         page.paragraph(
-            "Particles were not checked for wrong places: that needs three subjects with surfaces."
+            "Particles were not checked for wrong positions, which requires three subjects with surfaces."
         )
         return
     suspects = inspect(result.local, meshes, result.alignments, names=result.names).suspects
     if not suspects:
-        page.paragraph("homolog check finds no place where the correspondence may be wrong.")
+        page.paragraph("homolog check finds no location where the correspondence may be wrong.")
         return
     kinds = [suspect.kind.value for suspect in suspects]
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
@@ -168,9 +168,9 @@ def _add_check(page: Page, result: Result, meshes: Sequence[TriangleMesh]) -> No
     names = sorted({result.names[suspect.subject] for suspect in suspects})
     of_worst = result.names[suspects[0].subject]
     page.paragraph(
-        f"homolog check finds {len(suspects)} places where the correspondence may be wrong ({counts}): "
+        f"homolog check finds {len(suspects)} locations where the correspondence may be wrong ({counts}): "
         f"{len(particles)} of {result.world.shape[0] * result.world.shape[1]} particles on {len(names)} of "
-        f"{len(result.names)} subjects ({', '.join(names)}), the most severe on {of_worst}. Look at them "
+        f"{len(result.names)} subjects ({', '.join(names)}), the most severe on {of_worst}. Check them "
         "before local differences there are claimed."
     )
 
@@ -223,10 +223,10 @@ def _model_section(
     page.heading("Shape model")
     area = result.mean_surface.area
     each = area / record.particles
-    held_out = "" if record.source else "; it had taken part in the correspondence"
+    held_out = "" if record.source else "; it was included in the correspondence"
     page.paragraph(
         f"{len(result.names)} shapes, {pose_text(record)}. The mean surface has an area of {area:.0f} mm²; a "
-        f"particle stands for {each:.3g} mm² of it on average, so that particles are about {each**0.5:.2g} "
+        f"particle represents {each:.3g} mm² of it on average, so that particles are about {each**0.5:.2g} "
         "mm apart. The modes below are those of all subjects; tests use modes of the subjects and the "
         "alignment of each comparison. The sign of a mode is arbitrary. Scores and standard deviations are "
         "root mean squares over the particles. For generalization each subject in turn was held out and "
@@ -254,7 +254,7 @@ def _methods(
     page: Page, folder: Path, record: ResultRecord, studies: list[Study],
     seeds: Sequence[Sequence[SeedAnswer]], carrier: SurfaceCarrier, details: ReportDetails, *, primary: bool,
 ) -> None:  # fmt: skip
-    """Add methods, definitions, what the authors have to add, and references; settings as a table."""
+    """Add methods, definitions, a list for the authors to complete, and references; settings as a table."""
     page.heading("Methods")
     terms = list(definitions(studies, carrier, confirmed=details.axes is not Axes.AUTO)) if studies else []
     texts, references = numbered(
@@ -301,7 +301,7 @@ def _files(
 
 
 _TABLES = ("quality.csv", "correspondence.csv", "measures.csv", "settings.csv")
-"""Beside the page."""
+"""File next to the page."""
 
 
 def _add_landmarks(page: Page, project: ProjectFolder) -> None:
@@ -316,8 +316,9 @@ def _add_landmarks(page: Page, project: ProjectFolder) -> None:
         return
     page.heading("Landmarks")
     page.paragraph(
-        f"{landmark_text(errors)}. Each subject's landmarks were carried to each other subject by the "
-        "thin-plate spline of the particles, put on the surface, and compared with that subject's own."
+        f"{landmark_text(errors)}. Each subject's landmarks were transferred to each other subject by the "
+        "thin-plate spline of the particles, projected onto the surface, and compared with that subject's "
+        "own."
     )
     page.table(
         ["landmark", "mean (mm)", "median (mm)", "95th percentile (mm)", "largest (mm)"],

@@ -135,7 +135,7 @@ def answer_groups(
     request : StudyRequest
         Request of any kind.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
     pair : int
         Index of the two groups among the study's pairs.
 
@@ -345,7 +345,7 @@ def map_answers(
     which : (int, int)
         Indices of request and pair of groups.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
     """
     return [
         carried_answer(model, with_current_table(model.result, cohort), study, which[1], tick)

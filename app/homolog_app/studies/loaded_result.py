@@ -181,7 +181,7 @@ def load_result(project: ProjectFolder, tick: Tick = no_tick) -> LoadedResult:
     ----------
     project : ProjectFolder
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Raises
     ------
@@ -218,7 +218,7 @@ def write_from_memory(
     cohort : Cohort
         The subjects of the project.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Raises
     ------

@@ -155,7 +155,7 @@ def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_t
         See `ModelShape`.
     result : Result
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
     """
     import homolog_app.plots  # noqa: F401 - slow: imported by the thread that fits, not by the first plot
 

@@ -270,7 +270,7 @@ def run_comparison(
     title, counts, options
         See `Comparison`.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
     members : dict of (m,) bool arrays, optional
         Members of each group, for designs of groups.
     mean : (N, 3) array, optional

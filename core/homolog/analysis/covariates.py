@@ -67,7 +67,7 @@ def with_covariate_effects(
     options : Options
         Options of the comparison.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
     """
     if isinstance(tested, np.ndarray) and tested.dtype.kind == "f":
         main = tested[:, None]

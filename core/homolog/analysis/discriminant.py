@@ -142,7 +142,7 @@ def discriminant(
     seed : int
         Same seed, same result.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Returns
     -------

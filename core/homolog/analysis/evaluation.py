@@ -34,7 +34,7 @@ def generalization(
     names : sequence of str, optional
         Subject names, for messages.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def specificity(
     seed : int
         Same seed, same result.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Returns
     -------

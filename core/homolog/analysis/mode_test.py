@@ -244,7 +244,7 @@ def mode_test(
     seed : int
         Same seed, same result.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Returns
     -------

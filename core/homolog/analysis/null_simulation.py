@@ -93,7 +93,7 @@ def null_simulation(
     seed : int
         Same seed, same result.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Returns
     -------

@@ -131,7 +131,7 @@ def null_distribution(
     design, permutations, chunk, seed, means
         See `draw_permutations`.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
     message : str
         Progress message.
     """

@@ -240,7 +240,7 @@ def pointwise_test(
     seed : int
         Same seed, same result.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Returns
     -------

@@ -45,7 +45,7 @@ def compare_two_groups(
     names : sequence of str, optional
         Subject names, for messages.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Returns
     -------

@@ -153,7 +153,7 @@ def evaluate_spline(
     weights : (N + 4, c) array
         Result of `spline_weights`.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Returns
     -------

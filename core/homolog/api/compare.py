@@ -338,7 +338,7 @@ def regress(
     columns_of({name: own}, range(len(own)), len(own), called)  # raises an error that names missing values
     given = numbers(own)
     if given is None:
-        raise InputError(f"{name!r} contains words; compare its groups instead of a regression")
+        raise InputError(f"{name!r} contains text; compare its groups instead")
     columns = columns_of(covariates, chosen.tolist(), len(shapes), called)
 
     def ask(options: Options, tick: Tick) -> Comparison:

@@ -41,7 +41,7 @@ def field_array(
     device : str
         Warp device.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
     store : Store
         Where those of a CPU lie.
 

@@ -54,7 +54,7 @@ def optimize(
     device : str
         ``"auto"``, ``"cpu"`` or ``"cuda:<n>"``; ``"cuda:0,cuda:1"`` divides the shapes among several GPUs.
     tick : Tick
-        Progress and cancelling. If it raises `Cancelled`, a last checkpoint is emitted first.
+        Progress and cancellation. If it raises `Cancelled`, a last checkpoint is emitted first.
     observe : callable, optional
         Takes the newest `Frame`, at most 20 times a second.
     checkpoint : callable, optional

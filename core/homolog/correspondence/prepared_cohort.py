@@ -163,7 +163,7 @@ def prepare_cohort(
     store : Store
         Where meshes are stored, and fields and surfaces for a CPU; the solver decides for tables.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Returns
     -------

@@ -104,7 +104,7 @@ def initialize_fit(
     known : (M,) bool array
         The K known shapes.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Returns
     -------

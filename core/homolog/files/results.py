@@ -102,7 +102,7 @@ def read_result(project: ProjectFolder, tick: Tick = no_tick) -> Result:
     ----------
     project : ProjectFolder
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Raises
     ------

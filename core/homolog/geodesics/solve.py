@@ -74,7 +74,7 @@ def solve_tables(
     names : sequence of str, optional
         Names of the subjects, for messages.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
     threads : int, optional
         Number of threads on the CPU; one per core if not given. The result does not depend on it.
 

@@ -62,7 +62,7 @@ def series_voxels(folder: Path, files: Sequence[Path], tick: Tick) -> tuple[Arra
     files : sequence of Path
         The slices, in any order.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Returns
     -------

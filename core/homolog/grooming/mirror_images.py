@@ -93,7 +93,7 @@ def better_mirrored(
     register_pair : callable
         Registration of a shape to another.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
     """
     placed = [
         oriented_points(item.coarse_mesh.placed(alignment))

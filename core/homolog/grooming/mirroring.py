@@ -50,7 +50,7 @@ def align_cohort(
     settings : GroomSettings
         Its `alignment`, `scaling` and `mirror`.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
     known : mapping of str to (4, 4) array, optional
         Alignments of a result's subjects. These are mirrored as in the result, and new subjects are mirrored
         to the same side.

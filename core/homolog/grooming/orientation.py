@@ -101,7 +101,7 @@ def better_turned(
     register_freely : callable
         Registers one shape to another, regardless of the orientations of the files.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
     """
     usual = float(np.median([fit.distance for fit in fits]))
     distant = {

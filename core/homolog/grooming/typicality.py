@@ -56,7 +56,7 @@ def odd_ones(
     register_freely : callable
         Registers one shape to another, regardless of the orientations of the files.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
     """
     far, radii, odd = _ODD * max(float(np.median(distances)), _LEAST_TYPICAL), radii_of(shapes), set()
     for index in np.flatnonzero(distances > far).tolist():

@@ -39,7 +39,7 @@ def inspect(
     names : sequence of str
         Names of the subjects, for messages.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Returns
     -------

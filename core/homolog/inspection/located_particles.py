@@ -120,7 +120,7 @@ def locate_particles(
     names : sequence of str
         Names of the subjects, for messages.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Raises
     ------

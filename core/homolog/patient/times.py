@@ -73,8 +73,8 @@ def seen_twice(
         first.append(times_of[0][1])
     if len(later) < FEWEST_PAIRS:
         raise InputError(
-            f"{project.folder}: {len(later)} of {len(first)} controls were seen twice (columns {person} and "
-            f"{time}); {FEWEST_PAIRS} are needed for the expected change"
+            f"{project.folder}: {len(later)} of {len(first)} controls were scanned twice (columns {person} "
+            f"and {time}); {FEWEST_PAIRS} are needed for the expected change"
         )
     return SeenTwice(first, later, _between(spans, time))
 

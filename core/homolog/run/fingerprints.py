@@ -38,7 +38,7 @@ def run_fingerprint(settings: OptimizeSettings, shapes: Sequence[Shape], tick: T
     shapes : sequence of Shape
         The shapes in order.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
 
     Returns
     -------

@@ -111,7 +111,7 @@ def write_surfaces(new: ProjectFolder, model: ShapeModel, surface: MeanSurface, 
     surface : MeanSurface
         The mean, which follows the particles.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
     """
     _write_surface(mean_file(new), TriangleMesh(surface.vertices, surface.faces))
     if surface.smoothed:

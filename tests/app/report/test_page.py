@@ -198,13 +198,13 @@ def test_the_primary_study_leads_and_the_others_are_secondary(project, without_f
     assert analyze(project, "--between", "B", "C", "--primary", "as-it-lies") == 2
     assert analyze(project, "--between", "B", "C") == 0
     text = first_page()
-    assert "No study was named primary" in text
+    assert "No study was declared primary" in text
     assert "0.025 as significant" in text
     assert "secondary" not in text
     assert analyze(project, "--between", "B", "C", "--primary", "similarity") == 0
     assert analyze(project, "--between", "B", "C") == 0  # answered again, it stays so
     text = first_page()
-    assert "Study 1 was named primary" in text
+    assert "Study 1 was declared primary" in text
     assert "Study 1 (primary; shape; allometry remains). C − B" in text
     assert "Study 2 (secondary; form). C − B" in text
     kept = kept_studies(project)

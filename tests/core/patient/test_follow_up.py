@@ -163,7 +163,7 @@ def test_first_times_are_controls_and_next_ones_their_change():
     [
         ([("p", "1"), ("p", "1.0")], "p has two files of one year"),
         ([("p", "1"), ("", "2")], "s1 has no value in column who"),
-        ([("p", "1"), ("p", "2"), ("q", "1")], "1 of 2 controls were seen twice"),
+        ([("p", "1"), ("p", "2"), ("q", "1")], "1 of 2 controls were scanned twice"),
     ],
 )
 def test_times_that_do_not_pair_are_refused(cells, message):

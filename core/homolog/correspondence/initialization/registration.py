@@ -175,7 +175,7 @@ class InitialRegistration:
         Corresponding points, L <= count: the first L particles are the vertices nearest to them, and the
         registrations of the others start from the thin-plate map between them.
     tick : Tick
-        Progress and cancelling.
+        Progress and cancellation.
     device : str
         Warp device, on which closest points are found.
     """
@@ -216,7 +216,7 @@ class InitialRegistration:
         poses : (M, 4, 4) array
             Similarities that align the shapes.
         tick : Tick
-            Progress and cancelling.
+            Progress and cancellation.
         """
         relative = inverse_matrices(poses[self._reference][None])[0] @ poses  # to the reference's frame
         meshes = posed_meshes(self._meshes, relative)
