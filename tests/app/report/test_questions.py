@@ -24,7 +24,7 @@ def test_regression_and_pairs_are_analyzed(project, capsys, analyze, rows_of):
         (["--group", "nothing"], "no column 'nothing'; the cohort has: group, shape-size, age"),
         (["--between", "A", "Z"], "no subject is in 'Z'; groups are: A, B, C"),
         (["--group", "site"], "one group only"),
-        (["--regress", "sex"], "contains words"),
+        (["--regress", "sex"], "contains text"),
         (["--regress", "code:c"], "compare the groups of 'code' instead"),
         (["--regress", "site"], "is the same for all subjects"),
         (["--regress", "grade"], "no value for subject 7"),

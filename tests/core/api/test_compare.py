@@ -141,7 +141,7 @@ def test_regressions_are_those_of_the_analysis_and_two_answers_are_corrected():
     assert hl.regress(shapes, ages, "age", alignment="rigid", **given).p_adjusted == alone.p_adjusted
     with pytest.raises(hl.InputError, match="'age': no value for b"):
         hl.regress(shapes, [40.0, np.nan, *ages[2:]], "age", names=list("abcdefghijklmn"))
-    with pytest.raises(hl.InputError, match="contains words"):
+    with pytest.raises(hl.InputError, match="contains text"):
         hl.regress(shapes, ["x"] * 7 + ["y"] * 7, "age")
 
 
