@@ -216,7 +216,7 @@ def test_the_least_p_of_all_signs_is_that_of_the_observed_ones_and_their_opposit
     signs = StudyRequest(kind="pairs", between=("A", "B"), pairs="couple", null_repeats=0, answers=2)
     study = run_study(result, signs)
     assert study.overall.test.exact
-    assert "With all 64 permutations the least possible p" in least_text(study)
+    assert "With all 64 permutations the smallest possible p" in least_text(study)
     assert "is 0.031, before correction" in least_text(study)
 
 

@@ -199,10 +199,10 @@ def test_the_primary_study_leads_and_the_others_are_secondary(project, without_f
     assert analyze(project, "--between", "B", "C") == 0
     text = first_page()
     assert "No study was declared primary" in text
-    assert "0.025 as significant" in text
+    assert "0.025 significant" in text
     assert "secondary" not in text
     assert analyze(project, "--between", "B", "C", "--primary", "similarity") == 0
-    assert analyze(project, "--between", "B", "C") == 0  # answered again, it stays so
+    assert analyze(project, "--between", "B", "C") == 0  # it remains primary when it is answered again
     text = first_page()
     assert "Study 1 was declared primary" in text
     assert "Study 1 (primary; shape; allometry remains). C − B" in text
@@ -232,7 +232,7 @@ def test_a_region_of_one_particle_or_of_one_seed_is_not_claimed(project, without
     write_spread(folder, [replace(answer, seed=seed) for seed in range(3)])
     page = api.report(project.folder).read_text(encoding="utf-8").replace("\xa0", " ")
     assert "2.22 (1.00 to 3.00)" in page
-    assert "With seeds 0, 1, 2 particles were placed" in page
+    assert "With seeds 0, 1, 2 the placement of particles" in page
     assert "of the first seed; other seeds" not in page
     assert "Largest regions" not in page
     assert "No region can be claimed for C − A" in page
