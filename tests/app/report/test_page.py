@@ -233,8 +233,8 @@ def test_a_region_of_one_particle_or_of_one_seed_is_not_claimed(project, without
     page = api.report(project.folder).read_text(encoding="utf-8").replace("\xa0", " ")
     assert "2.22 (1.00 to 3.00)" in page
     assert "With seeds 0, 1, 2 the placement of particles" in page
-    assert "of the first seed; other seeds" not in page
-    assert "Largest regions" not in page
+    assert "values of the first seed; other seeds" not in page
+    assert "Largest regions, by" not in page
     assert "No region can be claimed for C − A" in page
     assert "not shown to exceed chance: C − A (Study 1, p = 0.30)" in page  # medians, as in the table
 
