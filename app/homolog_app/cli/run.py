@@ -286,9 +286,9 @@ def _with_new(cohort: Cohort, paths: Sequence[Path], segment: str | None) -> Coh
 
     Subjects that it already has from a refused or interrupted fit are not added twice.
     """
-    there = {(subject.name, subject.path.resolve()) for subject in cohort.subjects}
+    known = {(subject.name, subject.path.resolve()) for subject in cohort.subjects}
     given = [item for path in paths for item in _subjects_of(path, segment)]
-    new = [item for item in given if (item.name, item.path.resolve()) not in there]
+    new = [item for item in given if (item.name, item.path.resolve()) not in known]
     names = Counter(subject.name for subject in (*cohort.subjects, *new))
     repeated = [name for name, count in names.items() if count > 1]
     if repeated:

@@ -106,8 +106,8 @@ class Board:
 
 def _ends(filled: Array) -> tuple[int, int]:
     """Return the first and last index of true values."""
-    there = np.flatnonzero(filled)
-    return (int(there[0]), int(there[-1]) + 1) if len(there) else (0, 0)
+    indices = np.flatnonzero(filled)
+    return (int(indices[0]), int(indices[-1]) + 1) if len(indices) else (0, 0)
 
 
 def _overlay(image: Array, part: NDArray[np.uint8]) -> None:

@@ -99,14 +99,14 @@ def write_distances(path: Path, surface: TriangleMesh, other: TriangleMesh) -> s
 
     if path.suffix.lower() not in (".vtp", ".ply"):
         raise InputError(f"{path}: distances are written as .vtp or .ply; choose such a name")
-    there, back = surface_distances(surface, other), surface_distances(other, surface)
-    write_mesh(path, surface, {"distance_mm": there.signed})
+    forward, backward = surface_distances(surface, other), surface_distances(other, surface)
+    write_mesh(path, surface, {"distance_mm": forward.signed})
     both = (
         f"{name}: mean {item.mean:.4g} mm, signed mean {item.bias:.4g}, root mean square {item.rms:.4g}, "
         f"95 % {item.percentile(95.0):.4g}, maximum {item.maximum:.4g}"
-        for name, item in (("distance", there), ("backwards", back))
+        for name, item in (("distance", forward), ("backwards", backward))
     )
-    return "\n".join([*both, f"Hausdorff distance {max(there.maximum, back.maximum):.4g} mm"])
+    return "\n".join([*both, f"Hausdorff distance {max(forward.maximum, backward.maximum):.4g} mm"])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

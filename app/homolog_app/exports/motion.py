@@ -108,8 +108,8 @@ def group_means(result: Result, column: str, groups: Sequence[str]) -> list[Floa
     labels = np.array(column_of(result, column))
     for group in groups:
         if group not in labels:
-            there = ", ".join(levels(labels.tolist())) or "no values; fill in the column first"
-            raise InputError(f"column {column!r}: no subject is in {group!r}; groups are: {there}")
+            known = ", ".join(levels(labels.tolist())) or "no values; fill in the column first"
+            raise InputError(f"column {column!r}: no subject is in {group!r}; groups are: {known}")
     return [result.world[labels == group].mean(axis=0) for group in groups]
 
 

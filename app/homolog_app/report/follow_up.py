@@ -297,10 +297,10 @@ def expected_sentence(change: Change, follow_up: FollowUp) -> str:
 
 def _sentences(follow_up: FollowUp) -> list[str]:
     """Return the findings, followed by the measurement error."""
-    said = []
+    sentences = []
     for change in follow_up.changes:
-        said += [change_sentence(change, follow_up), expected_sentence(change, follow_up)]
-    return [*filter(None, said), error_text(follow_up)]
+        sentences += [change_sentence(change, follow_up), expected_sentence(change, follow_up)]
+    return [*filter(None, sentences), error_text(follow_up)]
 
 
 def _method(follow_up: FollowUp) -> list[str]:

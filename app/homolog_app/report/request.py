@@ -51,8 +51,8 @@ def column_of(result: Result, column: str) -> list[str]:
     elif column in known:
         values = [columns.get(column, "") for columns in result.columns]
     else:
-        there = ", ".join(["group", SHAPE_SIZE, *sorted(known)])
-        raise InputError(f"no column {column!r}; the cohort has: {there}")
+        available = ", ".join(["group", SHAPE_SIZE, *sorted(known)])
+        raise InputError(f"no column {column!r}; the cohort has: {available}")
     return ["" if is_missing(value) else value for value in values]
 
 

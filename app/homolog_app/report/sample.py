@@ -86,9 +86,9 @@ def sample_rows(study: Study, result: Result) -> list[SampleRow]:
         for variable in variables:
             column, is_category = category_of(variable, known)
             cells = column_of(result, column)
-            there = {cells[index] for index in taking} - {""}
-            if is_category or numbers(sorted(there)) is None:
-                for level in sorted(there):
+            values = {cells[index] for index in taking} - {""}
+            if is_category or numbers(sorted(values)) is None:
+                for level in sorted(values):
                     count = sum(cells[index] == level for index in members)
                     rows.append(SampleRow(group, column, level, count))
                 continue
@@ -228,13 +228,13 @@ def _sample(page: Page, study: Study, result: Result, of: str) -> None:
             page.caution(
                 f"{variable} contains {' and '.join(map(repr, alike))}, counted as different values."
             )
-    gone = [f"{name} ({why})" for name, why in study.left_out.items()]
-    excluded = f"Not compared: {len(gone)} of {len(result.names)} subjects. {', '.join(gone)}"
+    listed = [f"{name} ({why})" for name, why in study.left_out.items()]
+    excluded = f"Not compared: {len(listed)} of {len(result.names)} subjects. {', '.join(listed)}"
     columns = [variable for variable in categories if variable not in ("subjects", SHAPE_SIZE, VOXEL)]
     untested = ""
     if columns and study.request.kind == "groups":
         untested = f" Whether groups differ in {', '.join(columns)} was not tested."
-    page.paragraph(f"{excluded if gone else 'All subjects were compared.'}{untested}")
+    page.paragraph(f"{excluded if listed else 'All subjects were compared.'}{untested}")
 
 
 _FILE = "measures.csv"
@@ -335,5 +335,5 @@ def _difference_cell(difference: Effect, decimals: int) -> str:
 
 
 def _mean_cell(values: FloatArray, decimals: int) -> str:
-    there = values[np.isfinite(values)]
-    return f"{there.mean():.{decimals}f} ± {there.std(ddof=1):.{decimals}f}" if len(there) > 1 else "–"
+    finite = values[np.isfinite(values)]
+    return f"{finite.mean():.{decimals}f} ± {finite.std(ddof=1):.{decimals}f}" if len(finite) > 1 else "–"

@@ -235,8 +235,8 @@ def _repeated(project: ProjectFolder, record: ResultRecord, seed: int, tick: Tic
     names = {subject.name for subject in record.subjects}
     kept = tuple(subject for subject in cohort.subjects if subject.name in names)
     if len(kept) < len(names):
-        gone = sorted(names - {item.name for item in kept})
-        raise InputError(f"{gone[0]}: is no longer among the project's subjects; run the project again first")
+        lost = sorted(names - {item.name for item in kept})
+        raise InputError(f"{lost[0]}: is no longer among the project's subjects; run the project again first")
     job = Run(again, Cohort(kept, cohort.folder), settings)
 
     def observe(fraction: float, message: str) -> None:
@@ -263,10 +263,10 @@ def _settings(record: ResultRecord, seed: int) -> RunSettings:
 def _is_stored(project: ProjectFolder, record: ResultRecord, seed: int) -> bool:
     """Return whether a seed's run with the settings and surfaces of a result exists."""
     again = _place(project, seed)
-    there = again.read().result if again.exists else None
-    if there is None or there.settings != _settings(record, seed):
+    stored = again.read().result if again.exists else None
+    if stored is None or stored.settings != _settings(record, seed):
         return False
-    contents = {subject.name: subject.content for subject in there.subjects}
+    contents = {subject.name: subject.content for subject in stored.subjects}
     return contents == {subject.name: subject.content for subject in record.subjects}
 
 
@@ -351,11 +351,11 @@ def median_answer(answers: Sequence[SeedAnswer], title: str) -> SeedAnswer | Non
 
 
 def _median(effects: Sequence[Effect | None]) -> Effect | None:
-    there = [effect for effect in effects if effect is not None]
-    if not there:
+    known = [effect for effect in effects if effect is not None]
+    if not known:
         return None
-    value, low, high = np.median([(item.value, item.low, item.high) for item in there], axis=0).tolist()
-    tested = [item.p for item in there if item.p is not None]
+    value, low, high = np.median([(item.value, item.low, item.high) for item in known], axis=0).tolist()
+    tested = [item.p for item in known if item.p is not None]
     return Effect(value, low, high, float(np.median(tested)) if tested else None)
 
 
@@ -396,5 +396,5 @@ def _p_range(least: str, most: str) -> str:
 
 
 def _cell(effects: Sequence[Effect | None], digits: int, scale: float = 1.0) -> str:
-    there = [scale * effect.value for effect in effects if effect is not None]
-    return _range(f"{min(there):.{digits}f}", f"{max(there):.{digits}f}") if there else "–"
+    values = [scale * effect.value for effect in effects if effect is not None]
+    return _range(f"{min(values):.{digits}f}", f"{max(values):.{digits}f}") if values else "–"

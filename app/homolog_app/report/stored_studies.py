@@ -71,11 +71,11 @@ def study_folder(project: ProjectFolder, request: StudyRequest) -> Path:
 
 
 def _folder_in(root: Path, request: StudyRequest) -> Path:
-    there = {path.name.casefold(): path for path in root.iterdir()} if root.is_dir() else {}
+    folders = {path.name.casefold(): path for path in root.iterdir()} if root.is_dir() else {}
     number = 1
     while True:
         name = request.name if number == 1 else f"{request.name}_{number}"
-        taken = there.get(name.casefold())
+        taken = folders.get(name.casefold())
         record = taken / _RECORD if taken else None
         if record is None or not record.is_file():
             return taken or root / name

@@ -192,20 +192,20 @@ def _check(result: Result, request: StudyRequest) -> None:
             f"groups of {plain!r} instead"
         )
     labels = column_of(result, request.column)
-    there = levels(labels)
-    if not there:
+    groups = levels(labels)
+    if not groups:
         raise InputError(
             f"column {request.column!r}: is empty; add its values with homolog table, or use another column"
         )
     for group in request.between:
-        if group not in there:
+        if group not in groups:
             raise InputError(
-                f"column {request.column!r}: no subject is in {group!r}; groups are: {', '.join(there)}"
+                f"column {request.column!r}: no subject is in {group!r}; groups are: {', '.join(groups)}"
             )
     if request.kind == "pairs" and len(request.between) != 2:
         raise InputError(
             f"a paired comparison is between two values of column {request.column!r}; choose two of: "
-            f"{', '.join(there)}"
+            f"{', '.join(groups)}"
         )
     if request.kind == "groups" and len(request.between) < 2:
         raise InputError(f"column {request.column!r}: has one group only; a comparison needs two")
@@ -221,24 +221,24 @@ def _left_out(result: Result, request: StudyRequest, labels: Sequence[str]) -> d
     used = [category_of(covariate, known)[0] for covariate in request.covariates]
     used += [request.column] if request.kind == "regression" else []
     used += [request.pairs] if request.pairs else []
-    gone: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     for column in used:
         for index, value in enumerate(column_of(result, column)):
             compared = request.kind == "regression" or labels[index] in request.between
             if compared and not value:
-                gone.setdefault(result.names[index], f"no value of {column}")
+                reasons.setdefault(result.names[index], f"no value of {column}")
     if request.kind == "pairs":
-        gone |= _partners(result, request, labels, gone)
-    return gone
+        reasons |= _partners(result, request, labels, reasons)
+    return reasons
 
 
 def _partners(
-    result: Result, request: StudyRequest, labels: Sequence[str], gone: Mapping[str, str]
+    result: Result, request: StudyRequest, labels: Sequence[str], excluded: Mapping[str, str]
 ) -> dict[str, str]:
     """Return the subjects whose partner is missing."""
     by_pair: dict[str, list[int]] = {}
     for index, pair in enumerate(column_of(result, request.pairs or "")):
-        if labels[index] in request.between and pair and result.names[index] not in gone:
+        if labels[index] in request.between and pair and result.names[index] not in excluded:
             by_pair.setdefault(pair, []).append(index)
     alone = [members[0] for members in by_pair.values() if len(members) == 1]
     return {result.names[index]: PARTNER_MISSING for index in alone}

@@ -261,11 +261,11 @@ def _test_row(study: Study, comparison: Comparison) -> dict[str, _Cell]:
 
 
 def _effect(name: str, effect: Effect | None) -> dict[str, _Cell]:
-    there = effect is not None and np.isfinite(effect.value)
+    is_known = effect is not None and np.isfinite(effect.value)
     return {
-        name: effect.value if effect is not None and there else None,
-        f"{name}_low_95": effect.low if effect is not None and there else None,
-        f"{name}_high_95": effect.high if effect is not None and there else None,
+        name: effect.value if effect is not None and is_known else None,
+        f"{name}_low_95": effect.low if effect is not None and is_known else None,
+        f"{name}_high_95": effect.high if effect is not None and is_known else None,
     }
 
 

@@ -204,8 +204,8 @@ def _introduction(
 def _in_order(groups: Sequence[str | None], studies: Sequence[Study]) -> list[str | None]:
     """Return the different groups, in the order of the first study of them."""
     compared = [group for study in studies for group in study.request.between]
-    there = list(dict.fromkeys([*compared, *reference_first(filter(None, groups)), *groups]))
-    return [group for group in there if group in groups]
+    order = list(dict.fromkeys([*compared, *reference_first(filter(None, groups)), *groups]))
+    return [group for group in order if group in groups]
 
 
 def _mm(value: float | None) -> str:
@@ -330,6 +330,6 @@ def _add_landmarks(page: Page, project: ProjectFolder) -> None:
 
 
 def _figures(errors: FloatArray) -> tuple[float, float, float, float]:
-    there = errors[np.isfinite(errors)]
-    median, high = np.quantile(there, [0.5, 0.95])
-    return float(there.mean()), float(median), float(high), float(there.max())
+    finite = errors[np.isfinite(errors)]
+    median, high = np.quantile(finite, [0.5, 0.95])
+    return float(finite.mean()), float(median), float(high), float(finite.max())

@@ -215,8 +215,8 @@ def placement(of: ModelShape, beside: ModelShape) -> FloatArray:
     """
     for index, name in enumerate(of.result.names):
         if name in beside.result.names:
-            there = beside.result.alignments[beside.result.names.index(name)]
-            motion = there @ np.linalg.inv(of.result.alignments[index])
+            alignment = beside.result.alignments[beside.result.names.index(name)]
+            motion = alignment @ np.linalg.inv(of.result.alignments[index])
             motion[:3, :3] /= scale_of(motion)
             return np.asarray(motion)
     return np.eye(4)

@@ -149,8 +149,8 @@ def _are_codes(cells: list[str]) -> bool:
 def _missing(study: Study, column: str) -> str:
     """Name the subjects without a value, if any."""
     cells = _cells(study, column)
-    gone = [subject.name for subject, cell in zip(study.included, cells, strict=True) if not cell]
-    return f"No value for {', '.join(gone[:3])}{' …' * (len(gone) > 3)}" if gone else ""
+    names = [subject.name for subject, cell in zip(study.included, cells, strict=True) if not cell]
+    return f"No value for {', '.join(names[:3])}{' …' * (len(names) > 3)}" if names else ""
 
 
 def _cells(study: Study, column: str) -> list[str]:
@@ -228,10 +228,10 @@ def _subject_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     counts = answer.pair.counts.items()
     rows = [("Subjects", ", ".join(f"{count}{'' if slope else f' {name}'}" for name, count in counts))]
     if study.left_out and study.request.complete_cases:
-        gone = sum(why.startswith("no value") for why in study.left_out.values())
+        incomplete = sum(why.startswith("no value") for why in study.left_out.values())
         alone = sum(why == PARTNER_MISSING for why in study.left_out.values())
         partners = f", {alone} whose partner is missing" if alone else ""
-        rows.append(("Excluded", f"{gone} with missing values{partners} (complete cases)"))
+        rows.append(("Excluded", f"{incomplete} with missing values{partners} (complete cases)"))
     return rows
 
 

@@ -122,8 +122,8 @@ class Study:
 
     def without(self, names: Iterable[str]) -> "Study":
         """Return the study without some members."""
-        gone = set(names)
-        return replace(self, members=tuple(member for member in self.members if member.name not in gone))
+        excluded = set(names)
+        return replace(self, members=tuple(member for member in self.members if member.name not in excluded))
 
 
 def is_there(subject: Subject) -> bool:

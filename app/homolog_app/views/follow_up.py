@@ -106,10 +106,10 @@ def change_text(times: PatientTimes) -> str:
     if times.follow_up is None:
         count = len(times.repeats)
         return f"{count} repeated segmentation{'s' * (count != 1)}; add a later time." if count else ""
-    said = []
+    sentences = []
     for change in times.follow_up.changes:
-        said += [change_sentence(change, times.follow_up), expected_sentence(change, times.follow_up)]
-    return "\n".join([*filter(None, said), error_text(times.follow_up)])
+        sentences += [change_sentence(change, times.follow_up), expected_sentence(change, times.follow_up)]
+    return "\n".join([*filter(None, sentences), error_text(times.follow_up)])
 
 
 def change_scene(follow_up: "FollowUp", only_beyond: bool) -> ViewContents:

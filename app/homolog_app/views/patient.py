@@ -166,9 +166,9 @@ def _point_on_path(start: FloatArray, steps: Sequence[_Step], way: float) -> _St
         return ("the mean", start) if way == 0.0 else ("", steps[-1][1])
     index = min(int(way * len(steps)), len(steps) - 1)
     share = way * len(steps) - index
-    title, there = steps[index]
+    title, after = steps[index]
     before = steps[index - 1][1] if index else start
-    return f"{100.0 * share:.0f} % {title}", before + share * (there - before)
+    return f"{100.0 * share:.0f} % {title}", before + share * (after - before)
 
 
 def region_place(comparison: "PatientComparison", region: "Region") -> tuple[FloatArray, FloatArray]:
@@ -182,13 +182,13 @@ def region_place(comparison: "PatientComparison", region: "Region") -> tuple[Flo
     marks = np.zeros(len(comparison.matched.vertices))
     marks[region.vertices], marks[region.centre] = 0.5, 1.0
     shares = own.carried(marks)
-    there = int(shares.argmax())
-    if not shares[there]:
-        there = int(
+    vertex = int(shares.argmax())
+    if not shares[vertex]:
+        vertex = int(
             np.linalg.norm(shape.vertices - comparison.matched.vertices[region.centre], axis=1).argmin()
         )
-    inside = np.union1d(np.flatnonzero(shares), there)
-    return shape.vertices[there], np.array(view_of_region(shape, inside, there).axes[2])
+    inside = np.union1d(np.flatnonzero(shares), vertex)
+    return shape.vertices[vertex], np.array(view_of_region(shape, inside, vertex).axes[2])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -314,9 +314,9 @@ def on_own_surface(
     own = comparison.own
     mesh = own.mesh
     if moved is not None:
-        there = mesh.placed(comparison.placement).vertices + own.carried(moved)
+        vertices = mesh.placed(comparison.placement).vertices + own.carried(moved)
         back = inverse_matrices(comparison.placement)
-        mesh = TriangleMesh(transform_points(back, there), mesh.faces)
+        mesh = TriangleMesh(transform_points(back, vertices), mesh.faces)
     inside, grey = (None if marks is None else own.marked(marks) for marks in (beyond, faded))
     colours = scale.colours(own.carried(values), grey, None if inside is None or not faint else ~inside)
     lines = None

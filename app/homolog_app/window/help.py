@@ -67,9 +67,9 @@ class HelpController(Controller):
     @Slot(str, object)
     def show_error(self, kind: str, error: BaseException) -> None:
         """Show an error with its remedy; for a defect of the program, ask for a report."""
-        said = user_message(error)
-        title = _TITLES.get(kind, _REFUSED if said else _BUG)
-        text = said or "This is a bug in Homolog. Please save a problem report and attach it to an issue."
+        message = user_message(error)
+        title = _TITLES.get(kind, _REFUSED if message else _BUG)
+        text = message or "This is a bug in Homolog. Please save a problem report and attach it to an issue."
         details = "".join(traceback.format_exception(error))
         remedies = self._remedies(kind, text)
         ErrorDialog(

@@ -155,14 +155,14 @@ class ProjectController(Controller):
         session, before = self._workspace.session, self._workspace.project
         if folder != session.folder and folder.exists() and any(folder.iterdir()):
             raise InputError(f"{folder}: is not empty; choose a new name for the project")
-        gone = session.result is not None and not (before.exists and before.read().result)
+        is_missing = session.result is not None and not (before.exists and before.read().result)
         in_use = session.result is not None and session.read_only == _IN_USE
-        if gone and folder == session.folder:
+        if is_missing and folder == session.folder:
             raise InputError(
                 f"{before.folder}: was moved or deleted with its result; restore it, or save "
                 "what is still in memory with Save as"
             )
-        if gone or in_use:  # a folder in use by another program may be half written
+        if is_missing or in_use:  # a folder in use by another program may be half written
             self._write_from_memory(folder)
         elif folder != session.folder and before.folder.is_dir():
             waited(self._window, f"Saving to {folder.name}…", lambda: copy_project(before.folder, folder))
@@ -178,8 +178,8 @@ class ProjectController(Controller):
         self.show_recent()
         session.project_changed.emit()
         session.noticed.emit(f"Saved to {folder}")
-        if gone or in_use:
-            why = "is gone" if gone else "is in use"
+        if is_missing or in_use:
+            why = "is gone" if is_missing else "is in use"
             ask(self._window, "Saved from memory", f"{before.folder} {why}. {_NOT_HELD}", ("Close",))
 
     def _write_from_memory(self, folder: Path) -> None:
@@ -221,10 +221,10 @@ class ProjectController(Controller):
         question = f"Save {title if saved else 'the study'}?"
         answer = ask(self._window, question, lost, ("Save", "Don't save", "Cancel"))
         if answer == "Save":
-            session, said = workspace.session, f"Saving {title}…"
-            wait_until(self._window, said, lambda: not session.job.is_busy)  # a stopped job must end first
+            session, message = workspace.session, f"Saving {title}…"
+            wait_until(self._window, message, lambda: not session.job.is_busy)  # a stopped job must end first
             self.save()
-            wait_until(self._window, said, lambda: not session.job.is_saving)
+            wait_until(self._window, message, lambda: not session.job.is_saving)
             return not workspace.is_changed
         return answer == "Don't save"
 
@@ -312,8 +312,8 @@ class ProjectController(Controller):
         if ask(self._window, f"Import {path.name}?", "\n".join(changes.lines), answers) != "Import":
             return
         self._workspace.session.edit("Import table", study)
-        said = f"Rows for {len(changes.matched)} subjects read from {path.name}"
-        self._workspace.session.noticed.emit(said)
+        message = f"Rows for {len(changes.matched)} subjects read from {path.name}"
+        self._workspace.session.noticed.emit(message)
 
     @reported
     def _import_model(self) -> None:

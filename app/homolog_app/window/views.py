@@ -276,8 +276,8 @@ class Views(QObject):
     @property
     def _page(self) -> "ExplorePage | None":
         """The page of *Explore* that defines the contents."""
-        there = self._session.result is not None or self._explore.fitted.preliminary is not None
-        return self._explore.page if self._session.step == "explore" and there else None
+        has_shapes = self._session.result is not None or self._explore.fitted.preliminary is not None
+        return self._explore.page if self._session.step == "explore" and has_shapes else None
 
     @Slot()
     def _display(self) -> None:

@@ -182,8 +182,8 @@ def names_reference(value: str) -> bool:
 
 def reference_first(values: Iterable[str]) -> list[str]:
     """Return the distinct values in alphabetical order, names of controls first."""
-    there = {value for value in values if not is_missing(value)}
-    return sorted(there, key=lambda value: (not names_reference(value), value))
+    distinct = {value for value in values if not is_missing(value)}
+    return sorted(distinct, key=lambda value: (not names_reference(value), value))
 
 
 class Exchange(StrEnum):

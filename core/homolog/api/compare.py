@@ -170,12 +170,12 @@ def compare_groups(
     if len(labels) != len(shapes):
         raise InputError(f"groups: {len(labels)} given for {len(shapes)} subjects; give one for each")
     order = tuple(between) if between is not None else tuple(dict.fromkeys(labels[labels != ""].tolist()))
-    gone: dict[int, str] = {}
+    excluded: dict[int, str] = {}
     if complete_cases:
-        gone = incomplete(len(shapes), covariates, np.isin(labels, order))
-        gone |= {} if pairs is None else unpaired(pairs, labels, order)
-        labels[list(gone)] = ""
-    notes = notes_on(gone, names, covariates, labels.tolist())
+        excluded = incomplete(len(shapes), covariates, np.isin(labels, order))
+        excluded |= {} if pairs is None else unpaired(pairs, labels, order)
+        labels[list(excluded)] = ""
+    notes = notes_on(excluded, names, covariates, labels.tolist())
     chosen = np.flatnonzero(np.isin(labels, order))
     if not len(chosen):
         raise InputError("groups: no subject is in one of the compared groups; give each subject its group")
@@ -330,9 +330,11 @@ def regress(
     shapes = checked_particles(particles, names)
     check_values(name, values, len(shapes))
     everyone = np.full(len(shapes), True)
-    gone = incomplete(len(shapes), {name: values, **(covariates or {})}, everyone) if complete_cases else {}
-    notes = notes_on(gone, names, covariates)
-    chosen = np.array([index for index in range(len(shapes)) if index not in gone], np.int64)
+    excluded = (
+        incomplete(len(shapes), {name: values, **(covariates or {})}, everyone) if complete_cases else {}
+    )
+    notes = notes_on(excluded, names, covariates)
+    chosen = np.array([index for index in range(len(shapes)) if index not in excluded], np.int64)
     called = None if names is None else [names[index] for index in chosen.tolist()]
     own = [values[index] for index in chosen.tolist()]
     columns_of({name: own}, range(len(own)), len(own), called)  # raises an error that names missing values

@@ -52,10 +52,10 @@ def pairs_of(
     _check_length(pairs, labels)
     if len(order) != 2 or covariates:
         raise InputError("pairs: a paired comparison is between two groups and takes no covariates")
-    there = [label for label in dict.fromkeys(map(str, labels)) if label]
+    known = [label for label in dict.fromkeys(map(str, labels)) if label]
     for group in order:
-        if group not in there:
-            raise InputError(f"no subject is in {group!r}; groups are: {', '.join(there)}")
+        if group not in known:
+            raise InputError(f"no subject is in {group!r}; groups are: {', '.join(known)}")
     return pair_members(_texts(pairs), labels.tolist(), (order[0], order[1]), names)
 
 
@@ -81,19 +81,19 @@ def table_of(covariates: Covariates | None, chosen: Sequence[int]) -> dict[str, 
 
 def incomplete(subjects: int, covariates: Covariates | None, members: BoolArray) -> dict[int, str]:
     """Return the members that lack a covariate's value, with the reason, by index."""
-    gone: dict[int, str] = {}
+    reasons: dict[int, str] = {}
     for title, values in (covariates or {}).items():
         check_values(title, values, subjects)
         for index in np.flatnonzero(members).tolist():
             if is_missing(values[index]):
-                gone.setdefault(index, f"no value of {title.removesuffix(CATEGORY)}")
-    return gone
+                reasons.setdefault(index, f"no value of {title.removesuffix(CATEGORY)}")
+    return reasons
 
 
 def unpaired(pairs: Sequence[str | None], labels: Array, order: Sequence[str]) -> dict[int, str]:
     """Return the subjects of two groups without a pair or a partner, with the reason, by index."""
     _check_length(pairs, labels)
-    gone: dict[int, str] = {}
+    reasons: dict[int, str] = {}
     by_pair: dict[str, list[int]] = {}
     for index, (pair, label) in enumerate(zip(_texts(pairs), labels.tolist(), strict=True)):
         if label not in order:
@@ -101,18 +101,20 @@ def unpaired(pairs: Sequence[str | None], labels: Array, order: Sequence[str]) -
         if pair:
             by_pair.setdefault(pair, []).append(index)
         else:
-            gone[index] = "no value of pairs"
-    return gone | {members[0]: PARTNER_MISSING for members in by_pair.values() if len(members) == 1}
+            reasons[index] = "no value of pairs"
+    return reasons | {members[0]: PARTNER_MISSING for members in by_pair.values() if len(members) == 1}
 
 
 def notes_on(
-    gone: Mapping[int, str],
+    excluded: Mapping[int, str],
     names: Sequence[str] | None,
     covariates: Covariates | None,
     groups: Sequence[str] = (),
 ) -> tuple[str, ...]:
     """Return notes on excluded subjects, and on values that may be spellings of one value."""
-    called = {f"subject {index + 1}" if names is None else names[index]: why for index, why in gone.items()}
+    called = {
+        f"subject {index + 1}" if names is None else names[index]: why for index, why in excluded.items()
+    }
     notes = exclusion_notes(called) + spelling_notes("groups", groups)
     for title, values in (covariates or {}).items():
         texts = [str(value) for value in values]

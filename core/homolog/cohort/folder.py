@@ -225,8 +225,8 @@ def _nothing_in(folder: Path) -> InputError:
         for file in folder.glob(pattern)
         if (suffix := suffix_of(file)) and file.name[0] != "." and file.is_file()
     )
-    there = ", ".join(f"{suffix} ({count})" for suffix, count in others.most_common(_NAMED))
-    contents = f"; it contains {there}, which must be unpacked or converted first" if there else ""
+    suffixes = ", ".join(f"{suffix} ({count})" for suffix, count in others.most_common(_NAMED))
+    contents = f"; it contains {suffixes}, which must be unpacked or converted first" if suffixes else ""
     return InputError(f"{folder}: contains no segmentation or mesh{contents}; known files are {known}")
 
 

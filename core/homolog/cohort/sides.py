@@ -72,19 +72,19 @@ def side_of_word(word: str) -> str:
 
 def sides_among(names: Sequence[str]) -> dict[str, str]:
     """Return the side in each name, if nothing else differs: ``femur_L`` and ``femur_R``."""
-    return next((said for codes in (_CODES, *_PAIRS) if (said := _among(names, codes))), {})
+    return next((sides for codes in (_CODES, *_PAIRS) if (sides := _among(names, codes))), {})
 
 
 def _among(names: Sequence[str], codes: _Codes) -> dict[str, str]:
     word_lists = {name: re.findall(r"[^\W_]+", name) for name in names}
-    said = {name: [word for word in parts if word.casefold() in codes] for name, parts in word_lists.items()}
+    sides = {name: [word for word in parts if word.casefold() in codes] for name, parts in word_lists.items()}
     others = {
         tuple(word.casefold() for word in parts if word.casefold() not in codes)
         for parts in word_lists.values()
     }
-    alike = len(others) == 1 and all(len(item) == 1 for item in said.values())
-    both = codes is _CODES or len({codes[item[0].casefold()] for item in said.values() if item}) == 2
-    return {name: item[0] for name, item in said.items()} if alike and both else {}
+    alike = len(others) == 1 and all(len(item) == 1 for item in sides.values())
+    both = codes is _CODES or len({codes[item[0].casefold()] for item in sides.values() if item}) == 2
+    return {name: item[0] for name, item in sides.items()} if alike and both else {}
 
 
 def other_side(side: str) -> str:
@@ -104,14 +104,14 @@ def sides_of(cohort: Cohort) -> Sides:
         If the column is left or right for some subjects, and has another value for others.
     """
     values = {subject.name: _column(subject) for subject in cohort.subjects}
-    said = {name: side for name, value in values.items() if (side := _ANY.get(value.casefold()))}
-    if said:
-        odd = [name for name, value in values.items() if value and name not in said]
+    sides = {name: side for name, value in values.items() if (side := _ANY.get(value.casefold()))}
+    if sides:
+        odd = [name for name, value in values.items() if value and name not in sides]
         if odd:
             raise InputError(
                 f"{odd[0]}: its side is {values[odd[0]]!r}; write left or right, or leave it empty"
             )
-        return Sides(said, FROM_COLUMN)
+        return Sides(sides, FROM_COLUMN)
     for codes in (_CODES, *_PAIRS):
         named = {subject.name: side for subject in cohort.subjects if (side := _of_name(subject, codes))}
         if len(named) == len(cohort.subjects) and len(set(named.values())) == 2:

@@ -233,26 +233,26 @@ def _scan(table: Path, text: str) -> str:
 def _named(subjects: Sequence[Subject], text: str) -> tuple[str, ...]:
     """Return the subjects that a row identifies: one, or several times or sides of one individual."""
     file = text.replace("\\", "/").rpartition("/")[2]
-    said = {text.casefold(), file.casefold(), _stem(file).casefold()} - {""}
+    names = {text.casefold(), file.casefold(), _stem(file).casefold()} - {""}
     for fits in (_is_called, _is_file, _begins):
-        matches = tuple(subject.name for subject in subjects if any(fits(subject, name) for name in said))
+        matches = tuple(subject.name for subject in subjects if any(fits(subject, name) for name in names))
         if matches:
             is_one = len(matches) == 1 or (fits is _begins and len({*map(words_of_individual, matches)}) == 1)
             return matches if is_one else ()
     return ()
 
 
-def _is_called(subject: Subject, said: str) -> bool:
-    return subject.name.casefold() == said
+def _is_called(subject: Subject, name: str) -> bool:
+    return subject.name.casefold() == name
 
 
-def _is_file(subject: Subject, said: str) -> bool:
-    return said in (subject.path.name.casefold(), _stem(subject.path.name).casefold())
+def _is_file(subject: Subject, name: str) -> bool:
+    return name in (subject.path.name.casefold(), _stem(subject.path.name).casefold())
 
 
-def _begins(subject: Subject, said: str) -> bool:
+def _begins(subject: Subject, text: str) -> bool:
     name = subject.name.casefold()
-    return name.startswith(said) and not name[len(said) :][:1].isalnum()
+    return name.startswith(text) and not name[len(text) :][:1].isalnum()
 
 
 def _stem(file: str) -> str:

@@ -109,7 +109,8 @@ def with_alignments(
         for subject, points in zip(subjects, world, strict=True)
     ]
     alignments = [
-        _alignment(subject, near, there) for subject, near, there in zip(subjects, local, world, strict=True)
+        _alignment(subject, near, common)
+        for subject, near, common in zip(subjects, local, world, strict=True)
     ]
     return local, world, np.array(alignments)
 

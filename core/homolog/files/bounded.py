@@ -44,7 +44,7 @@ def check_is_file(path: Path) -> None:
     try:
         if path.is_file():
             return
-        there = path.exists()
+        exists = path.exists()
     except (OSError, ValueError) as error:  # not a path, or in a folder without permission
         raise InputError(f"{path}: can't be read: {error}; correct the path") from error
-    raise InputError(f"{path}: {'is not a file' if there else 'does not exist'}; correct the path")
+    raise InputError(f"{path}: {'is not a file' if exists else 'does not exist'}; correct the path")

@@ -122,10 +122,10 @@ def read_freesurfer(content: bytes) -> Polygons:
 
 def _volume(footer: bytes) -> tuple[FloatArray, FloatArray]:
     """Return the surface's frame in the scanner's: its rotation, and the volume's centre (``cras``)."""
-    said = {name.decode(): value for name, value in _VECTOR.findall(footer)}
-    if footer.startswith(_REAL_RAS) or not said.get("valid", b"").strip().startswith(b"1"):
+    tags = {name.decode(): value for name, value in _VECTOR.findall(footer)}
+    if footer.startswith(_REAL_RAS) or not tags.get("valid", b"").strip().startswith(b"1"):
         return np.eye(3), np.zeros(3)
-    axes = [numbers_of(said.get(name, b"").split(), whole=False) for name in ("xras", "yras", "zras", "cras")]
+    axes = [numbers_of(tags.get(name, b"").split(), whole=False) for name in ("xras", "yras", "zras", "cras")]
     if any(len(axis) != 3 or not np.isfinite(axis).all() for axis in axes):
         raise ValueError("a volume whose axes are not given")
     rotation = np.stack(axes[:3], axis=1) @ _SURFACE_AXES.T

@@ -314,40 +314,40 @@ class PatientPage(ExplorePage):
                 else:
                     write_times(part, follow_up, reference, tick, groups)
 
-        said, noticed = f"Report written to {folder}", self.workspace.session.noticed
-        self.workspace.work.compute("report", write, "writing the report", lambda _: noticed.emit(said))
+        message, noticed = f"Report written to {folder}", self.workspace.session.noticed
+        self.workspace.work.compute("report", write, "writing the report", lambda _: noticed.emit(message))
 
     def _receive(self, compared: ComparedPatient | None) -> None:
         self._compared = compared
         comparison = self.comparison = compared.comparison if compared else None
         reference = self.reference
-        there = comparison is not None and reference is not None
+        is_compared = comparison is not None and reference is not None
         self.verdict.setText(verdict_text(comparison, reference))
-        for said, text in zip((self.notes, self.remarks), remark_texts(comparison), strict=True):
-            said.setText(text)
-            said.setVisible(bool(text))
+        for line, text in zip((self.notes, self.remarks), remark_texts(comparison), strict=True):
+            line.setText(text)
+            line.setVisible(bool(text))
         self.bars.show_patient(comparison, reference)
         self.nearest.setText(nearest_text(comparison, reference))
         self.nearest.setVisible(bool(self.nearest.text()))
         self.further.set_patient(compared, reference, lambda: self.form.values)
         self._offer_change()
         for widget in (self.answer, self.save):
-            widget.setVisible(there)
+            widget.setVisible(is_compared)
         self.show_state()
         self._show_map()
-        if there:
+        if is_compared:
             QTimer.singleShot(0, self, lambda: self.reveal(self.verdict, at_top=True))
 
     def _offer_change(self) -> None:
         """Enable the map of change once there is a later time."""
         times = self.further.times
-        there = times is not None and times.follow_up is not None
+        has_change = times is not None and times.follow_up is not None
         index = self.map.findData(CHANGE)
         model = self.map.model()
         assert isinstance(model, QStandardItemModel)
-        model.item(index).setEnabled(there)
-        if there != (self.map.currentIndex() == index):
-            self.map.setCurrentIndex(index if there else 0)
+        model.item(index).setEnabled(has_change)
+        if has_change != (self.map.currentIndex() == index):
+            self.map.setCurrentIndex(index if has_change else 0)
 
     def _show_change(self) -> None:
         self._offer_change()

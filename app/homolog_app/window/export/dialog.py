@@ -294,11 +294,11 @@ class ExportDialog(QDialog):
         self.note.setText(f"{message[:1].upper()}{message[1:]}…")
 
     @Slot(str, str)
-    def _end(self, how: str, said: str) -> None:
+    def _end(self, how: str, message: str) -> None:
         self._switch(running=False)
         self.show_.setVisible(how == "done")
-        text = {"done": f"Done. {said or self._result}", "cancelled": "Cancelled; nothing was written."}
-        self.note.setText(text.get(how, f"Not exported. {said}"))
+        text = {"done": f"Done. {message or self._result}", "cancelled": "Cancelled; nothing was written."}
+        self.note.setText(text.get(how, f"Not exported. {message}"))
         self._mark(how == "failed")
         self.finished_export.emit(how)
 

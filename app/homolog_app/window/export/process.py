@@ -80,8 +80,8 @@ class ExportProcess(QObject):
     def _finish(self, code: int, _status: object) -> None:
         self._impatience.stop()
         self._read()
-        said = bytes(self._process.readAllStandardError().data()).decode(errors="replace").strip()
-        lines = [line.removeprefix("homolog: ") for line in said.splitlines()]
+        message = bytes(self._process.readAllStandardError().data()).decode(errors="replace").strip()
+        lines = [line.removeprefix("homolog: ") for line in message.splitlines()]
         if code == 0 and not self._cancelled:
             self.ended.emit("done", lines[-1] if lines else "")
             return
@@ -161,7 +161,7 @@ class Preview(QLabel):
         return Path(self._folder.path()) / "preview.png"
 
     @Slot(str, str)
-    def _show(self, how: str, said: str) -> None:
+    def _show(self, how: str, message: str) -> None:
         if self._wanted is not None:
             self._pause.start()
         elif how == "done":
@@ -174,7 +174,7 @@ class Preview(QLabel):
                 )
             )
         elif how == "failed":
-            self.setText(said)
+            self.setText(message)
 
 
 def first_frame_of(content: list[str], settings: PictureSettings) -> float | None:
