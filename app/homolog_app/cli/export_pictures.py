@@ -227,8 +227,11 @@ def run_screenshot(arguments: argparse.Namespace) -> int:
         if arguments.scene.endswith(KEPT):
             shown, canvas = read_shown(Path(arguments.scene))
         else:
-            wanted = _snapshot(arguments.scene)
-            shown, canvas = view_contents_of(ProjectFolder(arguments.project), wanted, tick), wanted.canvas
+            snapshot = _snapshot(arguments.scene)
+            shown, canvas = (
+                view_contents_of(ProjectFolder(arguments.project), snapshot, tick),
+                snapshot.canvas,
+            )
         tick(0.9, "drawing")
         pixels = with_opengl(_drawn, *open_page(shown, canvas), settings.scale, settings.transparent)
         write_still(arguments.out, pixels)

@@ -294,7 +294,7 @@ def run_batch(arguments: argparse.Namespace) -> int:
     from homolog_app.cli import CANCELLED, OK, PROGRAM_ERROR
     from homolog_app.report.page import write_index
 
-    wanted = [part.strip() for part in arguments.labels.split(",") if part.strip()]
+    names = [part.strip() for part in arguments.labels.split(",") if part.strip()]
     settings = with_all_options(RunSettings(), arguments)
     cohort = cohort_of(arguments.cohort)
     with show_progress(arguments.progress) as progress:
@@ -305,7 +305,7 @@ def run_batch(arguments: argparse.Namespace) -> int:
         raise InputError(
             f"{arguments.cohort}: its files contain no labelled structure; use homolog run for surfaces"
         )
-    structures = chosen_structures(listed.structures, wanted, listed.empty)
+    structures = chosen_structures(listed.structures, names, listed.empty)
     if not structures:
         raise InputError(
             f"{arguments.cohort}: the masks of all subjects are empty: {', '.join(listed.empty)}"

@@ -102,8 +102,8 @@ def write_film(
             return
         colours = part.with_suffix(".png")
         try:
-            some = np.linspace(0, frames - 1, min(frames, _PALETTE_FRAMES)).astype(int)
-            _encode([*source, "-vf", "palettegen"], (_rgb(draw(int(index))) for index in some), colours)
+            sampled = np.linspace(0, frames - 1, min(frames, _PALETTE_FRAMES)).astype(int)
+            _encode([*source, "-vf", "palettegen"], (_rgb(draw(int(index))) for index in sampled), colours)
             mapped = ["-lavfi", "[0:v][1:v]paletteuse=dither=sierra2_4a", "-loop", "0"]
             _encode([*source, "-i", str(colours), *mapped, *_UNDATED], counted(), part)
         finally:

@@ -128,11 +128,11 @@ class RendererChoice:
 
     def _chosen(self) -> _Drawer:
         if self._drawer is None:
-            wanted = os.environ.get(RENDERER, "")
-            if wanted not in _WANTED:
-                raise InputError(f"{RENDERER}={wanted}: use {' or '.join(filter(None, _WANTED))}")
-            needed = wanted == "opengl"
-            uses_opengl = needed or (wanted != "software" and may_have_graphics_card())
+            choice = os.environ.get(RENDERER, "")
+            if choice not in _WANTED:
+                raise InputError(f"{RENDERER}={choice}: use {' or '.join(filter(None, _WANTED))}")
+            needed = choice == "opengl"
+            uses_opengl = needed or (choice != "software" and may_have_graphics_card())
             self._drawer = self._opengl(needed) if uses_opengl else _software()
         return self._drawer
 

@@ -149,9 +149,9 @@ def write_patients(
     lines: list[str] = []
     problems: list[str] = []
     for index, (subject, stem) in enumerate(zip(subjects, stems, strict=True)):
-        here = part_of(tick, index / len(subjects), (index + 1) / len(subjects))
+        part_tick = part_of(tick, index / len(subjects), (index + 1) / len(subjects))
         try:
-            comparison = _compared(reference, subject, request, part_of(here, 0.0, 0.7))
+            comparison = _compared(reference, subject, request, part_of(part_tick, 0.0, 0.7))
         except (InputError, NumericalError) as error:
             if len(subjects) == 1 or request.follow_up:
                 raise
@@ -159,9 +159,9 @@ def write_patients(
             rows.append([subject.name, *[None] * (len(_SUMMARY) - 2), str(error)])
             continue
         own = folder if len(subjects) == 1 else folder / stem
-        compare = partial(_compared, subject=subject, request=request, tick=part_of(here, 0.7, 0.8))
+        compare = partial(_compared, subject=subject, request=request, tick=part_of(part_tick, 0.7, 0.8))
         groups = group_rows(comparison, reference, others, compare)
-        write_patient(own, comparison, reference, part_of(here, 0.8, 1.0), groups)
+        write_patient(own, comparison, reference, part_of(part_tick, 0.8, 1.0), groups)
         lines += [f"{subject.name}: {group_sentence(row)}" for row in groups]
         times.append(comparison)
         rows.append([*_summary(comparison, reference), None])
@@ -395,6 +395,6 @@ def write_times(
     times = follow_up.comparisons
     stems = file_stems([item.name for item in times])
     for number, (item, stem) in enumerate(zip(times, stems, strict=True)):
-        here = part_of(tick, 0.8 * number / len(times), 0.8 * (number + 1) / len(times))
-        write_patient(folder / stem, item, reference, here, () if number else groups)
+        part_tick = part_of(tick, 0.8 * number / len(times), 0.8 * (number + 1) / len(times))
+        write_patient(folder / stem, item, reference, part_tick, () if number else groups)
     write_follow_up(folder, follow_up, reference, part_of(tick, 0.8, 1.0))

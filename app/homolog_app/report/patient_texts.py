@@ -78,9 +78,9 @@ def reference_text(reference: Reference) -> list[str]:
         f"limit: |z| = {reference.limit:.2f}, on average {quality.limit_mm:.1f} mm",
     ]
     if (change := reference.change) is not None:
-        usual = float(change.limit * change.local.deviation.mean())
+        typical = float(change.limit * change.local.deviation.mean())
         lines.append(
-            f"{change.pairs} controls scanned twice ({change.between}): a change of {usual:.1f} mm on "
+            f"{change.pairs} controls scanned twice ({change.between}): a change of {typical:.1f} mm on "
             "average is beyond theirs"
         )
     if quality.near < _USUALLY_NEAR:
@@ -95,11 +95,11 @@ def reference_text(reference: Reference) -> list[str]:
             f"{quality.limit_mm:.1f} mm are detected (size {size:.0f} mm); more controls or particles may "
             "help"
         )
-    usual = float(np.median(reference.outside))
-    if unlike := int((reference.outside > _UNLIKE * usual).sum()):
+    typical = float(np.median(reference.outside))
+    if unlike := int((reference.outside > _UNLIKE * typical).sum()):
         lines.append(
             f"caution: {unlike} control{' is' if unlike == 1 else 's are'} unlike the others (up to "
-            f"{reference.outside.max():.2f} mm from the fitted model, usually {usual:.2f} mm): limits are "
+            f"{reference.outside.max():.2f} mm from the fitted model, usually {typical:.2f} mm): limits are "
             "wide, and another structure may not be recognized; see the run's notes, and exclude subjects "
             "that are not controls"
         )

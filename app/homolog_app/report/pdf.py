@@ -89,12 +89,12 @@ class _Document(PdfPages):
                 "Parent": outline if parent is None else objects[parent],
                 "Dest": [file.pageList[bookmark.page - 1], _name("Fit")],
             }
-            beside = [index for index, other in enumerate(parents) if other == parent]
-            place = beside.index(number)
+            siblings = [index for index, other in enumerate(parents) if other == parent]
+            place = siblings.index(number)
             if place:
-                entry["Prev"] = objects[beside[place - 1]]
-            if place + 1 < len(beside):
-                entry["Next"] = objects[beside[place + 1]]
+                entry["Prev"] = objects[siblings[place - 1]]
+            if place + 1 < len(siblings):
+                entry["Next"] = objects[siblings[place + 1]]
             file.writeObject(objects[number], entry | _children(objects, parents, number))
         file.writeObject(outline, {"Type": _name("Outlines")} | _children(objects, parents, None))
         root = {

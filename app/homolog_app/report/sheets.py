@@ -302,9 +302,9 @@ class _Flow:
         Rows are not divided. A table that continues on the next sheet repeats its number and header there.
         """
         if len(columns) > _MOST_COLUMNS:
-            some = ceil(len(rows) / max(ceil(len(rows) / _MOST_TURNED), 1))
-            for start in range(0, len(rows), max(some, 1)):
-                turned = list(zip(columns, *rows[start : start + some], strict=True))
+            size = ceil(len(rows) / max(ceil(len(rows) / _MOST_TURNED), 1))
+            for start in range(0, len(rows), max(size, 1)):
+                turned = list(zip(columns, *rows[start : start + size], strict=True))
                 self.table(turned[0], turned[1:], name)
             return
         starts = _starts([columns, *rows[:_MOST_ROWS]])
@@ -330,9 +330,9 @@ class _Flow:
         items, room = [(item["figure"], str(item["caption"])) for item in figures], WIDE - 2 * EDGE
         widths = [figure.get_figwidth() for figure, _ in items]
         smaller = (room - 0.1 * len(items)) / max(sum(widths), room)
-        beside = len(items) > 1 and smaller > _SMALLEST
+        is_row = len(items) > 1 and smaller > _SMALLEST
         placed = [
-            _placed(figure, text, min(own * (smaller if beside else 1.0), room))
+            _placed(figure, text, min(own * (smaller if is_row else 1.0), room))
             for (figure, text), own in zip(items, widths, strict=True)
         ]
         row = max((needed for *_, needed in placed), default=0.0)
@@ -342,7 +342,7 @@ class _Flow:
             if not left or left + width > room or self.sheet.y + needed > BOTTOM:
                 self.sheet.y += below
                 left = below = 0.0
-                self.room(row if beside else needed)
+                self.room(row if is_row else needed)
             self.sheet.embed(figure, EDGE + left, self.sheet.y, width)
             self.sheet.figure.text(
                 (EDGE + left) / WIDE, 1.0 - (self.sheet.y + high + 0.03) / HIGH, caption,

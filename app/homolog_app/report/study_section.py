@@ -261,8 +261,8 @@ def _add_walls(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
                 (
                     comparison.title, wall, f"{whole:.0f}",
                     *(
-                        f"{areas[some].sum():.0f} ({100.0 * areas[some].sum() / whole:.1f} %)"
-                        for some in (inside, *(inside & (ways[own] == way) for way in (1, -1, 0)))
+                        f"{areas[part].sum():.0f} ({100.0 * areas[part].sum() / whole:.1f} %)"
+                        for part in (inside, *(inside & (ways[own] == way) for way in (1, -1, 0)))
                     ),
                 )
             )  # fmt: skip

@@ -327,5 +327,5 @@ def suggested_folder(study: Study, folder: Path | None, home: Path) -> Path:
 
     Sample studies, whose files are in `home`, are suggested by name only.
     """
-    beside = folder or next((member.subject.path.parent for member in study.members), home)
-    return Path("Study") if beside.is_relative_to(home) else beside.with_name(f"{beside.name}-study")
+    base = folder or next((member.subject.path.parent for member in study.members), home)
+    return Path("Study") if base.is_relative_to(home) else base.with_name(f"{base.name}-study")

@@ -50,10 +50,10 @@ class Caption:
 
         In small views the letter at the top, where the name is, is omitted; its opposite is at the bottom.
         """
-        wanted = (lines, size, small, letters)
-        if wanted == self._shown:
+        state = (lines, size, small, letters)
+        if state == self._shown:
             return
-        self._shown, self._fitted, self._measured = wanted, None, None
+        self._shown, self._fitted, self._measured = state, None, None
         self._lines, self._small, self._lettered = lines, small, letters
         for actor in (self.caption, *self._letters):
             actor.SetVisibility(bool(lines) and (letters or actor is self.caption))
@@ -254,10 +254,10 @@ class ScaleBar:
     def face(self, strip: float | None = None) -> None:
         """Before each drawing: adapt the length to the camera; `strip` is the middle of a strip [pixels]."""
         size = self._renderer.GetSize()
-        wanted = size, self._size, self._renderer.GetActiveCamera().GetParallelScale(), strip
-        if not self._wanted or not size[0] * size[1] or wanted == self._drawn:
+        state = size, self._size, self._renderer.GetActiveCamera().GetParallelScale(), strip
+        if not self._wanted or not size[0] * size[1] or state == self._drawn:
             return
-        self._drawn = wanted
+        self._drawn = state
         for actor in (self._line, self._text):
             actor.SetVisibility(self._is_shown)
         length, across = self._length()

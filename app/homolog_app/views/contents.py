@@ -61,13 +61,13 @@ def moment_of(loaded: LoadedResult, index: int) -> tuple[dict[str, FloatArray], 
     """
     names, final, frame = loaded.result.names, loaded.result.world, loaded.frames[index]
     stages = [each.particles for each in loaded.frames] + [final]
-    usual = next(stage for stage in reversed(stages) if stage.shape[1] == frame.particles.shape[1])
+    stage_particles = next(stage for stage in reversed(stages) if stage.shape[1] == frame.particles.shape[1])
     shown = frame.particles
     if index == len(loaded.frames) - 1:
         shown = final
     elif frame.alignments is not None:
         shown = realigned(frame.particles, frame.alignments, loaded.result.alignments)
-    return dict(zip(names, shown, strict=True)), colours_by_place(np.asarray(usual).mean(axis=0))
+    return dict(zip(names, shown, strict=True)), colours_by_place(np.asarray(stage_particles).mean(axis=0))
 
 
 def realigned(particles: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:

@@ -109,8 +109,8 @@ class Grid:
     ) -> None:
         """Set the particles, coloured by position unless colours are given."""
         if particles and tints is None:
-            some = list(particles.values())[:: -(-len(particles) // _TYPICAL)]
-            tints = colours_by_place(np.mean([np.asarray(points) for points in some], axis=0))
+            sample = list(particles.values())[:: -(-len(particles) // _TYPICAL)]
+            tints = colours_by_place(np.mean([np.asarray(points) for points in sample], axis=0))
         self.particles, self.tints = particles, tints
 
     def show_page(self, page: int) -> None:

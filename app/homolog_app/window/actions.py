@@ -296,9 +296,9 @@ class CommandPalette(QDialog):
         if isinstance(event, QKeyEvent) and event.type() == QEvent.Type.KeyPress:
             step = {Qt.Key.Key_Down: 1, Qt.Key.Key_Up: -1}.get(Qt.Key(event.key()), 0)
             if step:
-                beside = self.list.itemBelow if step > 0 else self.list.itemAbove
-                here = self.list.currentItem()
-                following = beside(here) if here is not None else None
+                neighbour = self.list.itemBelow if step > 0 else self.list.itemAbove
+                current = self.list.currentItem()
+                following = neighbour(current) if current is not None else None
                 if following is not None:
                     self.list.setCurrentItem(following)
                 return True

@@ -49,9 +49,9 @@ class _Table(QTableView):
     def closeEditor(self, editor: QWidget, hint: QAbstractItemDelegate.EndEditHint) -> None:
         """Edit the cell below after Enter, unless the edit may have moved the row."""
         super().closeEditor(editor, hint)
-        here = self.currentIndex()
-        below = here.siblingAtRow(here.row() + 1)
-        moves = self.horizontalHeader().sortIndicatorSection() == here.column()
+        index = self.currentIndex()
+        below = index.siblingAtRow(index.row() + 1)
+        moves = self.horizontalHeader().sortIndicatorSection() == index.column()
         if hint == QAbstractItemDelegate.EndEditHint.SubmitModelCache and below.isValid() and not moves:
             self.setCurrentIndex(below)
             self.edit(below)
@@ -62,8 +62,8 @@ class _Table(QTableView):
         head.setResizeContentsPrecision(_MEASURED_ROWS)
         head.resizeSection(VOLUME, max(scaled(_VOLUME_PX), self.sizeHintForColumn(VOLUME)))
         for column in range(STATUS + 1, self.model().columnCount()):
-            wanted = max(self.sizeHintForColumn(column), head.sectionSizeHint(column))
-            head.resizeSection(column, min(wanted, scaled(_GROUP_PX[1])))
+            width = max(self.sizeHintForColumn(column), head.sectionSizeHint(column))
+            head.resizeSection(column, min(width, scaled(_GROUP_PX[1])))
         least = scaled(_ICON_PX)
         others = sum(head.sectionSize(column) for column in (GROUP, VOLUME)) + least
         free = self.viewport().width() - others

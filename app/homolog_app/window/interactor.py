@@ -265,11 +265,11 @@ class ColourBar(QWidget):
     def _picture(self, scale: ColourScale) -> QImage:
         """Return the cached picture of the scale."""
         ratio, text = self.devicePixelRatioF(), text_scale()
-        wanted = scale, self._colours, self.width(), ratio, text
-        if self._drawn is None or self._drawn[0] != wanted:
+        state = scale, self._colours, self.width(), ratio, text
+        if self._drawn is None or self._drawn[0] != state:
             pixels = scale_picture(scale, self._colours, round(self.width() * ratio), ratio * text)
             height, width, _ = pixels.shape
             image = QImage(pixels.tobytes(), width, height, 4 * width, QImage.Format.Format_RGBA8888).copy()
             image.setDevicePixelRatio(ratio)
-            self._drawn = wanted, image
+            self._drawn = state, image
         return self._drawn[1]

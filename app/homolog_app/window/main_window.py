@@ -154,8 +154,8 @@ class Docks(QObject):
         of_run = session.step == "correspond" or (
             session.step == "explore" and isinstance(page, OverviewPage)
         )
-        wanted = open_ and plots is None and of_run and not (tour and self._window.height() < _LOW)
-        self._curves_dock.setVisible(wanted and (session.job.run is not None or session.result is not None))
+        is_shown = open_ and plots is None and of_run and not (tour and self._window.height() < _LOW)
+        self._curves_dock.setVisible(is_shown and (session.job.run is not None or session.result is not None))
 
     def follow_size(self, size: QSize) -> None:
         """Resize inspector and plots with a large window, and give the space back when it shrinks."""

@@ -322,15 +322,15 @@ class ScanReader(QObject):
 
     def want(self, sliced: SliceScene) -> None:
         """Read a subject's scan unless it is loaded or being read."""
-        wanted = None if sliced.image is None else (sliced.name, sliced.image)
-        if wanted == self._wanted:
+        scan = None if sliced.image is None else (sliced.name, sliced.image)
+        if scan == self._wanted:
             return
-        self._wanted, self.read, self.problem, self._next = wanted, None, "", None
+        self._wanted, self.read, self.problem, self._next = scan, None, "", None
         if self._runner is not None:
             self._runner.cancel()
-        if wanted is None:
+        if scan is None:
             return
-        task = Task(partial(_read, wanted[1], sliced.name, sliced.points), "reading the scan")
+        task = Task(partial(_read, scan[1], sliced.name, sliced.points), "reading the scan")
         if self._runner is None:
             self._runner = Runner(self)
             self._runner.ended.connect(self._ended)

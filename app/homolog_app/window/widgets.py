@@ -121,9 +121,9 @@ def set_dimmed(widget: QWidget, dimmed: bool) -> None:
 
 def set_primary(target: QPushButton, primary: bool) -> None:
     """Style a button as primary or ordinary."""
-    wanted = "true" if primary else "false"
-    if target.property("primary") != wanted:
-        target.setProperty("primary", wanted)
+    value = "true" if primary else "false"
+    if target.property("primary") != value:
+        target.setProperty("primary", value)
         target.style().unpolish(target)
         target.style().polish(target)
 

@@ -131,7 +131,7 @@ def dispersion_test(
 
     # Distances from fitted means are dependent, in the data as under the null.
     null_statistics = null_distribution(
-        lambda some: ratio(standardized, some),
+        lambda chunk: ratio(standardized, chunk),
         design,
         permutations,
         chunk=max(1, min(_CHUNK, _CHUNK_VALUES // scores.size)),

@@ -272,9 +272,9 @@ def _bootstrapped(
     groups = np.flatnonzero(~second), np.flatnonzero(second)
     for start in range(0, count, chunk):
         tick(start / count, "bootstrap of the discriminant")
-        some = min(chunk, count - start)
-        again = _fit(scores, second, np.stack([_resampled(groups, generator) for _ in range(some)]))
-        drawn[start : start + some] = again.direction * again.separation[:, None]
+        size = min(chunk, count - start)
+        again = _fit(scores, second, np.stack([_resampled(groups, generator) for _ in range(size)]))
+        drawn[start : start + size] = again.direction * again.separation[:, None]
     return drawn
 
 

@@ -106,26 +106,26 @@ def null_simulation(
     count, _ = permutation_count(design, permutations)
     reference, reference_largest = np.empty(count), np.empty(count)
     total, done = count + repeats, 0
-    for some in draw_permutations(design, permutations, chunk=_CHUNK, seed=seed):
+    for draws in draw_permutations(design, permutations, chunk=_CHUNK, seed=seed):
         tick(done / total, "null simulation: permutation distribution")
-        rows = slice(done, done + len(some.tested))
-        reference[rows] = whole.studentized(some)
-        reference_largest[rows] = local.studentized(some).max(axis=1)
+        rows = slice(done, done + len(draws.tested))
+        reference[rows] = whole.studentized(draws)
+        reference_largest[rows] = local.studentized(draws).max(axis=1)
         done = rows.stop
     names = (WHOLE_SHAPE_F, WHOLE_SHAPE_PERMUTATION, _FAMILY_WISE, _NOT_CORRECTED)
     false_positives = np.zeros(len(names), np.int64)
-    for some in draw_permutations(design, repeats, chunk=_CHUNK, seed=seed + 1, exhaustive=False):
+    for draws in draw_permutations(design, repeats, chunk=_CHUNK, seed=seed + 1, exhaustive=False):
         tick(done / total, "null simulation: type I error rates")
-        explained = local.explained(some)
+        explained = local.explained(draws)
         p = wilks_p(1.0 - explained, local.variables, design.tested.shape[1], design.error_dof)
         p_values = (
-            np.exp(whole.log_p(some)),
-            permutation_p_value(whole.studentized(some), reference),
-            permutation_p_value(local.studentized(some).max(axis=1), reference_largest),
+            np.exp(whole.log_p(draws)),
+            permutation_p_value(whole.studentized(draws), reference),
+            permutation_p_value(local.studentized(draws).max(axis=1), reference_largest),
             p.min(axis=1),
         )
         false_positives += [np.count_nonzero(values <= alpha) for values in p_values]
-        done += len(some.tested)
+        done += len(draws.tested)
     return tuple(
         _false_positives(name, int(count), repeats)
         for name, count in zip(names, false_positives, strict=True)

@@ -161,9 +161,9 @@ class _Part:
         subjects, width = (round(size / self.factor) for size in self.rows.shape)
         chosen = np.sort(generator.choice(len(self.rows), subjects, replace=False))
         places = (np.arange(width) + generator.random(width)) * (self.rows.shape[1] / width)
-        some = self.rows[np.ix_(chosen, np.minimum(places.astype(np.int64), self.rows.shape[1] - 1))]
+        sample = self.rows[np.ix_(chosen, np.minimum(places.astype(np.int64), self.rows.shape[1] - 1))]
         nuisance = np.linalg.qr(self.nuisance[chosen])[0]
-        squares = _spectrum(_without(_null_rows(some, null, generator), nuisance))
+        squares = _spectrum(_without(_null_rows(sample, null, generator), nuisance))
         values = squares[: subjects - nuisance.shape[1]] / (subjects - nuisance.shape[1])
         at = (np.arange(len(values)) + 0.5) * self.factor - 0.5
         interpolated: FloatArray = np.interp(np.arange(modes), at, values)

@@ -98,14 +98,14 @@ def draw_permutations(
     generator, of_signs = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     subjects = len(design.tested)
     for start in range(0, count, chunk):
-        some = min(chunk, count - start)
+        size = min(chunk, count - start)
         if design.exchange is Exchange.SIGNS:
-            signs = 2.0 * generator.integers(0, 2, size=(some, subjects, 1)) - 1.0
-            yield PermutedDesigns(signs * design.tested, np.zeros((some, subjects, 0)))
+            signs = 2.0 * generator.integers(0, 2, size=(size, subjects, 1)) - 1.0
+            yield PermutedDesigns(signs * design.tested, np.zeros((size, subjects, 0)))
         else:
-            order = generator.random((some, subjects)).argsort(axis=1)
+            order = generator.random((size, subjects)).argsort(axis=1)
             yield PermutedDesigns(
-                design.tested[order], design.covariates[order], _signs(of_signs, some, subjects)
+                design.tested[order], design.covariates[order], _signs(of_signs, size, subjects)
             )
 
 
@@ -138,10 +138,10 @@ def null_distribution(
     count, exact = permutation_count(design, permutations)
     count *= mean_draws(design) if exact and means else 1
     values, done = np.empty(count), 0
-    for some in draw_permutations(design, permutations, chunk=chunk, seed=seed, means=means):
+    for draws in draw_permutations(design, permutations, chunk=chunk, seed=seed, means=means):
         tick(done / max(count, 1), message)
-        values[done : done + len(some.tested)] = statistic(some)
-        done += len(some.tested)
+        values[done : done + len(draws.tested)] = statistic(draws)
+        done += len(draws.tested)
     return values
 
 
@@ -202,8 +202,8 @@ def _all_permutations(design: Design, chunk: int, *, means: bool) -> Iterator[Pe
         numbers = np.arange(1, 2**subjects)
         signs = 1.0 - 2.0 * ((numbers[:, None] >> np.arange(subjects)) & 1)
         for start in range(0, len(signs), chunk):
-            some = signs[start : start + chunk, :, None]
-            yield PermutedDesigns(some * design.tested, np.zeros((len(some), subjects, 0)))
+            part = signs[start : start + chunk, :, None]
+            yield PermutedDesigns(part * design.tested, np.zeros((len(part), subjects, 0)))
         return
     kinds = _kinds(design)
     first_of = np.unique(kinds, return_index=True)[1]

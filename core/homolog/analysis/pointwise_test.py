@@ -271,9 +271,9 @@ def pointwise_test(
 
     workers = cores() if len(shapes) >= _MANY else 1
     with ThreadPoolExecutor(workers) as pool:
-        while some := list(islice(draws, workers)):
+        while batch := list(islice(draws, workers)):
             tick(done / max(len(largest), 1), "permutations of the pointwise tests")
-            for drawn in pool.map(statistic.studentized, some):
+            for drawn in pool.map(statistic.studentized, batch):
                 largest[done : done + len(drawn)] = drawn.max(axis=1)
                 beyond += np.count_nonzero(drawn >= limit, axis=0)
                 done += len(drawn)

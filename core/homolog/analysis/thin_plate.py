@@ -163,8 +163,8 @@ def evaluate_spline(
     parts = []
     for start in range(0, len(points), _CHUNK):
         tick(start / len(points), "carrying the surface")
-        some = points[start : start + _CHUNK]
-        basis = np.hstack([cdist(some, centres), np.ones((len(some), 1)), some - middle])
+        part = points[start : start + _CHUNK]
+        basis = np.hstack([cdist(part, centres), np.ones((len(part), 1)), part - middle])
         parts.append(basis @ weights)
     return np.concatenate(parts)
 

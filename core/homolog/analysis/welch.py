@@ -97,7 +97,7 @@ def welch_map(
     (f,), (dof,) = welch.f(original)
     difference = values[second].mean(axis=0) - values[~second].mean(axis=0)
     largest = null_distribution(
-        lambda some: welch.deviate(some).max(axis=1),
+        lambda draws: welch.deviate(draws).max(axis=1),
         design,
         permutations,
         chunk=max(1, _CHUNK_VALUES // values.shape[1]),

@@ -182,7 +182,7 @@ def compare_groups(
     called = None if names is None else [names[index] for index in chosen.tolist()]
     both = None if pairs is None else pairs_of(pairs, labels, order, covariates, names)
     columns = columns_of(covariates, chosen.tolist(), len(shapes), called)
-    own, here = labels[chosen].tolist(), shapes[chosen]
+    own, compared = labels[chosen].tolist(), shapes[chosen]
 
     def ask(options: Options, tick: Tick) -> Comparison:
         tick, later = part_of(tick, 0.0, share := 0.6 if covariates else 1.0), part_of(tick, share, 1.0)
@@ -190,9 +190,9 @@ def compare_groups(
             title = " - ".join(order[::-1])
             paired = compare_pairs(shapes, *both, title, options=options, names=names, tick=tick)
             return replace(paired, notes=notes)
-        question = partial(_two_or_more, here, own, order)
+        question = partial(_two_or_more, compared, own, order)
         overall, each = question(covariates=columns, options=options, names=called, tick=tick)
-        overall = _with_covariates(overall, here, own, covariates, chosen, options, later)
+        overall = _with_covariates(overall, compared, own, covariates, chosen, options, later)
         each = with_unadjusted(each, table_of(covariates, chosen.tolist()))
         pairwise = tuple(pair.renumbered(chosen) for pair in each)
         return replace(overall.renumbered(chosen), pairwise=pairwise, notes=notes)

@@ -123,8 +123,8 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     if not lines or not named:
         raise InputError(f"{path}: contains no rows; choose another table")
     rows = [row for _, row in lines]
-    wanted = [item for key in _KEYS for item in named if item.casefold() == key]
-    keys = [*wanted, *paths] or named[:1]
+    matches = [item for key in _KEYS for item in named if item.casefold() == key]
+    keys = [*matches, *paths] or named[:1]
     candidates = {key: [_named(subjects, row[key]) for row in rows] for key in keys}
     key = max(keys, key=lambda item: sum(map(bool, candidates[item])))
     named_by = candidates[key]

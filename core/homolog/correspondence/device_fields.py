@@ -69,10 +69,10 @@ def angles_and_coefficients(
     """
     shapes = list(zip(fields, sizes, points, strict=True))
     for first in range(0, len(shapes), TOGETHER):
-        some = shapes[first : first + TOGETHER]
-        grids = [OpeningGrid.of(field, size) for field, size, _ in some]
+        batch = shapes[first : first + TOGETHER]
+        grids = [OpeningGrid.of(field, size) for field, size, _ in batch]
         volumes = []
-        for (field, _, own), grid in zip(some, grids, strict=True):
+        for (field, _, own), grid in zip(batch, grids, strict=True):
             volume = _volume(device, grid.shape)
             volume.grid, volume.spare = (_empty(device, grid.shape, wp.float32) for _ in range(2))
             volume.field = wp.array(field.values, dtype=wp.float32, device=device)
@@ -86,7 +86,7 @@ def angles_and_coefficients(
         for axis, back in enumerate((0, 1, 0)):
             _launch(kernels.blur, packed, _largest(volumes), device, axis, back)
         _launch(kernels.turn_to_angles, packed, _largest(volumes), device)
-        _launch(kernels.sample_angles, packed, max(len(own) for _, _, own in some), device)
+        _launch(kernels.sample_angles, packed, max(len(own) for _, _, own in batch), device)
         angles = [volume.angles.numpy() for volume in volumes]
         _filter(device, volumes)
         affines = [grid.index_to_local for grid in grids]

@@ -172,10 +172,10 @@ def _part(survey: Survey, pairs: IntArray, device: str) -> Any:  # noqa: ANN401 
     rows, pulled = (_vectors(item, device).reshape(item.shape[:2]) for item in (survey.rows, survey.pulled))
     alone = np.tile(np.arange(len(survey.rows))[:, None], 2)
     products = []
-    for some in (alone, pairs):
-        made = wp.empty(len(some), dtype=wp.mat33d, device=device)
-        given = wp.array(some, dtype=wp.int32, ndim=2, device=device)
-        _launch(kernels.multiply_rows, len(some), [given, rows, pulled, made], device)
+    for selection in (alone, pairs):
+        made = wp.empty(len(selection), dtype=wp.mat33d, device=device)
+        given = wp.array(selection, dtype=wp.int32, ndim=2, device=device)
+        _launch(kernels.multiply_rows, len(selection), [given, rows, pulled, made], device)
         products.append(made)
     part = kernels.EntropyPart()
     part.own, part.pulled = wp.array(survey.own, dtype=wp.float64, device=device), pulled

@@ -75,8 +75,8 @@ class SurfacePoints:
             Weighted opening angles.
         """
         rotation = rotation_of(pose[None])[0]
-        goals, wanted = transform_points(inverse_matrices(pose), targets), normals @ rotation
-        first = np.asarray(self._tree.query(features(goals, wanted))[1])
+        goals, directions = transform_points(inverse_matrices(pose), targets), normals @ rotation
+        first = np.asarray(self._tree.query(features(goals, directions))[1])
         points, planes = self._vertices[first], self._normals[first]
         for _ in range(_PROJECTIONS):
             points = goals - np.einsum("ni,ni->n", goals - points, planes)[:, None] * planes

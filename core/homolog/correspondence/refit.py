@@ -121,8 +121,8 @@ def initialize_fit(
     points = [mesh.vertices[:: max(1, len(mesh.vertices) // N_CONTROL_POINTS)] for mesh in coarse]
     unknown = np.flatnonzero(~known).tolist()
     for number, k in enumerate(unknown):
-        here = part_of(tick, number / len(unknown), (number + 1) / len(unknown))
-        here(0.0, f"first particles of {shapes[k].name}")
+        part_tick = part_of(tick, number / len(unknown), (number + 1) / len(unknown))
+        part_tick(0.0, f"first particles of {shapes[k].name}")
         tree = cKDTree(coarse[k].vertices)
         costs = [float(np.mean(tree.query(points[j])[0])) for j in np.flatnonzero(known)]
         nearest = int(np.flatnonzero(known)[int(np.argmin(costs))])
@@ -130,7 +130,7 @@ def initialize_fit(
             (_transform_mesh(shapes[nearest].mesh, to_optimizer[nearest]), coarse[nearest]),
             to_optimizer[nearest].apply(start[nearest]),
             (_transform_mesh(shapes[k].mesh, to_optimizer[k]), coarse[k]),
-            here,
+            part_tick,
         )
         start[k] = to_optimizer[k].invert(carried)
     return InitialParticles(images.points(start), np.repeat(~known[:, None], local.shape[1], axis=1))

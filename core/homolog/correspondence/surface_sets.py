@@ -208,8 +208,8 @@ def morton_ordered(mesh: TriangleMesh) -> TriangleMesh:
 
 def face_neighbours(meshes: Sequence[TriangleMesh]) -> Iterator[IntArray]:
     """Yield for each face of each mesh the faces across the edges opposite to its corners, (F, 3)."""
-    for some in batches(len(meshes)):
-        sides = MeshSides.of(meshes[some])
+    for batch in batches(len(meshes)):
+        sides = MeshSides.of(meshes[batch])
         if not sides.is_closed.all():
             raise NumericalError("a mesh for the optimizer is not closed and consistently oriented")
         across = np.roll(sides.twin.reshape(-1, 3) // 3, -1, axis=1)

@@ -54,8 +54,8 @@ def read_arrays(
         with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             unpacked = sum(item.file_size for item in stored.zip.infolist())
             check_fits(path, unpacked, remedy)
-            wanted = [name for name in stored.files if names is None or name in names]
-            arrays = {name: stored[name] for name in wanted}
+            chosen = [name for name in stored.files if names is None or name in names]
+            arrays = {name: stored[name] for name in chosen}
             return {name: frozen(array) if array.ndim else array for name, array in arrays.items()}
     except InputError:
         raise

@@ -111,10 +111,10 @@ class Polygons:
         from vtkmodules.vtkFiltersCore import vtkTriangleFilter
 
         pairs = zip(self.faces.starts[:-1][chosen], self.faces.starts[1:][chosen], strict=True)
-        some = Cells.of_lists([self.faces.corners[start:end].tolist() for start, end in pairs])
+        part = Cells.of_lists([self.faces.corners[start:end].tolist() for start, end in pairs])
         points, cells, surface = vtkPoints(), vtkCellArray(), vtkPolyData()
         points.SetData(numpy_to_vtk(self.points, deep=True))
-        cells.SetData(*(numpy_to_vtkIdTypeArray(item, deep=True) for item in (some.starts, some.corners)))
+        cells.SetData(*(numpy_to_vtkIdTypeArray(item, deep=True) for item in (part.starts, part.corners)))
         surface.SetPoints(points)
         surface.SetPolys(cells)
         splitter = vtkTriangleFilter(pass_verts=False, pass_lines=False)

@@ -99,8 +99,8 @@ def plan_tables(
     labels = [f"mesh {k + 1}" for k in range(len(meshes))] if names is None else names
     limits = np.broadcast_to(np.asarray(d_max, float), len(meshes)).tolist()
     tasks: list[Task] = []
-    for some in batches(len(meshes)):
-        for task in _tasks(labels[some], meshes[some], limits[some]):
+    for batch in batches(len(meshes)):
+        for task in _tasks(labels[batch], meshes[batch], limits[batch]):
             tick(0.0, f"mesh of {task.name} checked")
             tasks.append(task)
     nbytes = sum(table_bytes(task) for task in tasks)

@@ -72,8 +72,8 @@ def _nearest(distances: Sequence[csr_array]) -> tuple[IntArray, FloatArray]:
     table = np.full((len(distances), len(pairs)), np.inf)
     for row, key, item in zip(table, keys, distances, strict=True):
         at = np.searchsorted(pairs, key).clip(max=len(pairs) - 1)
-        there = pairs[at] == key
-        row[at[there]] = item.data[there]
+        is_known = pairs[at] == key
+        row[at[is_known]] = item.data[is_known]
     median = np.median(table, axis=0)
     order = np.lexsort([median, pairs // n])
     particle, other, median = pairs[order] // n, pairs[order] % n, median[order]
@@ -108,14 +108,14 @@ def _triangles(
     triangles_of = []
     for i, (others, far) in enumerate(zip(neighbours, consensus, strict=True)):
         tick(i / len(shape), "triangles of neighbours")
-        there = np.isfinite(far)
-        if there.sum() < 3:
+        is_known = np.isfinite(far)
+        if is_known.sum() < 3:
             continue
         flat = plane_of(normals[i])
-        seen = (shape[others[there]] - shape[i]) @ flat.T
-        seen *= (far[there] / np.maximum(np.linalg.norm(seen, axis=1), 1e-12))[:, None]
+        seen = (shape[others[is_known]] - shape[i]) @ flat.T
+        seen *= (far[is_known] / np.maximum(np.linalg.norm(seen, axis=1), 1e-12))[:, None]
         corners = Delaunay(np.vstack([np.zeros(2), seen])).simplices  # counter-clockwise
-        triangles_of.append(np.concatenate([[i], others[there]])[corners[(corners == 0).any(axis=1)]])
+        triangles_of.append(np.concatenate([[i], others[is_known]])[corners[(corners == 0).any(axis=1)]])
     triangles = np.concatenate(triangles_of)
     first = triangles.argmin(axis=1)
     turned = triangles[np.arange(len(triangles))[:, None], (first[:, None] + np.arange(3)) % 3]

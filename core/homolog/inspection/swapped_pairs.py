@@ -63,8 +63,8 @@ def _is_reversed(subject: int, pair: IntArray, located: LocatedParticles, consen
     shift of their positions (a, b): |a - u|² + |b - v|² exceeds |b - u|² + |a - v|² by -2 (b - a)·(v - u).
     """
     near = np.setdiff1d(consensus.neighbours[pair], pair)
-    usual, here = consensus.shape, located.world[subject]
-    moved, still = (points[near] - points[near].mean(axis=0) for points in (here, usual))
+    expected, own = consensus.shape, located.world[subject]
+    moved, still = (points[near] - points[near].mean(axis=0) for points in (own, expected))
     left, right, _ = fit_rotation(moved.T @ still)
-    between = left @ right @ (usual[pair[1]] - usual[pair[0]])
-    return bool(between @ (here[pair[1]] - here[pair[0]]) < 0.0)
+    between = left @ right @ (expected[pair[1]] - expected[pair[0]])
+    return bool(between @ (own[pair[1]] - own[pair[0]]) < 0.0)

@@ -172,8 +172,8 @@ def _chosen(result: Result, group: str | None, column: str, project: ProjectFold
     values = [_value(result, index, column) for index in range(len(result.names))]
     chosen = [index for index, value in enumerate(values) if value.strip().casefold() == group.casefold()]
     if not chosen:
-        there = ", ".join(sorted(set(filter(None, values)))) or "no values"
-        raise InputError(f"{project.folder}: no subject has {group} in column {column}; it contains {there}")
+        known = ", ".join(sorted(set(filter(None, values)))) or "no values"
+        raise InputError(f"{project.folder}: no subject has {group} in column {column}; it contains {known}")
     return chosen
 
 

@@ -48,8 +48,8 @@ def check_unit(name: str, mesh: TriangleMesh, model: SurfaceModel, columns: Floa
     InputError
         If the surface is far larger or smaller than the reference.
     """
-    usual = float(rms_radius(model.expected(columns)[: model.vertices]))
-    ratio = float(rms_radius(mesh.vertices)) / usual
+    typical = float(rms_radius(model.expected(columns)[: model.vertices]))
+    ratio = float(rms_radius(mesh.vertices)) / typical
     if 1.0 / _OTHER_SIZE < ratio < _OTHER_SIZE:
         return
     times, word = (ratio, "large") if ratio > 1.0 else (1.0 / ratio, "small")
@@ -115,23 +115,23 @@ def _checked(
     columns: FloatArray,
     tick: Tick,
 ) -> list[str]:
-    usual = float(reference.gap[-1])
+    limit = float(reference.gap[-1])
     _check_structure(name, reference, mesh, fit, measures)
-    if reference.side_limit is None and measures.gap <= usual:
+    if reference.side_limit is None and measures.gap <= limit:
         return []
     remarks = _side_remarks(name, reference, mesh, measures, columns, tick)
-    if measures.gap <= usual:
+    if measures.gap <= limit:
         return remarks
     percent = f"{100.0 * measures.gap:.1f} %"
     if measures.gap > _largest_gap(reference):
         raise InputError(
             f"{name}: does not look like the reference: after fitting it is {percent} of its size "
-            f"away, controls at most {100.0 * usual:.1f} %; check that this is the complete structure (label)"
+            f"away, controls at most {100.0 * limit:.1f} %; check that this is the complete structure (label)"
         )
     return [
         *remarks,
         f"fits worse than every control: its median distance is {percent} of its size, that of "
-        f"controls at most {100.0 * usual:.1f} %; check its segmentation",
+        f"controls at most {100.0 * limit:.1f} %; check its segmentation",
     ]
 
 
@@ -153,11 +153,11 @@ def _check_structure(
             f"{100.0 * uncovered:.0f} % of its size away from the range of controls; check that it "
             "shows the complete structure, and the same one (label)"
         )
-    usual = float(reference.mahalanobis[-1])
-    if measures.mahalanobis > max(_OTHER_MODES, _ODD_MODES * usual):
+    limit = float(reference.mahalanobis[-1])
+    if measures.mahalanobis > max(_OTHER_MODES, _ODD_MODES * limit):
         raise InputError(
             f"{name}: does not look like the reference: {measures.mahalanobis:.0f} standard deviations "
-            f"from its mean, controls at most {usual:.1f}; check that it shows the same structure "
+            f"from its mean, controls at most {limit:.1f}; check that it shows the same structure "
             "(label) as a whole"
         )
 

@@ -117,8 +117,8 @@ class PatientComparison:
     def matched(self) -> TriangleMesh:
         """The vertices of `expected` on the patient, with its faces and in its frame."""
         expected = self.expected
-        there = expected.vertices + self.residual[:, None] * expected.vertex_normals
-        return TriangleMesh(there, expected.faces)
+        vertices = expected.vertices + self.residual[:, None] * expected.vertex_normals
+        return TriangleMesh(vertices, expected.faces)
 
     def place(self, region: Region) -> str:
         """Return the location of a region's centre on the patient, as text: ``"left anterior"`` (LPS)."""
@@ -127,8 +127,8 @@ class PatientComparison:
 
     def position(self, region: Region) -> FloatArray:
         """Return a region's centre in the file's frame [mm], (3,)."""
-        there = self.matched.vertices[region.centre][None]
-        place: FloatArray = transform_points(inverse_matrices(self.placement), there)[0]
+        point = self.matched.vertices[region.centre][None]
+        place: FloatArray = transform_points(inverse_matrices(self.placement), point)[0]
         return place
 
     def nearest_particles(self, region: Region, reference: Reference) -> IntArray:

@@ -244,8 +244,8 @@ def _continues_beyond(reference: Reference, mesh: TriangleMesh, fit: SurfaceFit,
     model = reference.model
     surface = model.surface(fit.expected)
     z = reference.local.standardised(bands_of(fit.residual, model.faces))[0]
-    here = transform_points(inverse_matrices(fit.pose), surface.vertices)
-    nearest = np.asarray(KDTree(mesh.vertices).query(here, k=8)[1])
+    vertices = transform_points(inverse_matrices(fit.pose), surface.vertices)
+    nearest = np.asarray(KDTree(mesh.vertices).query(vertices, k=8)[1])
     areas = surface.vertex_areas
-    beyond = (end.cap[nearest].mean(axis=1) >= _CAP_SHARE) & end.beyond(here)
+    beyond = (end.cap[nearest].mean(axis=1) >= _CAP_SHARE) & end.beyond(vertices)
     return bool(areas[beyond].sum() >= _LEAST_MISSING * areas.sum() and np.median(z[beyond]) < _INWARD)

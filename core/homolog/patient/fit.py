@@ -170,8 +170,8 @@ def first_pose(surface: TriangleMesh, coarse: TriangleMesh) -> FloatArray:
 
 def _robust(ratios: FloatArray) -> FloatArray:
     """Return robust weights of residuals relative to their scale."""
-    usual = max(float(np.median(np.abs(ratios))) / 0.6745, 1.0)
-    weights: FloatArray = 1.0 / np.square(1.0 + np.square(ratios / (_TOLERANT * usual)))
+    scale = max(float(np.median(np.abs(ratios))) / 0.6745, 1.0)
+    weights: FloatArray = 1.0 / np.square(1.0 + np.square(ratios / (_TOLERANT * scale)))
     return weights
 
 

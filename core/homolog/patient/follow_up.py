@@ -187,8 +187,8 @@ def _change(
 def _deviation(maps: FloatArray, surface: TriangleMesh) -> FloatArray:
     """Return the standard deviation of differences (n, V) whose mean is 0, averaged over neighbours."""
     variance = ring_mean(np.square(maps).mean(axis=0), surface.faces, _SMOOTHED)
-    usual = float(variance.mean())
-    moderated = (_PRIOR_DOF * usual + len(maps) * variance) / (_PRIOR_DOF + len(maps))
+    mean = float(variance.mean())
+    moderated = (_PRIOR_DOF * mean + len(maps) * variance) / (_PRIOR_DOF + len(maps))
     return np.sqrt(np.maximum(moderated, 1e-12))
 
 

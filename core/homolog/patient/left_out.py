@@ -251,9 +251,9 @@ def _changed(job: _Job, model: SurfaceModel, first: SurfaceFit) -> FloatArray | 
         return None
     fit = fit_surface(model, job.later, simplified(job.later, COARSE_VERTICES), job.own)
     expected = model.surface(first.expected)
-    there = expected.vertices + first.residual[:, None] * expected.vertex_normals
+    vertices = expected.vertices + first.residual[:, None] * expected.vertex_normals
     meshes = job.mesh.placed(first.pose), job.later.placed(fit.pose)
-    before, after = distances_to_times(TriangleMesh(there, expected.faces), *meshes)
+    before, after = distances_to_times(TriangleMesh(vertices, expected.faces), *meshes)
     change: FloatArray = after.residual - before.residual
     return change
 

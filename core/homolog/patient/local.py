@@ -74,8 +74,8 @@ class LocalNorm:
         count = maps.shape[-2]
         variance = ring_mean(maps.var(axis=-2, ddof=1), faces, _SMOOTHING_ROUNDS)
         dof = count - 1.0
-        usual = variance.mean(axis=-1, keepdims=True)
-        moderated = (_PRIOR_DOF * usual + dof * variance) / (_PRIOR_DOF + dof)
+        mean = variance.mean(axis=-1, keepdims=True)
+        moderated = (_PRIOR_DOF * mean + dof * variance) / (_PRIOR_DOF + dof)
         return cls(maps.mean(axis=-2), np.sqrt(moderated * (1.0 + 1.0 / count)))
 
     def standardised(self, differences: FloatArray) -> FloatArray:

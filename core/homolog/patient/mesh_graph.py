@@ -77,6 +77,6 @@ def remove_spikes(values: FloatArray, faces: IntArray, most: float) -> FloatArra
     -------
     (V,) array
     """
-    usual = median_of_ring(values, faces)
-    result: FloatArray = np.where(np.abs(values - usual) > most, usual, values)
+    medians = median_of_ring(values, faces)
+    result: FloatArray = np.where(np.abs(values - medians) > most, medians, values)
     return result

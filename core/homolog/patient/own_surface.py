@@ -76,8 +76,8 @@ def own_surface(
     directions = np.where(missing[:, None], normals, target.normals[nearest])
     weight = NORMAL_WEIGHT * target.size
     whole, cut = _joined(mesh, expected, missing)
-    wanted = np.hstack([whole.vertices, weight * np.concatenate([target.normals, normals[cut]])])
-    neighbours = KDTree(np.hstack([places, weight * directions])).query(wanted, k=_NEIGHBOURS + 1)
+    goal = np.hstack([whole.vertices, weight * np.concatenate([target.normals, normals[cut]])])
+    neighbours = KDTree(np.hstack([places, weight * directions])).query(goal, k=_NEIGHBOURS + 1)
     gaps, near = np.asarray(neighbours[0]), np.asarray(neighbours[1])
     weights = np.square(1.0 - gaps[:, :-1] / np.maximum(gaps[:, -1:], 1e-9)) + 1e-9
     rows = np.repeat(np.arange(len(near)), _NEIGHBOURS)

@@ -202,11 +202,11 @@ class Reference:
             return None
         logs, count = np.log(self.mirrored), len(self.mirrored)
         spread = logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / count)
-        usual = max(float(logs.mean()), 1e-9)
+        mean = max(float(logs.mean()), 1e-9)
         limit = min(
             logs.mean() - float(stats.t.ppf(0.995, count - 1)) * spread,
             float(logs.min()),
-            -0.5 * np.log(_TIMES_AS_LIKELY) * spread**2 / usual,  # normal, about ± usual
+            -0.5 * np.log(_TIMES_AS_LIKELY) * spread**2 / mean,  # normal, about ± the mean
         )
         recognised = float(np.mean(-logs < limit))  # share of controls that would be detected if mirrored
         return float(np.exp(limit)) if recognised >= _RECOGNISED else None

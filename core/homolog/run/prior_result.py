@@ -40,9 +40,9 @@ class PriorResult:
 
     def check(self, names: Sequence[str], settings: RunSettings) -> None:
         """Raise InputError if a run of these subjects and settings can't start from the result."""
-        gone = [name for name in self.local if name not in names]
-        if gone:
-            raise InputError(f"{', '.join(gone)}: is in the result but not in the cohort; start a new run")
+        missing = [name for name in self.local if name not in names]
+        if missing:
+            raise InputError(f"{', '.join(missing)}: is in the result but not in the cohort; start a new run")
         if settings.groom != self.record.settings.groom:
             raise InputError("the result's surfaces were groomed with other settings; start a new run")
         fresh, more = len(names) > len(self.local), settings.optimize.particles - self.record.particles
@@ -85,18 +85,18 @@ class PriorResult:
         return InitialParticles(local) if known.all() else initialize_fit(shapes, local, known, tick)
 
 
-def _agreed_move(here: FloatArray, there: FloatArray) -> FloatArray:
+def _agreed_move(moving: FloatArray, fixed: FloatArray) -> FloatArray:
     """Return the similarity (4, 4) that maps most subjects' particles (M, N, 3).
 
     Registration may rotate individual near-symmetric subjects differently than before; these are ignored.
     """
-    moves = [fit_similarity(own, goal, scaling=True) for own, goal in zip(here, there, strict=True)]
+    moves = [fit_similarity(own, goal, scaling=True) for own, goal in zip(moving, fixed, strict=True)]
     errors = np.array(
-        [np.linalg.norm(transform_points(move, here) - there, axis=2).mean(axis=1) for move in moves]
+        [np.linalg.norm(transform_points(move, moving) - fixed, axis=2).mean(axis=1) for move in moves]
     )
     best = errors[int(np.argmin(np.median(errors, axis=1)))]
     agreed = best <= 2.0 * np.median(best) + 1e-9
-    return fit_similarity(here[agreed].reshape(-1, 3), there[agreed].reshape(-1, 3), scaling=True)
+    return fit_similarity(moving[agreed].reshape(-1, 3), fixed[agreed].reshape(-1, 3), scaling=True)
 
 
 def adds_particles(record: ResultRecord, cohort: Cohort, settings: RunSettings) -> bool:

@@ -157,9 +157,9 @@ def repaired(
 
 def _is_better(before: Inspection, after: Inspection, suspect: Suspect) -> bool:
     old, new = ([s for s in item.suspects if s.subject == suspect.subject] for item in (before, after))
-    here = [s.severity for s in new if np.isin(s.particles, suspect.particles).any()]
+    severities = [s.severity for s in new if np.isin(s.particles, suspect.particles).any()]
     lower = sum(s.severity for s in new) < sum(s.severity for s in old)
-    return lower and max(here, default=0.0) < suspect.severity
+    return lower and max(severities, default=0.0) < suspect.severity
 
 
 def rows(inspection: Inspection, suspects: Sequence[Suspect], names: Sequence[str]) -> list[Row]:

@@ -64,12 +64,12 @@ class TableCache:
             check_room(replace(plan, tasks=tasks, nbytes=plan.nbytes * len(tasks) // len(paths)), device)
         size = len(absent) if device == "cpu" else _SHAPES_ON_GPU
         for first in range(0, len(absent), max(size, 1)):
-            some = dict(list(absent.items())[first : first + size])
-            part = replace(plan, tasks=tuple(some.values()), nbytes=plan.nbytes * len(some) // len(paths))
-            share = part_of(tick, first / len(absent), (first + len(some)) / len(absent))
+            batch = dict(list(absent.items())[first : first + size])
+            part = replace(plan, tasks=tuple(batch.values()), nbytes=plan.nbytes * len(batch) // len(paths))
+            share = part_of(tick, first / len(absent), (first + len(batch)) / len(absent))
             began = time.monotonic()
             for index, solved in each_table(part, device=device, tick=share):
-                path = list(some)[index]
+                path = list(batch)[index]
                 tables[path] = solved.stored(self._store)
                 now = time.monotonic()
                 self._keep(path, tables[path], now - began)

@@ -78,5 +78,7 @@ def surface_distances(surface: TriangleMesh, other: TriangleMesh) -> SurfaceDist
 
 def distances_both_ways(first: TriangleMesh, second: TriangleMesh) -> SurfaceDistances:
     """Return the distances of two surfaces from each other: at the first one's vertices, then the other's."""
-    there, back = surface_distances(first, second), surface_distances(second, first)
-    return SurfaceDistances(*map(np.concatenate, ((there.signed, back.signed), (there.areas, back.areas))))
+    forward, backward = surface_distances(first, second), surface_distances(second, first)
+    return SurfaceDistances(
+        *map(np.concatenate, ((forward.signed, backward.signed), (forward.areas, backward.areas)))
+    )

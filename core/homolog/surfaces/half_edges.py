@@ -121,11 +121,11 @@ class HalfEdges:
 
     def _run_kernel(self, kernel: wp.Kernel, *given: wp.array) -> tuple[IntArray, FloatArray]:
         """Return one side of each remaining edge, and the result of a kernel for it."""
-        said = np.empty(len(self._origins))
-        inputs = [_shared(self._origins), _shared(self.vertices, wp.vec3d), *given, _shared(said)]
-        wp.launch(kernel, len(said), inputs, device="cpu")
-        sides = np.flatnonzero(np.isfinite(said))
-        return sides, said[sides]
+        result = np.empty(len(self._origins))
+        inputs = [_shared(self._origins), _shared(self.vertices, wp.vec3d), *given, _shared(result)]
+        wp.launch(kernel, len(result), inputs, device="cpu")
+        sides = np.flatnonzero(np.isfinite(result))
+        return sides, result[sides]
 
     def _changed(self, kernel: wp.Kernel, sides: IntArray, *given: wp.array | int) -> int:
         """Return the number of edges that a sequential kernel changed."""

@@ -185,9 +185,9 @@ def _thickness(field: DistanceField, points: FloatArray, most: float) -> FloatAr
     for side in (-1.0, 1.0):
         depth, growing = np.zeros(len(points)), np.full(len(points), True)
         for step in steps:
-            here = side * field.sample_values(points + side * step * normals)
-            growing &= here > depth + 0.25 * field.spacing
-            depth = np.where(growing, here, depth)
+            values = side * field.sample_values(points + side * step * normals)
+            growing &= values > depth + 0.25 * field.spacing
+            depth = np.where(growing, values, depth)
         result = np.where(growing, result, np.minimum(result, 2.0 * np.maximum(depth, 0.5 * field.spacing)))
     return result
 

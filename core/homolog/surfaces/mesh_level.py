@@ -116,9 +116,9 @@ def _sides(surface: wp.Mesh, distances: Float32Array) -> BoolArray:
         before = len(left)
         adopted = np.zeros(before, np.int8)
         for step in (*steps, *(-step for step in steps)):
-            beside = np.clip(left + step, 0, len(flat) - 1)
+            neighbour = np.clip(left + step, 0, len(flat) - 1)
             adopted = np.where(
-                (adopted == 0) & (flat[left] + flat[beside] > _BETWEEN), result[beside], adopted
+                (adopted == 0) & (flat[left] + flat[neighbour] > _BETWEEN), result[neighbour], adopted
             )
         result[left] = adopted
         left = left[adopted == 0]

@@ -18,4 +18,4 @@ def snapping(mesh: TriangleMesh) -> Callable[[FloatArray], FloatArray]:
     weights = np.random.default_rng(0).dirichlet(np.ones(3), _SAMPLES)
     points = np.einsum("sk,fkd->fsd", weights, mesh.vertices[mesh.faces]).reshape(-1, 3)
     tree = KDTree(points)
-    return lambda wanted: points[np.asarray(tree.query(wanted)[1])]
+    return lambda goals: points[np.asarray(tree.query(goals)[1])]

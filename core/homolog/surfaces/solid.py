@@ -157,8 +157,8 @@ def _bounding(mesh: TriangleMesh, patches: IntArray) -> BoolArray:
         is_open = uneven_faces(mesh, groups, result != bounds(last, _PLACES[0])[groups], result)
         result &= ~is_open
         if (every := -(-np.count_nonzero(is_open) // MOST_TESTED_FACES)) > 1:
-            some = np.flatnonzero(is_open)[::every]
-            result[some] = bounds(some, _PLACES[0])
+            sampled = np.flatnonzero(is_open)[::every]
+            result[sampled] = bounds(sampled, _PLACES[0])
             return _with_neighbours(mesh, result, is_open, math.ceil(math.sqrt(2.0 * every)))
     for place in _PLACES:
         left = np.flatnonzero(~result & is_open & met[mesh.faces].any(axis=1))

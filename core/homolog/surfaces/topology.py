@@ -177,20 +177,20 @@ def _side_fault(mesh: TriangleMesh) -> str:
     sides = _sides(mesh.faces)
     number = np.arange(1, len(sides) + 1)
     shape = (len(mesh.vertices),) * 2
-    there = coo_array((number, (sides[:, 0], sides[:, 1])), shape=shape).tocsr()
+    incidence = coo_array((number, (sides[:, 0], sides[:, 1])), shape=shape).tocsr()
     back = coo_array((number, (sides[:, 1], sides[:, 0])), shape=shape).tocsr()
-    there.sort_indices()
+    incidence.sort_indices()
     back.sort_indices()
     # closed, manifold at edges, oriented: every side exactly once, and its opposite exactly once
-    if there.nnz < len(sides) or not (
-        np.array_equal(there.indptr, back.indptr) and np.array_equal(there.indices, back.indices)
+    if incidence.nnz < len(sides) or not (
+        np.array_equal(incidence.indptr, back.indptr) and np.array_equal(incidence.indices, back.indices)
     ):
         return _edge_fault(sides)
-    pieces = int(connected_components(there.astype(np.float64), directed=True, connection="strong")[0])
+    pieces = int(connected_components(incidence.astype(np.float64), directed=True, connection="strong")[0])
     if pieces > 1:
         return f"has {pieces} separate pieces; keep the largest or treat them as subjects of their own"
     twin = np.empty(len(sides), np.int64)
-    twin[there.data - 1] = back.data - 1
+    twin[incidence.data - 1] = back.data - 1
     touching = _fans(twin) - len(mesh.vertices)
     return f"is not manifold: it touches itself at {touching} vertices; repair it" if touching else ""
 

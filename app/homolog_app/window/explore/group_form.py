@@ -171,11 +171,11 @@ class GroupForm(QWidget):
 
     def ask(self, request: StudyRequest) -> bool:
         """Choose the question of a request; return False if the cohort's table no longer allows it."""
-        wanted = (request.column, _NUMBER if request.kind == "regression" else "groups")
+        choice = (request.column, _NUMBER if request.kind == "regression" else "groups")
         offered = [self.column.itemData(at) for at in range(self.column.count())]
-        if wanted not in offered:
+        if choice not in offered:
             return False
-        self.column.setCurrentIndex(offered.index(wanted))
+        self.column.setCurrentIndex(offered.index(choice))
         self.complete.setChecked(request.complete_cases)
         self._offer_values()
         for box, value in zip((self.first, self.second), request.between, strict=False):

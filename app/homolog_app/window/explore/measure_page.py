@@ -204,8 +204,8 @@ class MeasurePage(ExplorePage):
         view, shape = self.chosen, self.fitted.shape
         if view is None or shape is None:
             return ViewContents(subjects)
-        wanted = [subjects.named(name) for name in (view.subject, view.beside, view.distance_from) if name]
-        own = {subject.name: single_subject(subject) for subject in wanted if subject is not None}
+        contents = [subjects.named(name) for name in (view.subject, view.beside, view.distance_from) if name]
+        own = {subject.name: single_subject(subject) for subject in contents if subject is not None}
         return measured_scene(view, shape, own, self._groups)
 
     @property

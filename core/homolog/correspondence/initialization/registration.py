@@ -134,12 +134,12 @@ class Registration:
         starts = (np.cumsum(counts) - counts)[:, None, None]
         deformed = np.stack(guesses, axis=1)  # (V, targets, 3)
         for smoothing in SMOOTHINGS:
-            wanted = features(deformed[self.control], self._control_normals(deformed))
+            goal = features(deformed[self.control], self._control_normals(deformed))
             distances = np.empty((len(targets), len(self.control), N_MATCHES))
             rows = np.empty(distances.shape, dtype=np.int64)
             for index, tree in enumerate(trees):
                 tick(0.0, "first particles")
-                distances[index], rows[index] = tree.query(wanted[:, index], k=N_MATCHES)
+                distances[index], rows[index] = tree.query(goal[:, index], k=N_MATCHES)
             squared = np.square(distances)
             weights = np.exp(-0.5 * (squared - squared[..., :1]) / MATCH_WIDTH**2)
             weights /= weights.sum(axis=-1, keepdims=True)
