@@ -209,11 +209,11 @@ def single_subject(subject: Content) -> Content:
 
 def arrow_factor(shape: "ModelShape", limit: float) -> float:
     """Return a round factor that makes arrows of a displacement (limit, mm) visible; at least 1."""
-    wanted = _ARROW_SHARE * float(np.ptp(shape.mean.vertices, axis=0).mean()) / limit
-    if wanted <= 1.0:
+    exact = _ARROW_SHARE * float(np.ptp(shape.mean.vertices, axis=0).mean()) / limit
+    if exact <= 1.0:
         return 1.0
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(max(factor for factor in _FACTORS if factor * power <= wanted) * power)
+    power = 10.0 ** np.floor(np.log10(exact))
+    return float(max(factor for factor in _FACTORS if factor * power <= exact) * power)
 
 
 def region_border(vertices: Array, faces: Array, inside: BoolArray) -> FloatArray:

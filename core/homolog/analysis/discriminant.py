@@ -175,8 +175,8 @@ def discriminant(
     accuracy, auc = (float(item) for item in _rates(rounds, np.tile(second, (repeats, 1))).mean(axis=0))
     # A permutation test is valid for any statistic, so that leading modes suffice here.
     tick_of_p = part_of(tick, 0.6, 1.0)
-    some = reduced[:, : modes + _FURTHER_OF_P]
-    rates = _permuted_rates(some, second, extra, modes, folds, permutations, generator, tick_of_p)
+    leading = reduced[:, : modes + _FURTHER_OF_P]
+    rates = _permuted_rates(leading, second, extra, modes, folds, permutations, generator, tick_of_p)
     p = [
         float(permutation_p_value(item, column)) if permutations else None
         for item, column in zip(rates[0], rates[1:].T, strict=True)

@@ -145,7 +145,7 @@ def landmarks_beside(path: Path) -> Path | None:
     """Return the markups file with a subject's name next to its file, if there is one."""
     stem = path.name[: len(path.name) - len(suffix_of(path))]
     places = (path.parent / (stem + suffix) for suffix in _MARKUPS)  # with_name fails for a root
-    return next((beside for beside in places if beside.is_file()), None)
+    return next((file for file in places if file.is_file()), None)
 
 
 def image_beside(path: Path) -> Path | None:

@@ -98,7 +98,7 @@ class GeodesicTable:
             present = block != MISSING
             to, code, at = np.broadcast_to(reached, block.shape)[present], block[present], 0
             for v in members:  # lane by lane
-                here = slice(at, at := at + counts[v])
-                columns[ends[v] : ends[v + 1]], distances[ends[v] : ends[v + 1]] = to[here], code[here]
+                entries = slice(at, at := at + counts[v])
+                columns[ends[v] : ends[v + 1]], distances[ends[v] : ends[v + 1]] = to[entries], code[entries]
         distances *= np.float32(self.unit)
         return csr_array((distances, columns, ends.astype(index)), shape=(len(slot), len(slot)))

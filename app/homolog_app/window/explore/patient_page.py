@@ -150,9 +150,9 @@ class PatientPage(ExplorePage):
         answer.setContentsMargins(0, 0, 0, 0)
         answer.setSpacing(GRID)
         answer.addWidget(self.verdict)
-        for said in (self.notes, self.remarks):
-            said.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-            answer.addWidget(said)
+        for line in (self.notes, self.remarks):
+            line.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+            answer.addWidget(line)
         rows = (("Map", self.map), ("Views", self.views), ("Morph", self.path))
         answer.addLayout(named_rows(rows))
         self.way.setRange(0, _STEPS)
