@@ -155,7 +155,7 @@ def test_meshes_beside_segmentations_of_their_names_are_left_out(tmp_path, cohor
 def test_a_folder_of_meshes_beside_one_of_segmentations_is_left_out(tmp_path, cohort_of, files_of):
     cohort = cohort_of(tmp_path, *(f"{kind}/h{i}{end}" for i in (1, 2) for kind, end in KINDS))
     assert files_of(cohort) == {"h1": "h1.nrrd", "h2": "h2.nrrd"}
-    assert cohort.notes == ("skipped, next to files of the same names: meshes",)
+    assert cohort.notes == ("skipped, next to files with the same names: meshes",)
 
 
 def test_a_table_of_groups_only_belongs_to_the_files_beside_it(tmp_path, cohort_of):
@@ -348,3 +348,14 @@ def test_participants_of_other_subjects_are_left_out_with_a_note(tmp_path, cohor
     cohort = cohort_of(tmp_path, "a.stl", "b.stl")
     assert len(cohort.subjects) == 2
     assert "participants.tsv" in cohort.notes[0]
+
+
+@pytest.mark.parametrize("place", ["{}.nii.gz", "{}/segmentations/liver.nii.gz"])
+@pytest.mark.parametrize(
+    "system",
+    ["@eaDir/p9.nii.gz/x.nrrd", "__MACOSX/p9.nii.gz", "lost+found/p9.nii.gz", "$RECYCLE.BIN/p9.nii.gz"],
+)
+def test_folders_of_operating_systems_and_storage_hold_no_subjects(tmp_path, cohort_of, place, system):
+    cohort = cohort_of(tmp_path, *(place.format(f"p{i}") for i in (1, 2, 3)), system)
+    assert [subject.name for subject in cohort.subjects] == ["p1", "p2", "p3"]
+    assert not cohort.notes
