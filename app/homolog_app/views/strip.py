@@ -19,6 +19,7 @@ STRIP_ROWS = 2.0 * _ROW + 0.3
 """Height of a strip with numbers, in text heights."""
 _GAP = 0.35  # distance of numbers from each other and from the edges, in text heights
 _RING = 0.83  # distance of a leader's end from its point, as a fraction of `Numbers.beside`
+_ASIDE = 1.3  # distance of a leader from another point, in radii of its ring
 _WIDTH = 1.6  # of leaders, for a text of 12 pixels
 
 
@@ -126,8 +127,10 @@ class NumberLabels:
         boxes = [text_box(self._renderer, text) for text in self._texts[: len(points)]]
         wide = np.array([box[2] - box[0] for box in boxes])
         free &= np.cumsum(np.where(free, wide + gap, 0.0)) <= width - gap
-        order = np.flatnonzero(free)[np.argsort(points[free, 0])]
-        middles = _spread(points[order, 0], wide[order], gap, width)
+        shown = np.flatnonzero(free)
+        wanted = _clear_of_rings(points[shown], np.array(rings)[shown], strip.bottom)
+        order, wanted = shown[np.argsort(wanted)], np.sort(wanted)
+        middles = _spread(wanted, wide[order], gap, width)
         row = strip.middle(1)
         for index, text in enumerate(self._texts):
             text.SetVisibility(bool(index < len(free) and free[index]))
@@ -158,6 +161,18 @@ class NumberLabels:
         coordinate.SetCoordinateSystemToWorld()
         coordinate.SetValue(*place.tolist())
         return np.array(coordinate.GetComputedDoubleViewportValue(self._renderer)[:2])
+
+
+def _clear_of_rings(points: FloatArray, rings: FloatArray, top: float) -> FloatArray:
+    """Return where leaders from points (n, 2) reach a height (n,), past the rings of higher points."""
+    wanted = points[:, 0].astype(float)
+    for index, (x, y) in enumerate(points):
+        for (other_x, other_y), ring in zip(points, _ASIDE * rings, strict=True):
+            share = (other_y - y) / (top - y)
+            if share > 0.0 and abs(x + share * (wanted[index] - x) - other_x) < ring:
+                side = 1.0 if x > other_x else -1.0
+                wanted[index] = x + (other_x + side * ring - x) / share
+    return wanted
 
 
 def _spread(places: FloatArray, wide: FloatArray, gap: float, width: float) -> FloatArray:

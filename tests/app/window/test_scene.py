@@ -103,7 +103,7 @@ def _numbered(places, inset=(0.0, 0.0, 0.0, 0.0), size=(400, 300)):
 
 
 def test_numbers_stand_side_by_side_in_the_strip_in_the_order_of_their_points():
-    seen, bottom = _numbered([[0.1, 0.0, 0.0], [0.0, 0.3, 0.0], [0.05, -0.5, 0.0], [-1.3, 0.0, 0.0]])
+    seen, bottom = _numbered([[0.5, 0.0, 0.0], [0.0, 0.3, 0.0], [0.2, -0.5, 0.0], [-1.3, 0.0, 0.0]])
     assert sorted(seen, key=lambda number: seen[number][0]) == [3, 1, 2, 0]
     assert all(box[1] >= bottom and box[0] >= 0.0 and box[2] <= 400.0 for box in seen.values())
     boxes = sorted(seen.values(), key=lambda box: box[0])
@@ -117,6 +117,17 @@ def test_numbers_stand_side_by_side_in_the_strip_in_the_order_of_their_points():
 def test_a_point_that_is_not_seen_has_no_number(place):
     seen, _ = _numbered([place, [0.0, 0.0, 0.0]], inset=(0.75, 0.0, 1.0, 0.25))
     assert list(seen) == [1]
+
+
+def test_the_leader_of_a_point_passes_beside_a_point_above_it():
+    seen, bottom = _numbered([[0.0, 0.4, 0.0], [0.02, -0.4, 0.0]])
+    upper, lower = seen[0], seen[1]
+    places = np.array([[200.0, 150.0 + 0.4 * 150.0], [200.0 + 0.02 * 150.0, 150.0 - 0.4 * 150.0]])
+    middle = (lower[0] + lower[2]) / 2.0
+    share = (places[0, 1] - places[1, 1]) / (bottom - places[1, 1])
+    across = places[1, 0] + share * (middle - places[1, 0])
+    assert abs(across - places[0, 0]) > 0.83 * 0.1 * 150.0  # the radius of the ring
+    assert (upper[0] + upper[2]) / 2.0 == pytest.approx(200.0, abs=1.0)
 
 
 def test_numbers_for_which_a_strip_is_too_narrow_are_left_out():
