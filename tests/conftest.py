@@ -198,16 +198,20 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: item.path.name != "test_repository.py")
 
 
+@pytest.hookimpl(wrapper=True)
 def pytest_collection():
     """Turn garbage collection off: what is loaded with the tests stays, and to look at it takes seconds."""
     gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
 
 
 def pytest_collection_finish():
     """Exempt modules and tests from garbage collection: each run collects, as the tests of windows do."""
     gc.collect()
     gc.freeze()
-    gc.enable()
 
 
 @pytest.hookimpl(optionalhook=True)

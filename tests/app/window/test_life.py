@@ -178,7 +178,7 @@ if __name__ == "__main__":
     def until(condition):
         while not condition():
             app.processEvents()
-            time.sleep(0.002)
+            time.sleep(0.01)
     window.projects.open_paths([cohort])
     workspace.edit_settings("groom", "mesh_edge", GroomSettings(
         mesh_edge=1.0, alignment="center", mirror="off"))
