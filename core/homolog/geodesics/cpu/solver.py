@@ -1,4 +1,4 @@
-"""Solve the table of a mesh on the CPU: clusters of sources in parallel, one thread per core."""
+"""Solve the table of a mesh on the CPU: clusters of sources one after another, or in parallel."""
 
 import threading
 from collections.abc import Callable
