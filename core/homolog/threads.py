@@ -1,5 +1,6 @@
 """Multithreading, and limiting BLAS to one thread for small matrices."""
 
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -10,12 +11,14 @@ from typing import Any, ParamSpec, TypeVar
 
 from threadpoolctl import ThreadpoolController
 
-__all__ = ["MOST_THREADS", "blas_threads", "in_threads", "on_one_thread"]
+__all__ = ["MOST_THREADS", "blas_threads", "in_threads", "on_one_thread", "switching_often"]
 
 _LARGE = 200  # least number of rows for which several threads are faster
 
 MOST_THREADS = 8
 """Further threads would wait for the interpreter lock."""
+
+_SWITCH_INTERVAL = 0.0002  # s; 5 ms by default
 
 _Item = TypeVar("_Item")
 _Arguments = ParamSpec("_Arguments")
@@ -61,6 +64,42 @@ def on_one_thread(function: Callable[_Arguments, _Result]) -> Callable[_Argument
 def blas_threads(rows: int, least: int = _LARGE) -> AbstractContextManager[object]:
     """Return a context in which BLAS uses one thread, unless the matrices have at least `least` rows."""
     return nullcontext() if rows >= least else _one_thread()
+
+
+class _Switching:
+    """The switch interval of the interpreter, which is short while a block of any thread is open."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._users = 0
+        self._usual_s = sys.getswitchinterval()
+
+    @contextmanager
+    def often(self) -> Iterator[None]:
+        """Shorten the interval, and restore it when the last user leaves."""
+        with self._lock:
+            if self._users == 0:
+                self._usual_s = sys.getswitchinterval()
+                sys.setswitchinterval(min(self._usual_s, _SWITCH_INTERVAL))
+            self._users += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._users -= 1
+                if self._users == 0:
+                    sys.setswitchinterval(self._usual_s)
+
+
+_SWITCHING = _Switching()
+
+
+def switching_often() -> AbstractContextManager[None]:
+    """Return a context in which threads pass the interpreter lock on quickly.
+
+    With Python's interval many threads that launch kernels wait for the lock longer than for the kernels.
+    """
+    return _SWITCHING.often()
 
 
 _lock = threading.Lock()

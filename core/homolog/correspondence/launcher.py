@@ -1,6 +1,5 @@
 """Launch kernels on every core of the CPU or on one CUDA device."""
 
-import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -13,6 +12,7 @@ import warp as wp
 
 from homolog.arrays import DeviceArray
 from homolog.device import cores
+from homolog.threads import switching_often
 
 __all__ = ["Launcher", "copy_between", "load_kernels", "push"]
 
@@ -20,7 +20,6 @@ MIN_PIECE_THREADS = 512  # below it another core does not pay
 MAX_PIECE_THREADS = 32768  # some 0.1 s, so that the run can be cancelled
 PIECES_PER_CORE = 4  # of a sequence of kernels, so that cores which are done early take from the others
 MAX_RECORDED = 32
-SWITCH_INTERVAL = 0.0002  # s; with Python's 5 ms, many threads wait for the interpreter lock between kernels
 CPU_KERNELS = ("functions", "particles", "sampling", "step")  # the others are of CUDA devices only
 
 _Launch = tuple[Any, int, Sequence[Any]]  # kernel, number of threads, inputs after the index of the first
@@ -35,34 +34,6 @@ def load_kernels(device: str) -> None:
                 wp.load_module(f"homolog.correspondence.kernels.{part}", device=alias)
         else:
             wp.load_module("homolog.correspondence", device=alias, recursive=True)
-
-
-class _Switching:
-    """The interpreter's switch interval, which is short while any launcher with many threads is open."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._users = 0
-        self._usual_s = sys.getswitchinterval()
-
-    @contextmanager
-    def often(self) -> Iterator[None]:
-        """Shorten the interval, and restore it when the last user leaves."""
-        with self._lock:
-            if self._users == 0:
-                self._usual_s = sys.getswitchinterval()
-                sys.setswitchinterval(min(self._usual_s, SWITCH_INTERVAL))
-            self._users += 1
-        try:
-            yield
-        finally:
-            with self._lock:
-                self._users -= 1
-                if self._users == 0:
-                    sys.setswitchinterval(self._usual_s)
-
-
-_SWITCHING = _Switching()
 
 
 class Launcher:
@@ -98,7 +69,7 @@ class Launcher:
         ]
         self._open = ExitStack()
         if self.cores > 2:
-            self._open.enter_context(_SWITCHING.often())
+            self._open.enter_context(switching_often())
         for thread in self._threads:
             thread.start()
 

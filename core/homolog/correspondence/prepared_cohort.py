@@ -22,7 +22,7 @@ from homolog.correspondence.types import Shape
 from homolog.device import cores
 from homolog.errors import InputError
 from homolog.geodesics import GeodesicSolver, GeodesicTable, solve_tables
-from homolog.memory import Store, in_memory
+from homolog.memory import Store, in_memory, return_freed_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
@@ -90,7 +90,9 @@ class SurfaceSets:
         """Return the set for a number of particles."""
         is_fine = count >= MIN_FINE_PARTICLES
         if self._made is None or self._made[0] is not is_fine:
-            self._made = None  # releases its tables first
+            if self._made is not None:
+                self._made = None
+                return_freed_memory()  # of its tables, before others are solved
             self._made = is_fine, self._make[is_fine](tick)
         return self._made[1]
 

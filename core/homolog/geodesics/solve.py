@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from functools import partial
 from typing import Protocol
 
@@ -20,12 +21,14 @@ from homolog.geodesics.table import GeodesicTable
 from homolog.memory import free_memory
 from homolog.progress import Tick, each_in_threads, no_tick
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.threads import MOST_THREADS
+from homolog.threads import MOST_THREADS, switching_often
 
 __all__ = ["GeodesicSolver", "check_room", "each_table", "geodesic_distances", "solve_plan", "solve_tables"]
 
 _SOLVER_TABLES = 4
 """The solver of a mesh needs less memory than this many of its tables."""
+_FEW_THREADS = 2
+"""They do not wait for the interpreter lock."""
 
 
 class GeodesicSolver(Protocol):
@@ -166,7 +169,8 @@ def each_table(
         return solve_on_cpu(task, threads // at_once, tick)
 
     works = [partial(solve, task) for task in plan.tasks]
-    yield from each_in_threads(works, tick, None, at_once)
+    with switching_often() if at_once > _FEW_THREADS else nullcontext():
+        yield from each_in_threads(works, tick, None, at_once)
 
 
 def geodesic_distances(

@@ -74,6 +74,7 @@ class TableCache:
                 now = time.monotonic()
                 self._keep(path, tables[path], now - began)
                 began = now
+        self._unsaved = {}  # would keep tables of coarse meshes in memory
         return [tables[path] for path in paths]
 
     def _keep(self, path: Path, table: GeodesicTable, seconds: float) -> None:

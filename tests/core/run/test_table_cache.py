@@ -1,8 +1,10 @@
+import gc
+
 import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.geodesics import solve_tables
+from homolog.geodesics import GeodesicTable, solve_tables
 from homolog.run import table_cache
 from homolog.run.table_cache import TableCache
 from homolog.surfaces.mesh import TriangleMesh
@@ -54,3 +56,16 @@ def test_a_place_that_cannot_be_written_to_is_named(solve, tmp_path, monkeypatch
     (tmp_path / "geodesics").touch()
     with pytest.raises(InputError, match="geodesics: can't be written: "):
         solve()
+
+
+def test_tables_that_are_no_longer_used_take_no_memory(tmp_path):
+    def alive():
+        gc.collect()
+        return sum(isinstance(item, GeodesicTable) for item in gc.get_objects())
+
+    before = alive()
+    cache = TableCache(tmp_path / "geodesics")
+    tables = cache.solve(MESHES, [np.inf] * 3, device="cpu", names=["a", "b", "c"])
+    assert alive() == before + 3
+    del tables
+    assert alive() == before
