@@ -27,7 +27,7 @@ def named(ellipsoids, groomed_cache, tmp_path, run):
 def words_in(scene):
     """Return the captions of the views, as they are written, and how many pixels they take."""
     cells = scene.grid.cells[: scene.grid.count]
-    captions = [cell.texts.caption for cell in cells]
+    captions = [cell.texts.caption.caption for cell in cells]
     sizes = []
     for cell, caption in zip(cells, captions, strict=True):
         size = [0.0, 0.0]

@@ -170,7 +170,7 @@ def test_a_picture_needs_no_display(explored, both, tmp_path):
         ("nothing.json", "can't be read"),
         ("{}", "view: Field required"),
         ('{"view": {"page": "moon"}}', "view"),
-        ('{"view": {"page": "subjects", "moment": 999}}', "no moment 999"),
+        ('{"view": {"page": "subjects", "moment": 999}}', "no recorded frame 999"),
         ('{"view": {"page": "modes", "subject": "nobody"}}', "no subject 'nobody'"),
         ('{"view": {"page": "measure", "mode": 50}}', "no mode 51"),
     ],
