@@ -205,7 +205,7 @@ def _fits(
         turns = better_turned(
             units, fits, by_typicality(units).tolist(), partial(register_pair, free=True), tick
         )
-    unsure = is_soft and not alike
+    unsure = is_soft and not alike and bool(doubtful.any())  # few files can't show that they agree
     if not holds and 2 * np.count_nonzero(doubtful) >= len(units):
         return _Fits(_by_neighbours(units, middle, register_pair, tick), unsure=unsure)
     fits = _reconsidered(units, reference, fits, doubtful, register_pair, tick)

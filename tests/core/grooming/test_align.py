@@ -1,5 +1,6 @@
 from collections import Counter
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -353,6 +354,13 @@ def test_where_neither_round_shapes_nor_their_files_tell_how_they_lie_a_note_say
     for turns, is_unsure in ((Rotation.random(8, random_state=3), True), (Rotation.identity(8), False)):
         notes = register(_round_organs(paw, coarse_egg, turns), GroomSettings()).notes
         assert ["uncertain" in (note or "") for note in notes] == [is_unsure] * 8
+
+
+def test_few_round_shapes_that_registration_turns_little_are_not_uncertain(paw, coarse_egg, monkeypatch):
+    """Three files can't show that they agree."""
+    monkeypatch.setattr(import_module("homolog.grooming.align"), "agree", lambda shapes: False)
+    shapes = _round_organs(paw, coarse_egg, Rotation.identity(3))
+    assert not any("uncertain" in (note or "") for note in register(shapes, GroomSettings()).notes)
 
 
 def test_files_agree_only_if_shapes_are_more_alike_in_them_than_turned_at_random(paw, coarse_egg):
