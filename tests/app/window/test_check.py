@@ -403,8 +403,9 @@ def test_two_subjects_are_told_to_be_too_few(explored, errors, wait):
 def test_a_texture_has_pages_of_subjects_and_no_playback_of_the_run(checking, wait):
     look, footer = page_of(checking).look, checking.views.stage.footer
     checking.commands["view.grid1"].trigger()
+    look.show_what.setCurrentIndex(0)
     footer.show_frames(5)
-    assert footer.play.isVisible()
+    wait(footer.play.isVisible)
     look.show_what.setCurrentIndex(look.show_what.findData("stripes"))
     settled(checking, wait)
     wait(lambda: not footer.play.isVisible())
