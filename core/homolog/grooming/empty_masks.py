@@ -13,7 +13,8 @@ __all__ = ["empty_masks"]
 
 _GZIP, _TRAILER = b"\x1f\x8b", 8
 _HEADER, _PART = 540, 2**22  # bytes
-_FAULTS = (OSError, EOFError, zlib.error, struct.error, ValueError)
+_MOST_PARTS = 2**10  # of a file; packed zeros may be endless
+_FAULTS = (OSError, EOFError, OverflowError, zlib.error, struct.error, ValueError)
 
 
 def empty_masks(paths: Iterable[Path]) -> set[Path]:
@@ -70,9 +71,10 @@ def _holds_zeros(stream: BinaryIO | gzip.GzipFile) -> bool:
     if any(offset):  # added to every value
         return False
     stream.seek(max(begin, 0))
-    has_zeros = False
-    while part := stream.read(_PART):
+    for index in range(_MOST_PARTS):
+        part = stream.read(_PART)
+        if not part:
+            return index > 0
         if part.count(0) < len(part):
             return False
-        has_zeros = True
-    return has_zeros
+    return False

@@ -117,10 +117,8 @@ def better_mirrored(
             pose[:3, 3] = (placed[k].centre - placed[middle].centre) / placed[k].size
         image = _turned(cloud, MIRROR[:3, :3])
         image = _moved(image, register_pair(image, fixed, free=True).pose)  # its orientation is arbitrary
-        poses = (
-            pose,
-            register_pair(cloud, fixed, free=True).pose,
-        )  # among both sides the second may be closer
+        # In cohorts of both sides a registration from any orientation may be closer.
+        poses = pose, register_pair(cloud, fixed, free=True).pose
         pose = min(poses, key=lambda item: _gap(_moved(cloud, item), fixed))
         return _Pair(_moved(cloud, pose), image, _moved(_thinned(units[k], _FIXED), pose))
 

@@ -11,6 +11,7 @@ import pytest
 from homolog.cohort import Subject, read_cohort
 from homolog.errors import InputError
 from homolog.grooming import check_cohort
+from homolog.grooming import empty_masks as module
 from homolog.grooming.empty_masks import empty_masks
 from homolog.grooming.images import read_volume
 from homolog.grooming.structures import chosen_structures, list_structures, structures_of, structures_of_files
@@ -284,9 +285,20 @@ def test_what_is_no_readable_image_does_not_count_as_empty(tmp_path, nifti):
     whole = nifti("whole.nii.gz", np.zeros((64, 64, 64), np.uint8)).read_bytes()
     contents = {"nothing.nii": b"", "short.nii": bytes(20), "zeros.nii": bytes(900), "cut.nii.gz": whole[:-9]}
     contents["text.nii.gz"] = b"no image"
+    far = bytearray(gzip.decompress(whole))
+    far[108:112] = struct.pack("<f", np.inf)  # where voxels begin
+    contents |= {"far.nii": bytes(far), "far.nii.gz": gzip.compress(far)}
     for name, content in contents.items():
         (tmp_path / name).write_bytes(content)
     assert empty_masks(tmp_path / name for name in contents) == set()
+
+
+def test_zeros_without_end_are_not_read_to_the_end(tmp_path, nifti, monkeypatch):
+    path = nifti("a.nii.gz", np.zeros((64, 64, 64), np.uint8))
+    monkeypatch.setattr(module, "_PART", 1000)
+    assert empty_masks([path]) == {path}
+    monkeypatch.setattr(module, "_MOST_PARTS", 100)
+    assert empty_masks([path]) == set()
 
 
 def test_of_many_masks_one_empty_and_one_other_are_unpacked(tmp_path, nifti, monkeypatch):
