@@ -73,7 +73,10 @@ def test_two_files_of_one_name_are_refused(folder):
         ("name,path\n..,a.nrrd\n", "not a valid name"),
         ("name,path\na,a.nrrd\nz,a.nrrd\n", "a and z have the same file, a.nrrd"),
         ("name,path,group,group\na,a.nrrd,x,y\n", "several columns named group"),
-        ("name,path,group\nDoe, Jane,a.nrrd,x\n", "line 2: has more values than .* put values that hold ','"),
+        (
+            "name,path,group\nDoe, Jane,a.nrrd,x\n",
+            "line 2: has more values than .* put values that contain ','",
+        ),
         ('name,path\na,"a.nrrd\nb,b.nrrd\n', "line 3: unexpected end of data; save the table again"),
     ],
 )

@@ -12,9 +12,7 @@ from homolog.errors import InputError
 from homolog.files.arrays import read_arrays
 from homolog.grooming.images import read_segmentation
 
-TOO_LARGE = (
-    r"20000 x 20000 x 20000 voxels\): needs [\d,]+ GB of memory, but only [\d.,]+ GB are free; crop it"
-)
+TOO_LARGE = r"20000 x 20000 x 20000 voxels\): needs [\d,]+ GB of memory, but only [\d.,]+ GB are free; crop "
 
 
 def nrrd(edge, encoding):

@@ -241,7 +241,7 @@ def test_landmarks_come_with_their_names(exported, change, project):
         ),
         (
             lambda c: c["data"][1].update(local_particles_1=c["data"][0]["local_particles_1"]),
-            "b: its local and world particles are not the same shape",
+            "b: its local and world particles differ in shape",
         ),
     ],
 )

@@ -224,7 +224,7 @@ def test_legacy_files_that_make_no_sense_are_refused_with_the_reason(tmp_path, p
 
 def test_a_volume_in_a_legacy_file_is_no_surface(tmp_path):
     (tmp_path / "a.vtk").write_text(HEAD.replace("POLYDATA", "STRUCTURED_POINTS") + "DIMENSIONS 2 2 2\n")
-    with pytest.raises(InputError, match="no surface"):
+    with pytest.raises(InputError, match="not a surface"):
         read_mesh(tmp_path / "a.vtk")
 
 
