@@ -52,7 +52,7 @@ def test_full_memory_is_told_with_a_remedy(octahedron, capsys, monkeypatch):
     def full(*given, **options):
         raise RuntimeError("Failed to allocate 123 bytes on device 'cpu'")
 
-    monkeypatch.setattr("homolog.geodesics.solve_plan", full)
+    monkeypatch.setattr("homolog.geodesics.each_table", full)
     arguments = ["--d-max", "1.5", "--device", "cpu", "--progress", "none"]
     assert main(["geodesics", str(octahedron), *arguments]) != 0
     assert "has too little memory" in capsys.readouterr().err

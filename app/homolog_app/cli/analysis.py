@@ -301,7 +301,7 @@ def run_geodesics(arguments: argparse.Namespace) -> int:
     """Compute, write and verify as requested; return the exit code."""
     from homolog.device import choose_device, describe_device, device_faults
     from homolog.files.meshes import read_mesh
-    from homolog.geodesics import measure_accuracy, plan_tables, solve_plan
+    from homolog.geodesics import each_table, measure_accuracy, plan_tables
 
     if arguments.out is not None and arguments.out.suffix != ".npz":
         raise InputError(f"{arguments.out}: the matrix is written as .npz; use that suffix")
@@ -321,7 +321,7 @@ def run_geodesics(arguments: argparse.Namespace) -> int:
     )
     with show_progress(arguments.progress) as progress, device_faults(device):
         start = time.perf_counter()
-        table = solve_plan(plan, device=device, tick=progress.tick)[0]
+        ((_, table),) = each_table(plan, device=device, tick=progress.tick)
         seconds = time.perf_counter() - start
         _print_line(f"solved in {seconds:.2f} s, {table.nbytes / 1e6:.0f} MB, steps of {table.unit:.3g} mm")
         if arguments.out is not None:

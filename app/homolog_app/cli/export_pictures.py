@@ -228,10 +228,8 @@ def run_screenshot(arguments: argparse.Namespace) -> int:
             shown, canvas = read_shown(Path(arguments.scene))
         else:
             snapshot = _snapshot(arguments.scene)
-            shown, canvas = (
-                view_contents_of(ProjectFolder(arguments.project), snapshot, tick),
-                snapshot.canvas,
-            )
+            shown = view_contents_of(ProjectFolder(arguments.project), snapshot, tick)
+            canvas = snapshot.canvas
         tick(0.9, "drawing")
         pixels = with_opengl(_drawn, *open_page(shown, canvas), settings.scale, settings.transparent)
         write_still(arguments.out, pixels)

@@ -8,7 +8,6 @@ from homolog.geodesics.solve import (
     check_room,
     each_table,
     geodesic_distances,
-    solve_plan,
     solve_tables,
 )
 from homolog.geodesics.table import GeodesicTable
@@ -24,6 +23,5 @@ __all__ = [
     "geodesic_distances",
     "measure_accuracy",
     "plan_tables",
-    "solve_plan",
     "solve_tables",
 ]

@@ -23,7 +23,7 @@ from homolog.progress import Tick, each_in_threads, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import MOST_THREADS, switching_often
 
-__all__ = ["GeodesicSolver", "check_room", "each_table", "geodesic_distances", "solve_plan", "solve_tables"]
+__all__ = ["GeodesicSolver", "check_room", "each_table", "geodesic_distances", "solve_tables"]
 
 _SOLVER_TABLES = 4
 """The solver of a mesh needs less memory than this many of its tables."""
@@ -92,35 +92,6 @@ def solve_tables(
         If a mesh or d_max is invalid, or the tables exceed the memory limit.
     """
     plan = plan_tables(meshes, d_max, names=names, memory_limit=memory_limit, tick=tick)
-    return solve_plan(plan, device=device, tick=tick, threads=threads)
-
-
-def solve_plan(
-    plan: TablePlan,
-    *,
-    device: str = "auto",
-    tick: Tick = no_tick,
-    threads: int | None = None,
-) -> list[GeodesicTable]:
-    """Solve the tables of a plan.
-
-    Parameters
-    ----------
-    plan : TablePlan
-        The plan, from `plan_tables`.
-    device, tick, threads
-        See `solve_tables`.
-
-    Returns
-    -------
-    list of GeodesicTable
-        One table for each task of the plan, on the device.
-
-    Raises
-    ------
-    InputError
-        If the tables exceed the memory of the device.
-    """
     tables = dict(each_table(plan, device=device, tick=tick, threads=threads))
     return [tables[index] for index in range(len(plan.tasks))]
 

@@ -18,7 +18,7 @@ def antialiased(mask: BoolArray, sigma: float = 1.0, *, near_only: bool = False)
 
     The signed distance of the voxels is smoothed repeatedly. After each iteration the voxels next to the
     border are constrained to their own side and to within one voxel of it, as in Whitaker's antialiasing
-     (Reducing aliasing artifacts in iso-surfaces of binary volumes, VolVis 2000). There the
+    (Reducing aliasing artifacts in iso-surfaces of binary volumes, VolVis 2000). There the
     surface moves by mean curvature, which shrinks convex shapes within the bounds. The smoothing used here is
     of fourth order (`smoothed`) and does not shrink them.
 

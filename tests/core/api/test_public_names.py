@@ -15,7 +15,7 @@ import homolog as hl
 from homolog.analysis.comparison import Options
 from homolog.api import correspond as api
 from homolog.correspondence import optimize, repair
-from homolog.geodesics import solve_plan, solve_tables
+from homolog.geodesics import each_table, solve_tables
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog_app.report.request import StudyRequest
 
@@ -107,7 +107,7 @@ def test_comparisons_have_the_defaults_of_the_analysis():
 
 @pytest.mark.parametrize(
     "function",
-    [hl.correspond, hl.geodesic_distances, optimize, repair, solve_plan, solve_tables],
+    [hl.correspond, hl.geodesic_distances, each_table, optimize, repair, solve_tables],
 )
 def test_the_device_is_chosen_by_itself_everywhere(function):
     assert inspect.signature(function).parameters["device"].default == RunSettings().device == "auto"
