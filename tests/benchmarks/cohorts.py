@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pyvista
+from dense_truth import truth_errors
 
 from homolog.cohort import read_cohort
 from homolog.correspondence import Shape, load_kernels, optimize
@@ -97,22 +98,11 @@ def try_cohort(folder, options, device):
 def truth_of(paths, local):
     """Return mean and 95th percentile of the errors [mm] of particles (M, N, 3), and of spacings."""
     meshes = [pyvista.read(path) for path in paths]
-    faces, vertices = meshes[0].regular_faces, np.stack([mesh.points for mesh in meshes]).astype(float)
-    assert all(np.array_equal(mesh.regular_faces, faces) for mesh in meshes), "topologies differ"
-    errors = []
-    for k, mesh in enumerate(meshes):
-        cells, closest = mesh.find_closest_cell(local[k], return_closest_point=True)
-        corners = faces[cells]
-        first, *others = vertices[k][corners].swapaxes(0, 1)
-        sides = np.stack([other - first for other in others], axis=-1)
-        inner = (np.linalg.pinv(sides) @ (closest - first)[..., None])[..., 0]
-        weights = np.column_stack([1.0 - inner.sum(axis=1), inner])
-        true = np.einsum("nc,mncx->mnx", weights, vertices[:, corners])
-        errors.append(np.delete(np.linalg.norm(true - local, axis=2), k, axis=0))
+    errors = truth_errors(meshes, local)
     spacing = np.sqrt(np.mean([mesh.area for mesh in meshes]) / local.shape[1] * 2.0 / np.sqrt(3.0))
     return (
         f", truth: mean {np.mean(errors):.3f} mm, 95 % {np.percentile(errors, 95):.2f} mm, "
-        f"{100 * np.mean(np.array(errors) < spacing / 2):.1f} % within half a spacing of {spacing:.1f} mm"
+        f"{100 * np.mean(errors < spacing / 2):.1f} % within half a spacing of {spacing:.1f} mm"
     )
 
 

@@ -5,7 +5,8 @@
 
 Prints a table in Markdown: the largest angles between the subspaces of the first mode, the first two, and the
 modes above chance to those of the joint optimization, and of another seed's; variance that is linear in
-the true parameters (beans); generalization in the modes above chance; processor seconds of the main process.
+the true parameters (beans); generalization in the modes above chance; errors against the dense true
+correspondence (beans, and sample studies with their folder ``truth``); processor seconds of the main process.
 A core set can't be expected to be nearer to one seed than the seeds are to each other.
 """
 
@@ -14,6 +15,8 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pyvista
+from dense_truth import bean_mesh, truth_errors
 
 from homolog.analysis.evaluation import generalization
 from homolog.analysis.parallel import parallel_analysis
@@ -21,7 +24,7 @@ from homolog.analysis.procrustes import align
 from homolog.arrays import FloatArray
 from homolog.beans.evaluate import evaluate
 from homolog.beans.files import write_beans
-from homolog.beans.generate import draw_beans
+from homolog.beans.generate import Bean, draw_beans
 from homolog.cohort import read_cohort
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result, read_result
@@ -42,6 +45,19 @@ def angle(first: Result, second: Result, modes: int) -> float:
     return float(np.degrees(np.arccos(np.clip(cosines.min(), -1.0, 1.0))))
 
 
+def truth_of(result: Result, folder: Path, beans: list[Bean]) -> str:
+    """Return mean and 95th percentile of the errors against the dense truth [mm]; empty if none is known."""
+    files = [folder / "truth" / f"{name}.ply" for name in result.names]
+    if beans:
+        meshes = [bean_mesh(bean) for bean in beans]
+    elif all(file.is_file() for file in files):
+        meshes = [pyvista.read(file) for file in files]
+    else:
+        return ""
+    errors = truth_errors(meshes, result.local)
+    return f"{errors.mean():.3f}, {np.percentile(errors, 95):.2f}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
@@ -59,12 +75,11 @@ def main() -> None:
         if not cohort_folder.exists():
             write_beans(cohort_folder, beans, 5)
     cohort = read_cohort(cohort_folder)
-    results = {}
-    print("| placed | s | angles to it | to the other seed | linear % | generalization mm |")
-    print("|---|---|---|---|---|---|")
+    results: dict[str, Result] = {}
+    seconds: dict[str, float] = {}
     ways = [
-        ("jointly, seed 1", None, 1),
         ("jointly", None, 0),
+        ("jointly, seed 1", None, 1),
         (f"core set of {arguments.core_set}", arguments.core_set, 0),
     ]
     for title, core, seed in ways:
@@ -74,17 +89,20 @@ def main() -> None:
         settings = RunSettings(optimize=optimize, workers=arguments.workers)
         began = time.process_time()
         Run(project, cohort, settings, skip_bad=True).execute()
-        seconds = time.process_time() - began
-        results[title] = result = read_result(project)
-        if title == "jointly, seed 1":
-            continue
-        joint, other = results["jointly"], results["jointly, seed 1"]
-        modes = max(parallel_analysis(align(joint.world, scaling=False)).n_retained, 1)
+        seconds[title] = time.process_time() - began
+        print(f"{title}: {seconds[title]:.0f} s", flush=True)
+        results[title] = read_result(project)
+    joint, other = results["jointly"], results["jointly, seed 1"]
+    modes = max(parallel_analysis(align(joint.world, scaling=False)).n_retained, 1)
+    sizes = sorted({1, 2, modes})
+    print("| placed | s | angles to it | to the other seed | linear % | generalization mm | error mm, 95 % |")
+    print("|---|---|---|---|---|---|---|")
+    for title, result in results.items():
+        apart = [", ".join(f"{angle(result, item, size):.1f}°" for size in sizes) for item in (joint, other)]
         linear = f"{100.0 * evaluate(result.local, beans).ground_truth_r2:.2f}" if beans else ""
         error = generalization(result.world)[modes - 1]
-        sizes = sorted({1, 2, modes})
-        apart = [", ".join(f"{angle(result, item, size):.1f}°" for size in sizes) for item in (joint, other)]
-        print(f"| {title} | {seconds:.0f} |", " | ".join(apart), f"| {linear} | {error:.3f} |", flush=True)
+        numbers = f"| {linear} | {error:.3f} | {truth_of(result, cohort_folder, beans)} |"
+        print(f"| {title} | {seconds[title]:.0f} |", " | ".join(apart), numbers, flush=True)
     print("Angles of the first", ", ".join(map(str, sizes)), "modes.")
 
 
