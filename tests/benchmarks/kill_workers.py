@@ -3,11 +3,13 @@
     python tests/benchmarks/kill_workers.py [--tries 20 --seed 0] [--only "scheduler"]
 
 A cohort of ellipsoids is run once with a core set. Each try runs a copy of the project again (half of the
-subjects groomed anew), does harm at a random moment of a phase, resumes the run with processes if it ended,
-and compares every file of the result with the undisturbed run's. Phases take turns, until each kind of harm
-has its tries. Prints a table for docs/reliability.md: how many runs finished in spite of it, how many ended
-with a message, results that differ, projects that could not be read, and processes left over. Full disks are
-file size limits. Linux only; needs distributed.
+subjects groomed anew) and does harm at a random moment of a phase. A run that ended is resumed with another
+executor and number of workers (one process, three processes, two Dask workers), killed again at a random
+moment, and resumed with a third. Every file of the result is compared with the undisturbed run's. Phases
+take turns, until each kind of harm has its tries. Prints a table for docs/reliability.md: how many runs
+finished in spite of it, how many ended with a message, how many resumed runs were killed, results that
+differ, projects that could not be read, and processes left over. Full disks are file size limits. Linux
+only; needs distributed.
 """
 
 import argparse
@@ -53,6 +55,7 @@ class Try:
     """How one try went: ``finished``, ``message`` or ``killed``, or else what went wrong."""
 
     ended: str
+    killed_again: bool
     readable: bool
     equal: bool
     left_over: int
@@ -128,37 +131,75 @@ def run_harmed(
             if json.loads(line).get("phase") == phase and at is None:
                 at = time.monotonic() + random.uniform(0.0, 0.3 * span)
         if at is not None and not done and time.monotonic() >= at:
+            children = family(running)
             with suppress(psutil.Error):
-                children = set(psutil.Process(running.pid).children(recursive=True))
                 harm(case, running, cluster)
                 done = True
         time.sleep(0.002)
     return (running.returncode, running.stderr.read(), children) if done else None
 
 
+def family(process: subprocess.Popen[str]) -> set[psutil.Process]:
+    """Return the processes that a program has started."""
+    with suppress(psutil.Error):
+        return set(psutil.Process(process.pid).children(recursive=True))
+    return set()
+
+
+def left_over(children: set[psutil.Process]) -> int:
+    """Return how many processes of an ended program still run after 3 s."""
+    _, alive = psutil.wait_procs(children, timeout=3.0)
+    return sum(item.is_running() and item.status() != psutil.STATUS_ZOMBIE for item in alive)
+
+
+def resume(project: ProjectFolder, cluster: Cluster, whole_s: float) -> tuple[bool, int]:
+    """Resume a run in one way, kill it, and resume it in another; whether it was killed, processes left."""
+    ways = [("none", "1"), ("none", "3"), (cluster.address, "2")]
+    (first, some), (second, others) = random.sample(ways, 2)
+    cluster.start()
+    resumed = start(project.folder, "--resume", "--cluster", first, "--workers", some)
+    wait_until = time.monotonic() + random.uniform(0.5, whole_s)
+    children: set[psutil.Process] = set()
+    while resumed.poll() is None and time.monotonic() < wait_until:
+        children |= family(resumed)
+        time.sleep(0.05)
+    resumed.kill()
+    resumed.communicate()
+    remaining = left_over(children)
+    if not project.read().unfinished:
+        return False, remaining
+    dict(follow(start(project.folder, "--resume", "--cluster", second, "--workers", others)))
+    return True, remaining
+
+
 def one_try(
-    whole: Path, project: ProjectFolder, case: str, phase: str, span: float, cluster: Cluster | None
+    whole: Path,
+    project: ProjectFolder,
+    case: str,
+    phase: str,
+    spans: dict[str, float],
+    cluster: Cluster,
 ) -> Try | None:
     """Do harm in a phase and see what is left; None if the phase was over before."""
     shutil.rmtree(project.folder, ignore_errors=True)
     shutil.copytree(whole, project.folder)
     for archive in sorted(project.groomed.glob("*.npz"))[::2]:
         archive.unlink()
-    if cluster is not None:
-        cluster.start()
-    harmed = run_harmed(project, case, phase, span, cluster)
+    used = cluster if "Dask" in case else None
+    if used is not None:
+        used.start()
+    harmed = run_harmed(project, case, phase, spans[phase], used)
     if harmed is None:
         return None
     code, message, children = harmed
     ended = {0: "finished", -signal.SIGKILL: "killed"}.get(code, "message")
     if ended == "message" and ("Traceback" in message or "homolog: " not in message):
         ended = f"ended badly: {message[-300:]}"
-    _, alive = psutil.wait_procs(children, timeout=3.0)
-    left_over = [child for child in alive if child.is_running() and child.status() != psutil.STATUS_ZOMBIE]
-    readable = is_readable(project)
+    remaining, readable, again = left_over(children), is_readable(project), False
     if project.read().unfinished:
-        dict(follow(start(project.folder, "--resume", "--cluster", "none")))
-    return Try(ended, readable, contents(project.folder) == contents(whole), len(left_over))
+        again, more = resume(project, cluster, sum(spans.values()))
+        remaining += more
+    return Try(ended, again, readable, contents(project.folder) == contents(whole), remaining)
 
 
 def main() -> None:
@@ -181,20 +222,22 @@ def main() -> None:
                 for case, phases in chosen:
                     phase = phases[number % len(phases)]
                     went = one_try(
-                        folder / "whole", ProjectFolder(folder / "harmed"), case, phase, spans[phase],
-                        cluster if "Dask" in case else None,
-                    )  # fmt: skip
+                        folder / "whole", ProjectFolder(folder / "harmed"), case, phase, spans, cluster
+                    )
                     print(case, phase, went, flush=True)
                     rows[case, phase] += [] if went is None else [went]
         finally:
             cluster.end()
-    print("| harm | while | tries | finished all the same | message | unreadable | unlike | processes left |")
-    print("|---|---|---|---|---|---|---|---|")
+    print(
+        "| harm | while | tries | finished | message | killed again | unreadable | unlike | processes left |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|")
     for (case, phase), tries in rows.items():
         ends = [item.ended for item in tries]
         numbers = [
             len(tries), ends.count("finished"), ends.count("message"),
-            sum(not item.readable for item in tries), sum(not item.equal for item in tries),
+            sum(item.killed_again for item in tries), sum(not item.readable for item in tries),
+            sum(not item.equal for item in tries),
             sum(item.left_over for item in tries),
         ]  # fmt: skip
         print(f"| {case} | {phase} |", " | ".join(map(str, numbers)), "|")
