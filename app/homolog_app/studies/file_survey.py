@@ -134,9 +134,9 @@ def _volume(mesh: TriangleMesh) -> float:
     """Return a surface's volume [mm³] with its openings closed flat; 0 if it remains open."""
     from homolog.surfaces.rims import capped
 
-    vertices, caps, _, _, still_open, _ = capped(mesh.vertices, mesh.faces, np.zeros(len(mesh.faces), int))
-    closed = TriangleMesh(vertices, np.concatenate([mesh.faces, caps]))
-    return 0.0 if len(still_open) else abs(closed.volume)
+    result = capped(mesh.vertices, mesh.faces, np.zeros(len(mesh.faces), int))
+    closed = TriangleMesh(result.vertices, np.concatenate([mesh.faces, result.caps]))
+    return 0.0 if len(result.left) else abs(closed.volume)
 
 
 def _with_voxels(survey: FileSurvey, chosen: Segmentation) -> FileSurvey:

@@ -27,7 +27,7 @@ __all__ = [
     "save_groomed",
 ]  # fmt: skip
 
-_VERSION = "10"
+_VERSION = "11"
 """Increase this number whenever results of grooming change: older archives are then recomputed."""
 _REGISTRATION_VERSION = "3"
 """Increase this number whenever results of `registered` change."""
@@ -132,8 +132,8 @@ _DAMAGED = (InputError, KeyError, ValueError, TypeError, RecursionError)
 def _report(stored: Mapping[str, Array]) -> GroomReport:
     report = json.loads(str(stored["report"]))
     borders = tuple(tuple(item) for item in report.get("borders", ()))
-    voxel = tuple(report.get("voxel", ()))  # not in archives of older versions
-    return GroomReport(**{**report, "notes": tuple(report["notes"]), "borders": borders, "voxel": voxel})
+    rest = {"voxel": tuple(report.get("voxel", ())), "ends": tuple(report.get("ends", (0, 0)))}
+    return GroomReport(**{**report, "notes": tuple(report["notes"]), "borders": borders, **rest})
 
 
 def _mesh(stored: Mapping[str, Array], prefix: str) -> TriangleMesh:

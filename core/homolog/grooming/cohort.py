@@ -192,7 +192,7 @@ def groom_cohort(
         strange = of_other_units([subject.name for subject in ordered], sizes)
         left_out += [Problem(name, message) for name, message in strange.items()]
         ordered = [subject for subject in ordered if subject.name not in strange]
-    return _with_twins(ordered, cached)
+    return _with_other_ends(_with_twins(ordered, cached))
 
 
 def _with_twins(groomed: Sequence[GroomedSubject], keys: Mapping[str, str]) -> list[GroomedSubject]:
@@ -205,6 +205,24 @@ def _with_twins(groomed: Sequence[GroomedSubject], keys: Mapping[str, str]) -> l
         note = f"its file has the same content as that of {twin}; exclude one of them, or correct its file"
         noted.append(subject if twin == subject.name else _with_note(subject, note))
     return noted
+
+
+def _with_other_ends(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
+    """Return the subjects, with a note on each whose open ends were closed otherwise than most."""
+    is_flat = {item.name: item.report.ends[1] == 0 for item in groomed if any(item.report.ends)}
+    flat = list(is_flat.values()).count(True)
+    if flat in (0, len(is_flat)):
+        return list(groomed)
+    is_usual = 2 * flat >= len(is_flat)
+    ways = ["flat", "by winding number (for rims that are not flat)"]
+    here, usual = ways[::-1] if is_usual else ways
+    note = (
+        f"a wide opening was closed {here}, those of most subjects {usual}; differences there show no anatomy"
+    )
+    return [
+        _with_note(item, note) if is_flat.get(item.name, is_usual) is not is_usual else item
+        for item in groomed
+    ]
 
 
 def _from_cache(

@@ -75,6 +75,8 @@ class GroomReport:
         Sentences on this for the user.
     voxel : tuple of float
         Edges of the input's voxels along the axes of its image [mm]; empty for surfaces.
+    ends : tuple of int
+        Numbers of wide openings of a mesh that were closed flat at their rims, and by winding number.
     """
 
     components_dropped: int
@@ -86,6 +88,7 @@ class GroomReport:
     notes: tuple[str, ...] = ()
     borders: tuple[tuple[float, float, float], ...] = ()
     voxel: tuple[float, ...] = ()
+    ends: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,6 +292,7 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
         notes=(*notes, *further, *_of_other_unit(mesh)),
         borders=borders,
         voxel=tuple(source.spacing.tolist()) if isinstance(source, Segmentation) else (),
+        ends=solid.ends if solid else (0, 0),
     )
     return GroomedSubject(name, field, mesh, coarse_isosurface(field, mesh, COARSE_VERTICES), report)
 

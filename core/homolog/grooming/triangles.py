@@ -27,8 +27,8 @@ _THINNEST = 1e-6
 _NEAR = 2  # nodes: distance at which a face is near a solid
 _PIECE = 1e-3
 """Fraction of the largest solid; a piece with fewer nodes is an artefact of the grid."""
-_END = 0.1
-"""Fraction of the diagonal; a wider opening with a flat rim is reported as an end that was cut off."""
+_END = 0.05
+"""Fraction of the diagonal; a wider opening is reported as an end that was cut off."""
 _CLOSING = 0.2
 """Fraction of the groomed surface; if a larger part closes openings, this is reported."""
 
@@ -51,6 +51,8 @@ class Triangles:
         Area of the faces from the file [mm²]; further faces close openings.
     is_closed : bool
         Whether the mesh has no opening.
+    ends : tuple of int
+        Numbers of wide openings that were closed flat, and of others.
     notes : tuple of str
         Sentences on the repair for the user.
     """
@@ -62,6 +64,7 @@ class Triangles:
     surface: TriangleMesh | None
     own_area: float
     is_closed: bool
+    ends: tuple[int, int]
     notes: tuple[str, ...]
 
 
@@ -114,7 +117,7 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
             (largest.volume < 0.0, "all faces pointed inward and were flipped"),
         ]
         notes = tuple(note for is_true, note in said if is_true)
-        return Triangles(level, abs(mesh.volume), dropped, 0, None, largest.area, True, notes)
+        return Triangles(level, abs(mesh.volume), dropped, 0, None, largest.area, True, (0, 0), notes)
     labels = clusters(mesh) if settings.pieces is Pieces.LARGEST else np.zeros(len(mesh.faces), np.int64)
     solid = solid_of(_chosen(mesh, labels == 0))
     if not solid.bounds.any():
@@ -143,7 +146,10 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
     used = touching & solid.bounds
     own_area = float(area[used & ~solid.is_cap].sum())
     surface = _chosen(solid.mesh, used)
-    return Triangles(level, volume, dropped, len(solid.rims), surface, own_area, solid.is_closed, notes)
+    size = _END * float(np.linalg.norm(np.ptp(solid.mesh.vertices, axis=0)))
+    ends = int(np.count_nonzero(solid.rims > size)), int(np.count_nonzero(solid.openings > size))
+    filled = len(solid.rims)
+    return Triangles(level, volume, dropped, filled, surface, own_area, solid.is_closed, ends, notes)
 
 
 def notes_on_groomed(solid: Triangles, groomed: TriangleMesh) -> list[str]:
@@ -192,6 +198,7 @@ def _notes(solid: Solid, touching: BoolArray, dropped: int, share: float) -> tup
         (pieces > 1, f"pieces that touch or overlap were united ({pieces})"),
         (walls > _CRUMBS * len(solid.mesh.faces), f"faces inside the solid were removed ({walls})"),
         (len(ends), f"open ends were closed flat at their rims ({len(ends)}: {widths} mm wide)"),
+        (solid.notches, f"notches and spikes in these rims were closed apart ({solid.notches})"),
         (holes, f"holes with flat rims were closed flat ({holes})"),
         (
             not solid.is_closed,

@@ -1,7 +1,7 @@
 """Openings of a mesh with a flat rim, and the faces that close them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -9,8 +9,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, KDTree, QhullError
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.surfaces.loops import apart, loops, straightened
 
-__all__ = ["capped", "sides_of"]
+__all__ = ["Capped", "capped", "sides_of"]
 
 _FLAT = 0.05
 """Largest distance of a flat rim from its plane, relative to its width."""
@@ -29,7 +30,10 @@ _FEW = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rim:
-    """A flat opening: sides (n, 2), their patch, centre, normal, width; whether a fan of faces closes it."""
+    """A flat opening: sides (n, 2), their patch, centre, normal, width; whether a fan of faces closes it.
+
+    Notches in its rim are loops (vertices in order) that are closed apart; sides lead straight across them.
+    """
 
     sides: IntArray
     patch: int
@@ -37,25 +41,42 @@ class _Rim:
     normal: FloatArray
     width: float
     is_fan: bool
+    notches: tuple[IntArray, ...] = ()
 
 
-def capped(
-    vertices: FloatArray, faces: IntArray, patches: IntArray
-) -> tuple[FloatArray, IntArray, IntArray, FloatArray, IntArray, list[tuple[int, int, bool]]]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Capped:
+    """Faces that close flat openings, and what remains open.
+
+    Attributes
+    ----------
+    vertices : (V', 3) float64 array
+        The vertices, and one at the centre of each cap.
+    caps, patches : (C, 3), (C,) int arrays
+        Faces of the caps, and the patch of each.
+    widths : (R,) float64 array
+        Widths of the rims that were closed.
+    notches : int
+        Number of notches and spikes in these rims.
+    left : (B, 3) int array
+        The sides that remain open, and the patch of each, without cracks.
+    joined : list of (int, int, bool)
+        Patches joined by a ring, and whether the second must be reversed; it then is a part of the first.
+    """
+
+    vertices: FloatArray
+    caps: IntArray
+    patches: IntArray
+    widths: FloatArray
+    notches: int
+    left: IntArray
+    joined: list[tuple[int, int, bool]]
+
+
+def capped(vertices: FloatArray, faces: IntArray, patches: IntArray) -> Capped:
     """Close the openings with a flat rim; nested rims, as of a cut shell, by a ring.
 
-    Returns
-    -------
-    (V', 3) float64 array
-        The vertices, and one at the centre of each cap.
-    (C, 3), (C,) int arrays
-        Faces of the caps, and the patch of each.
-    (R,) float64 array
-        Widths of the rims that were closed.
-    (B, 3) int array
-        The sides that remain open, and the patch of each, without cracks.
-    list of (int, int, bool)
-        Patches joined by a ring, and whether the second must be reversed; it then is a part of the first.
+    Notches in a rim, and spikes, are closed apart, so that the opening itself is closed flat.
     """
     rims, left = _rims(vertices, faces, patches)
     middles: list[FloatArray] = []
@@ -64,6 +85,12 @@ def capped(
     joined: list[tuple[int, int, bool]] = []
     alias: dict[int, int] = {}
     outer = _outer_rims(vertices, rims)
+    for rim in rims:
+        for notch in rim.notches:
+            number = len(vertices) + len(middles)
+            middles.append(vertices[notch].mean(axis=0))
+            caps.append(np.column_stack([np.roll(notch, -1), notch, np.full(len(notch), number)]))
+            cap_patches.append(np.full(len(notch), rim.patch))
     for index in np.flatnonzero(outer < 0).tolist():
         rim, holes = rims[index], [rims[hole] for hole in np.flatnonzero(outer == index)]
         if holes:
@@ -82,11 +109,12 @@ def capped(
         else:
             caps.append(_filled(vertices, rim.sides, rim.normal))
         cap_patches.append(np.full(len(caps[-1]), rim.patch))
-    return (
+    return Capped(
         np.concatenate([vertices, np.reshape(middles, (-1, 3))]),
         np.concatenate(caps),
         np.concatenate(cap_patches),
         np.array([rim.width for rim in rims]),
+        sum(len(rim.notches) for rim in rims),
         left[~_covered(vertices, left[:, :2])],
         joined,
     )
@@ -108,30 +136,58 @@ def _rims(vertices: FloatArray, faces: IntArray, patches: IntArray) -> tuple[lis
     first = np.searchsorted(patches[members], np.arange(int(patches.max()) + 2))
     rims, left = [], [np.empty((0, 3), np.int64)]
     order = np.argsort(rim_of, kind="stable")
-    for chosen in np.split(order, np.flatnonzero(np.diff(rim_of[order])) + 1):
-        rim, middle = edge[chosen], vertices[edge[chosen, 0]].mean(axis=0)
-        spokes = vertices[rim] - middle
-        across = np.cross(spokes[:, 1], spokes[:, 0])
-        area = 0.5 * float(np.linalg.norm(across.sum(axis=0)))
-        lengths = np.linalg.norm(spokes[:, 0] - spokes[:, 1], axis=1)
-        length = float(lengths.sum())
-        one_patch = (patch[chosen] == patch[chosen[0]]).all()
-        if 0.5 * np.linalg.norm(across, axis=1).sum() <= _CRACK * length**2:
-            continue
-        normal = across.sum(axis=0) / max(2.0 * area, 1e-300)
-        width = 2.0 * float(np.linalg.norm(spokes[:, 0], axis=1).max())
-        off = float(np.abs(spokes[:, 0] @ normal).max())
-        most = max(_FLAT * width, min(_JAGGED * width, float(np.median(lengths))))
-        is_flat = is_simple[chosen].all() and one_patch and (off <= most or len(rim) <= 4)
-        own = members[first[patch[chosen[0]]] : first[patch[chosen[0]] + 1]]
-        if is_flat and len(own) <= _FEW * len(rim):  # and the patch is not in the rim's plane
-            is_flat = np.abs((vertices[faces[own]] - middle) @ normal).max() > _FLAT * width
-        if is_flat:
-            is_fan = bool((across @ normal > 0.0).all())
-            rims.append(_Rim(rim, int(patch[chosen[0]]), middle, normal, width, is_fan))
-        else:
-            left.append(np.column_stack([rim, patch[chosen]]))
+    for border in np.split(order, np.flatnonzero(np.diff(rim_of[order])) + 1):
+        is_loop = bool(is_simple[border].all() and (patch[border] == patch[border[0]]).all())
+        for own in [np.arange(len(border))] if is_loop else loops(edge[border], patch[border]):
+            chosen = border[own]
+            sides, owner = edge[chosen], int(patch[chosen[0]])
+            if _is_crack(vertices, sides):
+                continue
+            rim = None
+            if is_loop or (np.roll(sides[:, 0], -1) == sides[:, 1]).all():
+                whole = faces[members[first[owner] : first[owner + 1]]]
+                rim = _flat_rim(vertices, sides, whole, owner) or _notched_rim(vertices, sides, whole, owner)
+            if rim is not None:
+                rims.append(rim)
+            else:
+                left.append(np.column_stack([sides, patch[chosen]]))
     return rims, np.concatenate(left)
+
+
+def _is_crack(vertices: FloatArray, rim: IntArray) -> bool:
+    """Return whether an opening hardly has an area."""
+    spokes = vertices[rim] - vertices[rim[:, 0]].mean(axis=0)
+    length = float(np.linalg.norm(spokes[:, 0] - spokes[:, 1], axis=1).sum())
+    across = np.cross(spokes[:, 1], spokes[:, 0])
+    return bool(0.5 * np.linalg.norm(across, axis=1).sum() <= _CRACK * length**2)
+
+
+def _flat_rim(vertices: FloatArray, rim: IntArray, own: IntArray, patch: int) -> _Rim | None:
+    """Return a loop of sides as an opening, if it is flat and the faces of its patch are not in its plane."""
+    middle = vertices[rim[:, 0]].mean(axis=0)
+    spokes = vertices[rim] - middle
+    across = np.cross(spokes[:, 1], spokes[:, 0])
+    area = 0.5 * float(np.linalg.norm(across.sum(axis=0)))
+    lengths = np.linalg.norm(spokes[:, 0] - spokes[:, 1], axis=1)
+    normal = across.sum(axis=0) / max(2.0 * area, 1e-300)
+    width = 2.0 * float(np.linalg.norm(spokes[:, 0], axis=1).max())
+    off = float(np.abs(spokes[:, 0] @ normal).max())
+    most = max(_FLAT * width, min(_JAGGED * width, float(np.median(lengths))))
+    is_flat = off <= most or len(rim) <= 4
+    if is_flat and len(own) <= _FEW * len(rim):
+        is_flat = bool(np.abs((vertices[own] - middle) @ normal).max() > _FLAT * width)
+    return _Rim(rim, patch, middle, normal, width, bool((across @ normal > 0.0).all())) if is_flat else None
+
+
+def _notched_rim(vertices: FloatArray, rim: IntArray, own: IntArray, patch: int) -> _Rim | None:
+    """Return a loop of sides as a flat opening with notches, if only notches and spikes are not flat."""
+    loop = rim[loops(rim, np.zeros(len(rim), np.int64))[0], 0]
+    near = straightened(vertices[loop], _FLAT, _JAGGED)
+    if near is None:
+        return None
+    ends = loop[near]
+    flat = _flat_rim(vertices, np.column_stack([ends, np.roll(ends, -1)]), own, patch)
+    return None if flat is None else replace(flat, notches=tuple(apart(loop, near)))
 
 
 def _outer_rims(vertices: FloatArray, rims: Sequence[_Rim]) -> IntArray:

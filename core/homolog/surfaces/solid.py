@@ -61,6 +61,10 @@ class Solid:
         Whether every side of a face meets one of another face.
     rims : (R,) float64 array
         Widths of the openings that were closed by flat caps [mm], the widest first.
+    notches : int
+        Number of notches and spikes in these rims, which were closed apart.
+    openings : (O,) float64 array
+        Widths of the openings that remain [mm], the widest first.
     open_length : float
         Total length of the remaining sides with only one face [mm].
     turned, dropped : int
@@ -75,6 +79,8 @@ class Solid:
     is_cap: BoolArray
     is_closed: bool
     rims: FloatArray
+    notches: int
+    openings: FloatArray
     open_length: float
     turned: int
     dropped: int
@@ -99,9 +105,10 @@ def solid_of(mesh: TriangleMesh) -> Solid:
     faces = _with_area(vertices, faces)
     patches, turned = _patches(faces)
     faces = np.where(turned[:, None], faces[:, ::-1], faces)
-    vertices, caps, cap_patches, rims, left, joined = capped(vertices, faces, patches)
-    all_faces, owners = np.concatenate([faces, caps]), np.concatenate([patches, cap_patches])
-    for kept, other, is_turned in joined:
+    closed = capped(vertices, faces, patches)
+    vertices, left = closed.vertices, closed.left
+    all_faces, owners = np.concatenate([faces, closed.caps]), np.concatenate([patches, closed.patches])
+    for kept, other, is_turned in closed.joined:
         chosen = owners == other
         if is_turned:
             all_faces = np.where(chosen[:, None], all_faces[:, ::-1], all_faces)
@@ -124,12 +131,28 @@ def solid_of(mesh: TriangleMesh) -> Solid:
         bounds,
         np.flatnonzero(~hidden) >= len(faces),
         len(left) == 0,
-        np.sort(rims)[::-1],
+        np.sort(closed.widths)[::-1],
+        closed.notches,
+        _widths(vertices, left[:, :2]),
         float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).sum()),
         _count_turned(owners[: len(faces)], turned, unsure & (sides < 0)),
         len(mesh.faces) - len(faces),
         welded,
     )
+
+
+def _widths(vertices: FloatArray, sides: IntArray) -> FloatArray:
+    """Return the diagonals of the connected parts of open sides, the longest first."""
+    if not len(sides):
+        return np.empty(0)
+    used, ends = np.unique(sides, return_inverse=True)
+    ends = ends.reshape(-1, 2)
+    graph = coo_array((np.ones(len(ends), np.int8), tuple(ends.T)), shape=(len(used),) * 2)
+    count, labels = connected_components(graph, directed=False)
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, labels, vertices[used])
+    np.maximum.at(high, labels, vertices[used])
+    return np.sort(np.linalg.norm(high - low, axis=1))[::-1]
 
 
 def _bounding(mesh: TriangleMesh, patches: IntArray) -> BoolArray:

@@ -1,14 +1,15 @@
 """Meshes as people have them: each is the same ellipsoid, damaged in another way."""
 
 import re
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
-from homolog.cohort import Subject
+from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError
 from homolog.files.meshes import write_mesh
-from homolog.grooming import groom_subject
+from homolog.grooming import groom_cohort, groom_subject
 from homolog.grooming.levels import level_of_mesh
 from homolog.grooming.subject import read_source
 from homolog.grooming.triangles import level_of_triangles
@@ -199,18 +200,80 @@ def test_a_note_says_how_much_of_a_sheet_that_was_closed_is_in_no_file(egg, tmp_
     assert largest < 2.0  # what closes an opening is no error
 
 
+def shaft(heights, sides=16):
+    """A cup on a floor at 0; the last of its rings, at these heights, is its rim."""
+    turns = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
+    levels = np.array([np.broadcast_to(height, sides) for height in heights])
+    rings = np.stack(np.broadcast_arrays(10.0 * np.cos(turns), 10.0 * np.sin(turns), levels), axis=-1)
+    first = np.arange(sides * (len(heights) - 1)).reshape(-1, sides)
+    second, above = np.roll(first, -1, axis=1), first + sides
+    wall = [np.stack([first, second, above], -1), np.stack([second, np.roll(above, -1, axis=1), above], -1)]
+    floor = np.column_stack([np.full(sides, sides * len(heights)), second[0], first[0]])
+    faces = np.concatenate([*(item.reshape(-1, 3) for item in wall), floor]).astype(np.int32)
+    return TriangleMesh(np.concatenate([rings.reshape(-1, 3), np.zeros((1, 3))]), faces)
+
+
 @pytest.mark.parametrize(("depth", "openings"), [(3.0, 1), (6.0, 0)])
 def test_a_rim_that_is_jagged_by_less_than_a_face_is_closed_flat(depth, openings):
-    turns = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
-    heights = np.array([np.zeros(16), np.full(16, 10.0), 20.0 + np.arange(16) % 2 * depth])
-    rings = np.stack(np.broadcast_arrays(10.0 * np.cos(turns), 10.0 * np.sin(turns), heights), axis=-1)
-    first = np.arange(32).reshape(2, 16)
-    second, above = np.roll(first, -1, axis=1), first + 16
-    wall = [np.stack([first, second, above], -1), np.stack([second, np.roll(above, -1, axis=1), above], -1)]
-    floor = np.column_stack([np.full(16, 48), second[0], first[0]])
-    faces = np.concatenate([*(item.reshape(-1, 3) for item in wall), floor]).astype(np.int32)
-    cup = TriangleMesh(np.concatenate([rings.reshape(-1, 3), np.zeros((1, 3))]), faces)
+    cup = shaft([0.0, 10.0, 20.0 + np.arange(16) % 2 * depth])
     assert len(solid_of(cup).rims) == openings
+
+
+def without(mesh, *places):
+    """A mesh without the faces within 2 mm of some places."""
+    middles = mesh.vertices[mesh.faces].mean(axis=1)
+    apart = np.linalg.norm(middles[:, None] - np.array(places), axis=2) > 2.0
+    return TriangleMesh(mesh.vertices, mesh.faces[apart.all(axis=1)])
+
+
+def test_a_rim_with_a_notch_is_closed_flat_and_the_notch_apart():
+    cup = without(shaft(np.arange(0.0, 21.0, 2.0), 32), [10.0, 0.0, 19.0], [10.0, 0.0, 17.0])
+    solid = solid_of(cup)
+    assert solid.rims == pytest.approx([20.0], rel=0.05)
+    assert solid.notches == 1
+    assert solid.is_closed
+    assert solid.open_length == len(solid.openings) == 0
+    assert solid.mesh.volume == pytest.approx(0.5 * 32 * np.sin(2.0 * np.pi / 32) * 100.0 * 20.0, rel=0.01)
+
+
+def test_a_hole_that_shares_a_corner_with_a_rim_is_closed_apart_from_it():
+    cup = shaft(np.arange(0.0, 21.0, 2.0), 32)
+    at_rim = (cup.faces >= 32 * 10) & (cup.faces < 32 * 11)
+    hole = np.flatnonzero(at_rim.sum(axis=1) == 1)[5]
+    solid = solid_of(TriangleMesh(cup.vertices, np.delete(cup.faces, hole, axis=0)))
+    assert solid.is_closed
+    assert len(solid.rims) == 2
+    assert solid.rims[0] == pytest.approx(20.0, rel=0.02)
+
+
+@pytest.mark.parametrize("most", [0.0, 6.0])
+def test_subjects_whose_open_ends_are_closed_otherwise_than_most_get_a_note(tmp_path, most):
+    ripple = np.cos(2.0 * np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False))
+    cups = {
+        name: shaft([0.0, 10.0, 20.0, 30.0 + wave * ripple], 32)
+        for name, wave in {"a": most, "b": most, "c": 6.0 - most, "d": most}.items()
+    }
+    cohort = Cohort(tuple(Subject(name, tmp_path / name) for name in cups), tmp_path)
+    with ThreadPoolExecutor(1) as executor:
+        groomed = groom_cohort(cohort, SETTINGS, executor=executor, sources=cups)
+    noted = [item.name for item in groomed if any("those of most" in note for note in item.report.notes)]
+    assert noted == ["c"]
+
+
+def test_faces_that_hang_by_a_corner_leave_a_rim_flat():
+    cup = shaft(np.arange(0.0, 21.0, 2.0), 32)
+    count = len(cup.vertices)
+    ear = np.array([[10.0, 0.0, 24.0], [9.0, 2.0, 24.0]])
+    faces = np.concatenate([cup.faces, [[32 * 10, count, count + 1]]]).astype(np.int32)
+    solid = solid_of(TriangleMesh(np.concatenate([cup.vertices, ear]), faces))
+    assert solid.rims == pytest.approx([20.0], rel=0.02)
+    assert solid.openings.max() < 5.0
+
+
+def test_a_rim_that_leaves_its_plane_for_half_its_length_is_not_closed_flat():
+    solid = solid_of(shaft([0.0, 10.0, 20.0 + 8.0 * (np.arange(32) < 16)], 32))
+    assert len(solid.rims) == 0
+    assert solid.openings == pytest.approx([np.hypot(20.0, np.hypot(20.0, 8.0))], rel=0.01)
 
 
 @pytest.mark.parametrize("is_turned", [True, False])
