@@ -6,6 +6,7 @@ from pathlib import Path
 
 from homolog.cohort.both_sides import with_both_sides
 from homolog.cohort.dicom import dicom_files, is_dicom_seg, is_rtstruct
+from homolog.cohort.entries import notes_on_skipped, readable_entries
 from homolog.cohort.folder import DERIVATIVES, read_folder
 from homolog.cohort.manifest import MANIFESTS, PARTICIPANTS, names_files, read_manifest
 from homolog.cohort.pictures import pictures_in
@@ -105,6 +106,7 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
     path = Path(path)
     if path.is_dir():
         cohort = _read_folder(path)
+        cohort = Cohort(cohort.subjects, cohort.folder, (*cohort.notes, *notes_on_skipped(path)))
     elif path.is_file() and path.suffix.lower() in TABLE_SUFFIXES:
         cohort = read_manifest(path)
     elif path.is_file():
@@ -159,10 +161,10 @@ def _unused_tables(folder: Path, used: Path | None) -> list[str]:
     """Return a note on the unused tables of a folder without a table named cohort."""
     tables = sorted(
         entry.name
-        for entry in folder.iterdir()
+        for entry in readable_entries(folder)
         if entry.suffix.lower() in TABLE_SUFFIXES
         and entry.is_file()
-        and entry.name[0] not in ".~"
+        and entry.name[0] != "~"
         and entry.name != _TRUTH
         and entry != used
     )

@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from homolog.cohort.entries import readable_entries
+
 __all__ = ["dicom_files", "holds_dicom", "is_dicom_seg", "is_rtstruct", "series_below", "series_of"]
 
 _SEG_CLASSES = (b"1.2.840.10008.5.1.4.1.1.66.4", b"1.2.840.10008.5.1.4.1.1.66.7")
@@ -24,7 +26,7 @@ def holds_dicom(folder: Path) -> bool:
 
 
 def _dicom_files(folder: Path) -> Iterator[Path]:
-    for path in sorted(folder.iterdir()):
+    for path in readable_entries(folder):
         if path.is_file() and path.name.upper() != "DICOMDIR" and _beginning(path)[128:132] == b"DICM":
             yield path
 
@@ -44,8 +46,9 @@ def series_below(folder: Path) -> list[Path]:
 
     If there are segmentation objects, only these are returned.
     """
-    for pattern in ("*/", "*/*/"):
-        places = (path for path in sorted(folder.glob(pattern)) if path.is_dir() and path.name[0] != ".")
+    places = [folder]
+    for _ in range(2):
+        places = [path for place in places for path in readable_entries(place) if path.is_dir()]
         series = [series_of(path) for path in places if holds_dicom(path)]
         if series:
             return [path for path in series if path.is_file()] or series

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from homolog.cohort.dicom import holds_dicom, is_dicom_seg, series_below, series_of
+from homolog.cohort.entries import notes_on_skipped
 from homolog.cohort.file_names import (
     are_groups,
     are_times,
@@ -227,6 +228,7 @@ def _nothing_in(folder: Path) -> InputError:
     )
     suffixes = ", ".join(f"{suffix} ({count})" for suffix, count in others.most_common(_NAMED))
     contents = f"; it contains {suffixes}, which must be unpacked or converted first" if suffixes else ""
+    contents += "".join(f"; {note}" for note in notes_on_skipped(folder))
     return InputError(f"{folder}: contains no segmentation or mesh{contents}; known files are {known}")
 
 

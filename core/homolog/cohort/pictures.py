@@ -4,6 +4,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from homolog.cohort.entries import readable_entries
 from homolog.cohort.subject import Cohort, Subject
 from homolog.errors import InputError
 
@@ -18,9 +19,7 @@ _DEPTH = 3
 
 def pictures_in(folder: Path) -> list[Path]:
     """Return the images in a folder, ordered by the numbers in their names."""
-    files = [
-        entry for entry in folder.iterdir() if entry.suffix.lower() in _SUFFIXES and entry.name[0] != "."
-    ]
+    files = [entry for entry in readable_entries(folder) if entry.suffix.lower() in _SUFFIXES]
     return sorted((file for file in files if file.is_file()), key=_natural)
 
 
@@ -49,7 +48,7 @@ def picture_cohort(folder: Path, folders: Sequence[Path]) -> Cohort | None:
             "contains one folder for each subject"
         )
     if masks := [item for item in folders if _MASKS.fullmatch(item.name)]:
-        below = [item for item in masks[0].iterdir() if item.is_dir()]
+        below = [item for item in readable_entries(masks[0]) if item.is_dir()]
         if len(masks) == 1 and below and not pictures_in(masks[0]):
             return picture_cohort(masks[0], below)
     stacks = {item: places for item in folders if (places := _stacks(item, _DEPTH))}
@@ -71,7 +70,7 @@ def _stacks(folder: Path, depth: int) -> list[Path]:
     """Return the folders of stacks in a folder; only those named masks, if there are any."""
     if len(pictures_in(folder)) >= _FEWEST:
         return [folder]
-    below = [item for item in sorted(folder.iterdir()) if item.is_dir() and item.name[0] != "."]
+    below = [item for item in readable_entries(folder) if item.is_dir()]
     below = [item for item in below if _MASKS.fullmatch(item.name)] or below
     return [place for item in below if depth > 0 for place in _stacks(item, depth - 1)]
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from homolog.cohort.dicom import holds_dicom
+from homolog.cohort.entries import readable_entries
 from homolog.cohort.file_names import (
     are_times,
     best_label_maps,
@@ -36,10 +37,6 @@ _LABELS = ("segmentation", "label", "mask", "structure")
 _KINDS_OF_SCAN = ("anat", "ct", "dwi", "func", "perf", "t1", "t1w")
 _SESSION = re.compile(r"ses-.+", re.IGNORECASE)
 """Names of folders within a subject's folder in BIDS."""
-_OF_SYSTEMS = {
-    "#recycle", "#snapshot", "$recycle.bin", "@eadir", "__macosx", "lost+found", "system volume information",
-}  # fmt: skip
-"""Folders that operating systems and storage add, in lower case; some are unreadable."""
 _OWNERS = 3
 """Number of parent folders with whose names a file's name may begin."""
 _DEPTH = 5
@@ -196,14 +193,10 @@ def holds_files(folder: Path, skipping: re.Pattern[str] | None = None, depth: in
 
 
 def entries_of(folder: Path) -> list[Path]:
-    """Return the entries of a folder, without those of systems and without scans of other entries."""
-    entries = [
-        path
-        for path in sorted(folder.iterdir())
-        if not path.name.startswith(".") and path.name.casefold() not in _OF_SYSTEMS
-    ]
-    scans = {path: stem for path in entries if (stem := stem_of(path)).endswith(IMAGE_ENDING)}
+    """Return the entries of a folder (see `readable_entries`) without scans of other entries."""
+    found = readable_entries(folder)
+    scans = {path: stem for path in found if (stem := stem_of(path)).endswith(IMAGE_ENDING)}
     if not scans:
-        return entries
-    stems = {stem_of(path) for path in entries}
-    return [path for path in entries if scans.get(path, "").removesuffix(IMAGE_ENDING) not in stems]
+        return found
+    stems = {stem_of(path) for path in found}
+    return [path for path in found if scans.get(path, "").removesuffix(IMAGE_ENDING) not in stems]

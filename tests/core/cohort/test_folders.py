@@ -1,5 +1,8 @@
 """Folders below a cohort's: groups, sides, times, structures, tables."""
 
+import os
+from pathlib import Path
+
 import pytest
 
 from homolog.cohort import mask_files, read_cohort, sides_of, with_both_sides
@@ -359,3 +362,43 @@ def test_folders_of_operating_systems_and_storage_hold_no_subjects(tmp_path, coh
     cohort = cohort_of(tmp_path, *(place.format(f"p{i}") for i in (1, 2, 3)), system)
     assert [subject.name for subject in cohort.subjects] == ["p1", "p2", "p3"]
     assert not cohort.notes
+
+
+@pytest.fixture
+def forbidden(monkeypatch):
+    """Make folders with a name unreadable; permissions do not hold for the administrator, who runs tests."""
+    scandir = os.scandir
+
+    def refuse(path="."):
+        if Path(path).name.startswith("forbidden"):
+            raise PermissionError(13, "Permission denied", str(path))
+        return scandir(path)
+
+    monkeypatch.setattr(os, "scandir", refuse)
+
+
+@pytest.mark.parametrize("place", ["{}.nii.gz", "{}/liver.nii.gz", "{}/segmentations/liver.nii.gz"])
+@pytest.mark.parametrize("where", ["forbidden/a.stl", "p1/forbidden/a.stl"])
+@pytest.mark.usefixtures("forbidden")
+def test_unreadable_folders_are_skipped_with_a_note(tmp_path, cohort_of, place, where):
+    if place == "{}.nii.gz":
+        where = where.replace("p1/", "other/")
+    cohort = cohort_of(tmp_path, *(place.format(f"p{i}") for i in (1, 2, 3)), where)
+    assert [subject.name for subject in cohort.subjects] == ["p1", "p2", "p3"]
+    assert [note for note in cohort.notes if where.removesuffix("/a.stl") in note and "Permission" in note]
+
+
+def test_links_that_lead_nowhere_are_skipped_with_a_note(tmp_path, cohort_of):
+    for name, target in (("p4.nrrd", tmp_path / "gone.nrrd"), ("p5.nrrd", tmp_path / "p5.nrrd")):
+        (tmp_path / name).symlink_to(target)
+    (tmp_path / "p6.nrrd").symlink_to(tmp_path / "p1.nrrd")
+    cohort = cohort_of(tmp_path, *(f"p{i}.nrrd" for i in (1, 2, 3)))
+    assert [subject.name for subject in cohort.subjects] == ["p1", "p2", "p3", "p6"]
+    assert [note for note in cohort.notes if "p4.nrrd, p5.nrrd" in note]
+
+
+@pytest.mark.usefixtures("forbidden")
+def test_a_folder_with_nothing_but_unreadable_folders_is_refused_with_the_reason(tmp_path):
+    (tmp_path / "forbidden1").mkdir()
+    with pytest.raises(InputError, match=r"no segmentation or mesh.*forbidden1"):
+        read_cohort(tmp_path)
