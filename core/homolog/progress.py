@@ -4,6 +4,8 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from typing import TypeVar
 
+from homolog.threads import MOST_THREADS
+
 __all__ = [
     "Tick",
     "each_in_threads",
@@ -128,6 +130,7 @@ def each_in_threads(
     message : str or None
         None passes the newest message of the works on.
     threads : int
+        At most `MOST_THREADS` are used.
 
     Yields
     ------
@@ -146,7 +149,7 @@ def each_in_threads(
 
         return works[index](inner)
 
-    executor = ThreadPoolExecutor(threads)
+    executor = ThreadPoolExecutor(min(threads, MOST_THREADS))
     try:
         running = {executor.submit(started, index): index for index in range(len(works))}
         while running:

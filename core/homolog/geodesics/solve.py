@@ -131,10 +131,10 @@ def each_table(
         yield from enumerate(solve_on_cuda(plan, where, room, tick))
         return
     load_kernels()
-    threads = threads or cores()
+    threads = min(threads or cores(), MOST_THREADS)
     largest = max(map(table_bytes, plan.tasks), default=1)
     fitting = (free_memory() - plan.nbytes) // (_SOLVER_TABLES * largest)
-    at_once = max(1, min(threads, MOST_THREADS, len(plan.tasks), fitting))
+    at_once = max(1, min(threads, len(plan.tasks), fitting))
 
     def solve(task: Task, tick: Tick) -> GeodesicTable:
         return solve_on_cpu(task, threads // at_once, tick)
