@@ -5,6 +5,7 @@ import json
 import re
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -16,7 +17,7 @@ from homolog.errors import InputError
 from homolog.grooming.known_labels import FREESURFER, known_list
 from homolog.spreadsheets import read_rows
 
-__all__ = ["LabelTable", "label_table", "matching", "near", "read_label_table", "same_name"]
+__all__ = ["LabelTable", "label_table", "matching", "near", "read_label_table", "same_name", "together"]
 
 _LARGEST = 2**20
 """Largest table of labels in bytes; larger files are ignored."""
@@ -174,6 +175,20 @@ def _joined(tables: Sequence[LabelTable]) -> LabelTable:
                 )
     joined = {value: name for value, (name, _) in names.items()}
     return LabelTable(", ".join(item.source for item in tables), MappingProxyType(joined))
+
+
+def together(path: Path, labels: Sequence[tuple[int, str]]) -> str:
+    """Return a note that labels (value and name of each) were combined, named by the file or a table."""
+    beside: Mapping[int, str] = {}
+    with suppress(InputError):  # tables that contradict each other matter only where a name is asked for
+        table = label_table(path, ())
+        beside = table.names if table else beside
+    called = [
+        f"{name} ({value})" if (name := own or beside.get(value, "")) else str(value) for value, own in labels
+    ]
+    more = f" and {len(called) - _NEAR} more" if len(called) > _NEAR else ""
+    listed = ", ".join(called[:_NEAR])
+    return f"labels {listed}{more} were combined into one structure; choose a label to study one of them"
 
 
 def read_label_table(path: Path) -> LabelTable | None:

@@ -10,7 +10,7 @@ import numpy as np
 from homolog.arrays import Array, BoolArray, FloatArray, frozen
 from homolog.cohort.subject import stem_of
 from homolog.errors import InputError
-from homolog.grooming.names import label_table, matching, near, same_name
+from homolog.grooming.names import label_table, matching, near, same_name, together
 from homolog.grooming.values import hardened, labels_apart, labels_from, labels_seen
 from homolog.memory import check_fits
 
@@ -25,8 +25,6 @@ _COUNTED = 2**22
 
 _LISTED = 2**20
 """Smaller values are counted with np.bincount, larger ones by sorting."""
-
-_TOGETHER = "its labels were combined into one structure; choose a label to study one of them"
 
 _NAMED = 10
 """Largest number of structures in a message."""
@@ -258,7 +256,10 @@ class Volume:
             mask, start = crop
             box = tuple(slice(low, low + size) for low, size in zip(start, mask.shape, strict=True))
             self._check_together(labels_apart(layer[box]))
-        return replace(self._placed(*crop), notes=(*notes, _TOGETHER) if several else notes)
+        placed = self._placed(*crop)  # refuses impossible matrices
+        if several:
+            notes = (*notes, together(self.path, [(item.value, item.name) for item in self.segments()]))
+        return replace(placed, notes=notes)
 
     def _check_together(self, apart: list[int]) -> None:
         if not apart:

@@ -31,6 +31,14 @@ def test_labels_that_are_taken_together_are_noted(labelled, save):
     assert not [note for note in read_segmentation(save(labelled == 2), None).notes if "together" in note]
 
 
+def test_the_note_on_labels_that_are_taken_together_gives_their_names(labelled, save, tmp_path):
+    path = save(labelled)
+    table = '1 255 0 0 1 1 1 "Niere links"\n2 0 255 0 1 1 1 "Zyste"\n'
+    (tmp_path / "Labels.txt").write_text(table, encoding="utf-8")
+    note = next(note for note in read_segmentation(path, None).notes if "combined into one" in note)
+    assert "Niere links (1), Zyste (2)" in note
+
+
 def test_a_label_is_picked_alone_with_one_voxel_around_it(labelled, save, around):
     result = read_segmentation(save(labelled), 2)
     assert np.array_equal(result.mask, around(labelled == 2))
