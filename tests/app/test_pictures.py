@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from PIL import Image
 
 from homolog.errors import InputError
 from homolog_app.pictures import (
@@ -20,6 +21,7 @@ from homolog_app.pictures import (
     three_quarter_view,
     write_picture,
 )
+from homolog_app.pictures.png import png_of
 from homolog_app.rendering.colours import (
     common_limit,
     diverging_colours,
@@ -174,9 +176,21 @@ def test_pictures_are_written_as_raster_and_as_vectors(ball, tmp_path, suffix):
     write_picture(draw_particles(ball, ball.vertices[::9], width=100), path)
     assert path.stat().st_size > 5000
     if suffix == ".png":
-        assert imread(path).shape[2] == 4
+        assert imread(path).shape[2] == 3
     write_picture(draw_particles(ball, ball.vertices[::9], width=100), tmp_path / f"again{suffix}")
     assert (tmp_path / f"again{suffix}").read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize("opacity", [255, 40])
+def test_a_png_file_contains_the_pixels_and_their_size(tmp_path, opacity):
+    pixels = np.random.default_rng(0).integers(0, 256, (7, 5, 4), dtype=np.uint8)
+    pixels[..., 3] = 255
+    pixels[2:4, 1, 3] = opacity
+    (tmp_path / "a.png").write_bytes(png_of(pixels, 200.0))
+    with Image.open(tmp_path / "a.png") as picture:
+        assert picture.mode == ("RGB" if opacity == 255 else "RGBA")
+        assert picture.info["dpi"] == pytest.approx((200.0, 200.0), abs=0.1)
+        np.testing.assert_array_equal(np.asarray(picture.convert("RGBA")), pixels)
 
 
 def test_texts_of_vector_graphics_stay_texts(ball, tmp_path):

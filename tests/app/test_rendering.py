@@ -75,6 +75,21 @@ def test_a_ball_in_front_hides_the_one_behind(draw):
     assert np.count_nonzero(image[30, :, 3]) == pytest.approx(60, abs=2)
 
 
+def test_balls_are_hidden_by_a_surface_before_them_and_whole_in_a_cut(draw):
+    """One ball stands before a small wall, one behind it."""
+    corners = np.array([[-3.0, -3.0, 0.0], [3.0, -3.0, 0.0], [3.0, 3.0, 0.0], [-3.0, 3.0, 0.0]])
+    wall = surface(TriangleMesh(corners, np.array([[0, 1, 2], [0, 2, 3]])), GREY)
+    balls = Balls(np.array([[0.0, 0.0, 4.0], [0.0, 0.0, -4.0]]), 2.0, np.array([0, 0, 255], np.uint8))
+    frame = frame_around([np.array([[-3.0, -3.0, -6.0], [3.0, 3.0, 6.0]])], VIEWS["superior"])
+    whole = draw(Scene((wall,), balls), frame, 60).astype(int)
+    behind = draw(Scene((wall,), Balls(balls.centres[1:], 2.0, balls.colours)), frame, 60).astype(int)
+    assert whole[30, 30, 2] > 2 * whole[30, 30, 0]
+    assert behind[30, 30, 0] == behind[30, 30, 2]
+    cut = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 4.0])
+    crossing = draw(Scene((wall,), balls, cut=cut, cap=(255, 0, 0)), frame, 60).astype(int)
+    np.testing.assert_array_equal(crossing[30, 30], whole[30, 30])
+
+
 def test_hollows_are_darker_than_the_open_surface(ball):
     flat_cavity = TriangleMesh(ball.vertices * [1.0, 1.0, 0.2], ball.faces[:, ::-1])
     np.testing.assert_allclose(shaded(ball, GREY).colours, 204, atol=1)

@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 
 from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import Array, BoolArray, FloatArray
-from homolog.files.atomic import atomic_write
 from homolog.files.project import ProjectFolder
 from homolog.files.results import read_modes, read_result, read_surfaces
 from homolog.progress import Tick, no_tick
@@ -378,5 +377,4 @@ def draw_figures(project: ProjectFolder, tick: Tick = no_tick) -> None:
 
 
 def _write(project: ProjectFolder, name: str, figure: Figure) -> None:
-    with atomic_write(project.figures / name) as part:
-        write_picture(figure, part)
+    write_picture(figure, project.figures / name)

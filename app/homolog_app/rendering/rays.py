@@ -1,7 +1,6 @@
 """Ray casting with Warp on the CPU: ambient occlusion, and pictures without OpenGL."""
 
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 
 import numpy as np
 import warp as wp
@@ -12,44 +11,61 @@ from homolog.device import cores
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering import kernels
 from homolog_app.rendering.camera import Frame
-from homolog_app.rendering.scene import Balls, Scene, Surface, surface
+from homolog_app.rendering.scene import Scene, Surface, surface
 
 __all__ = ["Software", "faces_itself", "hollows", "openness", "shaded", "warp_mesh", "warp_vectors"]
 
 
 _DEVICE = "cpu"
-_OCCLUSION_RAYS = 48
-_OCCLUSION_SETS = 16
-_SMOOTHING_ROUNDS = 3
+_OCCLUSION_RAYS = 96
+_OCCLUSION_SETS = 48
+_SMOOTHING_ROUNDS = 4
 _OCCLUSION_DEPTH = 0.45
 _OCCLUSION_REACH = 0.25
 
 
 def shaded(mesh: TriangleMesh, colours: FloatArray) -> Surface:
     """Return a mesh with colours, (3,) or (V, 3) in [0, 1], that are darkened by ambient occlusion."""
-    return surface(mesh, colours, hollows(mesh))
+    light, normals = _openness(mesh, _reach(mesh))
+    return surface(mesh, colours, _ambient(light), normals)
 
 
 def hollows(mesh: TriangleMesh) -> FloatArray:
     """Return the share of ambient light at each vertex, (V,), reduced where the surface occludes itself."""
-    light = openness(mesh, float(_OCCLUSION_REACH * np.ptp(mesh.vertices, axis=0).max()))
+    return _ambient(openness(mesh, _reach(mesh)))
+
+
+def _reach(mesh: TriangleMesh) -> float:
+    return float(_OCCLUSION_REACH * np.ptp(mesh.vertices, axis=0).max())
+
+
+def _ambient(light: FloatArray) -> FloatArray:
     return np.asarray(1.0 - _OCCLUSION_DEPTH * (1.0 - light))
 
 
 def openness(mesh: TriangleMesh, reach: float) -> FloatArray:
     """Return the share of unoccluded directions within a distance `reach` [mm] of each vertex, (V,).
 
-    A vertex casts a sixteenth of the rays. Averages over its neighbours, which cast others, remove the noise.
+    A vertex casts two rays. Averages over its neighbours, which cast others, remove the noise.
     """
+    return _openness(mesh, reach)[0]
+
+
+def _openness(mesh: TriangleMesh, reach: float) -> tuple[FloatArray, FloatArray]:
+    """Return the openness of the vertices (V,), and their normals (V, 3)."""
     index = (np.arange(_OCCLUSION_RAYS) + 0.5) / _OCCLUSION_RAYS
     turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(_OCCLUSION_RAYS)
     radius = np.sqrt(index)
     directions = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1.0 - index)], axis=1)
-    free = wp.empty(len(mesh.vertices), dtype=float, device=_DEVICE)
+    count = len(mesh.vertices)
     cast_on = warp_mesh(mesh.vertices, mesh.faces)
-    vectors = [warp_vectors(item) for item in (mesh.vertices, mesh.vertex_normals, directions)]
+    points, faces = cast_on.points, cast_on.indices.reshape((-1, 3))
+    free, around, total = (wp.empty(count, dtype=float, device=_DEVICE) for _ in range(3))
+    normals = wp.empty(count, dtype=wp.vec3, device=_DEVICE)
     wp.load_module(kernels, device=_DEVICE)  # once, before threads launch on it
-    cuts = np.linspace(0, len(mesh.vertices), cores() + 1).astype(int).tolist()
+    wp.launch(kernels.find_normals, 1, inputs=[points, faces, normals], device=_DEVICE)
+    vectors = [points, normals, warp_vectors(directions)]
+    cuts = np.linspace(0, count, cores() + 1).astype(int).tolist()
 
     def cast(first: int, end: int) -> None:
         inputs = [cast_on.id, *vectors, reach, first, _OCCLUSION_SETS, free]
@@ -57,10 +73,9 @@ def openness(mesh: TriangleMesh, reach: float) -> FloatArray:
 
     with ThreadPoolExecutor(cores()) as pool:
         list(pool.map(cast, cuts[:-1], cuts[1:]))
-    light = free.numpy().astype(np.float64)
-    for _ in range(_SMOOTHING_ROUNDS):
-        light = _mean_around(light, mesh.faces)
-    return np.asarray(light, np.float64)
+    rounds = _SMOOTHING_ROUNDS
+    wp.launch(kernels.smooth, 1, inputs=[faces, rounds, around, total, free], device=_DEVICE)
+    return free.numpy().astype(np.float64), normals.numpy().astype(np.float64)
 
 
 def faces_itself(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
@@ -77,14 +92,6 @@ def faces_itself(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
     return ahead, behind
 
 
-def _mean_around(values: FloatArray, faces: IntArray) -> FloatArray:
-    """Return the mean of the faces around each vertex, (V,)."""
-    of_faces = np.repeat(values[faces].mean(axis=1), 3)
-    around = np.bincount(faces.ravel(), minlength=len(values))
-    total = np.bincount(faces.ravel(), weights=of_faces, minlength=len(values))
-    return np.where(around > 0, total / np.maximum(around, 1), values)
-
-
 def warp_mesh(vertices: FloatArray, faces: IntArray) -> "wp.Mesh":
     """Return triangles for ray casting, on the CPU."""
     indices = wp.array(faces.astype(np.int32).ravel(), dtype=int, device=_DEVICE)
@@ -96,8 +103,8 @@ def warp_vectors(values: FloatArray) -> "wp.array":
     return wp.array(np.ascontiguousarray(values, dtype=np.float32), dtype=wp.vec3, device=_DEVICE)
 
 
-_BANDS = 4  # bands of rows per core, which balance the load
-_SMALL_BALL_PIXELS = 8.0
+_BANDS = 4  # largest number of bands of rows per core, which balance the load
+_LEAST_ROWS = 100  # of a band
 
 
 class Software:
@@ -113,29 +120,39 @@ class Software:
         step = pixel / kernels.SMOOTH
         middle = np.array(frame.centre) + back * frame.depth
         corner = middle - right * frame.width / 2.0 + up * height * pixel / 2.0
-        shown = _joined(scene, pixel, back)
-        triangles = kernels.Triangles()
-        triangles.faces = wp.array(shown.faces.astype(np.int32), dtype=wp.vec3i, device=_DEVICE)
-        triangles.normals, triangles.colours = warp_vectors(shown.normals), warp_vectors(shown.colours)
-        triangles.corner, triangles.right, triangles.up = (
-            wp.vec3(*map(float, item)) for item in (corner, right, up)
-        )
-        triangles.step = step
-        triangles.cut = 0 if scene.cut is None else 1
+        axes = np.stack([right, -up, -back], axis=1)
+        scale = np.array([step, step, 1.0])  # columns and rows in samples, depths in mm
+
+        def placed(points: FloatArray) -> FloatArray:
+            return np.asarray((points - corner) @ axes / scale, np.float32)
+
+        shown, balls = _joined(scene), scene.balls_left
+        places = placed(shown.vertices)
+        faces, near = _nearest_first(places, shown.faces)
+        solids = kernels.Solids()
+        solids.faces = wp.array(faces.astype(np.int32), dtype=wp.vec3i, device=_DEVICE)
+        solids.places, solids.colours = warp_vectors(places), warp_vectors(shown.colours)
+        solids.normals = warp_vectors(shown.normals @ np.stack([right, up, back], axis=1))
+        if balls is not None:
+            solids.centres, solids.radius = warp_vectors(placed(balls.centres)), balls.radius / step
+            solids.ball_colours = warp_vectors(np.broadcast_to(balls.colours, balls.centres.shape))
+        solids.corner, solids.right, solids.up = (wp.vec3(*map(float, item)) for item in (corner, right, up))
+        solids.step = step
+        solids.cut = 0 if scene.cut is None else 1
         if scene.cut is not None:
             normal, origin = scene.cut
-            triangles.plane, triangles.offset = wp.vec3(*map(float, normal)), float(normal @ origin)
-            triangles.cap = wp.vec3(*map(float, scene.cap))
-        way = shown.vertices - corner
-        places = warp_vectors(np.stack([way @ right / step, way @ -up / step, way @ -back], axis=1))
+            solids.plane, solids.offset = wp.vec3(*map(float, normal)), float(normal @ origin)
+            solids.cap = wp.vec3(*map(float, scene.cap))
         image = wp.empty((height, width), dtype=wp.vec4ub, device=_DEVICE)
         wp.load_module(kernels, device=_DEVICE)  # once, before threads launch on it
-        rows = -(-height // (_BANDS * cores()))
+        rows = -(-height // min(_BANDS * cores(), max(cores(), height // _LEAST_ROWS)))
 
         def fill_band(first: int) -> None:
             size = kernels.SMOOTH * min(rows, height - first), kernels.SMOOTH * width
-            nearest, relief = (wp.empty(size, dtype=kind, device=_DEVICE) for kind in (int, wp.vec3))
-            inputs = [triangles, places, first, nearest, relief, image]
+            hits, depths = (wp.empty(size, dtype=kind, device=_DEVICE) for kind in (int, float))
+            tiles = tuple(-(-side // kernels.TILE) for side in size)
+            farthest = wp.empty(tiles, dtype=float, device=_DEVICE)
+            inputs = [solids, first, near, hits, depths, farthest, image]
             wp.launch(kernels.fill, 1, inputs=inputs, device=_DEVICE)
 
         with ThreadPoolExecutor(cores()) as pool:
@@ -143,12 +160,21 @@ class Software:
         return np.array(image.numpy())
 
 
-def _joined(scene: Scene, pixel: float, back: FloatArray) -> Surface:
-    """Return a scene as one surface, for a pixel size [mm] and a direction to the viewer."""
-    balls = scene.balls_left
-    solids = [surface for surface in scene.surfaces if surface is not None]
-    if balls is not None:
-        solids.append(_ball_surface(balls, pixel, back if scene.cut is None else None))
+def _nearest_first(places: FloatArray, faces: IntArray) -> tuple[IntArray, int]:
+    """Return faces in another order, and the number of those in front: outer sides in the nearer half.
+
+    Most of the others are then found to be hidden without testing their samples.
+    """
+    a, b, c = (places[faces[:, corner]] for corner in range(3))
+    outer = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) < (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    front = outer & (a[:, 2] < a[:, 2].sum() / max(len(faces), 1))
+    return np.concatenate([faces[front], faces[~front]]), int(front.sum())
+
+
+def _joined(scene: Scene) -> Surface:
+    """Return the surfaces of a scene as one."""
+    none = Surface(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3), np.int64), np.empty((0, 3)))
+    solids = [surface for surface in scene.surfaces if surface is not None] or [none]
     starts = np.cumsum([0] + [len(solid.vertices) for solid in solids])
     return Surface(
         np.concatenate([solid.vertices for solid in solids]),
@@ -156,40 +182,3 @@ def _joined(scene: Scene, pixel: float, back: FloatArray) -> Surface:
         np.concatenate([solid.faces + start for solid, start in zip(solids, starts, strict=False)]),
         np.concatenate([np.broadcast_to(solid.colours, solid.vertices.shape) for solid in solids]),
     )
-
-
-def _ball_surface(balls: Balls, step: float, back: FloatArray | None) -> Surface:
-    """Return balls as triangles: few if they are small in the picture, and only those facing the viewer."""
-    unit, faces = _unit_ball(2 if balls.radius > _SMALL_BALL_PIXELS * step else 1)
-    if back is not None:
-        a, b, c = (unit[faces[:, corner]] for corner in range(3))
-        faces = faces[np.cross(b - a, c - a) @ back > 0.0]
-    count, size = len(balls.centres), len(unit)
-    colours = np.broadcast_to(balls.colours, (count, 3))
-    return Surface(
-        vertices=(balls.centres[:, None] + balls.radius * unit).reshape(-1, 3),
-        normals=np.tile(unit, (count, 1)),
-        faces=(np.arange(count)[:, None, None] * size + faces).reshape(-1, 3),
-        colours=np.repeat(colours, size, axis=0),
-    )
-
-
-@cache
-def _unit_ball(rounds: int) -> tuple[FloatArray, IntArray]:
-    """Subdivide an octahedron, projected to the unit sphere: two rounds give 66 vertices and 128 faces."""
-    points = [tuple(sign * axis) for axis in np.eye(3) for sign in (1.0, -1.0)]
-    faces = [(x, y, z) if (x + y + z) % 2 == 0 else (x, z, y) for x in (0, 1) for y in (2, 3) for z in (4, 5)]
-    for _ in range(rounds):
-        middle: dict[frozenset[int], int] = {}
-        split = []
-        for face in faces:
-            a, b, c = face
-            ab, bc, ca = (
-                middle.setdefault(frozenset(side), len(points) + len(middle))
-                for side in ((a, b), (b, c), (c, a))
-            )
-            split += [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]
-        points += [tuple(np.mean([points[end] for end in side], axis=0)) for side in middle]
-        faces = split
-    unit = np.array(points)
-    return unit / np.linalg.norm(unit, axis=1, keepdims=True), np.array(faces)

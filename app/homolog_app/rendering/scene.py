@@ -125,7 +125,12 @@ class Scene:
         return Balls(centres[left], self.balls.radius, colours[left] if colours.ndim > 1 else colours)
 
 
-def surface(mesh: TriangleMesh, colours: FloatArray, light: FloatArray | None = None) -> Surface:
+def surface(
+    mesh: TriangleMesh,
+    colours: FloatArray,
+    light: FloatArray | None = None,
+    normals: FloatArray | None = None,
+) -> Surface:
     """Return a mesh as a surface.
 
     Parameters
@@ -135,9 +140,12 @@ def surface(mesh: TriangleMesh, colours: FloatArray, light: FloatArray | None = 
         Red, green, blue in [0, 1].
     light : (V,) array, optional
         Share of the light that reaches each vertex, such as from `hollows`.
+    normals : (V, 3) array, optional
+        The mesh's `vertex_normals`, where they are known.
     """
     shaded = colours if light is None else np.broadcast_to(colours, mesh.vertices.shape) * light[:, None]
-    return Surface(mesh.vertices, mesh.vertex_normals, mesh.faces, bytes_of(shaded))
+    normals = mesh.vertex_normals if normals is None else normals
+    return Surface(mesh.vertices, normals, mesh.faces, bytes_of(shaded))
 
 
 def ball_radius(extent: Box, count: int) -> float:

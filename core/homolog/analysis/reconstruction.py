@@ -50,17 +50,23 @@ class MeanSurface:
         otherwise fold; see `warp_surface`.
     folded : int
         Number of faces of the mean that remain folded: 0 unless correspondences cross each other.
+    moved : (K, V, 3) array or None
+        Displacements of the vertices [mm], as by `warp_surface`, for the moves that `mean_surface` was given;
+        None if there were none, or some fold faces.
     """
 
     vertices: FloatArray
     faces: IntArray
     smoothing: FloatArray
     folded: int
+    moved: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
         for name in ("vertices", "faces", "smoothing"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
+        if self.moved is not None:
+            object.__setattr__(self, "moved", frozen(self.moved))
 
     @property
     def smoothed(self) -> int:
@@ -106,14 +112,16 @@ def mean_surface(
     start, centres = particles[chosen], mean[chosen]
     none = np.zeros(len(chosen))
     warp = (centres - start)[None]
-    near, folded = _unfolded(start, vertices, faces, warp, none, part_of(tick, 0.0, 0.5))
+    near, folded, _ = _unfolded(start, vertices, faces, warp, none, part_of(tick, 0.0, 0.5))
     warped = vertices + warp_displacements(start, vertices, warp, near)[0]
+    moved = None
     if moves is not None and len(moves):
         both = np.concatenate([moves, -moves])[:, chosen]
-        near, _ = _unfolded(centres, warped, faces, both, near, part_of(tick, 0.5, 1.0))
+        near, _, of_both = _unfolded(centres, warped, faces, both, near, part_of(tick, 0.5, 1.0))
+        moved = None if of_both is None else of_both[: len(moves)]
     smoothing = np.zeros(len(mean))
     smoothing[chosen] = near
-    return MeanSurface(warped, faces, smoothing, folded)
+    return MeanSurface(warped, faces, smoothing, folded, moved)
 
 
 def warp_surface(
@@ -158,10 +166,11 @@ def _unfolded(
     moves: FloatArray,
     smoothing: FloatArray,
     tick: Tick,
-) -> tuple[FloatArray, int]:
+) -> tuple[FloatArray, int, FloatArray | None]:
     """Smooth the spline until no move (K, n, 3) of its centres folds a face.
 
-    Returns the smoothing, and the number of faces that remain folded.
+    Returns the smoothing, the number of faces that remain folded, and if that is 0 the displacements of the
+    vertices (K, V, 3).
     """
     tree, spacing = KDTree(centres), _mean_spacing(centres)
     columns = moves.transpose(1, 0, 2).reshape(len(centres), -1)
@@ -170,7 +179,8 @@ def _unfolded(
     for attempt in range(ROUNDS):
         now = part_of(tick, attempt / ROUNDS, (attempt + 1) / ROUNDS)
         weights = spline_weights(centres, columns, smoothing)
-        folded = checked[_folded(centres, vertices, faces[checked], weights, now)]
+        turned, moved = _folded(centres, vertices, faces[checked], weights, now)
+        folded = checked[turned]
         if len(folded):
             _, near = tree.query(middles[folded], k=range(1, min(_NEAR, len(centres)) + 1))
             touched = np.unique(near)
@@ -178,16 +188,16 @@ def _unfolded(
             apart, _ = KDTree(middles[folded]).query(middles, distance_upper_bound=_AROUND * spacing)
             checked = np.flatnonzero(np.isfinite(apart))  # others are checked at the end
         elif len(checked) == len(faces):
-            break
+            return smoothing, 0, moved if moved.shape[1] == len(vertices) else None
         else:
             checked = everywhere
-    return smoothing, len(folded)
+    return smoothing, len(folded), None
 
 
 def _folded(
     centres: FloatArray, vertices: FloatArray, faces: IntArray, weights: FloatArray, tick: Tick
-) -> BoolArray:
-    """Whether any move turns a face inside out."""
+) -> tuple[BoolArray, FloatArray]:
+    """Return whether any move turns a face inside out, and the displacements of the vertices in use."""
     used, corners = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], corners.reshape(faces.shape)
     moved = _by_move(evaluate_spline(centres, vertices, weights, part_of(tick, 0.0, 0.2)))
@@ -200,7 +210,7 @@ def _folded(
     folded = np.zeros(len(faces), dtype=bool)
     for outward, move in zip(step + _by_move(above), moved, strict=True):
         folded |= np.einsum("fi,fi->f", outward, _across(vertices + move, faces)) <= 0.0
-    return folded
+    return folded, moved
 
 
 def _by_move(columns: FloatArray) -> FloatArray:

@@ -22,7 +22,7 @@ from homolog.files.ply import read_ply, write_ply
 from homolog.files.polygons import Polygons
 from homolog.files.scenes import read_3mf, read_gltf
 from homolog.files.stl_obj import read_obj, read_off, read_stl
-from homolog.files.vtp import read_vtp
+from homolog.files.vtp import read_vtp, write_vtp
 from homolog.memory import check_fits
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import may_have_twins
@@ -181,6 +181,9 @@ def write_mesh(
     if suffix == ".ply":
         write_ply(path, mesh, point_data or {}, _LPS_HEADER)
         return
+    if suffix == ".vtp":
+        write_vtp(path, mesh, point_data or {}, "LPS")
+        return
     if suffix == ".obj":
         _write_obj(path, mesh)
         return
@@ -188,9 +191,8 @@ def write_mesh(
     for item in (writer, writer.GetExecutive()):
         item.AddObserver("ErrorEvent", lambda *_: None)  # an observer prevents printing
     writer.SetInputData(_as_polydata(mesh, point_data or {}))
-    if suffix == ".vtk" or suffix == ".stl":
-        writer.SetHeader(_LPS_HEADER)
-        writer.SetFileTypeToBinary()
+    writer.SetHeader(_LPS_HEADER)
+    writer.SetFileTypeToBinary()
     with atomic_write(path) as part:
         writer.SetFileName(os.fspath(part))
         if not writer.Write() or writer.GetErrorCode():
@@ -212,9 +214,8 @@ def _unknown(path: Path, known: Iterable[str]) -> InputError:
 def _writer(path: Path) -> Any:  # noqa: ANN401 - VTK has no common type for its writers
     from vtkmodules.vtkIOGeometry import vtkSTLWriter
     from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
-    writers = {".vtp": vtkXMLPolyDataWriter, ".vtk": vtkPolyDataWriter, ".stl": vtkSTLWriter}
+    writers = {".vtk": vtkPolyDataWriter, ".stl": vtkSTLWriter}
     if path.suffix.lower() not in writers:
         raise _unknown(path, _WRITTEN)
     return writers[path.suffix.lower()]()
@@ -222,10 +223,10 @@ def _writer(path: Path) -> Any:  # noqa: ANN401 - VTK has no common type for its
 
 def _as_polydata(mesh: TriangleMesh, point_data: Mapping[str, Array]) -> Any:  # noqa: ANN401
     from vtkmodules.util.numpy_support import numpy_to_vtk
-    from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray
+    from vtkmodules.vtkCommonCore import vtkPoints
     from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 
-    polydata, points, cells, space = vtkPolyData(), vtkPoints(), vtkCellArray(), vtkStringArray()
+    polydata, points, cells = vtkPolyData(), vtkPoints(), vtkCellArray()
     points.SetData(numpy_to_vtk(mesh.vertices, deep=True))
     faces = np.array(mesh.faces, dtype=np.int64)
     cells.SetData(3, numpy_to_vtk(faces.ravel(), deep=True))
@@ -235,9 +236,6 @@ def _as_polydata(mesh: TriangleMesh, point_data: Mapping[str, Array]) -> Any:  #
         array = numpy_to_vtk(np.array(values), deep=True)
         array.SetName(name)
         polydata.GetPointData().AddArray(array)
-    space.SetName("SPACE")
-    space.InsertNextValue("LPS")
-    polydata.GetFieldData().AddArray(space)
     return polydata
 
 

@@ -28,8 +28,8 @@ def write_particles(path: Path, points: FloatArray) -> None:
     InputError
         If the file can't be written.
     """
-    lines = (" ".join(map(repr, point)) for point in np.asarray(points, dtype=np.float64).tolist())
-    write_text(path, "".join(f"{line}\n" for line in lines))
+    numbers = np.asarray(points, dtype=np.float64).ravel().tolist()
+    write_text(path, ("%r %r %r\n" * (len(numbers) // 3)) % tuple(numbers))
 
 
 def read_particles(path: Path) -> FloatArray:

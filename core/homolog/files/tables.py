@@ -32,6 +32,5 @@ def write_table(
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    for row in rows:
-        writer.writerow([repr(float(value)) if isinstance(value, float) else value for value in row])
+    writer.writerows(rows)  # floats with all their digits
     write_text(path, text.getvalue())

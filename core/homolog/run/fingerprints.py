@@ -5,6 +5,8 @@ import platform
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 
+import numpy as np
+
 from homolog import __version__
 from homolog.correspondence import Shape
 from homolog.progress import Tick, no_tick
@@ -24,7 +26,7 @@ def surface_hash(shape: Shape) -> str:
         *(part for mesh in (shape.mesh, shape.coarse_mesh) for part in (mesh.vertices, mesh.faces)),
     ):
         digest.update(f"{array.shape}{array.dtype}".encode())
-        digest.update(array.tobytes())
+        digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()
 
 

@@ -109,14 +109,16 @@ def write_surfaces(new: ProjectFolder, model: ShapeModel, surface: MeanSurface, 
     model : ShapeModel
         The model whose modes are written.
     surface : MeanSurface
-        The mean, which follows the particles.
+        The mean, from `surface_of_model`.
     tick : Tick
         Progress and cancellation.
     """
     _write_surface(mean_file(new), TriangleMesh(surface.vertices, surface.faces))
     if surface.smoothed:
         write_smoothing(new, surface.smoothing)
-    moves = warp_surface(model.mean, surface.vertices, _moves(model), surface.smoothing)
+    moves = surface.moved
+    if moves is None:
+        moves = warp_surface(model.mean, surface.vertices, _moves(model), surface.smoothing)
     for mode, move in enumerate(moves):
         tick(mode / len(moves), f"surfaces of mode {mode + 1}")
         for sign, side in ((-1.0, "minus"), (1.0, "plus")):

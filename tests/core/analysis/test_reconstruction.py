@@ -31,6 +31,15 @@ def test_particles_that_changed_places_do_not_fold_the_mean_surface(sphere):
     np.testing.assert_allclose(surface.vertices[far], vertices[far], atol=0.02)
 
 
+def test_the_mean_surface_has_the_displacements_of_its_moves(sphere):
+    vertices, faces = sphere
+    particles = vertices[::4]
+    moves = 0.1 * np.stack([particles * [1.0, 0.0, 0.0], np.sin(3.0 * particles)])
+    surface = mean_surface(particles, particles, vertices, faces, moves=moves)
+    alone = warp_surface(particles, surface.vertices, moves, surface.smoothing)
+    np.testing.assert_allclose(surface.moved, alone, atol=1e-12)
+
+
 def test_moves_that_would_tear_the_mean_surface_leave_it_whole(sphere):
     vertices, faces = sphere
     particles = vertices[::4]
