@@ -115,11 +115,7 @@ class Registration:
         return cls(source, control, maps, corners, incidence)
 
     def deform(
-        self,
-        targets: Sequence[TriangleMesh],
-        guesses: Sequence[FloatArray],
-        tick: Tick = no_tick,
-        threads: int = 1,
+        self, targets: Sequence[TriangleMesh], guesses: Sequence[FloatArray], tick: Tick = no_tick
     ) -> list[TriangleMesh]:
         """Return the source deformed onto each of some targets.
 
@@ -131,8 +127,6 @@ class Registration:
             The source's vertices, deformed as the first closest points are searched from.
         tick : Tick
             Cancelling.
-        threads : int
-            Threads that search the closest points of a target.
         """
         trees = [cKDTree(features(target.vertices, target.vertex_normals)) for target in targets]
         vertices = np.concatenate([target.vertices for target in targets])
@@ -145,7 +139,7 @@ class Registration:
             rows = np.empty(distances.shape, dtype=np.int64)
             for index, tree in enumerate(trees):
                 tick(0.0, "first particles")
-                distances[index], rows[index] = tree.query(goal[:, index], k=N_MATCHES, workers=threads)
+                distances[index], rows[index] = tree.query(goal[:, index], k=N_MATCHES)
             squared = np.square(distances)
             weights = np.exp(-0.5 * (squared - squared[..., :1]) / MATCH_WIDTH**2)
             weights /= weights.sum(axis=-1, keepdims=True)
@@ -267,7 +261,7 @@ class InitialRegistration:
 
         def deform(some: slice, inner: Tick) -> list[TriangleMesh]:
             targets = [meshes[index] for index in chosen[some]]
-            return self._registration.deform(targets, guesses[some], inner, threads)
+            return self._registration.deform(targets, guesses[some], inner)
 
         if self._on_device is not None:
             tick(0.0, "first particles")
@@ -275,9 +269,7 @@ class InitialRegistration:
             made = self._on_device.deform(targets, guesses, SMOOTHINGS)
             return dict(zip(chosen, made, strict=True))
         size = N_TOGETHER if len(chosen) < MANY_SHAPES else N_TOGETHER_OF_MANY
-        pieces = range(0, len(chosen), size)
-        threads = max(1, cores() // len(pieces))
-        works = [partial(deform, slice(k, k + size)) for k in pieces]
+        works = [partial(deform, slice(k, k + size)) for k in range(0, len(chosen), size)]
         deformed = chain(*run_in_threads(works, tick, "first particles", cores()))
         return dict(zip(chosen, deformed, strict=True))
 
