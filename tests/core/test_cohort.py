@@ -1,6 +1,7 @@
 import os
 import pickle
 import sys
+import unicodedata
 
 import openpyxl
 import pytest
@@ -65,7 +66,7 @@ def test_two_files_of_one_name_are_refused(folder):
     [
         ("name,path\na,a.nrrd\na,b.nii.gz\n", "several subjects are named a"),
         ("name,thing\na,a.nrrd\n", "lacks the column path"),
-        ("", "lacks the column name and path"),
+        ("", "lacks the column path"),
         ("name,path\n", "lists no subject"),
         ("name,path\n,a.nrrd\n", "line 2: the name is empty"),
         ("name,path\na,a.nrrd\nb,\n", "line 3: the path is empty"),
@@ -131,6 +132,21 @@ def test_a_table_in_windows_own_letters_is_read_with_a_note(folder):
     cohort = read_cohort(folder)
     assert cohort.subjects[0].name == "Änne"
     assert [note for note in cohort.notes if "Windows-1252" in note]
+
+
+@pytest.mark.parametrize("forms", [("NFC", "NFD"), ("NFD", "NFC")])
+@pytest.mark.parametrize("columns", ["name,group\nMüller,a\n", "name,path,group\nMüller,Müller.nrrd,a\n"])
+def test_accents_may_be_apart_in_file_names_and_not_in_the_table(tmp_path, forms, columns):
+    (tmp_path / unicodedata.normalize(forms[0], "Müller.nrrd")).touch()
+    table(tmp_path, unicodedata.normalize(forms[1], columns))
+    (subject,) = read_cohort(tmp_path).subjects
+    assert subject.group == "a"
+    assert subject.path.is_file()
+
+
+def test_a_table_without_names_names_subjects_after_their_files(folder):
+    (first, second) = read_cohort(table(folder, "Datei;Gruppe\na.nrrd;x\nb.nii.gz;y\n")).subjects
+    assert [(item.name, item.group) for item in (first, second)] == [("a", "x"), ("b", "y")]
 
 
 def test_a_file_without_text_is_no_table(folder):

@@ -171,3 +171,20 @@ def test_a_file_that_is_no_workbook_is_refused_by_name(tmp_path):
 def test_tables_that_can_not_be_used_say_why(read, text, message):
     with pytest.raises(InputError, match=message):
         read(text)
+
+
+def test_numbers_without_leading_zeros_name_subjects_if_all_are_the_same(read):
+    changes = read("Patient_ID;Gruppe\n10;a\n1;b\n2;a\n")
+    assert [subject.group for subject in changes.subjects] == ["b", "a", "a"]
+    assert any("matched by number: 10 is p10_ED" in note for note in changes.notes)
+
+
+@pytest.mark.parametrize("ids", [(1, 2, 3), (1, 2, 10, 11), (1, 1, 2, 10)])
+def test_numbers_that_differ_from_those_in_the_names_name_nobody(read, ids):
+    with pytest.raises(InputError, match="names none of the subjects"):
+        read("\n".join(["id,group", *(f"{number},a" for number in ids)]))
+
+
+def test_a_first_column_that_only_counts_rows_names_nobody(read):
+    with pytest.raises(InputError, match="names none of the subjects"):
+        read("Nr,group\n1,a\n2,b\n10,c\n")

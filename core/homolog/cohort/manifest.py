@@ -1,12 +1,13 @@
 """A cohort from a table of names, files, groups and covariates."""
 
 import os
+import unicodedata
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
 from homolog.cohort.column_types import read_typed_rows
-from homolog.cohort.subject import Cohort, Subject, checked_path, image_beside, landmarks_beside
+from homolog.cohort.subject import Cohort, Subject, checked_path, image_beside, landmarks_beside, stem_of
 from homolog.errors import InputError
 from homolog.spreadsheets import encoding_notes
 
@@ -47,11 +48,8 @@ def read_manifest(path: Path) -> Cohort:
     """Return the cohort of a table; raises InputError if a column or value is missing or invalid."""
     columns, rows = read_typed_rows(path, _KNOWN)
     own = own_columns(columns)
-    missing = [name for name in ("name", "path") if name not in own.values()]
-    if missing:
-        raise InputError(
-            f"{path}: lacks the column {' and '.join(missing)}; the first line must be name,path,group"
-        )
+    if "path" not in own.values():
+        raise InputError(f"{path}: lacks the column path; the first line must be name,path,group")
     if not rows:
         raise InputError(f"{path}: lists no subject; add a line for each: name,path,group")
     subjects = [
@@ -85,21 +83,23 @@ def own_columns(columns: Sequence[str]) -> dict[str, str]:
 
 
 def _subject(row: Mapping[str, str], manifest: Path, line: int) -> Subject:
-    for column in ("name", "path"):
-        if not row[column]:
-            raise InputError(f"{manifest}, line {line}: the {column} is empty")
-    bad = sorted(_BAD_IN_NAMES & set(row["name"]))
-    if bad or row["name"] in (".", ".."):
-        raise InputError(f"{manifest}, line {line}: {row['name']!r} is not a valid name; rename the subject")
+    if not row["path"]:
+        raise InputError(f"{manifest}, line {line}: the path is empty")
     try:
         for column in ("path", "landmarks", "image"):
             checked_path(row.get(column) or "")
     except ValueError as error:
         raise InputError(f"{manifest}, line {line}: the {column} {error}; correct it") from error
+    path = place_of(manifest.parent, row["path"])
+    name = row.get("name", stem_of(path))
+    if not name:
+        raise InputError(f"{manifest}, line {line}: the name is empty")
+    if _BAD_IN_NAMES & set(name) or name in (".", ".."):
+        raise InputError(f"{manifest}, line {line}: {name!r} is not a valid name; rename the subject")
     further = {key: value for key, value in row.items() if key not in _OWN_COLUMNS}
-    path, landmarks, image = place_of(manifest.parent, row["path"]), row.get("landmarks"), row.get("image")
+    landmarks, image = row.get("landmarks"), row.get("image")
     return Subject(
-        name=row["name"],
+        name=name,
         path=path,
         group=row.get("group") or None,
         columns=MappingProxyType(further),
@@ -109,6 +109,11 @@ def _subject(row: Mapping[str, str], manifest: Path, line: int) -> Subject:
 
 
 def place_of(folder: Path, text: str) -> Path:
-    """Return the target of a path in a table; relative paths may have backslashes."""
-    place = folder / text
-    return place if os.path.exists(place) else folder / text.replace("\\", "/")
+    """Return the target of a path in a table; relative paths may have backslashes.
+
+    Letters and accents may be apart in one place and not in the other, as in files copied from macOS.
+    """
+    slashed = text.replace("\\", "/")
+    forms = [unicodedata.normalize(form, slashed) for form in ("NFC", "NFD")]
+    places = [folder / item for item in (text, slashed, *forms)]
+    return next((place for place in places if os.path.exists(place)), places[1])

@@ -1,5 +1,7 @@
 """Groups and covariates from a table, for known subjects."""
 
+import re
+import unicodedata
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -97,9 +99,11 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     identifies the subject: by name, by file name with or without suffix, or by a prefix that ends before a
     character other than a letter or digit (``acdc004`` matches ``acdc004_ED_myo``). A prefix of several names
     matches all of them if they are one subject's sides or time points (``sub-01`` matches ``sub-01_ses-01``
-    and ``sub-01_ses-02``) and have no rows of their own. Columns for paths and landmarks are ignored; paths
-    of scans (column image) are relative to the table's folder. An empty cell keeps the current value. A row
-    of types below the header declares categories and numbers (`read_typed_rows`).
+    and ``sub-01_ses-02``) and have no rows of their own. If no row matches, whole numbers in the column name,
+    subject, id, … match those in the names, if both have the same (``1`` matches ``sub-001``). Columns for
+    paths and landmarks are ignored; paths of scans (column image) are relative to the table's folder. An
+    empty cell keeps the current value. A row of types below the header declares categories and numbers
+    (`read_typed_rows`).
 
     Parameters
     ----------
@@ -128,11 +132,10 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     candidates = {key: [_named(subjects, row[key]) for row in rows] for key in keys}
     key = max(keys, key=lambda item: sum(map(bool, candidates[item])))
     named_by = candidates[key]
+    notes: tuple[str, ...] = ()
     if not any(named_by):
-        raise InputError(
-            f"{path}: its column {key!r} names none of the subjects, such as {subjects[0].name}; enter their "
-            "names there, or their files in a column path"
-        )
+        key, named_by, notes = _by_numbers(subjects, matches, rows, path, key)
+        candidates[key] = named_by
     single = {names[0] for names in named_by if len(names) == 1}
     named_by = [
         names if len(names) == 1 else tuple(name for name in names if name not in single)
@@ -153,7 +156,28 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
         for name in names
     }
     unknown = [row[key] for names, row in zip(candidates[key], rows, strict=True) if not names]
-    return replace(_changes(subjects, values, unknown, key), notes=encoding_notes(path))
+    return replace(_changes(subjects, values, unknown, key), notes=(*notes, *encoding_notes(path)))
+
+
+def _by_numbers(
+    subjects: Sequence[Subject], keys: Sequence[str], rows: Sequence[Row], path: Path, named: str
+) -> tuple[str, list[tuple[str, ...]], tuple[str, ...]]:
+    """Return the column whose numbers are those in the subjects' names, their names by row, and a note.
+
+    Spreadsheets drop leading zeros: ``1`` means ``sub-001`` if the rows have the same numbers as the names.
+    """
+    numbers = [re.findall(r"\d+", subject.name) for subject in subjects]
+    names = {int(found[0]): subject.name for subject, found in zip(subjects, numbers, strict=True) if found}
+    is_sure = len(names) == len(subjects) and all(len(found) == 1 for found in numbers)
+    for key in keys if is_sure else ():
+        ids = [int(row[key]) if row[key].isdecimal() else -1 for row in rows]
+        if len(set(ids)) == len(ids) and set(ids) == names.keys():
+            note = f"rows of {path.name} were matched by number: {rows[0][key]} is {names[ids[0]]}"
+            return key, [(names[number],) for number in ids], (note,)
+    raise InputError(
+        f"{path}: its column {named!r} names none of the subjects, such as {subjects[0].name}; enter their "
+        "names there, or their files in a column path"
+    )
 
 
 def with_values_of(subjects: Sequence[Subject], others: Sequence[Subject]) -> TableChanges:
@@ -233,7 +257,7 @@ def _scan(table: Path, text: str) -> str:
 def _named(subjects: Sequence[Subject], text: str) -> tuple[str, ...]:
     """Return the subjects that a row identifies: one, or several times or sides of one individual."""
     file = text.replace("\\", "/").rpartition("/")[2]
-    names = {text.casefold(), file.casefold(), _stem(file).casefold()} - {""}
+    names = {_folded(text), _folded(file), _folded(_stem(file))} - {""}
     for fits in (_is_called, _is_file, _begins):
         matches = tuple(subject.name for subject in subjects if any(fits(subject, name) for name in names))
         if matches:
@@ -243,16 +267,21 @@ def _named(subjects: Sequence[Subject], text: str) -> tuple[str, ...]:
 
 
 def _is_called(subject: Subject, name: str) -> bool:
-    return subject.name.casefold() == name
+    return _folded(subject.name) == name
 
 
 def _is_file(subject: Subject, name: str) -> bool:
-    return name in (subject.path.name.casefold(), _stem(subject.path.name).casefold())
+    return name in (_folded(subject.path.name), _folded(_stem(subject.path.name)))
 
 
 def _begins(subject: Subject, text: str) -> bool:
-    name = subject.name.casefold()
+    name = _folded(subject.name)
     return name.startswith(text) and not name[len(text) :][:1].isalnum()
+
+
+def _folded(text: str) -> str:
+    """Return a text for comparison; names from macOS have letters and accents apart."""
+    return unicodedata.normalize("NFC", text).casefold()
 
 
 def _stem(file: str) -> str:
