@@ -37,6 +37,7 @@ _PAIRS: tuple[_Codes, ...] = (
     {"sin": LEFT, "dex": RIGHT},
     {"sin": LEFT, "dx": RIGHT},
     {"sx": LEFT, "dx": RIGHT},
+    {"os": LEFT, "od": RIGHT},  # eyes
 )
 """Ambiguous abbreviations: in names they count only if both of a pair occur."""
 _ANY: _Codes = {code: side for pair in (*_PAIRS, _CODES) for code, side in pair.items()}

@@ -25,15 +25,17 @@ def read_ply(content: bytes) -> Polygons:
     """
     from trimesh.exchange.ply import load_ply
 
-    header = content.partition(b"end_header")[0].decode("latin-1")
+    head, end, rest = content.partition(b"end_header")
+    header = head.decode("latin-1")
     counts = {kind: int(count) for kind, count in re.findall(r"element\s+(\w+)\s+(\d+)", header)}
-    if "vertex" not in counts or b"end_header" not in content:
+    if "vertex" not in counts or not end:
         raise ValueError("no points")
     if not counts.get("face"):  # a point cloud
         return Polygons(np.empty((0, 3)), Cells.of_lists([]), header=header)
     if max(counts["vertex"], counts["face"]) > len(content):
         raise ValueError("fewer bytes than points or faces")
-    model = load_ply(io.BytesIO(content), skip_materials=True)
+    plain = header.encode("ascii", "replace")  # comments may be in Latin-1, which trimesh does not read
+    model = load_ply(io.BytesIO(plain + end + rest), skip_materials=True)
     points = np.array(model["vertices"], dtype=np.float64).reshape(-1, 3)
     faces = model["faces"]
     if len(points) != counts["vertex"] or len(faces) < counts["face"]:

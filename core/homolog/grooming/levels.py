@@ -57,8 +57,12 @@ WALL_NODES = 1.8
 """Least number of nodes across the walls of a mesh; thinner walls are thickened to it."""
 RIM_SHARE = 0.01
 """Largest share of thin walls in the surface for which no wall is thickened."""
-STACK_RATIO = 2.0
-"""Distance between slices, in pixels, above which outlines are interpolated."""
+STACK_RATIO = 2.001
+"""Distance between slices, in pixels, above which outlines are interpolated.
+
+Voxels of 0.5 x 0.5 x 1 mm are no stack. The limit is a little above 2, since files round their sizes: all
+subjects of such a cohort are treated alike.
+"""
 HOLE_WALL_NODES = 2.0
 """Nodes across the wall around a hole between slices: thinner walls would be lost on the grid."""
 

@@ -295,6 +295,17 @@ def test_folders_of_sides_in_a_subjects_folder_are_subjects(tmp_path, cohort_of)
     assert sides_of(cohort).of == {f"P{n}_{side}": side for n in (1, 2) for side in ("left", "right")}
 
 
+@pytest.mark.parametrize(("left", "right"), [("OS", "OD"), ("li", "re"), ("sin", "dex"), ("L", "R")])
+def test_abbreviations_of_sides_count_if_both_occur(tmp_path, cohort_of, left, right):
+    cohort = cohort_of(tmp_path, *(f"P{n}_orbit_{right if n % 2 else left}.nii.gz" for n in range(4)))
+    assert list(sides_of(cohort).of.values()) == ["left", "right"] * 2
+
+
+def test_an_abbreviation_that_may_mean_something_else_is_no_side_alone(tmp_path, cohort_of):
+    cohort = cohort_of(tmp_path, *(f"P{n}_os_coxae.nii.gz" for n in range(4)))
+    assert not sides_of(cohort).of
+
+
 def test_sides_within_words_are_no_structures(tmp_path, cohort_of):
     cohort = cohort_of(tmp_path, *(f"P{n}_Femur{side}.stl" for n in (1, 2, 3) for side in ("Left", "Right")))
     assert len(cohort.subjects) == len(sides_of(cohort).of) == 6

@@ -335,6 +335,15 @@ def test_a_ply_as_text_with_colours_is_read(tmp_path):
     assert read_mesh(path).area == pytest.approx(0.5)
 
 
+def test_letters_of_another_encoding_in_a_plys_comment_do_not_matter(tmp_path):
+    header = (
+        "ply\nformat ascii 1.0\ncomment von Müller\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    (tmp_path / "a.ply").write_bytes(header.encode("latin-1") + b"0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+    assert read_mesh(tmp_path / "a.ply").area == pytest.approx(0.5)
+
+
 @pytest.mark.parametrize("offsets", ["0 3 900000", "0 -3 6", "3 3 6"])
 @pytest.mark.parametrize("cells", ["POLYGONS", "TRIANGLE_STRIPS"])
 def test_faces_that_would_lead_vtk_out_of_memory_are_refused(tmp_path, offsets, cells):

@@ -57,3 +57,13 @@ def test_a_structure_of_few_nodes_is_not_made_coarser(grid, of_mask):
     ball = np.linalg.norm(grid(26.0), axis=-1) < 24.0
     level = level_of_voxels(of_mask(ball), None, 1.0)
     assert (level.step, level.notes) == (1.0, ())
+
+
+def test_slices_twice_as_far_apart_as_pixels_are_treated_alike_however_files_round(grid, of_mask):
+    mask = ((grid(12.0, (0.5, 0.5, 1.0)) / [11.0, 8.0, 6.0]) ** 2).sum(axis=-1) < 1.0
+    exact, rounded = (
+        level_of_voxels(of_mask(mask, (0.5, 0.5, size)), None, 1.0) for size in (1.0, 1.0 + 1e-6)
+    )
+    assert exact.notes == rounded.notes == ()
+    inside, other = (np.count_nonzero(level.values < 0.0) for level in (exact, rounded))
+    assert inside == pytest.approx(other, rel=1e-3)
