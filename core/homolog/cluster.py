@@ -11,17 +11,18 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import partial
+from itertools import islice
 from typing import Any, Self, TypeVar
 
 from homolog import __version__
 from homolog.errors import InputError, NumericalError
-from homolog.progress import Tick, no_tick
+from homolog.progress import Tick, no_tick, part_of
 from homolog.workers import worker_processes
 
 _J = TypeVar("_J")
 _T = TypeVar("_T")
 
-__all__ = ["LOCAL", "SLURM", "SubjectWorkers", "serve_as_worker", "subject_executor"]
+__all__ = ["LOCAL", "SLURM", "SubjectWorkers", "each_in_workers", "serve_as_worker", "subject_executor"]
 
 LOCAL = "local"
 """A Dask cluster of this machine's cores."""
@@ -31,6 +32,8 @@ SLURM = "slurm"
 _JOB_MEMORY = "8 GB"
 """Resources of a Slurm job, unless Dask's configuration sets others."""
 _PATIENCE_S = 0.1  # s between ticks
+_AHEAD = 1024
+"""Largest number of jobs that wait in an executor: a scheduler need not hold those of all subjects."""
 _MOST_DEATHS = 3
 """Largest number of successive deaths of workers without a finished subject."""
 ANSWER_S = 15
@@ -94,6 +97,42 @@ def subject_executor(
             _check_workers(client, cluster)
         announce(f"Dask cluster {client.scheduler.address}, dashboard {client.dashboard_link}")
         yield _ClusterExecutor(stack.enter_context(client.get_executor(pure=False)))
+
+
+def each_in_workers(
+    executor: Executor, function: Callable[[_J], _T], jobs: Mapping[str, _J], doing: str, tick: Tick
+) -> Iterator[tuple[str, Future[_T]]]:
+    """Call a function of each job in workers; yield the futures as they end, and cancel the others on exit.
+
+    Parameters
+    ----------
+    executor : Executor
+    function : callable
+        Function of a job, importable by name in the workers.
+    jobs : mapping of str to object
+        Jobs by subject.
+    doing : str
+        Verb for progress messages, such as ``"fitting"``.
+    tick : Tick
+        Called at least every 0.1 s.
+
+    Yields
+    ------
+    tuple of str and Future
+        Subject and ended future, in the order of completion.
+    """
+    following, names, ended = iter(jobs.items()), dict[Future[_T], str](), 0
+    try:
+        while ended < len(jobs):
+            for name, job in islice(following, _AHEAD - len(names)):
+                names[executor.submit(function, job)] = name
+            tick(ended / len(jobs), f"{doing} {next(iter(names.values()))}")
+            for future in wait(names, _PATIENCE_S, FIRST_COMPLETED).done:
+                ended += 1
+                yield names.pop(future), future
+    finally:
+        for future in names:
+            future.cancel()
 
 
 class SubjectWorkers:
@@ -164,21 +203,15 @@ class SubjectWorkers:
         """
         left, deaths = dict(jobs), 0
         while left:
-            pending: set[Future[_T]] = set()
             try:
                 if self._executor is None:
                     self._executor = self._stack.enter_context(self._start())
-                futures = {self._executor.submit(function, job): name for name, job in left.items()}
-                pending = set(futures)
-                while pending:
-                    busy = next(name for future, name in futures.items() if future in pending)
-                    tick(1.0 - len(left) / len(jobs), f"{doing} {busy}")
-                    done, pending = wait(pending, _PATIENCE_S, FIRST_COMPLETED)
-                    for future in done:
-                        result, name = future.result(), futures.pop(future)
-                        del left[name]
-                        deaths = 0
-                        yield name, result
+                begun = part_of(tick, 1.0 - len(left) / len(jobs), 1.0)
+                for name, future in each_in_workers(self._executor, function, dict(left), doing, begun):
+                    result = future.result()
+                    del left[name]
+                    deaths = 0
+                    yield name, result
             except BrokenExecutor as error:
                 self._executor = None
                 self._stack.close()
@@ -189,9 +222,6 @@ class SubjectWorkers:
                         "fewer workers"
                     ) from error
                 _log.warning("%s: a worker died; its subject is started again", doing)
-            finally:
-                for future in pending:
-                    future.cancel()
 
 
 class _ClusterExecutor(Executor):

@@ -1,4 +1,4 @@
-"""Processes that groom subjects in parallel and can be terminated at any time."""
+"""Processes that work on single subjects in parallel and can be terminated at any time."""
 
 import os
 import signal

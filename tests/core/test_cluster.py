@@ -1,9 +1,11 @@
 import importlib
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from homolog.cluster import SubjectWorkers
+from homolog.cluster import SubjectWorkers, each_in_workers
 from homolog.errors import InputError, NumericalError
+from homolog.progress import no_tick
 
 _WORK = """
 import os
@@ -54,3 +56,24 @@ def test_workers_are_kept_from_one_step_to_the_next(tmp_path, work):
     with SubjectWorkers(1) as workers:
         first, second = (dict(workers.each(work.process, {"a": tmp_path}, "testing")) for _ in range(2))
     assert first == second
+
+
+def test_few_jobs_wait_in_the_executor_at_a_time(monkeypatch):
+    monkeypatch.setattr("homolog.cluster._AHEAD", 3)
+    waiting, most = set(), []
+
+    class Counting(ThreadPoolExecutor):
+        def submit(self, function, /, *arguments):
+            future = super().submit(function, *arguments)
+            waiting.add(future)
+            most.append(len(waiting))
+            return future
+
+    with Counting(1) as executor:
+        for name, future in each_in_workers(
+            executor, str, {f"{k}": k for k in range(20)}, "testing", no_tick
+        ):
+            waiting.discard(future)
+            assert future.result() == name
+    assert len(most) == 20
+    assert max(most) == 3

@@ -4,15 +4,17 @@ Covariances are stored as leading modes, so that the size does not depend on the
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import overload
 
 import numpy as np
 from scipy.sparse.linalg import eigsh
 
 from homolog.arrays import Array, Float32Array, FloatArray, frozen
+from homolog.memory import Store, in_memory
 from homolog.settings import OptimizeSettings
 
-__all__ = ["Ensemble", "ShapeState", "generalization_error", "make_ensemble"]
+__all__ = ["Ensemble", "ShapeState", "StateArrays", "generalization_error", "make_ensemble"]
 
 _MOST_MODES = 256
 _FOLDS, _COMPARED_MODES = 5, 10
@@ -20,6 +22,8 @@ _NEGLIGIBLE = 0.02
 """Modes of less variance than this fraction of the last regularization have no effect and are left out."""
 _DENSE = 1500
 """Largest Gram matrix [rows] that is decomposed as a whole."""
+_PARTICLES, _SUBJECTS = 32, 256
+"""Largest number of particles or subjects for which float64 values of all others are in memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +49,58 @@ class ShapeState:
     normals: Float32Array
     openings: Float32Array
     placement: FloatArray
+
+
+class StateArrays(Sequence[ShapeState]):
+    """The states of many shapes, as arrays with a first axis of shapes, which may be memory-mapped.
+
+    Parameters
+    ----------
+    count, particles : int
+    store : Store
+        Storage of the arrays.
+
+    Attributes
+    ----------
+    local, aligned, normals, openings, placement : arrays
+        See `ShapeState`.
+    """
+
+    def __init__(self, count: int, particles: int, store: Store = in_memory) -> None:
+        self.local = store(np.empty((count, particles, 3)))
+        self.aligned = store(np.empty((count, particles, 3), np.float32))
+        self.normals = store(np.empty((count, particles, 3), np.float32))
+        self.openings = store(np.empty((count, particles), np.float32))
+        self.placement = store(np.empty((count, 4, 4)))
+
+    @classmethod
+    def of(cls, states: Sequence[ShapeState]) -> "StateArrays":
+        """Return the arrays of some states."""
+        arrays = cls(len(states), len(states[0].local))
+        for index, state in enumerate(states):
+            arrays[index] = state
+        return arrays
+
+    def __len__(self) -> int:
+        """Return the number of shapes."""
+        return len(self.local)
+
+    @overload
+    def __getitem__(self, index: int) -> ShapeState: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[ShapeState]: ...
+
+    def __getitem__(self, index: int | slice) -> ShapeState | Sequence[ShapeState]:
+        """Return the state of a shape, or of several; views, not copies."""
+        if isinstance(index, slice):
+            return [self[place] for place in range(len(self))[index]]
+        return ShapeState(**{field.name: getattr(self, field.name)[index] for field in fields(ShapeState)})
+
+    def __setitem__(self, index: int, state: ShapeState) -> None:
+        """Copy the state of a shape into the arrays."""
+        for field in fields(ShapeState):
+            getattr(self, field.name)[index] = getattr(state, field.name)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,12 +189,13 @@ def make_ensemble(
     area: float,
     opening_scale: float,
     templates: Sequence[int],
+    workspace: Float32Array | None = None,
 ) -> Ensemble:
     """Return the ensemble of some shapes.
 
     Parameters
     ----------
-    states : sequence of ShapeState
+    states : sequence of M ShapeState
         All aligned with each other.
     settings : OptimizeSettings
         Of the run.
@@ -146,23 +203,24 @@ def make_ensemble(
         See `Ensemble`.
     templates : sequence of int
         Indices of the shapes that become templates.
+    workspace : (M, 3n) float32 array, optional
+        Overwritten; may be memory-mapped.
     """
-    aligned = np.stack([state.aligned for state in states])
-    normals = np.stack([state.normals for state in states])
-    openings = np.stack([state.openings for state in states])
+    arrays = states if isinstance(states, StateArrays) else StateArrays.of(states)
+    aligned, normals, openings = arrays.aligned, arrays.normals, arrays.openings
     count, n = aligned.shape[:2]
+    rows = np.empty((count, 3 * n), np.float32) if workspace is None else workspace
     mean = aligned.mean(axis=0, dtype=np.float64)
     mean_normals = _mean_normals(normals)
-    cosines = np.einsum("mni,ni->mn", normals, mean_normals)
     middle = openings.mean(axis=0, dtype=np.float64)
-    rows = (aligned - mean).astype(np.float32).reshape(count, -1)
+    for index in range(count):  # one at a time: all in float64 would need twice the memory
+        rows[index] = (aligned[index] - mean).ravel()
     least = _NEGLIGIBLE * settings.regularization_end
     position = _modes(rows, float(n * max(count - 1, 1)), least)
-    logs = np.empty((count, n, 3), np.float32)
-    for index in range(count):  # a block at a time
+    for index in range(count):
         tangential = log_maps(mean_normals, normals[index].astype(np.float64))
-        logs[index] = tangential + (openings[index] - middle)[:, None] * mean_normals
-    normal = _modes(logs.reshape(count, -1), float(n * max(count - 1, 1)), 1e-5)
+        rows[index] = (tangential + (openings[index] - middle)[:, None] * mean_normals).ravel()
+    normal = _modes(rows, float(n * max(count - 1, 1)), 1e-5)
     chosen = list(templates)
     return Ensemble(
         unit=np.array([unit]),
@@ -172,7 +230,7 @@ def make_ensemble(
         mean=mean,
         normals=mean_normals,
         openings=middle,
-        angles=np.median(np.arccos(np.clip(cosines, -1.0, 1.0)), axis=0),
+        angles=_median_angles(normals, mean_normals),
         position_modes=position[0],
         position_variances=position[1],
         normal_modes=normal[0],
@@ -182,23 +240,32 @@ def make_ensemble(
     )
 
 
-def generalization_error(aligned: Float32Array) -> float:
+def generalization_error(aligned: Float32Array, workspace: Float32Array | None = None) -> float:
     """Return the distance of subjects from the first modes of the others, root mean square per particle.
 
     Parameters
     ----------
     aligned : (M, n, 3) float32 array
         Each fifth of the subjects is compared with the ten leading modes of all others.
+    workspace : (M, 3n) float32 array, optional
+        Overwritten; may be memory-mapped.
     """
     count, n = aligned.shape[:2]
     rows, fold, total = aligned.reshape(count, -1), np.arange(count) % _FOLDS, 0.0
+    room = np.empty_like(rows) if workspace is None else workspace
     for left_out in range(min(_FOLDS, count)):
-        known = rows[fold != left_out]
+        others = np.flatnonzero(fold != left_out)
+        known = room[: len(others)]
+        for place, index in enumerate(others):
+            known[place] = rows[index]
         mean = known.mean(axis=0, dtype=np.float64)
-        modes, _ = _modes((known - mean).astype(np.float32), float(n * max(len(known) - 1, 1)), 0.0)
-        modes = modes[:_COMPARED_MODES]
-        apart = rows[fold == left_out] - mean
-        total += float(np.square(apart - (apart @ modes.T) @ modes).sum())
+        for place in range(len(known)):
+            known[place] = known[place] - mean
+        modes, _ = _modes(known, float(n * max(len(known) - 1, 1)), 0.0)
+        modes, own = modes[:_COMPARED_MODES], np.flatnonzero(fold == left_out)
+        for start in range(0, len(own), _SUBJECTS):
+            apart = rows[own[start : start + _SUBJECTS]] - mean
+            total += float(np.square(apart - (apart @ modes.T) @ modes).sum())
     return float(np.sqrt(total / (count * n)))
 
 
@@ -216,11 +283,24 @@ def _mean_normals(normals: Float32Array) -> FloatArray:
     mean = normals.sum(axis=0, dtype=np.float64)
     mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-12)
     for _ in range(5):
-        shift = np.mean([log_maps(mean, normal.astype(np.float64)) for normal in normals], axis=0)
+        shift = np.zeros_like(mean)
+        for normal in normals:
+            shift += log_maps(mean, normal.astype(np.float64))
+        shift /= len(normals)
         angle = np.linalg.norm(shift, axis=1, keepdims=True)
         mean = np.cos(angle) * mean + np.sinc(angle / np.pi) * shift
         mean /= np.linalg.norm(mean, axis=1, keepdims=True)
     return np.asarray(mean, np.float64)
+
+
+def _median_angles(normals: Float32Array, mean_normals: FloatArray) -> FloatArray:
+    """Return the median angles of unit normals (M, n, 3) to their means (n, 3) over the shapes, (n,)."""
+    angles = np.empty(len(mean_normals))
+    for start in range(0, len(angles), _PARTICLES):
+        some = slice(start, start + _PARTICLES)
+        cosines = np.einsum("mni,ni->mn", normals[:, some], mean_normals[some])
+        angles[some] = np.median(np.arccos(np.clip(cosines, -1.0, 1.0)), axis=0)
+    return angles
 
 
 def _modes(rows: Float32Array, divisor: float, least: float) -> tuple[Float32Array, FloatArray]:

@@ -6,13 +6,13 @@ from functools import partial
 from typing import Protocol
 
 import numpy as np
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
-from scipy.spatial.transform import Rotation
 
 from homolog.arrays import BoolArray, FloatArray
 from homolog.device import cores
 from homolog.errors import InputError
-from homolog.geometry import rotation_of, scale_of
+from homolog.geometry import scale_of
 from homolog.grooming.icp import (
     Fit,
     OrientedPoints,
@@ -24,7 +24,16 @@ from homolog.grooming.icp import (
 )
 from homolog.grooming.orientation import agree, are_soft, better_turned
 from homolog.grooming.subject import GroomedSubject
-from homolog.grooming.typicality import by_typicality, medoid, odd_ones, radii_of
+from homolog.grooming.typicality import (
+    EPSILON,
+    angles_from,
+    by_typicality,
+    medoid,
+    odd_ones,
+    radii_of,
+    similar_pairs,
+    typical_rotation,
+)
 from homolog.progress import Tick, no_tick, run_in_threads
 from homolog.settings import Alignment, GroomSettings
 from homolog.threads import on_one_thread
@@ -48,10 +57,6 @@ _MIN_SUBJECTS = 3  # fewer subjects do not show which of them is unusual
 _TURNED = 60.0  # degrees: a larger rotation gets a note
 _DOUBTFUL = 40.0  # degrees: a larger rotation relative to the others is checked again
 _NEIGHBOURS = 3
-_LINKS, _PAIRS = 4, 56
-"""Shapes to which each is registered if files have arbitrary orientations: at least the first, and the second
-divided by their number, since in a small cohort few shapes are similar."""
-_EPSILON = 1e-6  # stands for distance zero, since SciPy's graphs drop edges up to 1e-8
 _CLEARLY_BETTER, _UNLIKE = 0.6, 1.5
 """A held shape is rotated freely if that reduces its distance to less than the first factor, and if its
 distance exceeds the second factor times the median."""
@@ -147,12 +152,14 @@ def register(
     InputError
         If a shape is a hundred times as large or small as the others, which means another unit.
     """
-    oriented_shapes = [oriented_points(item.coarse_mesh) for item in groomed]
-    names, sizes = [item.name for item in groomed], np.array([shape.size for shape in oriented_shapes])
+    names, sizes, units = [item.name for item in groomed], np.empty(len(groomed)), []
+    for index, item in enumerate(groomed):
+        shape = oriented_points(item.coarse_mesh)
+        sizes[index] = shape.size
+        units.append(shape.scaled(1.0 / shape.size))
     if strange := of_other_units(names, sizes.tolist()):
         raise InputError(next(iter(strange.values())))
     goals = np.full(len(sizes), np.exp(np.log(sizes).mean())) if settings.scaling else sizes
-    units = [shape.scaled(1.0 / shape.size) for shape in oriented_shapes]
     middle = medoid(units)
     reference = units[middle]
     result, distances = np.empty((len(units), 4, 4)), np.zeros(len(units))
@@ -263,15 +270,15 @@ def _reconsidered(
     result = list(fits)
     poses = np.array([fit.pose for fit in fits])
     alike = np.flatnonzero(~doubtful)
-    radii = radii_of(units)
+    radii, typical = radii_of(units), typical_rotation(poses[alike])
     for index in np.flatnonzero(doubtful).tolist():
         nearest = np.argsort(np.abs(radii[alike] - radii[index]).sum(axis=1), kind="stable")[:_NEIGHBOURS]
         best = np.inf
         for neighbour in alike[nearest].tolist():
             tick(1.0, "aligning")
             fit = register_pair(units[index], units[neighbour])
-            poses[index] = pose = poses[neighbour] @ fit.pose
-            if fit.distance < best and _turns(poses)[index] <= _DOUBTFUL:
+            pose = poses[neighbour] @ fit.pose
+            if fit.distance < best and angles_from(pose[None], typical)[0] <= _DOUBTFUL:
                 best, result[index] = fit.distance, fit_at(units[index], reference, pose)
     return result
 
@@ -285,14 +292,8 @@ def _by_neighbours(
     most similar radii, and the minimum spanning tree of the distances connects all of them. The orientations
     of the files are ignored.
     """
-    radii = radii_of(units)
-    links = max(_LINKS, _PAIRS // len(units))
-    apart = np.abs(radii[:, None] - radii).sum(axis=2) + _EPSILON
-    linked = minimum_spanning_tree(apart).toarray() > 0.0
-    nearest = np.argsort(apart, axis=1, kind="stable")[:, : links + 1]  # the first is the shape itself
-    np.put_along_axis(linked, nearest, True, axis=1)
-    first, second = np.nonzero(np.triu(linked | linked.T, 1))
-    pairs = list(zip(first.tolist(), second.tolist(), strict=True))
+    pairs = similar_pairs(radii_of(units), middle)
+    first, second = np.array(pairs).T
 
     def fit(pair: tuple[int, int], inner: Tick) -> Fit:
         inner(0.0, "aligning")
@@ -300,9 +301,9 @@ def _by_neighbours(
 
     fits = run_in_threads([partial(fit, pair) for pair in pairs], tick, "aligning", cores())
     onto = {pair: item.pose for pair, item in zip(pairs, fits, strict=True)}
-    distances = np.zeros_like(apart)
-    distances[first, second] = [item.distance + _EPSILON for item in fits]
-    order, before = breadth_first_order(minimum_spanning_tree(distances), middle, directed=False)
+    distances = [item.distance + EPSILON for item in fits]
+    graph = csr_array((distances, (first, second)), (len(units), len(units)))
+    order, before = breadth_first_order(minimum_spanning_tree(graph), middle, directed=False)
     poses = {middle: np.eye(4)}
     for index in order[1:].tolist():
         nearer = int(before[index])
@@ -313,10 +314,7 @@ def _by_neighbours(
 
 def _turns(alignments: FloatArray) -> FloatArray:
     """Return the rotation angle of each similarity (M, 4, 4) relative to the most typical one [degrees]."""
-    turns = Rotation.from_matrix(rotation_of(alignments))
-    between = np.degrees([(turns * turn.inv()).magnitude() for turn in turns])
-    angles: FloatArray = between[int(np.argmin(np.median(between, axis=1)))]
-    return angles
+    return angles_from(alignments, typical_rotation(alignments))
 
 
 def _notes(

@@ -3,13 +3,14 @@
 import logging
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from homolog.cluster import each_in_workers
 from homolog.cohort import Cohort, Subject
 from homolog.device import cores
 from homolog.errors import InputError, NumericalError, WorkerDiedError
@@ -28,8 +29,6 @@ __all__ = ["Problem", "check_cohort", "groom_cohort"]
 
 _log = logging.getLogger(__name__)
 
-_PATIENCE = 0.1  # s between ticks while workers are busy
-
 _MANY_PAIRS = 0.5
 """Fraction of subjects with pairs; below it, pieces are noise rather than two organs under one label."""
 _PAIR = (
@@ -38,7 +37,7 @@ _PAIR = (
 )
 
 NO_SOURCES: Mapping[str, Source] = {}
-_Work = Future[tuple[str, GroomedSubject]]
+_Job = tuple[Subject, GroomSettings, Source | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,26 +163,23 @@ def groom_cohort(
     groomed, cached = _from_cache(cohort, settings, cache, part_of(tick, 0.0, 0.1), taken)
     missing = [subject for subject in cohort.subjects if subject.name not in groomed]
     if missing:
+        jobs = {item.name: (item, settings, sources.get(item.name)) for item in missing}
         with nullcontext(executor) if executor else worker_processes(min(len(missing), cores())) as used:
-            futures = {
-                used.submit(_groomed, subject, settings, sources.get(subject.name)): subject
-                for subject in missing
-            }
-            for subject, future in _as_they_finish(futures, part_of(tick, 0.1, 1.0)):
+            for name, future in _each_groomed(used, jobs, part_of(tick, 0.1, 1.0)):
                 try:
                     key, done = future.result()
                 except (InputError, NumericalError) as error:
                     if left_out is None:
                         raise
-                    left_out.append(Problem(subject.name, str(error)))
+                    left_out.append(Problem(name, str(error)))
                     continue
-                if cache and key != cached[subject.name]:
+                if cache and key != cached[name]:
                     raise InputError(
-                        f"{subject.path}: changed while it was read; run again when it is complete"
+                        f"{jobs[name][0].path}: changed while it was read; run again when it is complete"
                     )
-                groomed[subject.name] = taken(_noted(cache, done, key) if cache else done)
+                groomed[name] = taken(_noted(cache, done, key) if cache else done)
                 if keys is not None:
-                    keys[subject.name] = key
+                    keys[name] = key
                 if cache:
                     save_groomed(cache, done, key)
     ordered = [groomed[subject.name] for subject in cohort.subjects if subject.name in groomed]
@@ -253,10 +249,27 @@ def _source(subject: Subject, settings: GroomSettings, source: Source | None) ->
     return read_source(subject, settings) if source is None else check_source(source, settings, subject.name)
 
 
-def _groomed(subject: Subject, settings: GroomSettings, source: Source | None) -> tuple[str, GroomedSubject]:
+def _groomed(job: _Job) -> tuple[str, GroomedSubject]:
     """Groom a subject, in a worker, and return the key of its file."""
+    subject, settings, source = job
     source = read_source(subject, settings) if source is None else source
     return content_key(source, settings), groom(subject.name, source, settings)
+
+
+def _each_groomed(
+    executor: Executor, jobs: Mapping[str, _Job], tick: Tick
+) -> Iterator[tuple[str, Future[tuple[str, GroomedSubject]]]]:
+    """Yield subjects as they are groomed."""
+    try:
+        for name, future in each_in_workers(executor, _groomed, jobs, "grooming", tick):
+            if isinstance(error := future.exception(), BrokenExecutor):
+                raise error
+            yield name, future
+    except BrokenExecutor as error:
+        raise WorkerDiedError(
+            "a grooming process ended unexpectedly, probably for lack of memory: use fewer workers or a "
+            f"larger grid spacing{main_guard_hint()}"
+        ) from error
 
 
 def _noted(cache: Path, done: GroomedSubject, key: str) -> GroomedSubject:
@@ -270,24 +283,3 @@ def _noted(cache: Path, done: GroomedSubject, key: str) -> GroomedSubject:
 
 def _with_note(groomed: GroomedSubject, note: str) -> GroomedSubject:
     return replace(groomed, report=replace(groomed.report, notes=(*groomed.report.notes, note)))
-
-
-def _as_they_finish(futures: dict[_Work, Subject], tick: Tick) -> Iterator[tuple[Subject, _Work]]:
-    """Yield results as they arrive, with ticks; cancel pending work on errors."""
-    pending, count = set(futures), len(futures)
-    try:
-        while pending:
-            busy = next(item.name for future, item in futures.items() if future in pending)
-            tick(1.0 - len(pending) / count, f"grooming {busy}")
-            done, pending = wait(pending, _PATIENCE, FIRST_COMPLETED)
-            for future in list(futures):
-                if future in done:
-                    if isinstance(error := future.exception(), BrokenExecutor):
-                        raise WorkerDiedError(
-                            "a grooming process ended unexpectedly, probably for lack of memory: use fewer "
-                            f"workers or a larger grid spacing{main_guard_hint()}"
-                        ) from error
-                    yield futures.pop(future), future  # popped, so that its result can be freed
-    finally:
-        for future in pending:
-            future.cancel()

@@ -122,29 +122,32 @@ def better_mirrored(
         pose = min(poses, key=lambda item: _gap(_moved(cloud, item), fixed))
         return _Pair(_moved(cloud, pose), image, _moved(_thinned(units[k], _FIXED), pose))
 
+    tasks = [partial(pair_of, k) for k in references]
+    made = run_in_threads(tasks, part_of(tick, 0.0, 0.1), "comparing with mirror images", cores())
+    surfaces = [pair.fixed for pair in made]
+
+    def preferences_of(k: int, pair: _Pair) -> FloatArray:
+        return np.array(
+            [0.0 if j == k else pair.preference(item) for j, item in zip(references, surfaces, strict=True)]
+        )
+
+    def row_of(k: int, inner: Tick) -> FloatArray:
+        return preferences_of(k, pair_of(k, inner))
+
     involved = sorted({*tested, *references})
-    tasks = [partial(pair_of, k) for k in involved]
-    made = run_in_threads(tasks, part_of(tick, 0.0, 0.7), "comparing with mirror images", cores())
-    pairs = dict(zip(involved, made, strict=True))
-
-    def preference(k: int, inner: Tick) -> FloatArray:
-        inner(0.0, "comparing with mirror images")
-        return np.array([0.0 if j == k else pairs[k].preference(pairs[j].fixed) for j in references])
-
-    works = [partial(preference, k) for k in involved]
-    further = part_of(tick, 0.7, 1.0)
+    works = [partial(row_of, k) for k in involved]
+    further = part_of(tick, 0.1, 1.0)
     rows = np.array(run_in_threads(works, further, "comparing with mirror images", cores()))
-    sides = _sides(rows[[involved.index(j) for j in references]])
+    sides = _sides(rows[np.searchsorted(involved, references)])
     others = len(references) - np.isin(involved, references)
-    preferences = (rows @ sides / others)[[involved.index(k) for k in tested]]
+    preferences = (rows @ sides / others)[np.searchsorted(involved, tested)]
     are_images = reversed_ones(preferences, majority=not known)
     flagged = [
         k for k, is_image in zip(tested, are_images, strict=True) if is_image and groomed[k].name not in known
     ]
     for k in flagged:  # failed registrations resemble mirror images
         tick(1.0, "comparing with mirror images")
-        pairs[k] = pairs[k].searched(fixed)
-        row = [0.0 if j == k else pairs[k].preference(pairs[j].fixed) for j in references]
+        row = preferences_of(k, pair_of(k, tick).searched(fixed))
         preferences[tested.index(k)] = row @ sides / (len(references) - (k in references))
     are_images = reversed_ones(preferences, majority=not known) if flagged else are_images
     return {groomed[k].name for k in flagged if are_images[tested.index(k)]}

@@ -6,12 +6,10 @@ objective. Each fit is stored: an interrupted run continues with the missing one
 depend on the number of workers. No step needs more surfaces in memory than those of the core set.
 """
 
-import hashlib
 import json
 import logging
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from functools import lru_cache
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,22 +18,26 @@ from homolog.arrays import FloatArray, IntArray
 from homolog.cluster import SubjectWorkers
 from homolog.cohort import Cohort
 from homolog.correspondence import Shape
-from homolog.correspondence.ensemble import Ensemble, ShapeState, generalization_error, make_ensemble
+from homolog.correspondence.ensemble import (
+    Ensemble,
+    ShapeState,
+    StateArrays,
+    generalization_error,
+    make_ensemble,
+)
 from homolog.correspondence.fields import opening_scale
 from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.poses import align_to_mean, entropy_step, generalized_procrustes
-from homolog.correspondence.shape_fit import first_particles, fit_shape, nearest_template, shape_state
+from homolog.correspondence.shape_fit import shape_state
 from homolog.correspondence.surface_sets import Similarity, length_unit, normalize_size
-from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.atomic import report_os_errors
-from homolog.files.names import file_stems
 from homolog.geometry import scale_of, transform_points
 from homolog.grooming import GroomedSubject
-from homolog.grooming.cache import read_groomed
+from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
-from homolog.run.fingerprints import surface_hash
 from homolog.run.result import OnDemand, OptimizationInput, OptimizationOutcome
+from homolog.run.subject_fits import SubjectFits, groomed_shape
 from homolog.settings import OptimizeSettings, Procrustes, RunSettings
 from homolog.surfaces.mirroring import MIRROR
 
@@ -60,7 +62,7 @@ def prepare_from_disk(
 ) -> OptimizationInput:
     """Return a cohort's shapes, each read from the folder of groomed subjects on demand."""
     names = [item.name for item in outlines]
-    shapes = OnDemand(len(names), lambda index: _shape(folder, names[index], alignments[index]))
+    shapes = OnDemand(len(names), lambda index: groomed_shape(folder, names[index], alignments[index]))
     return OptimizationInput(cohort, settings, outlines, shapes, "", device)
 
 
@@ -105,41 +107,6 @@ def read_core(path: Path, inputs: OptimizationInput) -> OptimizationOutcome | No
     )
 
 
-def _shape(folder: Path, name: str, alignment: FloatArray) -> Shape:
-    groomed = read_groomed(folder, name)
-    return Shape(name, groomed.field, groomed.mesh, groomed.coarse_mesh, alignment)
-
-
-@dataclass(frozen=True, slots=True)
-class _Job:
-    """A job of a worker: the fit of a subject.
-
-    Attributes
-    ----------
-    groomed, ensemble : Path
-        Folder of the groomed subjects, and file of the ensemble.
-    name : str
-    placement : (4, 4) array
-        Initial placement of the fit.
-    local : (n, 3) array or None
-        Initial particles; None to warp those of a template.
-    templates : tuple of str
-        Names of the templates.
-    settings : OptimizeSettings
-    key : str
-        Hash of all inputs of the fit.
-    """
-
-    groomed: Path
-    ensemble: Path
-    name: str
-    placement: FloatArray
-    local: FloatArray | None
-    templates: tuple[str, ...]
-    settings: OptimizeSettings
-    key: str
-
-
 def fit_others(
     shapes: Sequence[Shape],
     names: Sequence[str],
@@ -150,6 +117,8 @@ def fit_others(
     settings: RunSettings,
     workers: SubjectWorkers,
     tick: Tick = no_tick,
+    *,
+    store: Store = in_memory,
 ) -> tuple[FloatArray, FloatArray]:
     """Fit the subjects that are not in the core set to it, then all subjects to the ensemble of all.
 
@@ -172,6 +141,8 @@ def fit_others(
     workers : SubjectWorkers
         Workers for the fits.
     tick : Tick
+    store : Store
+        Storage of the particles of all subjects and passes.
 
     Returns
     -------
@@ -187,88 +158,42 @@ def fit_others(
     NumericalError
         If a fit fails, or workers die repeatedly.
     """
-    fits = _Fits(shapes, names, folder, groomed, settings.placing, workers)
+    fits = SubjectFits(shapes, names, folder, groomed, settings.placing, workers)
     templates = tuple(names[index] for index in core)
     placed = [
         replace(shape, alignment=alignment)
         for shape, alignment in zip(outcome.inputs.shapes, outcome.alignments, strict=True)
     ]
     known, ensemble = joint_ensemble(placed, outcome.local, fits.placing, part_of(tick, 0.0, 0.05))
-    states = dict(zip(core.tolist(), known, strict=True))
-    others = [index for index in range(len(shapes)) if index not in states]
-    begin = {index: (None, first_placement(shapes[index], ensemble, fits.placing)) for index in others}
-    states |= fits.run(ensemble, begin, templates, 0, part_of(tick, 0.05, 0.5))
-    error = _error(states)
+    count, particles = len(shapes), outcome.local.shape[1]
+    states, following = (StateArrays(count, particles, store) for _ in range(2))
+    workspace = store(np.empty((count, 3 * particles), np.float32))
+    for index, state in zip(core.tolist(), known, strict=True):
+        states[index] = state
+    others = np.setdiff1d(np.arange(count), core).tolist()
+    begin: dict[int, tuple[FloatArray | None, FloatArray]] = {
+        index: (None, first_placement(shapes[index], ensemble, fits.placing)) for index in others
+    }
+    fits.run(ensemble, begin, templates, 0, states, part_of(tick, 0.05, 0.5))
+    error = generalization_error(states.aligned, workspace)
     for number in range(1, _MOST_PASSES + 1):
         share = part_of(tick, 0.4 + 0.1 * number, 0.5 + 0.1 * number)
-        every = [states[index] for index in range(len(shapes))]
         ensemble = make_ensemble(
-            every, fits.placing, unit=float(ensemble.unit[0]), area=float(ensemble.area[0]),
-            opening_scale=float(ensemble.opening_scale[0]), templates=(),
+            states, fits.placing, unit=float(ensemble.unit[0]), area=float(ensemble.area[0]),
+            opening_scale=float(ensemble.opening_scale[0]), templates=(), workspace=workspace,
         )  # fmt: skip
-        begin = {index: (state.local, state.placement) for index, state in enumerate(every)}
-        following = fits.run(ensemble, begin, (), number, share)
-        before, error = error, _error(following)
+        begin = {index: (state.local, state.placement) for index, state in enumerate(states)}
+        fits.run(ensemble, begin, (), number, following, share)
+        before, error = error, generalization_error(following.aligned, workspace)
         _log.info("pass %d over all subjects: generalization error %.5g, before %.5g", number, error, before)
         if error < before:
-            states = following
+            states, following = following, states
         if error > _ENOUGH * before:
             break
-    local = np.stack([states[index].local for index in range(len(shapes))])
+    local = np.array(states.local)
     alignments = np.stack([shape.alignment for shape in shapes])
     alignments[core] = outcome.alignments
     return local, _alignments(local, alignments, core, fits.placing)
-
-
-def _error(states: Mapping[int, ShapeState]) -> float:
-    return generalization_error(np.stack([states[index].aligned for index in range(len(states))]))
-
-
-@dataclass(frozen=True, slots=True)
-class _Fits:
-    """Fits of a cohort, each in its own file."""
-
-    shapes: Sequence[Shape]
-    names: Sequence[str]
-    folder: Path
-    groomed: Path
-    placing: OptimizeSettings
-    workers: SubjectWorkers
-
-    def run(
-        self,
-        ensemble: Ensemble,
-        begin: Mapping[int, tuple[FloatArray | None, FloatArray]],
-        templates: tuple[str, ...],
-        number: int,
-        tick: Tick,
-    ) -> dict[int, ShapeState]:
-        """Fit subjects, by index, from initial particles (None to warp a template's) and placements."""
-        folder = self.folder / f"pass{number}"
-        with report_os_errors(folder):
-            folder.mkdir(parents=True, exist_ok=True)
-        path, whole_key = folder / "ensemble.npz", _ensemble_key(ensemble, self.placing)
-        write_arrays(path, ensemble.arrays)
-        stems = file_stems([f"fit {self.names[index]}" for index in begin])
-        states: dict[int, ShapeState] = {}
-        jobs: dict[str, _Job] = {}
-        places: dict[str, tuple[int, Path]] = {}
-        for (index, (local, placement)), stem in zip(begin.items(), stems, strict=True):
-            name, file = self.names[index], folder / f"{stem}.npz"
-            tick(0.0, f"looking for the fit of {name}")
-            key = _key(whole_key, self.shapes[index], placement, local)
-            stored = _stored(file, key)
-            if stored is not None:
-                states[index] = stored
-                continue
-            places[name] = index, file
-            jobs[name] = _Job(self.groomed, path, name, placement, local, templates, self.placing, key)
-        for name, state in self.workers.each(_fitted, jobs, "fitting", tick):
-            index, file = places[name]
-            arrays = {field.name: getattr(state, field.name) for field in fields(state)}
-            write_arrays(file, {"key": jobs[name].key, **arrays})
-            states[index] = state
-        return states
 
 
 def joint_ensemble(
@@ -334,52 +259,6 @@ def first_placement(shape: Shape, ensemble: Ensemble, settings: OptimizeSettings
     centre = transform_points(placement, shape.mesh.vertices).mean(axis=0)
     placement[:3, 3] += ensemble.mean.mean(axis=0) - centre
     return placement
-
-
-@lru_cache(maxsize=2)
-def _read_ensemble(path: Path, changed: float) -> Ensemble:
-    del changed  # part of the cache key: another run may rewrite the file
-    return Ensemble(**read_arrays(path))
-
-
-def _fitted(job: _Job) -> ShapeState:
-    """Fit one subject, in a worker."""
-    ensemble = _read_ensemble(job.ensemble, job.ensemble.stat().st_mtime)
-    shape = _shape(job.groomed, job.name, job.placement)
-    if job.local is not None:
-        return fit_shape(shape, job.settings, ensemble, job.local, settled=True)
-    index = nearest_template(ensemble, shape)
-    template = _shape(job.groomed, job.templates[index], ensemble.placements[index])
-    return fit_shape(shape, job.settings, ensemble, first_particles(ensemble, index, template, shape))
-
-
-def _stored(path: Path, key: str) -> ShapeState | None:
-    """Return the stored fit; None if there is none, or it belongs to another ensemble."""
-    if not path.is_file():
-        return None
-    try:
-        stored = read_arrays(path)
-    except InputError:
-        return None  # the subject is fitted again
-    if str(stored.pop("key", "")) != key:
-        return None
-    return ShapeState(**stored)
-
-
-def _ensemble_key(ensemble: Ensemble, settings: OptimizeSettings) -> str:
-    digest = hashlib.blake2b(settings.model_dump_json(exclude_none=True).encode(), digest_size=16)
-    for array in ensemble.arrays.values():
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
-
-
-def _key(ensemble_key: str, shape: Shape, placement: FloatArray, local: FloatArray | None) -> str:
-    """Return a hash of all inputs of a fit."""
-    digest = hashlib.blake2b(f"{ensemble_key} {surface_hash(shape)}".encode(), digest_size=16)
-    for array in (placement, local):
-        if array is not None:
-            digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
 
 
 def _alignments(

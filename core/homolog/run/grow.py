@@ -56,7 +56,7 @@ def grow(
     in_process : bool
         Whether to fit in a thread of this process, one subject at a time, instead of worker processes.
     store : Store
-        Storage of the core set's shapes.
+        Storage of the core set's shapes, and of the particles of all.
     registrations : Path, optional
         File with earlier registrations; see `align_cohort`.
 
@@ -101,7 +101,7 @@ def grow(
     ) as workers:
         local, aligned = fit_others(
             whole.shapes, [item.name for item in annotated], core, outcome, fits, groomed, settings, workers,
-            tick,
+            tick, store=store,
         )  # fmt: skip
     for index, item in zip(chosen, outcome.inputs.groomed, strict=True):
         annotated[index] = item

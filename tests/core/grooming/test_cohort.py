@@ -24,7 +24,7 @@ class Here(Executor):
         self.names = []
 
     def submit(self, function, /, *arguments, **named):
-        self.names.append(arguments[0].name)
+        self.names.append(arguments[0][0].name)
         future = Future()
         try:
             future.set_result(function(*arguments, **named))
@@ -104,7 +104,7 @@ def test_a_file_that_changed_since_it_was_groomed_gets_a_note(cohort, tmp_path, 
 def test_a_file_that_changes_while_it_is_read_stops_the_work(cohort, tmp_path, sphere_volume):
     class Late(Here):
         def submit(self, function, /, *arguments, **named):
-            if arguments[0].name == "b":
+            if arguments[0][0].name == "b":
                 sphere_volume("b.nrrd", 5.0)
             return super().submit(function, *arguments, **named)
 
@@ -116,7 +116,7 @@ def test_a_file_that_changes_while_it_is_read_stops_the_work(cohort, tmp_path, s
 def test_what_cannot_be_groomed_is_raised_or_left_out_by_name(cohort):
     class Failing(Here):
         def submit(self, function, /, *arguments, **named):
-            if arguments[0].name != "b":
+            if arguments[0][0].name != "b":
                 return super().submit(function, *arguments, **named)
             future = Future()
             future.set_exception(NumericalError("b: is too small"))

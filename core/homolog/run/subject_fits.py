@@ -1,0 +1,156 @@
+"""Fits of single subjects to an ensemble, in workers, each stored in its own file."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from homolog.arrays import FloatArray
+from homolog.cluster import SubjectWorkers
+from homolog.correspondence import Shape
+from homolog.correspondence.ensemble import Ensemble, ShapeState, StateArrays
+from homolog.correspondence.shape_fit import first_particles, fit_shape, nearest_template
+from homolog.errors import InputError
+from homolog.files.arrays import read_arrays, write_arrays
+from homolog.files.atomic import report_os_errors
+from homolog.files.names import file_stems
+from homolog.grooming.cache import read_groomed
+from homolog.progress import Tick
+from homolog.run.fingerprints import surface_hash
+from homolog.settings import OptimizeSettings
+
+__all__ = ["SubjectFits", "groomed_shape"]
+
+
+def groomed_shape(folder: Path, name: str, alignment: FloatArray) -> Shape:
+    """Return a groomed subject as a shape with an alignment."""
+    groomed = read_groomed(folder, name)
+    return Shape(name, groomed.field, groomed.mesh, groomed.coarse_mesh, alignment)
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """A job of a worker: the fit of a subject.
+
+    Attributes
+    ----------
+    groomed, ensemble : Path
+        Folder of the groomed subjects, and file of the ensemble.
+    name : str
+    placement : (4, 4) array
+        Initial placement of the fit.
+    local : (n, 3) array or None
+        Initial particles; None to warp those of a template.
+    templates : tuple of str
+        Names of the templates.
+    settings : OptimizeSettings
+    key : str
+        Hash of all inputs of the fit.
+    """
+
+    groomed: Path
+    ensemble: Path
+    name: str
+    placement: FloatArray
+    local: FloatArray | None
+    templates: tuple[str, ...]
+    settings: OptimizeSettings
+    key: str
+
+
+@dataclass(frozen=True, slots=True)
+class SubjectFits:
+    """Fits of a cohort, each in its own file."""
+
+    shapes: Sequence[Shape]
+    names: Sequence[str]
+    folder: Path
+    groomed: Path
+    placing: OptimizeSettings
+    workers: SubjectWorkers
+    hashes: dict[int, str] = field(default_factory=dict)
+
+    def run(
+        self,
+        ensemble: Ensemble,
+        begin: Mapping[int, tuple[FloatArray | None, FloatArray]],
+        templates: tuple[str, ...],
+        number: int,
+        states: StateArrays,
+        tick: Tick,
+    ) -> None:
+        """Fit subjects, by index, from initial particles (None to warp a template's) and placements."""
+        folder = self.folder / f"pass{number}"
+        with report_os_errors(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+        path, whole_key = folder / "ensemble.npz", _ensemble_key(ensemble, self.placing)
+        write_arrays(path, ensemble.arrays)
+        stems = file_stems([f"fit {self.names[index]}" for index in begin])
+        jobs: dict[str, _Job] = {}
+        places: dict[str, tuple[int, Path]] = {}
+        for (index, (local, placement)), stem in zip(begin.items(), stems, strict=True):
+            name, file = self.names[index], folder / f"{stem}.npz"
+            tick(0.0, f"looking for the fit of {name}")
+            if index not in self.hashes:
+                self.hashes[index] = surface_hash(self.shapes[index])
+            key = _key(whole_key, self.hashes[index], placement, local)
+            stored = _stored(file, key)
+            if stored is not None:
+                states[index] = stored
+                continue
+            places[name] = index, file
+            jobs[name] = _Job(self.groomed, path, name, placement, local, templates, self.placing, key)
+        for name, state in self.workers.each(_fitted, jobs, "fitting", tick):
+            index, file = places[name]
+            arrays = {item.name: getattr(state, item.name) for item in fields(state)}
+            write_arrays(file, {"key": jobs[name].key, **arrays})
+            states[index] = state
+
+
+@lru_cache(maxsize=2)
+def _read_ensemble(path: Path, changed: float) -> Ensemble:
+    del changed  # part of the cache key: another run may rewrite the file
+    return Ensemble(**read_arrays(path))
+
+
+def _fitted(job: _Job) -> ShapeState:
+    """Fit one subject, in a worker."""
+    ensemble = _read_ensemble(job.ensemble, job.ensemble.stat().st_mtime)
+    shape = groomed_shape(job.groomed, job.name, job.placement)
+    if job.local is not None:
+        return fit_shape(shape, job.settings, ensemble, job.local, settled=True)
+    index = nearest_template(ensemble, shape)
+    template = groomed_shape(job.groomed, job.templates[index], ensemble.placements[index])
+    return fit_shape(shape, job.settings, ensemble, first_particles(ensemble, index, template, shape))
+
+
+def _stored(path: Path, key: str) -> ShapeState | None:
+    """Return the stored fit; None if there is none, or it belongs to another ensemble."""
+    if not path.is_file():
+        return None
+    try:
+        stored = read_arrays(path)
+    except InputError:
+        return None  # the subject is fitted again
+    if str(stored.pop("key", "")) != key:
+        return None
+    return ShapeState(**stored)
+
+
+def _ensemble_key(ensemble: Ensemble, settings: OptimizeSettings) -> str:
+    digest = hashlib.blake2b(settings.model_dump_json(exclude_none=True).encode(), digest_size=16)
+    for array in ensemble.arrays.values():
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _key(ensemble_key: str, surface: str, placement: FloatArray, local: FloatArray | None) -> str:
+    """Return a hash of all inputs of a fit."""
+    digest = hashlib.blake2b(f"{ensemble_key} {surface}".encode(), digest_size=16)
+    for array in (placement, local):
+        if array is not None:
+            digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
