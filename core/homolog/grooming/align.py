@@ -158,7 +158,7 @@ def register(
         sizes[index] = shape.size
         units.append(shape.scaled(1.0 / shape.size))
     if strange := of_other_units(names, sizes.tolist()):
-        raise InputError(next(iter(strange.values())))
+        raise InputError("\n".join(strange.values()))
     goals = np.full(len(sizes), np.exp(np.log(sizes).mean())) if settings.scaling else sizes
     middle = medoid(units)
     reference = units[middle]
@@ -377,8 +377,9 @@ def of_other_units(names: Sequence[str], sizes: Sequence[float]) -> dict[str, st
     for name, size in zip(names, sizes, strict=True):
         if not middle / _OTHER_UNIT < size < middle * _OTHER_UNIT:
             times, word = (size / middle, "large") if size > middle else (middle / size, "small")
-            messages[name] = (
-                f"{name}: is {times:.0f} times as {word} as the others; if its unit differs, export "
-                "it in mm, or exclude it"
-            )
+            is_thousand = _OTHER_UNIT * 5.0 < times < _OTHER_UNIT * 20.0
+            unit = "metres" if word == "small" else "micrometres"
+            guess = f"its file is probably in {unit}" if is_thousand else "if its unit differs"
+            remedy = f"{guess}{':' if is_thousand else ','} export it in mm, or exclude it"
+            messages[name] = f"{name}: is {times:.0f} times as {word} as the others; {remedy}"
     return messages

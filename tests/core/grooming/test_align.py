@@ -128,6 +128,18 @@ def test_a_shape_in_another_unit_is_refused_by_name(paw, scale, message):
     assert len(align(others, GroomSettings(alignment=Alignment.CENTER))) == 5
 
 
+def test_all_shapes_in_another_unit_are_named_with_the_probable_unit(paw):
+    sizes = {"a": 1.0, "b": 1e-3, "c": 1.2, "d": 0.9, "e": 1.1e3, "f": 1.0, "g": 150.0}
+    shapes = [replace(moved(paw, np.eye(3), np.zeros(3), size), name=name) for name, size in sizes.items()]
+    with pytest.raises(InputError) as refusal:
+        align(shapes, GroomSettings())
+    lines = str(refusal.value).splitlines()
+    assert [line[0] for line in lines] == ["b", "e", "g"]
+    assert [("in metres" in line, "in micrometres" in line) for line in lines] == [
+        (True, False), (False, True), (False, False),
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize("growth", [0.4, 2.5])
 def test_icp_undoes_a_turn_whatever_the_size(paw, growth):
     turn = Rotation.from_rotvec([2.0, -1.0, 1.5]).as_matrix()
