@@ -15,14 +15,17 @@ from itertools import islice
 from typing import Any, Self, TypeVar
 
 from homolog import __version__
-from homolog.errors import InputError, NumericalError
+from homolog.errors import InputError, NumericalError, WorkerDiedError
 from homolog.progress import Tick, no_tick, part_of
 from homolog.workers import worker_processes
 
 _J = TypeVar("_J")
 _T = TypeVar("_T")
 
-__all__ = ["LOCAL", "SLURM", "SubjectWorkers", "each_in_workers", "serve_as_worker", "subject_executor"]
+__all__ = [
+    "LOCAL", "SLURM", "SubjectWorkers", "each_in_workers", "retried_on_workers", "serve_as_worker",
+    "subject_executor",
+]  # fmt: skip
 
 LOCAL = "local"
 """A Dask cluster of this machine's cores."""
@@ -35,7 +38,7 @@ _PATIENCE_S = 0.1  # s between ticks
 _AHEAD = 1024
 """Largest number of jobs that wait in an executor: a scheduler need not hold those of all subjects."""
 _MOST_DEATHS = 3
-"""Largest number of successive deaths of workers without a finished subject."""
+"""Largest number of deaths of workers, in `SubjectWorkers` without a finished subject between them."""
 ANSWER_S = 15
 """Time within which a scheduler must answer."""
 _log = logging.getLogger(__name__)
@@ -97,6 +100,41 @@ def subject_executor(
             _check_workers(client, cluster)
         announce(f"Dask cluster {client.scheduler.address}, dashboard {client.dashboard_link}")
         yield _ClusterExecutor(stack.enter_context(client.get_executor(pure=False)))
+
+
+def retried_on_workers(
+    work: Callable[[Executor], _T],
+    doing: str,
+    workers: int,
+    cluster: str | None = None,
+    announce: Callable[[str], None] = _log.info,
+) -> _T:
+    """Call a function of an executor; when a worker dies, call it again with another one.
+
+    Parameters
+    ----------
+    work : callable
+        Work that keeps what it has finished, such as `groom_cohort` with a cache.
+    doing : str
+        Verb for the log, such as ``"grooming"``.
+    workers, cluster, announce
+        See `subject_executor`.
+
+    Raises
+    ------
+    WorkerDiedError
+        If workers die three times.
+    """
+    deaths = 0
+    while True:
+        with subject_executor(workers, cluster, announce) as executor:
+            try:
+                return work(executor)
+            except WorkerDiedError:
+                deaths += 1
+                if deaths >= _MOST_DEATHS:
+                    raise
+        _log.warning("%s: a worker died; its subject is started again", doing)
 
 
 def each_in_workers(
@@ -316,6 +354,7 @@ def _distributed() -> Any:  # noqa: ANN401 - an optional library without types
         raise InputError(
             'clusters need Dask, which is not installed; install it with: pip install "homolog[cluster]"'
         ) from error
+    logging.getLogger("distributed").setLevel(logging.ERROR)  # its reports would fill the window's log
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # its errors are raised
     return distributed
 

@@ -3,8 +3,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from homolog.cluster import SubjectWorkers, each_in_workers
-from homolog.errors import InputError, NumericalError
+from homolog.cluster import SubjectWorkers, each_in_workers, retried_on_workers
+from homolog.errors import InputError, NumericalError, WorkerDiedError
 from homolog.progress import no_tick
 
 _WORK = """
@@ -77,3 +77,21 @@ def test_few_jobs_wait_in_the_executor_at_a_time(monkeypatch):
             assert future.result() == name
     assert len(most) == 20
     assert max(most) == 3
+
+
+@pytest.mark.parametrize("deaths", [2, 3])
+def test_work_is_repeated_with_new_workers_until_three_have_died(deaths):
+    executors = []
+
+    def work(executor):
+        executors.append(executor)
+        if len(executors) <= deaths:
+            raise WorkerDiedError("died")
+        return "done"
+
+    if deaths < 3:
+        assert retried_on_workers(work, "testing", 1) == "done"
+    else:
+        with pytest.raises(WorkerDiedError):
+            retried_on_workers(work, "testing", 1)
+    assert len(set(executors)) == 3

@@ -3,6 +3,7 @@
 They import slow modules of the core themselves.
 """
 
+import logging
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -35,6 +36,8 @@ __all__ = [
     "prepare",
     "read_files",
 ]
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,14 +95,19 @@ def groom(
     cohort: Cohort, settings: RunSettings, project: ProjectFolder, tick: Tick
 ) -> "tuple[list[GroomedSubject], FloatArray]":
     """Groom and align a cohort; unchanged subjects come from the project's cache."""
-    from homolog.cluster import subject_executor
+    from homolog.cluster import retried_on_workers
     from homolog.device import cores
     from homolog.grooming import align_cohort, groom_cohort
 
-    with subject_executor(settings.workers or cores(), settings.cluster) as executor:
-        groomed = groom_cohort(
-            cohort, settings.groom, executor=executor, cache=project.groomed, tick=part_of(tick, 0.0, 0.9)
-        )
+    inner = part_of(tick, 0.0, 0.9)
+    groomed = retried_on_workers(
+        lambda executor: groom_cohort(
+            cohort, settings.groom, executor=executor, cache=project.groomed, tick=inner
+        ),
+        "grooming",
+        settings.workers or cores(),
+        settings.cluster,
+    )
     tick(0.9, "aligning")
     return align_cohort(cohort, groomed, settings.groom, part_of(tick, 0.9, 1.0), cache=project.registrations)
 
@@ -177,6 +185,7 @@ class RunJob:
         self._run = Run(project, cohort, settings, resume=resume, from_result=from_result)
         self._from_result = from_result
         self._last: Frame | None = None
+        self._cluster = ""
         self.recorder = Recorder()
         self.names = [subject.name for subject in cohort.subjects]
         self._status: RunStatus = self._run.status
@@ -237,6 +246,9 @@ class RunJob:
         return load_result(self._run.project)
 
     def _watch(self, status: "RunStatus") -> None:
+        if status.cluster not in ("", self._cluster):
+            self._cluster = status.cluster
+            _log.info("%s", status.cluster)
         frame = self._run.frame
         if frame is not None and frame is not self._last:
             self._last = frame

@@ -3,14 +3,15 @@
 import logging
 import shutil
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 
 import numpy as np
 
-from homolog.cluster import subject_executor
+from homolog.cluster import retried_on_workers
 from homolog.cohort import Cohort
 from homolog.correspondence import Checkpoint, Frame
 from homolog.device import choose_device, cores, device_faults
-from homolog.errors import Cancelled, InputError, WorkerDiedError
+from homolog.errors import Cancelled, InputError
 from homolog.files.atomic import report_os_errors
 from homolog.files.mapped import mapped_within
 from homolog.files.project import ProjectFolder
@@ -37,8 +38,6 @@ __all__ = ["Run"]
 
 _log = logging.getLogger(__name__)
 
-_MOST_DEATHS = 3
-"""Number of deaths of grooming workers after which a run fails; finished subjects are not groomed again."""
 _FEWEST = 8
 """Least number of particles that define a surface."""
 _MANY_ALIKE = 4
@@ -299,29 +298,21 @@ class Run:
     ) -> tuple[Cohort, list[GroomedSubject]]:
         self._control.enter(Phase.GROOMING, "grooming")
         left_out: list[Problem] = []
-        groomed: list[GroomedSubject] = []
-        for deaths in range(1, _MOST_DEATHS + 1):
+
+        def work(executor: Executor) -> list[GroomedSubject]:
             left_out.clear()
-            with subject_executor(
-                self._settings.workers or cores(),
-                self._settings.cluster,
-                self._control.work_on,
-            ) as executor:
-                try:
-                    groomed = groom_cohort(
-                        cohort,
-                        self._settings.groom,
-                        executor=executor,
-                        cache=self.project.groomed,
-                        tick=self._control.tick,
-                        left_out=left_out if self._skip_bad else None,
-                        reduced=reduced,
-                    )
-                    break
-                except WorkerDiedError:
-                    if deaths == _MOST_DEATHS:
-                        raise
-                    _log.warning("grooming: a worker died; its subject is started again")
+            return groom_cohort(
+                cohort,
+                self._settings.groom,
+                executor=executor,
+                cache=self.project.groomed,
+                tick=self._control.tick,
+                left_out=left_out if self._skip_bad else None,
+                reduced=reduced,
+            )
+
+        workers, announce = self._settings.workers or cores(), self._control.work_on
+        groomed = retried_on_workers(work, "grooming", workers, self._settings.cluster, announce)
         if left_out:
             self._excluded |= {item.subject: item.message for item in left_out}
             cohort = cohort.without({item.subject for item in left_out})
