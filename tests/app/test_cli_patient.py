@@ -190,6 +190,8 @@ def test_a_follow_up_writes_maps_of_change_and_says_when_no_error_is_known(
     page = (out / "follow_up.html").read_text("utf-8")
     assert page.count("For research use only") >= 2
     assert "No measurement error" in page
+    assert "Times: a; b. Reference: project, 4 controls. Report of 20" in page
+    assert "<td>no limit</td>" in page
     assert {"a", "b", "patients.csv", "changes.vtp"} <= {path.name for path in out.iterdir()}
     assert "without a limit" in capsys.readouterr().out
 

@@ -21,7 +21,7 @@ from homolog_app.report import NOTICE
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.page import Page
 from homolog_app.report.patient_pages import change_pictures
-from homolog_app.report.patient_texts import reference_rows
+from homolog_app.report.patient_texts import reference_rows, times_text
 from homolog_app.report.sheets import Sheet, write_sheets
 
 __all__ = [
@@ -171,12 +171,6 @@ def _title(follow_up: FollowUp) -> str:
     return f"Change of {follow_up.comparisons[0].name} over time"
 
 
-def _times(follow_up: FollowUp, reference: Reference) -> str:
-    about = reference.provenance
-    times = ", ".join(item.name for item in follow_up.comparisons)
-    return f"Times: {times}. Reference: {about.project}, {about.controls} controls."
-
-
 def _number_rows(follow_up: FollowUp) -> list[tuple[str, ...]]:
     areas = follow_up.surface.vertex_areas
     rows = []
@@ -188,7 +182,7 @@ def _number_rows(follow_up: FollowUp) -> list[tuple[str, ...]]:
 
 def _number_text(column: str, value: float | None) -> str:
     if value is None:
-        return "none"
+        return "no limit"
     return f"{value:.2f}" if column in _UNSIGNED else signed(value)
 
 
@@ -217,7 +211,7 @@ def _sheets(
     for number, part in enumerate(parts, start=1):
         sheet = Sheet(_title(follow_up))
         if number == 1:
-            sheet.text(_times(follow_up, reference))
+            sheet.text(times_text(follow_up.comparisons, reference))
             sheet.heading("Finding")
             for sentence in _sentences(follow_up):
                 sheet.text(sentence, 9.0)
@@ -232,13 +226,13 @@ def _sheets(
     for text in _method(follow_up):
         last.text(text, 8.0)
     last.heading("Reference")
-    last.rows([("", ""), *reference_rows(reference)], (0.0, 1.6))
+    last.rows(reference_rows(reference), (0.0, 1.6), has_header=False)
     return [*sheets, last]
 
 
 def _page(follow_up: FollowUp, reference: Reference, panels: Sequence[Sequence[Panel]], limit: float) -> Page:
     page = Page(_title(follow_up), NOTICE, footer=NOTICE)
-    page.paragraph(_times(follow_up, reference))
+    page.paragraph(times_text(follow_up.comparisons, reference))
     page.heading("Finding")
     *changes, error = _sentences(follow_up)
     for sentence in changes:

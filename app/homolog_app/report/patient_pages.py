@@ -239,7 +239,7 @@ def second_sheet(comparison: PatientComparison, reference: Reference, groups: Se
     for text in METHOD:
         sheet.text(text, 8.0)
     sheet.heading("Reference")
-    sheet.rows([("", ""), *reference_rows(reference)], (0.0, 1.6))
+    sheet.rows(reference_rows(reference), (0.0, 1.6), has_header=False)
     return sheet
 
 

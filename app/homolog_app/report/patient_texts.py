@@ -26,6 +26,7 @@ __all__ = [
     "reference_rows",
     "reference_text",
     "region_rows",
+    "times_text",
     "verdict",
     "who_text",
 ]
@@ -58,12 +59,31 @@ METHOD = (
 
 def who_text(comparison: PatientComparison, reference: Reference) -> str:
     """Name the reference, the patient's covariates, and the day of the report."""
+    given = _covariates(comparison)
+    return f"{_source(reference)}.{f' Patient: {given}.' if given else ''} {_day()}"
+
+
+def times_text(comparisons: Sequence[PatientComparison], reference: Reference) -> str:
+    """Name a patient's times with their covariates, the reference, and the day of the report."""
+    times = []
+    for comparison in comparisons:
+        given = _covariates(comparison)
+        times.append(f"{comparison.name}{f' ({given})' if given else ''}")
+    return f"Times: {'; '.join(times)}. {_source(reference)}. {_day()}"
+
+
+def _covariates(comparison: PatientComparison) -> str:
+    return ", ".join(f"{name} {value}" for name, value in comparison.covariates.items())
+
+
+def _source(reference: Reference) -> str:
     about = reference.provenance
-    given = ", ".join(f"{name} {value}" for name, value in comparison.covariates.items())
-    return (
-        f"Reference: {about.project}{f', {about.group}' if about.group else ''}, {about.controls} controls"
-        f"{f'. Patient: {given}' if given else ''}. Report of {datetime.now(UTC).date().isoformat()}."
-    )
+    group = f", {about.group}" if about.group else ""
+    return f"Reference: {about.project}{group}, {about.controls} controls"
+
+
+def _day() -> str:
+    return f"Report of {datetime.now(UTC).date().isoformat()}."
 
 
 def reference_text(reference: Reference) -> list[str]:
@@ -147,7 +167,7 @@ def _placed_text(reference: Reference) -> str:
     quality = reference.quality
     return (
         f"{100.0 * quality.near:.0f} % of those of held-out controls within 0.3 spacings of the joint run, "
-        f"95 % within {quality.error_95:.1f}"
+        f"95 % within {quality.error_95:.2f}"
     )
 
 

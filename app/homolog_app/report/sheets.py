@@ -100,10 +100,12 @@ class Sheet:
         self.y += 0.1
         self.text(content, 10.5, bold=True)
 
-    def rows(self, rows: Sequence[Sequence[str]], starts: Sequence[float]) -> None:
-        """Add a table with a header as first row; `starts` are the columns' distances from the left edge."""
+    def rows(
+        self, rows: Sequence[Sequence[str]], starts: Sequence[float], *, has_header: bool = True
+    ) -> None:
+        """Add a table, whose first row may be a header; `starts` are the columns' distances from the left."""
         for number, row in enumerate(rows):
-            self.row(row, starts, bold=number == 0)
+            self.row(row, starts, bold=has_header and number == 0)
         self.y += 0.05
 
     def row(self, row: Sequence[str], starts: Sequence[float], *, bold: bool = False) -> None:

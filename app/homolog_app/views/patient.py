@@ -126,7 +126,8 @@ def patient_scene(
         )  # fmt: skip
     if look.overlaid:
         mean = comparison.mean.placed(inverse_matrices(comparison.placement))
-        mapped = replace(mapped, raw=mean, overlaid=True)
+        notes = filter(None, (note, "transparent over the mean"))
+        mapped = replace(mapped, raw=mean, overlaid=True, note=", ".join(notes))
     if count == 1:
         return ViewContents([mapped], 1, scale, {})
     plain = [
@@ -252,9 +253,9 @@ def _scale(
     from homolog_app.rendering.colours import common_limit
 
     if kind == Z:
-        reach = max(1.5 * reference.limit, 1.0)
+        reach = np.array([max(1.5 * reference.limit, 1.0)])
         scale = displacement_scale(
-            reach, "Difference from the expected shape", f"limit ± {reference.limit:.1f}"
+            common_limit([reach]), "Difference from the expected shape", f"limit ± {reference.limit:.1f}"
         )
         return replace(scale, unit="SD"), comparison.z
     limit = common_limit([comparison.residual, comparison.total])

@@ -19,8 +19,11 @@ from homolog.correspondence.entropy.terms import Term
 from homolog.correspondence.initialization.registration import features
 from homolog.correspondence.kernels import particles as kernels
 from homolog.correspondence.kernels.functions import stencil_cache
+from homolog.correspondence.launcher import load_kernels
+from homolog.device import cores
 from homolog.geometry import inverse_matrices, rotation_of, transform_points
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.threads import in_threads
 
 __all__ = ["SurfacePoints", "follow_pose", "search_poses"]
 
@@ -124,7 +127,9 @@ def search_poses(
         Pose, and particles as posed. Particles of two poses are at least half a spacing apart on the surface.
     """
     search = _Search(ensemble, terms, surface, scaling)
-    ends = sorted((end for pose in poses for end in search.minima(pose)), key=lambda item: item[0])
+    load_kernels("cpu")  # otherwise each thread would load them
+    found = in_threads(search.minima, poses, min(len(poses), cores()))
+    ends = sorted((end for ends in found for end in ends), key=lambda item: item[0])
     kept: list[tuple[FloatArray, FloatArray]] = []
     places: list[FloatArray] = []
     least = _DISTINCT * np.sqrt(surface.area / len(ensemble.mean))

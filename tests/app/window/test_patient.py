@@ -217,6 +217,7 @@ def test_the_way_leads_mode_by_mode_to_the_patient_and_the_mean_can_lie_over_it(
     (shown,) = scene.shown
     mean = shown.raw.placed(shown.alignment).vertices
     np.testing.assert_allclose(mean, patient.comparison.mean.vertices, atol=1e-6)
+    assert shown.note == "transparent over the mean"
 
 
 def test_the_nearest_controls_are_named_and_saved_only_if_that_is_wanted(patient, tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from homolog.correspondence import optimize, shape_fit
+from homolog.correspondence import optimize, pose_search, shape_fit
 from homolog.correspondence.ensemble import generalization_error, make_ensemble
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
 from homolog.correspondence.fit_engine import FitEngine
@@ -110,6 +110,26 @@ def test_of_several_poses_the_one_whose_particles_end_lowest_is_kept(placed, mon
     fitted = fit_shape_from(shapes[2], SETTINGS, ensemble, [states[2].local])
     spacing = np.sqrt(shapes[2].mesh.area / 64)
     assert np.linalg.norm(fitted.local - states[2].local, axis=1).mean() < 0.15 * spacing
+
+
+def test_poses_do_not_depend_on_the_number_of_threads(placed, monkeypatch):
+    shapes, states, unit = placed
+    ensemble = ensemble_of([states[index] for index in (0, 1, 3, 4)], unit)
+    found = []
+
+    def twice(*given, **named):
+        for threads in (1, 2):
+            monkeypatch.setattr(pose_search, "cores", lambda threads=threads: threads)
+            found.append(search_poses(*given, **named))
+        return found[-1]
+
+    monkeypatch.setattr(shape_fit, "search_poses", twice)
+    fit_shape_from(shapes[2], SETTINGS, ensemble, [states[2].local, np.roll(states[2].local, 1, axis=1)])
+    alone, together = found
+    assert len(alone) == len(together)
+    for one, other in zip(alone, together, strict=True):
+        np.testing.assert_array_equal(one[0], other[0])
+        np.testing.assert_array_equal(one[1], other[1])
 
 
 def test_a_pose_that_the_search_misses_is_followed_from_the_placed_particles(placed, monkeypatch):
