@@ -1,7 +1,10 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from matplotlib.text import Text
 
+from homolog.patient.distribution import percentile
 from homolog_app.pictures.layout import write_picture
 from homolog_app.plots import (
     discriminant_points,
@@ -10,6 +13,7 @@ from homolog_app.plots import (
     draw_discriminant,
     draw_energies,
     draw_measure,
+    draw_percentiles,
     draw_place,
     draw_quality,
     draw_scores,
@@ -227,3 +231,15 @@ def test_nearly_equal_measures_look_nearly_equal():
     axes = _axes()
     draw_measure(axes, np.array([-1.0, 1.0]), np.array([79.2, 79.22]), "Distance", "mode 1 (SD)", COLOURS)
     assert np.diff(axes.get_ylim())[0] > 1.0
+
+
+@pytest.mark.parametrize(("largest", "colour"), [(5.0, COLOURS.accent), (6.0, COLOURS.danger)])
+def test_a_patient_beyond_the_limit_is_red_even_if_few_controls_do_not_allow_a_small_p(largest, colour):
+    controls = np.linspace(2.0, 4.5, 12)
+    usual = {name: percentile(3.0, controls) for name in ("mahalanobis", "outside", "size")}
+    comparison = SimpleNamespace(**usual, local=percentile(largest, controls))
+    values = dict.fromkeys(("mahalanobis", "outside", "size", "maxima"), controls)
+    figure = new_figure(6.6, 2.6, COLOURS)
+    draw_percentiles(figure.subplots(4, 1), comparison, SimpleNamespace(**values, limit=5.5), COLOURS)
+    marks = [axes.lines[-1].get_color() for axes in figure.axes]
+    assert marks == [COLOURS.accent] * 3 + [colour]

@@ -233,7 +233,8 @@ def draw_percentiles(
         axes.plot(controls, np.zeros(len(controls)), "|", color=colours.dim, markersize=7, mew=0.8)
         if limit is not None:
             axes.axvline(limit, color=colours.danger, linewidth=1.0, linestyle="--")
-        ink = colours.danger if item.p <= _UNUSUAL else colours.accent
+        is_unusual = item.p <= _UNUSUAL or (limit is not None and item.value > limit)
+        ink = colours.danger if is_unusual else colours.accent
         axes.plot(item.value, 0.0, "D", color=ink, markersize=7, mec=colours.surface)
         axes.set(ylim=(-1.0, 1.0), yticks=())
         axes.spines["left"].set_visible(False)

@@ -41,8 +41,8 @@ _UNLIKE = 2.5
 REGION_COLUMNS = ("region", "area (mm²)", "mean (mm)", "peak (mm)", "z at peak", "place", "particles")
 
 MARKS = (
-    "Marks: controls fitted as patients; band: their middle 90 %; diamond: this subject, red where "
-    "p is 0.05 or less; dashed: limit."
+    "Marks: controls fitted as patients; band: their middle 90 %; dashed: limit; diamond: this subject, "
+    "red where p is 0.05 or less or where it is beyond the limit."
 )
 
 METHOD = (
