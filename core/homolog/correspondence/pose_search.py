@@ -5,6 +5,7 @@ hold it: a turn with all particles fixed is costly, and so is moving all particl
 the surface is turned beneath particles that stay where the ensemble expects them.
 """
 
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -57,6 +58,7 @@ class SurfacePoints:
         self._fields, self._opening_fields = fields, opening_fields
         self._vertices, self._normals, self.area = mesh.vertices, mesh.vertex_normals, mesh.area
         self._tree = cKDTree(features(self._vertices, self._normals))
+        self._own = threading.local()  # poses are searched for in several threads
 
     def nearest(
         self, pose: FloatArray, targets: FloatArray, normals: FloatArray
@@ -88,16 +90,34 @@ class SurfacePoints:
 
     def _projected(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return points on the surface along the field's gradient, their normals and opening angles."""
-        count, free = len(points), wp.array(np.ones(len(points)), dtype=int, device="cpu")
+        own: _Projection | None = getattr(self._own, "projection", None)
+        if own is None or own.count != len(points):
+            own = self._own.projection = _Projection(self._fields, self._opening_fields, len(points))
+        return own.of(points)
+
+
+class _Projection:
+    """A recorded projection of points, with its arrays: making them anew takes as long as the kernel."""
+
+    def __init__(self, fields: DeviceArray, opening_fields: DeviceArray, count: int) -> None:
+        self.count = count
+        free = wp.array(np.ones(count), dtype=int, device="cpu")
         caches = [stencil_cache(0, "cpu") for _ in range(2)]
-        given = [count, _NEWTON_STEPS, 0, free, self._fields, self._opening_fields, *caches]
-        positions = wp.array(points.astype(np.float32), dtype=wp.vec3, device="cpu")
-        kinds = (wp.vec3, wp.mat33, wp.vec4)
-        normals, operators, openings = (wp.zeros(count, dtype=kind, device="cpu") for kind in kinds)
-        made = [positions, normals, operators, openings]
-        wp.launch(kernels.project, dim=count, inputs=[0, *given, *made], device="cpu")
-        ended = (positions.numpy(), normals.numpy(), openings.numpy()[:, 3])
-        return tuple(np.asarray(item, np.float64) for item in ended)  # type: ignore[return-value]
+        given = [count, _NEWTON_STEPS, 0, free, fields, opening_fields, *caches]
+        kinds = (wp.vec3, wp.vec3, wp.mat33, wp.vec4)
+        made = [wp.zeros(count, dtype=kind, device="cpu") for kind in kinds]
+        self._arrays = given, made  # a recorded launch only has their addresses
+        self._positions, self._normals, _, self._openings = (array.numpy() for array in made)
+        self._command = wp.launch(
+            kernels.project, dim=count, inputs=[0, *given, *made], device="cpu", record_cmd=True
+        )
+
+    def of(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return points (n, 3) on the surface, their normals and weighted opening angles."""
+        self._positions[:] = points
+        self._command.launch()
+        ended = (self._positions, self._normals, self._openings[:, 3])
+        return tuple(np.array(item, np.float64) for item in ended)  # type: ignore[return-value]
 
 
 def search_poses(
