@@ -112,6 +112,7 @@ def patient_scene(
     faded, grey = comparison.missing, ["cut off"] if comparison.missing.any() else []
     if only_beyond and kind != MEAN:
         faded, grey = faded | ~beyond, [*grey, "within the limit of 5 % of healthy subjects"]
+        scale = replace(scale, note="" if kind == EXPECTED else scale.note)  # grey instead of faint
     scale = replace(scale, grey_label=" or ".join(grey))
     steps = _steps(comparison, reference) if look.by_modes else _straight(comparison)
     note, vertices = _point_on_path(comparison.mean.vertices, steps, look.way)

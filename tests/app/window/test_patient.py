@@ -200,6 +200,19 @@ def test_views_show_the_map_and_what_leads_to_it(patient, explored):
     assert len(shown.colours) == len(shown.groomed.vertices)
 
 
+def test_differences_within_the_limit_are_called_faint_or_grey_but_not_both(patient):
+    from homolog_app.views.content import SubjectContents
+
+    subjects = SubjectContents()
+    patient.only_beyond.setChecked(False)
+    faint = patient.shown(subjects).scale
+    assert (faint.note, faint.grey_label) == ("faint within the limit", "")
+    patient.only_beyond.setChecked(True)
+    grey = patient.shown(subjects).scale
+    assert (grey.note, grey.grey_label) == ("", "within the limit of 5 % of healthy subjects")
+    patient.only_beyond.setChecked(False)
+
+
 def test_the_way_leads_mode_by_mode_to_the_patient_and_the_mean_can_lie_over_it(patient, explored):
     scene = explored.views.stage.scene
     patient.path.setCurrentIndex(1)
