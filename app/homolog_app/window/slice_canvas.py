@@ -51,6 +51,10 @@ _KEYS = {
 }
 
 
+_BORDER = "#26262b"
+"""Border of coloured contours, whose colours may be those of what is behind them."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Line:
     """A contour in voxels of the picture: polygons (K, 2), or segments (S, 2, 2) with colours (S, 3)."""
@@ -247,6 +251,8 @@ class SliceCanvas(QWidget):
         if line.colours is None:
             painter.drawLines([QLineF(*four) for four in ends])
             return
+        painter.setPen(QPen(QColor(_BORDER), line.width + 2.0, c=Qt.PenCapStyle.RoundCap))
+        painter.drawLines([QLineF(*four) for four in ends])
         for four, tint in zip(ends, line.colours.tolist(), strict=True):
             painter.setPen(QPen(QColor(*tint), line.width, c=Qt.PenCapStyle.RoundCap))
             painter.drawLine(QLineF(*four))
