@@ -31,6 +31,9 @@ _log = logging.getLogger(__name__)
 
 _MANY_PAIRS = 0.5
 """Fraction of subjects with pairs; below it, pieces are noise rather than two organs under one label."""
+_FEWEST_ALIKE = 4
+_ALIKE = 0.75
+"""Fraction of subjects with the same number of handles above which another number gets a note."""
 _PAIR = (
     "has two separate pieces of similar size, such as both lungs under one label; only the larger one "
     "would be used. Give each piece its own label (in 3D Slicer: Islands), or join them"
@@ -188,7 +191,7 @@ def groom_cohort(
         strange = of_other_units([subject.name for subject in ordered], sizes)
         left_out += [Problem(name, message) for name, message in strange.items()]
         ordered = [subject for subject in ordered if subject.name not in strange]
-    return _with_other_ends(_with_twins(ordered, cached))
+    return _with_other_handles(_with_other_ends(_with_twins(ordered, cached)))
 
 
 def _with_twins(groomed: Sequence[GroomedSubject], keys: Mapping[str, str]) -> list[GroomedSubject]:
@@ -219,6 +222,25 @@ def _with_other_ends(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
         _with_note(item, note) if is_flat.get(item.name, is_usual) is not is_usual else item
         for item in groomed
     ]
+
+
+def _with_other_handles(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
+    """Return the subjects, with a note on each with another number of handles than nearly all have."""
+    counts = Counter(item.report.genus for item in groomed)
+    usual, count = counts.most_common(1)[0] if counts else (0, 0)
+    if len(groomed) < _FEWEST_ALIKE or count < _ALIKE * len(groomed):
+        return list(groomed)
+    look = f"those of most subjects {usual or 'none'}; look at it, and correct its file if this is no anatomy"
+    return [
+        item
+        if item.report.genus == usual
+        else _with_note(item, f"its surface has {_handles(item.report.genus)}, {look}")
+        for item in groomed
+    ]
+
+
+def _handles(count: int) -> str:
+    return f"{count or 'no'} handle{'' if count == 1 else 's'} (tunnels through it)"
 
 
 def _from_cache(

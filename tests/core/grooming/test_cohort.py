@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from homolog.cohort import Cohort, read_cohort
+from homolog.cohort import Cohort, Subject, read_cohort
 from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.files.meshes import read_mesh
 from homolog.grooming import check_cohort, groom_cohort
@@ -52,6 +52,18 @@ def test_fresh_processes_give_the_same_bits_as_this_one(cohort):
         assert np.array_equal(item.field.values, other.field.values)
         assert np.array_equal(item.mesh.vertices, other.mesh.vertices)
         assert not item.mesh.vertices.flags.writeable
+
+
+@pytest.mark.parametrize(("rings", "noted"), [(1, ["ring0"]), (2, [])])
+def test_a_shape_with_a_hole_among_shapes_without_gets_a_note(tmp_path, grid, rings, noted):
+    points = grid(12.0)
+    apart = np.hypot(np.hypot(points[..., 0], points[..., 1]) - 7.0, points[..., 2])
+    shapes = {f"ring{i}": apart < 3.0 + 0.1 * i for i in range(rings)}
+    shapes |= {f"s{i}": np.linalg.norm(points, axis=-1) < 6.0 + 0.2 * i for i in range(4 - rings)}
+    sources = {name: Segmentation(mask, np.eye(3), np.ones(3), np.zeros(3)) for name, mask in shapes.items()}
+    cohort = Cohort(tuple(Subject(name, tmp_path / name) for name in sources), tmp_path)
+    groomed = groom_cohort(cohort, SETTINGS, executor=Here(), sources=sources)
+    assert [item.name for item in groomed if any("handle" in note for note in item.report.notes)] == noted
 
 
 def test_a_file_that_is_there_twice_is_noted_on_the_second_subject(cohort, tmp_path):
