@@ -101,9 +101,14 @@ class OptimizationLoop:
         self.log.tangential_weight = TANGENTIAL_WEIGHT
         self.landmarks = landmarks_on_device(shapes, cohort, stages[0].count)
         _, first = time_shares(stages, geodesic=cohort.geodesic, registers=initial is None)
-        self.initial_tick, self.tick = part_of(tick, 0.0, first), part_of(tick, first, 1.0)
         self._progress = (0.0, "first particles")
-        self.launcher = Launcher(cohort.device, poll_cancel=lambda: self.tick(*self._progress))
+
+        def report(fraction: float, message: str) -> None:
+            self._progress = fraction, message
+            tick(fraction, message)
+
+        self.initial_tick, self.tick = part_of(report, 0.0, first), part_of(report, first, 1.0)
+        self.launcher = Launcher(cohort.device, poll_cancel=lambda: tick(*self._progress))
         free = None if initial is None else initial.free
         self.free = np.ones((len(cohort.names), 1), dtype=bool) if free is None else free
         self.tolerance = settings.tolerance * float(self.free.mean())  # the objective is per particle
@@ -365,9 +370,8 @@ class OptimizationLoop:
             left = self.log.records_to_convergence(self.tolerance)
             expected = RECORD_INTERVAL * (done // RECORD_INTERVAL + left)
         text = f"{plan.stage.value}: {plan.count} particles{repairs_text(self.repaired)}"
-        self._progress = self._done(index, done / expected), text
         try:
-            self.tick(*self._progress)
+            self.tick(self._done(index, done / expected), text)
         except Cancelled:
             self._checkpoint(index, done)
             raise

@@ -90,10 +90,13 @@ class SurfaceSets:
         """Return the set for a number of particles."""
         is_fine = count >= MIN_FINE_PARTICLES
         if self._made is None or self._made[0] is not is_fine:
-            if self._made is not None:
+            follows = self._made is not None
+            if follows:
                 self._made = None
                 return_freed_memory()  # of its tables, before others are solved
             self._made = is_fine, self._make[is_fine](tick)
+            if follows:
+                return_freed_memory()  # of the solver, before there are more particles
         return self._made[1]
 
 

@@ -12,11 +12,11 @@ import lzma
 import re
 import zlib
 from collections.abc import Callable, Mapping
+from html import escape
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -148,7 +148,7 @@ class _Appended:
         ]
         columns = 1 if values.ndim == 1 else values.shape[1]
         return (
-            f'<DataArray type="{_NAMES[kind.str[1:]]}" Name={quoteattr(name)} '
+            f'<DataArray type="{_NAMES[kind.str[1:]]}" Name="{escape(name)}" '
             f'NumberOfComponents="{columns}" format="appended" offset="{offset}"/>'
         )
 

@@ -7,11 +7,12 @@ import pytest
 
 from homolog.correspondence import Reason, Shape, optimize
 from homolog.correspondence.initialization.splitting import split
+from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.recorder import RunRecorder
 from homolog.correspondence.schedule import DoneFraction, particle_counts, plan_stages, time_shares
 from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.geodesics import solve_tables
-from homolog.settings import Method, OptimizeSettings
+from homolog.settings import Method, OptimizeSettings, Procrustes
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -64,6 +65,26 @@ def test_particles_lie_on_every_surface_and_spread_over_it(actual, ellipsoid_sha
         np.fill_diagonal(gaps, np.inf)
         nearest = gaps.min(axis=1)
         assert nearest.std() / nearest.mean() < 0.2
+
+
+def test_the_progress_of_the_first_particles_only_grows(ellipsoid_shapes, monkeypatch):
+    fractions, launchers = [], []
+
+    class KeptLauncher(Launcher):
+        def __init__(self, *arguments, **named):
+            super().__init__(*arguments, **named)
+            launchers.append(self)
+
+    def tick(fraction, message):
+        if message == "first particles":
+            fractions.append(fraction)
+
+    monkeypatch.setattr("homolog.correspondence.loop.Launcher", KeptLauncher)
+    rigid = QUICK.model_copy(update={"procrustes": Procrustes.RIGID})
+    # A frame is emitted after the first round; launches that take long poll as here.
+    optimize(ellipsoid_shapes, rigid, tick=tick, observe=lambda _: launchers[-1].poll_cancel())
+    assert fractions == sorted(fractions)
+    assert len(set(fractions)) > 2
 
 
 def test_one_growing_axis_is_one_mode(actual):
