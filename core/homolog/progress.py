@@ -7,6 +7,7 @@ from typing import TypeVar
 from homolog.threads import MOST_THREADS
 
 __all__ = [
+    "LatestTick",
     "Tick",
     "each_in_threads",
     "no_tick",
@@ -40,6 +41,29 @@ def tick_of(callback: Callable[[float, str], object] | None) -> Tick:
         callback(fraction, message)
 
     return tick
+
+
+class LatestTick:
+    """A tick that can be repeated, by what only looks whether the user has cancelled.
+
+    Parameters
+    ----------
+    tick : Tick
+    message : str
+        Message of a repetition before the first call.
+    """
+
+    def __init__(self, tick: Tick, message: str) -> None:
+        self._tick, self._latest = tick, (0.0, message)
+
+    def __call__(self, fraction: float, message: str) -> None:
+        """Tick, and remember it."""
+        self._latest = fraction, message
+        self._tick(fraction, message)
+
+    def repeat(self) -> None:
+        """Tick as in the latest call."""
+        self._tick(*self._latest)
 
 
 def part_of(tick: Tick, start: float, stop: float) -> Tick:

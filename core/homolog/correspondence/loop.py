@@ -34,7 +34,7 @@ from homolog.correspondence.types import (
 )
 from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.geometry import inverse_matrices, rotation_of, scale_of, transform_points
-from homolog.progress import Tick, part_of
+from homolog.progress import LatestTick, Tick, part_of
 from homolog.settings import OptimizeSettings, Procrustes
 
 __all__ = ["OptimizationLoop"]
@@ -101,14 +101,9 @@ class OptimizationLoop:
         self.log.tangential_weight = TANGENTIAL_WEIGHT
         self.landmarks = landmarks_on_device(shapes, cohort, stages[0].count)
         _, first = time_shares(stages, geodesic=cohort.geodesic, registers=initial is None)
-        self._progress = (0.0, "first particles")
-
-        def report(fraction: float, message: str) -> None:
-            self._progress = fraction, message
-            tick(fraction, message)
-
-        self.initial_tick, self.tick = part_of(report, 0.0, first), part_of(report, first, 1.0)
-        self.launcher = Launcher(cohort.device, poll_cancel=lambda: tick(*self._progress))
+        latest = LatestTick(tick, "first particles")
+        self.initial_tick, self.tick = part_of(latest, 0.0, first), part_of(latest, first, 1.0)
+        self.launcher = Launcher(cohort.device, poll_cancel=latest.repeat)
         free = None if initial is None else initial.free
         self.free = np.ones((len(cohort.names), 1), dtype=bool) if free is None else free
         self.tolerance = settings.tolerance * float(self.free.mean())  # the objective is per particle
