@@ -3,6 +3,8 @@
 import ctypes
 import gc
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -16,14 +18,15 @@ __all__ = [
     "check_fits",
     "free_memory",
     "in_memory",
-    "keep_large_arrays_apart",
+    "large_arrays_apart",
     "resident_memory",
     "return_freed_memory",
 ]
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of glibc's malloc.h
-_LARGE, _RETAINED = 2**21, 2**26
-"""Size of arrays that are mapped alone, and free memory that is kept for small ones [bytes]."""
+_LARGE, _LARGEST, _RETAINED = 2**21, 2**25, 2**26
+"""Least size of arrays that are mapped alone in a run, and glibc's largest value of it; free memory that is
+kept for smaller ones [bytes]."""
 
 _Item = TypeVar("_Item", bound=np.generic)
 
@@ -51,17 +54,26 @@ def free_memory() -> int:
     return int(psutil.virtual_memory().available)
 
 
-def keep_large_arrays_apart() -> None:
-    """Let freed large arrays return to the system at once, also with the C library of Linux.
+@contextmanager
+def large_arrays_apart() -> Iterator[None]:
+    """Let freed large arrays return to the system at once in a block, also with the C library of Linux.
 
     It raises the size from which it does so with each array that is freed, up to 32 MB; smaller ones then
-    leave gaps, of up to 20 % of the memory of a run.
+    leave gaps, of up to 20 % of the memory of a run. Elsewhere arrays are faster if memory is kept.
     """
+    _map_from(_LARGE)
+    try:
+        yield
+    finally:
+        _map_from(_LARGEST)
+
+
+def _map_from(size: int) -> None:
     if sys.platform == "linux":
         library = ctypes.CDLL(None)
         if hasattr(library, "mallopt"):  # glibc
             library.mallopt(_M_TRIM_THRESHOLD, _RETAINED)
-            library.mallopt(_M_MMAP_THRESHOLD, _LARGE)
+            library.mallopt(_M_MMAP_THRESHOLD, size)
 
 
 def return_freed_memory() -> None:

@@ -19,7 +19,7 @@ from homolog.files.records import ProjectRecord
 from homolog.files.results import Result
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject, Problem, check_cohort, check_sides, groom_cohort
-from homolog.memory import Store, in_memory, keep_large_arrays_apart
+from homolog.memory import Store, in_memory, large_arrays_apart
 from homolog.progress import Tick, no_tick, run_in_background
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
 from homolog.run.choose_core import outline
@@ -155,9 +155,9 @@ class Run:
         The observer is notified of the end of the run in any case.
         """
         self._control.observer = observer
-        keep_large_arrays_apart()
         try:
-            self._work()
+            with large_arrays_apart():
+                self._work()
         except Cancelled:
             self._control.finish(FinishReason.CANCELLED, "cancelled")
             return FinishReason.CANCELLED
