@@ -20,6 +20,7 @@ from homolog.grooming.icp import (
     fit_at,
     held,
     oriented_points,
+    refined,
     registered,
 )
 from homolog.grooming.orientation import agree, are_soft, better_turned
@@ -56,7 +57,8 @@ _RARE_SIZE = 2.2  # times the median size: rare for one structure, even of child
 _MIN_SUBJECTS = 3  # fewer subjects do not show which of them is unusual
 _TURNED = 60.0  # degrees: a larger rotation gets a note
 _DOUBTFUL = 40.0  # degrees: a larger rotation relative to the others is checked again
-_NEIGHBOURS = 3
+_NEIGHBOURS, _SIMILAR = 3, 40
+"""Shapes with which a rotated shape is compared; shapes of similar radii among which they are sought."""
 _CLEARLY_BETTER, _UNLIKE = 0.6, 1.5
 """A held shape is rotated freely if that reduces its distance to less than the first factor, and if its
 distance exceeds the second factor times the median."""
@@ -215,7 +217,7 @@ def _fits(
     unsure = is_soft and not alike and bool(doubtful.any())  # few files can't show that they agree
     if not holds and 2 * np.count_nonzero(doubtful) >= len(units):
         return _Fits(_by_neighbours(units, middle, register_pair, tick), unsure=unsure)
-    fits = _reconsidered(units, reference, fits, doubtful, register_pair, tick)
+    fits = _reconsidered(units, reference, fits, doubtful, alike, register_pair, tick)
     if not alike and _distance(others := _by_neighbours(units, middle, register_pair, tick)) < (
         _CLOSER * _distance(fits)
     ):
@@ -258,23 +260,31 @@ def _reconsidered(
     reference: OrientedPoints,
     fits: Sequence[Fit],
     doubtful: BoolArray,
+    files_agree: bool,
     register_pair: RegisterPair,
     tick: Tick,
 ) -> list[Fit]:
     """Register shapes that were rotated relative to all others through their neighbours.
 
     A shape that differs much from the reference may fit it better in a wrong orientation. If the files of
-    most shapes agree in orientation, a rotated shape is compared with the shapes that it resembles most. It
-    keeps the common orientation if that fits one of them.
+    most shapes agree in orientation, a rotated shape is compared with the shapes that it resembles most in
+    that orientation. It keeps the common orientation if that fits one of them.
     """
     result = list(fits)
     poses = np.array([fit.pose for fit in fits])
     alike = np.flatnonzero(~doubtful)
     radii, typical = radii_of(units), typical_rotation(poses[alike])
     for index in np.flatnonzero(doubtful).tolist():
-        nearest = np.argsort(np.abs(radii[alike] - radii[index]).sum(axis=1), kind="stable")[:_NEIGHBOURS]
+        nearest = np.argsort(np.abs(radii[alike] - radii[index]).sum(axis=1), kind="stable")
+        similar = alike[nearest[: _SIMILAR if files_agree else _NEIGHBOURS]].tolist()
+        if files_agree:  # radii do not tell a shape from itself turned by 180 degrees
+            gaps = []
+            for other in similar:
+                tick(1.0, "aligning")
+                gaps.append(refined(units[index], units[other]).distance)
+            similar = [similar[k] for k in np.argsort(gaps, kind="stable")[:_NEIGHBOURS]]
         best = np.inf
-        for neighbour in alike[nearest].tolist():
+        for neighbour in similar:
             tick(1.0, "aligning")
             fit = register_pair(units[index], units[neighbour])
             pose = poses[neighbour] @ fit.pose

@@ -405,3 +405,18 @@ def test_a_symmetric_shape_is_turned_the_short_way(degrees):
     pose = registered(*shapes).pose[:3, :3]
     angle = np.degrees(Rotation.from_matrix(pose / np.cbrt(np.linalg.det(pose))).magnitude())
     assert angle == pytest.approx(degrees, abs=15.0)
+
+
+def test_a_dent_at_the_other_end_does_not_turn_a_shape_whose_files_agree(paw, coarse_egg):
+    """Turned by 180°, an ellipsoid fits another one whose dent is at the other end."""
+    sphere = coarse_egg.vertices / [20.0, 14.0, 10.0]
+
+    def dented(place):
+        vertices = sphere * [40.0, 20.0, 12.0]
+        across = np.square(vertices[:, :2] - [place, 0.0]).sum(axis=1)
+        vertices[:, 2] -= np.where(vertices[:, 2] > 0.0, 10.0 * np.exp(-across / 100.0), 0.0)
+        return replace(paw, coarse_mesh=TriangleMesh(vertices, coarse_egg.faces))
+
+    cohort = [dented(place) for place in np.linspace(-25.0, 25.0, 10)]
+    turns = Rotation.from_matrix(rotation_of(register(cohort, GroomSettings()).alignments))
+    assert np.degrees(turns.magnitude()).max() < 20.0
