@@ -29,7 +29,7 @@ from homolog.cohort import read_cohort
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result, read_result
 from homolog.run import Run
-from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
+from homolog.settings import OptimizeSettings, RunSettings
 
 
 def scores(particles: FloatArray, modes: int) -> FloatArray:
@@ -75,9 +75,6 @@ def main() -> None:
         if not cohort_folder.exists():
             write_beans(cohort_folder, beans, 5)
     cohort = read_cohort(cohort_folder)
-    # Beans have one orientation; ICP would turn those with slots at opposite ends onto each other.
-    groom = GroomSettings(alignment="none") if beans else GroomSettings()
-    procrustes = "form" if beans else "auto"  # as ICP implies
     results: dict[str, Result] = {}
     seconds: dict[str, float] = {}
     ways = [
@@ -88,10 +85,8 @@ def main() -> None:
     for title, core, seed in ways:
         name = f"{cohort_folder.name}-{arguments.particles}-{core}-{seed}"
         project = ProjectFolder(arguments.folder / name)
-        optimize = OptimizeSettings(
-            particles=arguments.particles, core_set=core, seed=seed, procrustes=procrustes
-        )
-        settings = RunSettings(groom=groom, optimize=optimize, workers=arguments.workers)
+        optimize = OptimizeSettings(particles=arguments.particles, core_set=core, seed=seed)
+        settings = RunSettings(optimize=optimize, workers=arguments.workers)
         began = time.process_time()
         Run(project, cohort, settings, skip_bad=True).execute()
         seconds[title] = time.process_time() - began
