@@ -157,7 +157,7 @@ def each_in_workers(
     Yields
     ------
     tuple of str and Future
-        Subject and ended future, in the order of completion.
+        Subject and ended future, in the order of completion; of several at once, in that of the jobs.
     """
     following, names, ended = iter(jobs.items()), dict[Future[_T], str](), 0
     try:
@@ -165,7 +165,8 @@ def each_in_workers(
             for name, job in islice(following, _AHEAD - len(names)):
                 names[executor.submit(function, job)] = name
             tick(ended / len(jobs), f"{doing} {next(iter(names.values()))}")
-            for future in wait(names, _PATIENCE_S, FIRST_COMPLETED).done:
+            done = wait(names, _PATIENCE_S, FIRST_COMPLETED).done
+            for future in [item for item in names if item in done]:  # in the order of submission
                 ended += 1
                 yield names.pop(future), future
     finally:

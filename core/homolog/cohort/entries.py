@@ -32,20 +32,22 @@ def readable_entries(folder: Path) -> list[Path]:
 
 def notes_on_skipped(folder: Path) -> list[str]:
     """Return notes on the unreadable entries of a folder and of the folders below it."""
-    found: dict[str, list[str]] = {}
+    by_fault: dict[str, list[str]] = {}
     waiting = [(folder, 0)]
     for place, depth in waiting:  # grows while it is walked
         for path, fault in _judged(place):
             if fault:
-                found.setdefault(fault, []).append(path.relative_to(folder).as_posix())
+                by_fault.setdefault(fault, []).append(path.relative_to(folder).as_posix())
             elif depth < _DEPTH and len(waiting) < _MOST and path.is_dir():
                 waiting.append((path, depth + 1))
-    return [f"skipped, {fault}: {_listed(names)}" for fault, names in found.items()]
+    return [f"skipped, {fault}: {_listed(names)}" for fault, names in by_fault.items()]
 
 
 def _judged(folder: Path) -> list[tuple[Path, str]]:
-    with os.scandir(folder) as found:
-        own = [entry for entry in found if entry.name[0] != "." and entry.name.casefold() not in _OF_SYSTEMS]
+    with os.scandir(folder) as entries:
+        own = [
+            entry for entry in entries if entry.name[0] != "." and entry.name.casefold() not in _OF_SYSTEMS
+        ]
     return sorted((folder / entry.name, _fault(entry)) for entry in own)
 
 

@@ -194,9 +194,9 @@ def holds_files(folder: Path, skipping: re.Pattern[str] | None = None, depth: in
 
 def entries_of(folder: Path) -> list[Path]:
     """Return the entries of a folder (see `readable_entries`) without scans of other entries."""
-    found = readable_entries(folder)
-    scans = {path: stem for path in found if (stem := stem_of(path)).endswith(IMAGE_ENDING)}
+    entries = readable_entries(folder)
+    scans = {path: stem for path in entries if (stem := stem_of(path)).endswith(IMAGE_ENDING)}
     if not scans:
-        return found
-    stems = {stem_of(path) for path in found}
-    return [path for path in found if scans.get(path, "").removesuffix(IMAGE_ENDING) not in stems]
+        return entries
+    stems = {stem_of(path) for path in entries}
+    return [path for path in entries if scans.get(path, "").removesuffix(IMAGE_ENDING) not in stems]

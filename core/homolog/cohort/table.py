@@ -167,8 +167,10 @@ def _by_numbers(
     Spreadsheets drop leading zeros: ``1`` means ``sub-001`` if the rows have the same numbers as the names.
     """
     numbers = [re.findall(r"\d+", subject.name) for subject in subjects]
-    names = {int(found[0]): subject.name for subject, found in zip(subjects, numbers, strict=True) if found}
-    is_sure = len(names) == len(subjects) and all(len(found) == 1 for found in numbers)
+    names = {
+        int(digits[0]): subject.name for subject, digits in zip(subjects, numbers, strict=True) if digits
+    }
+    is_sure = len(names) == len(subjects) and all(len(digits) == 1 for digits in numbers)
     for key in keys if is_sure else ():
         ids = [int(row[key]) if row[key].isdecimal() else -1 for row in rows]
         if len(set(ids)) == len(ids) and set(ids) == names.keys():

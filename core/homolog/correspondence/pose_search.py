@@ -148,8 +148,8 @@ def search_poses(
     """
     search = _Search(ensemble, terms, surface, scaling)
     load_kernels("cpu")  # otherwise each thread would load them
-    found = in_threads(search.minima, poses, min(len(poses), cores()))
-    ends = sorted((end for ends in found for end in ends), key=lambda item: item[0])
+    minima = in_threads(search.minima, poses, min(len(poses), cores()))
+    ends = sorted((end for ends in minima for end in ends), key=lambda item: item[0])
     kept: list[tuple[FloatArray, FloatArray]] = []
     places: list[FloatArray] = []
     least = _DISTINCT * np.sqrt(surface.area / len(ensemble.mean))

@@ -230,7 +230,7 @@ def _with_other_handles(groomed: Sequence[GroomedSubject]) -> list[GroomedSubjec
     usual, count = counts.most_common(1)[0] if counts else (0, 0)
     if len(groomed) < _FEWEST_ALIKE or count < _ALIKE * len(groomed):
         return list(groomed)
-    look = f"those of most subjects {usual or 'none'}; look at it, and correct its file if this is no anatomy"
+    look = f"those of most subjects {usual or 'none'}; look at it, and correct its file if it is wrong"
     return [
         item
         if item.report.genus == usual

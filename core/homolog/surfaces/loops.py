@@ -35,7 +35,7 @@ def loops(sides: IntArray, patches: IntArray) -> list[IntArray]:
     """
     if len(np.unique(patches)) > _MOST_PATCHES:
         return [np.arange(len(sides))]
-    found: list[IntArray] = []
+    closed: list[IntArray] = []
     loose: list[int] = []
     for patch in np.unique(patches):
         leaving: dict[int, list[int]] = {}
@@ -53,12 +53,12 @@ def loops(sides: IntArray, patches: IntArray) -> list[IntArray]:
                     del walk[reached[at] :]
                     for side in loop[:-1]:
                         del reached[int(sides[side, 1])]
-                    found.append(np.array(loop))
+                    closed.append(np.array(loop))
                     reached[at] = len(walk)
                 else:
                     reached[at] = len(walk)
             loose += walk
-    return [*found, *([np.array(loose)] if loose else [])]
+    return [*closed, *([np.array(loose)] if loose else [])]
 
 
 def straightened(points: FloatArray, flat: float, jagged: float) -> IntArray | None:
