@@ -221,14 +221,8 @@ class SubjectWorkers:
 
         Parameters
         ----------
-        function : callable
-            Function of a job, importable by name in the workers.
-        jobs : mapping of str to object
-            Jobs by subject.
-        doing : str
-            Verb for progress messages, such as ``"fitting"``.
-        tick : Tick
-            Called at least every 0.1 s.
+        function, jobs, doing, tick
+            See `each_in_workers`.
 
         Yields
         ------

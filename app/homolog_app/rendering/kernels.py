@@ -202,7 +202,7 @@ def colour_of(scene: Solids, hit: int, x: float, y: float, capped: bool) -> wp.v
     if hit < scene.faces.shape[0]:
         corners = scene.faces[hit]
         a, b, c = scene.places[corners[0]], scene.places[corners[1]], scene.places[corners[2]]
-        if capped and (b[0] - a[0]) * (c[1] - a[1]) > (b[1] - a[1]) * (c[0] - a[0]):  # its inner side
+        if capped and seen_from_inside(scene.places, corners):
             return scene.cap
         grow = edges(a, b, c)
         u = grow[0] * (x - c[0]) + grow[1] * (y - c[1])

@@ -217,7 +217,8 @@ def _fits(
     unsure = is_soft and not alike and bool(doubtful.any())  # few files can't show that they agree
     if not holds and 2 * np.count_nonzero(doubtful) >= len(units):
         return _Fits(_by_neighbours(units, middle, register_pair, tick), unsure=unsure)
-    fits = _reconsidered(units, reference, fits, doubtful, alike, register_pair, tick)
+    if doubtful.any():
+        fits = _reconsidered(units, reference, fits, doubtful, alike, register_pair, tick)
     if not alike and _distance(others := _by_neighbours(units, middle, register_pair, tick)) < (
         _CLOSER * _distance(fits)
     ):
@@ -270,27 +271,31 @@ def _reconsidered(
     most shapes agree in orientation, a rotated shape is compared with the shapes that it resembles most in
     that orientation. It keeps the common orientation if that fits one of them.
     """
-    result = list(fits)
-    poses = np.array([fit.pose for fit in fits])
-    alike = np.flatnonzero(~doubtful)
+    poses, alike = np.array([fit.pose for fit in fits]), np.flatnonzero(~doubtful)
     radii, typical = radii_of(units), typical_rotation(poses[alike])
-    for index in np.flatnonzero(doubtful).tolist():
-        nearest = np.argsort(np.abs(radii[alike] - radii[index]).sum(axis=1), kind="stable")
-        similar = alike[nearest[: _SIMILAR if files_agree else _NEIGHBOURS]].tolist()
-        if files_agree:  # radii do not tell a shape from itself turned by 180 degrees
-            gaps = []
-            for other in similar:
-                tick(1.0, "aligning")
-                gaps.append(refined(units[index], units[other]).distance)
-            similar = [similar[k] for k in np.argsort(gaps, kind="stable")[:_NEIGHBOURS]]
-        best = np.inf
-        for neighbour in similar:
-            tick(1.0, "aligning")
+
+    def neighbours(index: int) -> list[int]:
+        order = np.argsort(np.abs(radii[alike] - radii[index]).sum(axis=1), kind="stable")
+        similar: list[int] = alike[order].tolist()
+        if not files_agree:
+            return similar[:_NEIGHBOURS]
+        similar = similar[:_SIMILAR]  # radii do not tell a shape from itself turned by 180 degrees
+        gaps = [refined(units[index], units[other]).distance for other in similar]
+        return [similar[k] for k in np.argsort(gaps, kind="stable")[:_NEIGHBOURS]]
+
+    def reconsidered(index: int, inner: Tick) -> Fit:
+        best, result = np.inf, fits[index]
+        for neighbour in neighbours(index):
+            inner(0.0, "aligning")
             fit = register_pair(units[index], units[neighbour])
             pose = poses[neighbour] @ fit.pose
             if fit.distance < best and angles_from(pose[None], typical)[0] <= _DOUBTFUL:
-                best, result[index] = fit.distance, fit_at(units[index], reference, pose)
-    return result
+                best, result = fit.distance, fit_at(units[index], reference, pose)
+        return result
+
+    again = np.flatnonzero(doubtful).tolist()
+    changed = run_in_threads([partial(reconsidered, index) for index in again], tick, "aligning", cores())
+    return list((dict(enumerate(fits)) | dict(zip(again, changed, strict=True))).values())
 
 
 def _by_neighbours(
@@ -389,7 +394,7 @@ def of_other_units(names: Sequence[str], sizes: Sequence[float]) -> dict[str, st
             times, word = (size / middle, "large") if size > middle else (middle / size, "small")
             is_thousand = _OTHER_UNIT * 5.0 < times < _OTHER_UNIT * 20.0
             unit = "metres" if word == "small" else "micrometres"
-            guess = f"its file is probably in {unit}" if is_thousand else "if its unit differs"
-            remedy = f"{guess}{':' if is_thousand else ','} export it in mm, or exclude it"
-            messages[name] = f"{name}: is {times:.0f} times as {word} as the others; {remedy}"
+            guess = f"its file is probably in {unit}:" if is_thousand else "if its unit differs,"
+            others = f"{times:.0f} times as {word} as the others"
+            messages[name] = f"{name}: is {others}; {guess} export it in mm, or exclude it"
     return messages
