@@ -52,6 +52,8 @@ class Parameter:
         Display name if it differs from the field's name.
     example : str
         Example of a text.
+    if_none : str
+        What None means.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Parameter:
     help: str
     title: str = ""
     example: str = ""
+    if_none: str = "automatic"
 
     @property
     def label(self) -> str:
@@ -121,6 +124,7 @@ def _parameter(name: str, field: FieldInfo) -> Parameter:
         help=field.description or "",
         title=field.title or "",
         example=str((field.examples or [""])[0]),
+        if_none=str(extra.get("if_none", "automatic")),
     )
 
 

@@ -93,8 +93,9 @@ def _form(pattern: str, expected: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-def _unit(name: str) -> dict[str, Any]:
-    return {"unit": name}
+def _shown(unit: str = "", if_none: str = "automatic") -> dict[str, Any]:
+    """Return a setting's unit, and the text for None."""
+    return {"unit": unit, "if_none": if_none}
 
 
 class _Settings(BaseModel):
@@ -107,7 +108,10 @@ class GroomSettings(_Settings):
     label: Annotated[
         int | None,
         Field(
-            ge=1, le=2**31 - 1, description="Label value of the structure; all values above 0 if not given."
+            ge=1,
+            le=2**31 - 1,
+            json_schema_extra=_shown(if_none="all above 0"),
+            description="Label value of the structure; all values above 0 if not given.",
         ),
     ] = None
     segment: Annotated[
@@ -115,6 +119,7 @@ class GroomSettings(_Settings):
         Field(
             min_length=1,
             max_length=200,
+            json_schema_extra=_shown(if_none="none"),
             description="Name of the structure in the files (.seg.nrrd, DICOM SEG), in a table next to them "
             "or in FreeSurfer's list; case, dashes and the order of words do not matter.",
         ),
@@ -128,7 +133,7 @@ class GroomSettings(_Settings):
         Field(
             gt=0.0,
             le=100.0,
-            json_schema_extra=_unit("mm"),
+            json_schema_extra=_shown("mm"),
             description="Node spacing of the isotropic grid; from the finest input axis if not given.",
         ),
     ] = None
@@ -137,7 +142,7 @@ class GroomSettings(_Settings):
         Field(
             ge=0.0,
             le=5.0,
-            json_schema_extra=_unit("voxels"),
+            json_schema_extra=_shown("voxels"),
             description="Standard deviation of the Gaussian that removes voxel steps.",
         ),
     ] = 1.0
@@ -146,7 +151,7 @@ class GroomSettings(_Settings):
         Field(
             ge=0.0,
             le=10.0,
-            json_schema_extra=_unit("voxels"),
+            json_schema_extra=_shown("voxels"),
             description="Fill tunnels narrower than this: most come from noise in the labels. 0 keeps all.",
         ),
     ] = 3.0
@@ -172,7 +177,7 @@ class GroomSettings(_Settings):
         Field(
             gt=0.0,
             le=100.0,
-            json_schema_extra=_unit("mm"),
+            json_schema_extra=_shown("mm"),
             description="Edge length of the surface meshes; about 6000 vertices per shape if not given.",
         ),
     ] = None
@@ -214,6 +219,7 @@ class OptimizeSettings(_Settings):
         Field(
             ge=3,
             le=100000,
+            json_schema_extra=_shown(if_none="none"),
             description="Number of subjects that are optimized jointly, chosen to span shapes and groups; "
             "the others are fitted to them one by one. If not given, all are optimized jointly.",
         ),
@@ -306,6 +312,7 @@ class RunSettings(_Settings):
         Field(
             ge=1,
             le=256,
+            json_schema_extra=_shown(if_none="one per core"),
             description="Number of processes that groom and fit subjects; one per core if not given.",
         ),
     ] = None
@@ -314,7 +321,7 @@ class RunSettings(_Settings):
         Field(
             ge=0.1,
             le=100000.0,
-            json_schema_extra=_unit("GB"),
+            json_schema_extra=_shown("GB", if_none="unlimited"),
             description="Memory limit of the optimization. Data beyond it are kept in memory-mapped files of "
             "the project. Unlimited if not given.",
         ),
@@ -323,6 +330,7 @@ class RunSettings(_Settings):
         str | None,
         Field(
             max_length=300,
+            json_schema_extra=_shown(if_none="none"),
             description="Dask cluster that grooms and fits subjects: local, slurm, or the address of a "
             "scheduler (tcp://host:8786) whose workers see the same files. none or not given: processes of "
             "this machine.",

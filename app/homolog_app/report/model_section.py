@@ -139,17 +139,14 @@ _POSES = {
 }
 
 
-_NOT_GIVEN = {"core_set": "none", "segment": "none", "pairs": "none", "label": "all above 0"}
-"""Values of settings that are not given; other settings without a value are automatic."""
-
-
 def _values_of(settings: BaseModel) -> Iterator[tuple[str, str]]:
     """Yield the name and the value, with its unit, of each setting."""
     for name, value in settings.model_dump(mode="json").items():
         extra = type(settings).model_fields[name].json_schema_extra
-        unit = f" {extra['unit']}" if isinstance(extra, dict) and "unit" in extra else ""
+        shown = extra if isinstance(extra, dict) else {}
+        unit = f" {shown['unit']}" if shown.get("unit") else ""
         if value is None:
-            yield name, _NOT_GIVEN.get(name, "automatic")
+            yield name, str(shown.get("if_none", "automatic"))
         elif isinstance(value, bool):
             yield name, "yes" if value else "no"
         elif isinstance(value, list):

@@ -115,7 +115,7 @@ class StudyRequest(StudySettings):
     kind: Literal["groups", "regression", "pairs"] = "groups"
     column: str = "group"
     between: tuple[str, ...] = ()
-    pairs: str | None = None
+    pairs: Annotated[str | None, Field(json_schema_extra={"if_none": "none"})] = None
     covariates: tuple[str, ...] = ()
     alignment: Alignment = Alignment.RIGID
     complete_cases: bool = False

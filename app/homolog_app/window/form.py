@@ -174,7 +174,7 @@ class SettingsPair(QWidget):
         self.unfold = button("More settings ▸", "flat")
         self.unfold.setCheckable(True)
         self.unfold.toggled.connect(self._fold)
-        layout = QVBoxLayout(self)
+        self._column = layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(GRID)
         layout.addWidget(self.main)
@@ -197,6 +197,12 @@ class SettingsPair(QWidget):
     def _receive(self, name: str, values: BaseModel) -> None:
         self.show_values(values)  # the next edit in the other part starts from these values
         self.edited.emit(name, values)
+
+    def add_folded(self, form: SettingsForm) -> None:
+        """Add another form below the folded settings."""
+        form.hide()
+        self.unfold.toggled.connect(form.setVisible)
+        self._column.addWidget(form)
 
     def _fold(self, open_: bool) -> None:
         self.more.setVisible(open_)
@@ -352,7 +358,7 @@ class _Row(QWidget):
             number.setAlignment(Qt.AlignmentFlag.AlignRight)
             number.valueChanged.connect(self._report)
             return number
-        text = QLineEdit(placeholderText="automatic" if parameter.automatic else parameter.example)
+        text = QLineEdit(placeholderText=parameter.if_none if parameter.automatic else parameter.example)
         if parameter.kind is str:
             text.setMinimumWidth(_TEXT_EDITOR)
         else:

@@ -71,9 +71,7 @@ class Inspector(QFrame):
             panel.settings_edited.connect(
                 lambda name, value, part=part: self.settings_edited.emit(part, name, value)
             )
-        self.correspond.device_chosen.connect(
-            lambda alias: self.settings_edited.emit("device", "device", alias)
-        )
+            panel.resource_edited.connect(lambda name, value: self.settings_edited.emit(name, name, value))
         self._session = workspace.session
         workspace.session.devices_changed.connect(self._show_devices)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
+from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal, SignalInstance
 from PySide6.QtWidgets import (
     QComboBox,
     QHBoxLayout,
@@ -16,14 +16,14 @@ from PySide6.QtWidgets import (
 
 from homolog.files.project import ProjectFolder
 from homolog.files.records import note_kinds
-from homolog.settings import GroomSettings, OptimizeSettings
+from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog.surfaces.mirroring import mirrors
 from homolog_app.rendering.text import millilitres, signed
 from homolog_app.studies.files import interrupted_text
 from homolog_app.studies.study import outdated_text
 from homolog_app.views.contents import Groomed
 from homolog_app.window.actions import Actions
-from homolog_app.window.form import SettingsPair
+from homolog_app.window.form import SettingsForm, SettingsPair
 from homolog_app.window.runner import Status
 from homolog_app.window.session import Session
 from homolog_app.window.theme import scaled
@@ -51,6 +51,7 @@ class GroomPanel(Panel):
     """Settings of grooming, its button, and its report on the selected subject."""
 
     settings_edited = Signal(str, object)
+    resource_edited = Signal(str, object)
 
     def __init__(self, session: Session, actions: Actions) -> None:
         super().__init__(
@@ -59,6 +60,7 @@ class GroomPanel(Panel):
         self._session = session
         self.form = SettingsPair(GroomSettings, _GROOM_MAIN)
         self.form.edited.connect(self.settings_edited)
+        self.resources = _resources(self.form, ("workers", "cluster"), self.resource_edited)
         self.report = label("", "Hint", wrap=True)
         self.report.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.subject = label("", "SectionTitle", wrap=True)
@@ -100,6 +102,7 @@ class GroomPanel(Panel):
     def _show(self) -> None:
         session = self._session
         self.form.show_values(session.study.settings.groom)
+        self.resources.show_values(session.study.settings)
         idle = not self.progress.isVisibleTo(self)
         count = len(session.study.included)
         # An opened project loads its result before its groomed surfaces.
@@ -120,6 +123,15 @@ class GroomPanel(Panel):
         if groomed is not None:
             self.subject.setText(name)
             self.report.setText(_sentences(groomed))
+
+
+def _resources(pair: SettingsPair, names: tuple[str, ...], edited: SignalInstance) -> SettingsForm:
+    """Return a form for settings of the run, folded below others; edits are emitted as name and value."""
+    others = tuple(name for name in RunSettings.model_fields if name not in names)
+    form = SettingsForm(RunSettings, leave_out=others, help_=pair.help, least_px=pair.name_px)
+    form.edited.connect(lambda name, settings: edited.emit(name, getattr(settings, name)))
+    pair.add_folded(form)
+    return form
 
 
 def _sentences(groomed: Groomed) -> str:
@@ -238,7 +250,7 @@ class RunPanel(Panel):
     """Method, particles, seed and device; run, pause, cancel, resume."""
 
     settings_edited = Signal(str, object)
-    device_chosen = Signal(str)
+    resource_edited = Signal(str, object)
 
     def __init__(self, session: Session, actions: Actions) -> None:
         super().__init__("Correspond", "Place corresponding particles on every shape.")
@@ -248,7 +260,10 @@ class RunPanel(Panel):
         self.device = QComboBox()
         self.device.setAccessibleName("Device")
         self.show_devices({"auto": "Automatic"})
-        self.device.activated.connect(lambda _: self.device_chosen.emit(self.device.currentData()))
+        self.device.activated.connect(
+            lambda _: self.resource_edited.emit("device", self.device.currentData())
+        )
+        self.resources = _resources(self.form, ("workers", "memory", "cluster"), self.resource_edited)
         self.device.setToolTip("Compute device. Automatic selects the first GPU, or the CPU without one.")
         self.summary = label("", "Hint", wrap=True)
         self.further = label("", "Hint", wrap=True)
@@ -336,6 +351,7 @@ class RunPanel(Panel):
         session = self._session
         idle = not self.progress.isVisibleTo(self)
         self.form.show_values(session.study.settings.optimize)
+        self.resources.show_values(session.study.settings)
         self.refresh_device()
         result = session.result
         done = result is not None

@@ -25,7 +25,9 @@ def test_every_edit_is_named_undone_and_made_again(beans, wait, tmp_path, monkey
         "Undo Exclude a": lambda: model.setData(model.index(0, NAME), *_UNTICKED),
         "Undo Include subjects": commands["edit.include"].trigger,
         "Undo Set scan": lambda: beans.views.scans.give("a", table),
-        "Undo Device": lambda: beans.inspector.correspond.device_chosen.emit("cpu"),
+        "Undo Device": lambda: beans.inspector.correspond.resource_edited.emit("device", "cpu"),
+        "Undo Workers": lambda: _type(beans, wait, "groom", "workers", "2"),
+        "Undo Memory": lambda: _type(beans, wait, "correspond", "memory", "4"),
         "Undo Smoothing": lambda: _type(beans, wait, "groom", "smoothing", "2"),
         "Undo Particles": lambda: _type(beans, wait, "correspond", "particles", "64"),
         "Undo Remove subjects": commands["edit.remove"].trigger,
@@ -71,6 +73,7 @@ def _editor(window, panel, name):
 def _type(window, wait, panel, name, text):
     editor = _editor(window, panel, name)
     window.workspace.session.show_step(panel)
+    getattr(window.inspector, panel).form.unfold.setChecked(True)
     window.activateWindow()
     editor.setFocus()
     wait(editor.hasFocus)
