@@ -1,6 +1,7 @@
 """Registration of two surfaces: similarities by iterative closest points from many starts."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import permutations, product
 
 import numpy as np
@@ -10,74 +11,34 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.geometry import farthest_point_sampling, fit_rotation, rotation_of, scale_of
+from homolog.geometry import farthest_point_sampling, rotation_of, scale_of
+from homolog.grooming.closest_points import (
+    NORMAL_WEIGHT,
+    Fit,
+    OrientedPoints,
+    SearchedPoints,
+    iterated,
+    iterated_each,
+    robust_weights,
+    search_tree,
+)
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.orientation import prior_weights, softness
+from homolog.surfaces.orientation import softness
 
 __all__ = [
-    "Fit", "OrientedPoints", "axes_rotation", "fit_at", "held", "oriented_points", "refined", "registered",
-    "softness_of_fit",
+    "Fit", "OrientedPoints", "axes_rotation", "fit_at", "held", "oriented_points", "refined",
+    "refined_each", "registered", "softness_of_fit",
 ]  # fmt: skip
 
 _SCREENING_POINTS, _TRIAL_POINTS, _FIT_POINTS = 100, 300, 1000  # of each surface
 _SCREENING_ROUNDS, _TRIAL_ROUNDS, _ROUNDS = 3, 10, 40
 _TRIALS = 4
-_CONVERGED = 1e-4  # change of the distance
-_NORMAL_WEIGHT = 0.5  # of normals in distances, relative to the size: separates the sides of a wall
-_OUTLIER = 2.0  # times the median distance of matches: weights decrease beyond it
 _CLEARLY_BETTER = 0.6  # fraction of the distance below which another orientation replaces the given one
-_MAX_SCALING = 1.5  # largest change of size by a registration
 _MAX_CANDIDATES, _MIN_ANGLE = 6, 30.0  # orientations tried with bending; angle between them [degrees]
 _CANDIDATE_RATIO = 2.0  # times the closest distance: candidates for bending are not farther
 _GAUSSIANS, _WIDTH = 40, 0.7  # number of Gaussians that bend a surface; their width relative to the size
 _STIFFNESSES = np.geomspace(0.1, 0.003, 10).tolist()  # of successive rounds
 _LINEAR_STIFFNESS = 0.01
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OrientedPoints:
-    """A surface as points relative to their centre.
-
-    Attributes
-    ----------
-    points, normals : (N, 3) float64 arrays
-        ``scale * (vertex - centre)`` [mm] and unit normals.
-    centre : (3,) float64 array
-        Mean of the vertices [mm, local].
-    scale : float
-        Scale factor about the centre.
-    """
-
-    points: FloatArray
-    normals: FloatArray
-    centre: FloatArray
-    scale: float = 1.0
-
-    @property
-    def size(self) -> float:
-        """Root-mean-square distance from the centre [mm]."""
-        return float(np.sqrt((self.points**2).sum(axis=1).mean()))
-
-    def scaled(self, factor: float) -> "OrientedPoints":
-        """Return the points scaled about their centre."""
-        return replace(self, points=self.points * factor, scale=self.scale * factor)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Fit:
-    """Registration of a surface.
-
-    Attributes
-    ----------
-    pose : (4, 4) float64 array
-        Similarity of the moving point set onto the fixed one.
-    distance : float
-        Mean distance of the matches in position and normal, relative to the size. Unlike a median it includes
-        the few asymmetric regions, which determine the orientation.
-    """
-
-    pose: FloatArray
-    distance: float
 
 
 def oriented_points(mesh: TriangleMesh) -> OrientedPoints:
@@ -116,27 +77,27 @@ def registered(
         wrong orientation may fit more closely, but its details do not. The distance is then that of the bent
         surface.
     """
-    own, other = _Half(moving), _Half(fixed)
-    screened = _iterated(own, other, np.array(_starts(moving, fixed)), _SCREENING_POINTS, _SCREENING_ROUNDS)
+    own, other = SearchedPoints(moving), SearchedPoints(fixed)
+    screened = iterated(own, other, np.array(_starts(moving, fixed)), _SCREENING_POINTS, _SCREENING_ROUNDS)
     screened.sort(key=lambda fit: fit.distance)
     starts = np.array([np.eye(4), *(fit.pose for fit in screened[:_TRIALS])])
-    given, *trials = _iterated(own, other, starts, _TRIAL_POINTS, _TRIAL_ROUNDS)
+    given, *trials = iterated(own, other, starts, _TRIAL_POINTS, _TRIAL_ROUNDS)
     best = min(trials, key=lambda fit: fit.distance)
     free = free or bends
     if not free and best.distance <= _CLEARLY_BETTER * given.distance:  # it may not have converged yet
-        given = _iterated(own, other, given.pose[None], _TRIAL_POINTS, _ROUNDS)[0]
+        given = iterated(own, other, given.pose[None], _TRIAL_POINTS, _ROUNDS)[0]
     if best.distance > (1.0 if free else _CLEARLY_BETTER) * given.distance:
         best = given
     if bends:
         best = _nearest_bent(own, other, best, screened)
-    fit = _iterated(own, other, best.pose[None], _FIT_POINTS, _ROUNDS)[0]
+    fit = iterated(own, other, best.pose[None], _FIT_POINTS, _ROUNDS)[0]
     return replace(fit, distance=best.distance) if bends else fit
 
 
-def _nearest_bent(own: "_Half", other: "_Half", closest: Fit, screened: list[Fit]) -> Fit:
+def _nearest_bent(own: SearchedPoints, other: SearchedPoints, closest: Fit, screened: list[Fit]) -> Fit:
     """Return the candidate from which the bent surface comes nearest, with the distance after bending."""
     starts = np.array([fit.pose for fit in _different(screened)[:_MAX_CANDIDATES]])
-    trials = sorted(_iterated(own, other, starts, _TRIAL_POINTS, _TRIAL_ROUNDS), key=lambda fit: fit.distance)
+    trials = sorted(iterated(own, other, starts, _TRIAL_POINTS, _TRIAL_ROUNDS), key=lambda fit: fit.distance)
     limit = _CANDIDATE_RATIO * closest.distance
     candidates = [fit for fit in _different([closest, *trials]) if fit.distance <= limit]
     surface = _Bending(own)
@@ -156,14 +117,22 @@ def _different(fits: list[Fit]) -> list[Fit]:
 
 def refined(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
     """Return the similarity of one point set to another, starting from the given orientation."""
-    return _iterated(_Half(moving), _Half(fixed), np.eye(4)[None], _TRIAL_POINTS, _TRIAL_ROUNDS)[0]
+    return iterated(
+        SearchedPoints(moving), SearchedPoints(fixed), np.eye(4)[None], _TRIAL_POINTS, _TRIAL_ROUNDS
+    )[0]
+
+
+def refined_each(moving: Sequence[SearchedPoints], fixed: Sequence[SearchedPoints]) -> list[Fit]:
+    """Return `refined` for pairs of point sets, which is faster for several pairs together."""
+    starts = np.tile(np.eye(4), (len(moving), 1, 1))
+    return iterated_each(moving, fixed, starts, _TRIAL_POINTS, _TRIAL_ROUNDS)
 
 
 def sought(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
     """Return the best of the similarities that start from 60 evenly spaced orientations."""
     starts = np.tile(np.eye(4), (60, 1, 1))
     starts[:, :3, :3] = Rotation.create_group("I").as_matrix()
-    fits = _iterated(_Half(moving), _Half(fixed), starts, _TRIAL_POINTS, _TRIAL_ROUNDS)
+    fits = iterated(SearchedPoints(moving), SearchedPoints(fixed), starts, _TRIAL_POINTS, _TRIAL_ROUNDS)
     return min(fits, key=lambda fit: fit.distance)
 
 
@@ -173,47 +142,34 @@ def held(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
     It starts from the given orientation, which has a prior weight against that of the surfaces
     (`prior_weights`).
     """
-    return _iterated(_Half(moving), _Half(fixed), np.eye(4)[None], _FIT_POINTS, _ROUNDS, holds=True)[0]
+    return iterated(
+        SearchedPoints(moving), SearchedPoints(fixed), np.eye(4)[None], _FIT_POINTS, _ROUNDS, holds=True
+    )[0]
 
 
 def softness_of_fit(moving: OrientedPoints, fixed: OrientedPoints, pose: FloatArray) -> float:
     """Return how little a surface determines its orientation (`softness`), if registered by a pose (4, 4)."""
-    other, linear = _Half(fixed), pose[:3, :3] / scale_of(pose)
+    other, linear = SearchedPoints(fixed), pose[:3, :3] / scale_of(pose)
     some = slice(None, None, max(1, len(moving.points) // _FIT_POINTS))
     points, normals = moving.points[some] @ pose[:3, :3].T + pose[:3, 3], moving.normals[some] @ linear.T
     nearest = other.nearest(points, normals)[1]
     planes, offsets = other.normals[nearest], other.points[nearest] - points
-    weights = _weights(np.linalg.norm(offsets, axis=1)[None])
+    weights = robust_weights(np.linalg.norm(offsets, axis=1)[None])
     along = np.einsum("ni,ni->n", offsets, planes)
     return float(softness(points[None], planes[None], along[None], weights)[0])
 
 
 def fit_at(moving: OrientedPoints, fixed: OrientedPoints, pose: FloatArray) -> Fit:
     """Return a given similarity (4, 4) of one point set onto another with the distance of the matches."""
-    return Fit(pose, _iterated(_Half(moving), _Half(fixed), pose[None], _FIT_POINTS, 1)[0].distance)
-
-
-class _Half:
-    """One of two registered point sets of about unit size, with a search tree."""
-
-    def __init__(self, shape: OrientedPoints) -> None:
-        self.points, self.normals = shape.points, shape.normals
-        self.tree = _tree(self.points, self.normals)
-
-    def some(self, count: int) -> slice:
-        """Return a slice that selects about `count` points evenly."""
-        return slice(None, None, max(1, len(self.points) // count))
-
-    def nearest(self, points: FloatArray, normals: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return distances to the nearest points in position and normal, and their indices, (..., N)."""
-        distances, indices = self.tree.query(np.concatenate([points, _NORMAL_WEIGHT * normals], axis=-1))
-        return np.asarray(distances), np.asarray(indices)
+    return Fit(
+        pose, iterated(SearchedPoints(moving), SearchedPoints(fixed), pose[None], _FIT_POINTS, 1)[0].distance
+    )
 
 
 class _Bending:
     """A surface deformed by a sum of Gaussians and a linear map; the stiffness penalizes the deformation."""
 
-    def __init__(self, half: _Half) -> None:
+    def __init__(self, half: SearchedPoints) -> None:
         some = half.some(_TRIAL_POINTS)
         self._points, self._normals = half.points[some], half.normals[some]
         count = min(_GAUSSIANS, len(self._points))
@@ -227,14 +183,14 @@ class _Bending:
         self._values = np.concatenate([values, self._points], axis=1)
         self._slopes = np.concatenate([slopes, linear], axis=1)  # (N, functions, 3)
 
-    def distance(self, other: _Half, pose: FloatArray) -> float:
+    def distance(self, other: SearchedPoints, pose: FloatArray) -> float:
         """Return the mean distance of the matches, in both directions, after bending from a pose (4, 4)."""
         theirs, linear = other.some(_TRIAL_POINTS), np.full(3, _LINEAR_STIFFNESS)
         placed = self._points @ pose[:3, :3].T + pose[:3, 3]
         points, normals = placed, self._normals @ rotation_of(pose).T
         for stiffness in _STIFFNESSES:
             gaps, onto, back = self._matches(other, theirs, points, normals)
-            weights = _weights(gaps[None])[0]
+            weights = robust_weights(gaps[None])[0]
             functions = np.concatenate([self._values, self._values[back]])
             offsets = np.concatenate([other.points[onto] - placed, other.points[theirs] - placed[back]])
             weighted = (functions * (weights / weights.sum())[:, None]).T
@@ -248,20 +204,14 @@ class _Bending:
 
     @staticmethod
     def _matches(
-        other: _Half, theirs: slice, points: FloatArray, normals: FloatArray
+        other: SearchedPoints, theirs: slice, points: FloatArray, normals: FloatArray
     ) -> tuple[FloatArray, IntArray, IntArray]:
         """Return distances of matches in both directions, and the indices of either surface's points."""
         there, onto = other.nearest(points, normals)
-        tree = _tree(points, normals)
-        wanted = np.concatenate([other.points[theirs], _NORMAL_WEIGHT * other.normals[theirs]], axis=1)
+        tree = search_tree(points, normals)
+        wanted = np.concatenate([other.points[theirs], NORMAL_WEIGHT * other.normals[theirs]], axis=1)
         back, from_ = tree.query(wanted)
         return np.concatenate([there, back]), onto, np.asarray(from_)
-
-
-def _tree(points: FloatArray, normals: FloatArray) -> KDTree:
-    """Return a tree of positions and normals; in six dimensions, large unbalanced leaves are fastest."""
-    values = np.concatenate([points, _NORMAL_WEIGHT * normals], axis=1)
-    return KDTree(values, leafsize=32, balanced_tree=False)
 
 
 def _axes(shape: OrientedPoints) -> FloatArray:
@@ -283,65 +233,3 @@ def _starts(moving: OrientedPoints, fixed: OrientedPoints) -> list[FloatArray]:
             start[:3, :3] = turn
             starts.append(start)
     return starts
-
-
-def _iterated(
-    own: _Half, other: _Half, poses: FloatArray, count: int, rounds: int, *, holds: bool = False
-) -> list[Fit]:
-    """Alternate matching in both directions and least squares, from several poses (S, 4, 4) at once."""
-    mine, theirs = own.some(count), other.some(count)
-    a, na, b, nb = own.points[mine], own.normals[mine], other.points[theirs], other.normals[theirs]
-    poses, distances = poses.copy(), np.full(len(poses), np.inf)
-    moving = np.arange(len(poses))  # those that have not converged
-    for _ in range(rounds):
-        pose = poses[moving]
-        scale = scale_of(pose)[:, None, None]
-        turn, shift = pose[:, :3, :3] / scale, pose[:, None, :3, 3]
-        there, onto = other.nearest(
-            a @ pose[:, :3, :3].transpose(0, 2, 1) + shift, na @ turn.transpose(0, 2, 1)
-        )
-        back, from_ = own.nearest((b - shift) @ turn / scale, nb @ turn)
-        gaps = np.concatenate([there, back * scale[..., 0]], axis=1)
-        before, distances[moving] = distances[moving], gaps.mean(axis=1)
-        weights = _weights(gaps)
-        pairs = np.empty((2, len(moving), len(a) + len(b), 3))
-        pairs[0, :, : len(a)], pairs[0, :, len(a) :] = a, own.points[from_]
-        pairs[1, :, : len(a)], pairs[1, :, len(a) :] = other.points[onto], b
-        poses[moving] = _best_fits(pairs[0], pairs[1], weights, pose if holds else None)
-        moving = moving[~(np.abs(before - distances[moving]) < _CONVERGED)]
-        if not len(moving):
-            break
-    return [Fit(pose, float(distance)) for pose, distance in zip(poses, distances, strict=True)]
-
-
-def _weights(gaps: FloatArray) -> FloatArray:
-    """Return robust weights of matches (S, N) from their distances."""
-    scale = _OUTLIER * np.maximum(np.median(gaps, axis=1), 1e-9)[:, None]
-    weights: FloatArray = 1.0 / np.square(1.0 + np.square(gaps / scale))
-    return weights
-
-
-def _best_fits(
-    points: FloatArray, targets: FloatArray, weights: FloatArray, held_poses: FloatArray | None = None
-) -> FloatArray:
-    """Return the similarities (S, 4, 4) of points to targets (S, N, 3), least squares (Umeyama 1991).
-
-    With the current poses (`held_poses`), the given orientation has a prior weight that depends on the
-    residual distances.
-    """
-    share = (weights / weights.sum(axis=1, keepdims=True))[:, None]
-    middle, goal = share @ points, share @ targets
-    own, other = points - middle, targets - goal
-    covariance = (other * share.transpose(0, 2, 1)).transpose(0, 2, 1) @ own
-    if held_poses is not None:
-        placed = points @ held_poses[:, :3, :3].transpose(0, 2, 1) + held_poses[:, None, :3, 3]
-        # Half of a match's squared distance is along the normal; rotating by t reduces the trace by t^2 / 2.
-        squares = 0.5 * (share @ np.square(targets - placed)).sum(axis=(1, 2))
-        covariance = covariance + 0.5 * prior_weights(squares)[:, None, None] * np.eye(3)
-    left, right, _ = fit_rotation(covariance)
-    spread = [(share @ np.square(item)).sum(axis=(1, 2)) for item in (other, own)]
-    scale = np.clip(np.sqrt(spread[0] / spread[1]), 1.0 / _MAX_SCALING, _MAX_SCALING)
-    poses = np.tile(np.eye(4), (len(points), 1, 1))
-    poses[:, :3, :3] = scale[:, None, None] * left @ right
-    poses[:, :3, 3] = (goal - middle @ poses[:, :3, :3].transpose(0, 2, 1))[:, 0]
-    return poses

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -11,7 +12,8 @@ from homolog.arrays import FloatArray
 from homolog.device import cores
 from homolog.geometry import rotation_of, transform_points
 from homolog.grooming.align import RegisterPair, by_typicality
-from homolog.grooming.icp import OrientedPoints, oriented_points, refined, sought
+from homolog.grooming.closest_points import SearchedPoints
+from homolog.grooming.icp import OrientedPoints, oriented_points, refined_each, sought
 from homolog.grooming.subject import GroomedSubject
 from homolog.progress import Tick, part_of, run_in_threads
 from homolog.surfaces.mirroring import MIRROR
@@ -46,6 +48,19 @@ _RARE, _DISTINCT = 0.25, 0.5
 and mixed sides have larger preferences."""
 
 
+class _Surface:
+    """The surface of a point set, with search trees."""
+
+    def __init__(self, shape: OrientedPoints) -> None:
+        self.shape, self.searched, self._tree = shape, SearchedPoints(shape), KDTree(shape.points)
+
+    def distance(self, points: FloatArray) -> float:
+        """Return the mean distance of points from the surface."""
+        nearest = self._tree.query(points)[1]
+        away = np.einsum("ni,ni->n", points - self.shape.points[nearest], self.shape.normals[nearest])
+        return max(float(np.abs(away).mean()), 1e-6)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pair:
     """A subject and its mirror image, both registered to the most typical subject, at one size."""
@@ -54,17 +69,20 @@ class _Pair:
     image: OrientedPoints
     fixed: OrientedPoints
 
-    def preference(self, surface: OrientedPoints) -> float:
-        """Return the logarithm of the subject's distance to a surface over that of its mirror image."""
-        return float(np.log(_gap(self.image, surface) / _gap(self.own, surface)))
+    def preferences(self, surfaces: Sequence[_Surface]) -> FloatArray:
+        """Return the logarithm of the subject's distance to each surface over that of its mirror image."""
+        of_image, of_own = _gaps([self.image, self.own], surfaces)
+        result: FloatArray = np.log(of_image / of_own)
+        return result
 
-    def searched(self, surface: OrientedPoints) -> "_Pair":
+    def searched(self, surface: _Surface) -> "_Pair":
         """Return the pair, registered again if evenly spaced orientations lead to a closer fit."""
-        own, image = (
-            min(item, _moved(item, sought(item, surface).pose), key=lambda placed: _gap(placed, surface))
-            for item in (self.own, self.image)
-        )
-        return replace(self, own=own, image=image)
+
+        def nearer(shape: OrientedPoints) -> OrientedPoints:
+            placed = [shape, _moved(shape, sought(shape, surface.shape).pose)]
+            return placed[_nearest(placed, surface)]
+
+        return replace(self, own=nearer(self.own), image=nearer(self.image))
 
 
 def better_mirrored(
@@ -106,6 +124,7 @@ def better_mirrored(
         return set()
     middle = references[0]
     fixed = _thinned(units[middle], _FIXED)
+    surface = _Surface(fixed)
 
     def pair_of(k: int, inner: Tick) -> _Pair:
         inner(0.0, "comparing with mirror images")
@@ -119,20 +138,21 @@ def better_mirrored(
         image = _moved(image, register_pair(image, fixed, free=True).pose)  # its orientation is arbitrary
         # In cohorts of both sides a registration from any orientation may be closer.
         poses = pose, register_pair(cloud, fixed, free=True).pose
-        pose = min(poses, key=lambda item: _gap(_moved(cloud, item), fixed))
+        pose = poses[_nearest([_moved(cloud, item) for item in poses], surface)]
         return _Pair(_moved(cloud, pose), image, _moved(_thinned(units[k], _FIXED), pose))
 
     tasks = [partial(pair_of, k) for k in references]
     made = run_in_threads(tasks, part_of(tick, 0.0, 0.1), "comparing with mirror images", cores())
-    surfaces = [pair.fixed for pair in made]
+    surfaces, known_pairs = [_Surface(pair.fixed) for pair in made], dict(zip(references, made, strict=True))
 
     def preferences_of(k: int, pair: _Pair) -> FloatArray:
-        return np.array(
-            [0.0 if j == k else pair.preference(item) for j, item in zip(references, surfaces, strict=True)]
-        )
+        others = [position for position, j in enumerate(references) if j != k]
+        result = np.zeros(len(references))
+        result[others] = pair.preferences([surfaces[position] for position in others])
+        return result
 
     def row_of(k: int, inner: Tick) -> FloatArray:
-        return preferences_of(k, pair_of(k, inner))
+        return preferences_of(k, known_pairs[k] if k in known_pairs else pair_of(k, inner))
 
     involved = sorted({*tested, *references})
     works = [partial(row_of, k) for k in involved]
@@ -147,7 +167,7 @@ def better_mirrored(
     ]
     for k in flagged:  # failed registrations resemble mirror images
         tick(1.0, "comparing with mirror images")
-        row = preferences_of(k, pair_of(k, tick).searched(fixed))
+        row = preferences_of(k, pair_of(k, tick).searched(surface))
         preferences[tested.index(k)] = row @ sides / (len(references) - (k in references))
     are_images = reversed_ones(preferences, majority=not known) if flagged else are_images
     return {groomed[k].name for k in flagged if are_images[tested.index(k)]}
@@ -224,9 +244,18 @@ def _thinned(cloud: OrientedPoints, points: int) -> OrientedPoints:
     return replace(cloud, points=cloud.points[every], normals=cloud.normals[every])
 
 
-def _gap(moving: OrientedPoints, fixed: OrientedPoints) -> float:
-    """Return the mean distance of registered points from the surface of a point set; sizes are about 1."""
-    points = transform_points(refined(moving, fixed).pose, moving.points)
-    nearest = KDTree(fixed.points).query(points)[1]
-    away = np.einsum("ni,ni->n", points - fixed.points[nearest], fixed.normals[nearest])
-    return max(float(np.abs(away).mean()), 1e-6)
+def _gaps(moving: Sequence[OrientedPoints], surfaces: Sequence[_Surface]) -> FloatArray:
+    """Return the mean distances of registered points from surfaces, by point set and surface."""
+    pairs = list(product([SearchedPoints(shape) for shape in moving], surfaces))
+    fits = refined_each([own for own, _ in pairs], [surface.searched for _, surface in pairs])
+    return np.array(
+        [
+            surface.distance(transform_points(fit.pose, own.points))
+            for (own, surface), fit in zip(pairs, fits, strict=True)
+        ]
+    ).reshape(len(moving), -1)
+
+
+def _nearest(placed: Sequence[OrientedPoints], surface: _Surface) -> int:
+    """Return the index of the point set that is nearest to a surface after registration."""
+    return int(_gaps(placed, [surface]).argmin())

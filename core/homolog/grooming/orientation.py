@@ -17,6 +17,7 @@ from homolog.device import cores
 from homolog.geometry import rotation_of
 from homolog.grooming.icp import Fit, OrientedPoints, held, softness_of_fit
 from homolog.progress import Tick, run_in_threads
+from homolog.threads import in_threads
 
 __all__ = ["agree", "are_soft", "better_turned"]
 
@@ -53,9 +54,13 @@ def agree(shapes: Sequence[OrientedPoints]) -> bool:
     turned = np.concatenate(
         [directions @ turn for turn in Rotation.random(_TURNS, random_state=0).as_matrix()]
     )
-    hulls = [shape.points[ConvexHull(shape.points, qhull_options="QJ").vertices] for shape in some]
-    extents = np.array([(directions @ hull.T).max(axis=1) for hull in hulls])
-    others = np.array([(turned @ hull.T).max(axis=1) for hull in hulls]).reshape(len(some), _TURNS, -1)
+
+    def extents_of(shape: OrientedPoints) -> tuple[FloatArray, FloatArray]:
+        hull = shape.points[ConvexHull(shape.points, qhull_options="QJ").vertices]
+        return (directions @ hull.T).max(axis=1), (turned @ hull.T).max(axis=1)
+
+    given_extents, turned_extents = zip(*in_threads(extents_of, some, cores()), strict=True)
+    extents, others = np.array(given_extents), np.array(turned_extents).reshape(len(some), _TURNS, -1)
     shares = []
     for index, own in enumerate(extents):
         given = np.delete(np.square(extents - own).mean(axis=1), index)
