@@ -18,7 +18,7 @@ from homolog.arrays import BoolArray, DeviceArray, FloatArray
 from homolog.correspondence.engine import Engine, Particles
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
 from homolog.correspondence.fields import opening_scale
-from homolog.correspondence.launcher import Launcher, copy_between
+from homolog.correspondence.launcher import Launcher, Transfer, copy_between
 from homolog.correspondence.prepared_cohort import (
     MEAN_AREA,
     PreparedCohort,
@@ -221,6 +221,7 @@ class DividedEngine(Engine):
             geodesic=cohort.geodesic, area=MEAN_AREA, launcher=launcher,
         )  # fmt: skip
         self.second = cohort.parts[1].device
+        self._transfers = [Transfer(part.device, launcher.device) for part in cohort.parts]
         self._tie(any_fixed=free is not None)
         super().set_poses(poses)
         self._gather_surface()
@@ -256,6 +257,7 @@ class DividedEngine(Engine):
             part.sampling.rebuild_neighbour_lists(part.positions, part.faces, part.closest)
         for _ in range(times):
             self._move()
+        self._receive_surface()
 
     def energy(self) -> FloatArray:
         """Return H(P), H(Z) and H(V) of the last iteration, per particle and shape, (3,)."""
@@ -280,6 +282,7 @@ class DividedEngine(Engine):
     def _move(self) -> None:
         for part in self._parts:
             part.compute_forces()
+        self._receive_surface()
         self.compare()
         self.coupling.gradients(
             self.stage, self.iteration, (self.centred, self.logs), (self.ensemble_part, self.normals_part)
@@ -298,10 +301,23 @@ class DividedEngine(Engine):
             part.take_step()
         for engine in (self, *self._parts):
             engine.count_iteration()
-        self._gather_surface()
+        self._send_surface()
 
     def _gather_surface(self) -> None:
-        self._gather("positions", "normals", "openings")
+        self._send_surface()
+        self._receive_surface()
+
+    def _send_surface(self) -> None:
+        """Begin to copy positions and normals from the parts, while the devices go on with other work."""
+        for transfer, (part, own) in zip(self._transfers, self._by_part(), strict=True):
+            transfer.start()
+            for name in ("positions", "normals", "openings"):
+                transfer.copy(getattr(self, name), getattr(part, name), own.start * self.count, part.total)
+
+    def _receive_surface(self) -> None:
+        """Let later launches wait for these copies."""
+        for transfer in self._transfers:
+            transfer.finish()
 
     def _gather(self, *names: str) -> None:
         """Copy arrays of the parts to this engine's."""

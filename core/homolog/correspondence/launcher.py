@@ -14,7 +14,7 @@ from homolog.arrays import DeviceArray
 from homolog.device import cores
 from homolog.threads import switching_often
 
-__all__ = ["Launcher", "copy_between", "load_kernels", "push"]
+__all__ = ["Launcher", "Transfer", "copy_between", "load_kernels", "push"]
 
 MIN_PIECE_THREADS = 512  # below it another core does not pay
 MAX_PIECE_THREADS = 32768  # some 0.1 s, so that the run can be cancelled
@@ -236,3 +236,35 @@ def push(target: DeviceArray, source: DeviceArray) -> None:
     wp.copy(target, source, stream=source.device.stream if apart else None)
     if apart:
         target.device.stream.wait_stream(source.device.stream)
+
+
+class Transfer:
+    """Copies from a CUDA device to another one while both go on with other work.
+
+    The target arrays may be in use only by launches that the source device has waited for. On one device
+    copies are ordered like launches.
+
+    Parameters
+    ----------
+    source, target : str
+        Warp aliases.
+    """
+
+    def __init__(self, source: str, target: str) -> None:
+        self._source, self._target = wp.get_device(source), wp.get_device(target)
+        self._stream = wp.Stream(source) if source != target else None
+
+    def start(self) -> None:
+        """Begin copies after all previous launches on the source device."""
+        if self._stream is not None:
+            self._stream.wait_stream(self._source.stream)
+
+    def copy(self, target: DeviceArray, source: DeviceArray, target_offset: int, count: int) -> None:
+        """Copy the first `count` elements."""
+        wp.copy(target, source, target_offset, 0, count, stream=self._stream)
+
+    def finish(self) -> None:
+        """Let later launches on both devices wait for the copies."""
+        if self._stream is not None:
+            for device in (self._source, self._target):
+                device.stream.wait_stream(self._stream)

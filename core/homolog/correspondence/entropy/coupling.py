@@ -156,11 +156,11 @@ class DeviceCoupling(Coupling):
     ) -> None:
         """Invert the duals, and write the gradients of both entropies."""
         self._duals.solve(stage, iteration, *vectors)
-        self._duals.multiply(0, vectors[0], out[0])
-        self._duals.multiply(int(NORMALS), vectors[1], out[1])
+        self._duals.multiply(self._duals.inverses[0], vectors[0], out[0])
+        self._duals.multiply(self._duals.inverses[int(NORMALS)], vectors[1], out[1])
 
     def _damp_free(self, steps: DeviceArray, damped: DeviceArray) -> None:
-        self._duals.multiply(1, steps, damped)
+        self._duals.multiply(self._duals.inverses[1], steps, damped)
 
     def _step_matrices(self) -> tuple[DeviceArray, DeviceArray]:
         return self._duals.inverses[0], self._duals.inverses[1]
@@ -181,9 +181,12 @@ class DividedCoupling(DeviceCoupling):
         normals = int(NORMALS)
         self._duals = make_duals(0, normals, self.shapes, self.count, launcher.device)
         self._second = make_duals(normals, 1, self.shapes, self.count, second)
-        vectors = [wp.zeros(self.shapes * self.count, dtype=wp.vec3, device=second) for _ in range(2)]
+        vectors = [wp.zeros(self.shapes * self.count, dtype=wp.vec3, device=second) for _ in range(4)]
         self._logs: DeviceArray = vectors[0]
         self.kept_gradient: DeviceArray = vectors[1]
+        self._steps, self._damped = vectors[2:]
+        self._damping: DeviceArray = wp.zeros_like(self._second.inverses)
+        self._half = self.shapes // 2
         self._iteration: DeviceArray = wp.zeros(1, dtype=int, device=second)
         self._stage: DeviceArray | None = None  # of the graphs
         self._graphs: list[Any] = []
@@ -204,7 +207,17 @@ class DividedCoupling(DeviceCoupling):
         push(self._logs, logs)
         for graph in self._graphs:
             wp.capture_launch(graph)
+        push(self._damping, self._duals.inverses[1:])
         copy_between(self.stiffness, self._second.stiffness)
+
+    def _damp_free(self, steps: DeviceArray, damped: DeviceArray) -> None:
+        """Apply it to one half of the shapes on each device."""
+        half = self._half
+        push(self._steps, steps)
+        self._second.multiply(self._damping[0, half:], self._steps, self._damped)
+        self._duals.multiply(self._duals.inverses[1, :half], steps, damped)
+        count = (self.shapes - half) * self.count
+        copy_between(damped, self._damped, half * self.count, 0, count)
 
     def _capture(
         self, stage: DeviceArray, iteration: DeviceArray, centred: DeviceArray, ensemble: DeviceArray
@@ -212,10 +225,10 @@ class DividedCoupling(DeviceCoupling):
         parameters = wp.clone(stage, device=self._second.device)
         with wp.ScopedCapture(device=self._second.device) as second:
             self._second.solve(parameters, self._iteration, logs=self._logs)
-            self._second.multiply(0, self._logs, self.kept_gradient)
+            self._second.multiply(self._second.inverses[0], self._logs, self.kept_gradient)
         with wp.ScopedCapture(device=self.launch.device) as first:
             self._duals.solve(stage, iteration, centred=centred)
-            self._duals.multiply(0, centred, ensemble)
+            self._duals.multiply(self._duals.inverses[0], centred, ensemble)
         self._stage, self._parameters, self._graphs = stage, parameters, [second.graph, first.graph]
 
     def entropies(self) -> FloatArray:

@@ -71,10 +71,10 @@ class DeviceDuals:
             [self.first, stage, iteration, inverted, self.inverses, self.stiffness],
         )
 
-    def multiply(self, index: int, source: DeviceArray, target: DeviceArray) -> None:
-        """Multiply (M n,) vectors by one of `inverses` across the shapes."""
-        blocks = self._size // self.padding
-        inputs = [self.shapes, self.count, self.inverses[index], source, target]
+    def multiply(self, rows: DeviceArray, source: DeviceArray, target: DeviceArray) -> None:
+        """Multiply (M n,) vectors by some rows (k, M) of a matrix across the shapes."""
+        blocks = -(-rows.shape[0] // self.padding)
+        inputs = [rows, self.count, source, target]
         self._launch(dual_kernels.multiply, (blocks, self.count), inputs)
 
     def _gram(self, divisor: float, rows: DeviceArray, out: DeviceArray) -> None:
@@ -112,11 +112,11 @@ class TiledDuals(DeviceDuals):
         self._rows: list[DeviceArray] = [wp.zeros(row, **make) for _ in range(2)]
         self._tiles = self._size // self.padding
 
-    def multiply(self, index: int, source: DeviceArray, target: DeviceArray) -> None:
-        """Multiply (M n,) vectors by one of `inverses` across the shapes."""
+    def multiply(self, rows: DeviceArray, source: DeviceArray, target: DeviceArray) -> None:
+        """Multiply (M n,) vectors by some rows (k, M) of a matrix across the shapes."""
         wide = int(tile_kernels.WIDE_TILE)
-        tiles = (-(-self.shapes // wide), -(-3 * self.count // wide))
-        inputs = [self.inverses[index], self._as_rows(source), self._as_rows(target)]
+        tiles = (-(-rows.shape[0] // wide), -(-3 * self.count // wide))
+        inputs = [rows, self._as_rows(source), self._as_rows(target, rows.shape[0])]
         self._launch_blocks(tile_kernels.multiply, tiles, inputs)
 
     def _gram(self, divisor: float, rows: DeviceArray, out: DeviceArray) -> None:
@@ -141,11 +141,10 @@ class TiledDuals(DeviceDuals):
             )
         return matrices
 
-    def _as_rows(self, vectors: DeviceArray) -> DeviceArray:
-        """Return (M n,) vectors as an (M, 3n) array of the same memory."""
-        return wp.array(
-            ptr=vectors.ptr, dtype=float, shape=(self.shapes, 3 * self.count), device=self.device, copy=False
-        )
+    def _as_rows(self, vectors: DeviceArray, shapes: int | None = None) -> DeviceArray:
+        """Return (M n,) vectors of some shapes, all if not given, as an (M, 3n) array of the same memory."""
+        size = (shapes or self.shapes, 3 * self.count)
+        return wp.array(ptr=vectors.ptr, dtype=float, shape=size, device=self.device, copy=False)
 
 
 def make_duals(first: int, number: int, shapes: int, count: int, device: str) -> DeviceDuals:

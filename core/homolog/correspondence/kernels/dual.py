@@ -184,21 +184,21 @@ def extract_inverses(
 
 @wp.kernel
 def multiply(
-    shapes: int,
-    per_shape: int,
     matrix: wp.array2d(dtype=float),
+    per_shape: int,
     source: wp.array(dtype=wp.vec3),
     target: wp.array(dtype=wp.vec3),
 ):
-    """Write target[k] = sum_l matrix[k, l] source[l], per particle, of a symmetric matrix."""
+    """Write target[k] = sum_l matrix[k, l] source[l], per particle, of a matrix (k, M)."""
     block_row, i = wp.tid()
     total = wp.matrix(shape=(BLOCK_SIZE, 3), dtype=float)
     weights = wp.vec4()
-    for other in range(shapes):
+    rows = matrix.shape[0]
+    for other in range(matrix.shape[1]):
         for r in range(BLOCK_SIZE):
-            weights[r] = matrix[other, wp.min(block_row * BLOCK_SIZE + r, shapes - 1)]
+            weights[r] = matrix[wp.min(block_row * BLOCK_SIZE + r, rows - 1), other]
         total += wp.outer(weights, source[other * per_shape + i])
     for r in range(BLOCK_SIZE):
         k = block_row * BLOCK_SIZE + r
-        if k < shapes:
+        if k < rows:
             target[k * per_shape + i] = total[r]

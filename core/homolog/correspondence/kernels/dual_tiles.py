@@ -166,10 +166,10 @@ def eliminate(
 def multiply(
     matrix: wp.array2d(dtype=float), source: wp.array2d(dtype=float), target: wp.array2d(dtype=float)
 ):
-    """Write the product of a symmetric matrix (M, M) and rows (M, K)."""
+    """Write the product of a matrix (k, M) and rows (M, K)."""
     i, j = wp.tid()
     total = wp.tile_zeros(shape=(WIDE_TILE, WIDE_TILE), dtype=float)
-    for k in range(0, matrix.shape[0], DEPTH):
+    for k in range(0, matrix.shape[1], DEPTH):
         weights = wp.tile_load(matrix, shape=(WIDE_TILE, DEPTH), offset=(i * WIDE_TILE, k))
         rows = wp.tile_load(source, shape=(DEPTH, WIDE_TILE), offset=(k, j * WIDE_TILE))
         wp.tile_matmul(weights, rows, total)
