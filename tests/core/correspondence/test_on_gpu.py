@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+import warp as wp
 
 from homolog.correspondence import load_kernels, optimize
+from homolog.correspondence.entropy import device_duals
 from homolog.settings import Method, OptimizeSettings
 
 pytestmark = pytest.mark.cuda
@@ -30,8 +32,14 @@ def test_a_resumed_optimization_goes_on_where_it_stopped(ellipsoid_shapes, gpu):
     assert abs(rest.energies[-1, 1:].sum() - result.energies[-1, 1:].sum()) < 0.01
 
 
-def test_a_gpu_that_stands_for_two_places_particles_as_one_does(ellipsoid_shapes, gpu):
-    first, two = (optimize(ellipsoid_shapes, QUICK, device=name) for name in (gpu, f"{gpu},{gpu}"))
+@pytest.mark.parametrize("by_tiles", [False, True])
+@pytest.mark.parametrize("apart", [False, True])
+def test_two_gpus_place_particles_as_one_does(ellipsoid_shapes, gpu, apart, by_tiles, monkeypatch):
+    if apart and wp.get_cuda_device_count() < 2:
+        pytest.skip("there is one GPU, which the other case takes twice")
+    monkeypatch.setattr(device_duals, "MANY_SHAPES", 0 if by_tiles else 1000)
+    devices = f"{gpu},cuda:1" if apart else f"{gpu},{gpu}"
+    first, two = (optimize(ellipsoid_shapes, QUICK, device=name) for name in (gpu, devices))
     assert np.abs(two.world - first.world).max() < 0.5
     objectives = [result.energies[:, 1:].sum(axis=1) for result in (first, two)]
     common = min(map(len, objectives))  # rounding may decide when the objective has settled
