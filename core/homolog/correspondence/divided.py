@@ -2,9 +2,10 @@
 
 Every device has the surfaces and tables of its shapes and moves their particles. Quantities across shapes
 are computed for all of them: the mean normals and the dual of H(Z) on the first device, the dual of H(V) on
-the second. In an iteration the first gets positions, normals and opening angles from the others, gives
-them mean normals and gradients, gets steps and gives damped ones: about 22 numbers a particle in all. As
-two of the three matrices are its own, the first device has fewer shapes.
+the second, which also damps the steps of half of the shapes. In an iteration the first gets positions,
+normals and opening angles from the others while all compute forces, gives them mean normals and gradients,
+gets steps and gives damped ones: about 26 numbers a particle in all. As two of the three matrices are its
+own, the first device has fewer shapes.
 """
 
 from collections.abc import Sequence
