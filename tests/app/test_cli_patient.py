@@ -142,6 +142,26 @@ def test_a_control_that_is_unlike_the_others_is_cautioned_about(reference):
     assert "2.70 mm" in caution
 
 
+def test_a_control_that_is_unlike_the_others_is_named_if_the_file_has_names(reference, ellipsoids, tmp_path):
+    from homolog.cohort import Subject
+    from homolog.patient import Reference, compare_patient
+
+    usual = Reference.load(reference)
+    outside = np.full(len(usual.outside), 0.5)
+    outside[0] = 2.7
+    names = tuple(f"control {index}" for index in range(len(outside)))
+    anonymous = replace(usual, outside=outside, unlike=names[2:3])
+    named = replace(anonymous, scores=np.zeros((len(names), usual.modes)), names=names)
+    cautions = []
+    for kept in (anonymous, named):
+        kept.save(tmp_path / "ref.npz")
+        comparison = compare_patient(
+            Reference.load(tmp_path / "ref.npz"), Subject("a", ellipsoids / "a.nrrd")
+        )
+        cautions += [text for text in comparison.cautions if "2.70 mm" in text]
+    assert [names[2] in text for text in cautions] == [False, True]
+
+
 def test_a_few_controls_are_refused(finished_run, tmp_path, capsys):
     out = tmp_path / "ref.npz"
     assert main(["reference", str(finished_run.folder), "--out", str(out)]) == INPUT_ERROR

@@ -48,7 +48,8 @@ from homolog.patient import compare_groomed
 from homolog.patient.build import reference_of
 from homolog.patient.coding import Coding
 from homolog.patient.controls import Controls, read_controls
-from homolog.patient.reference import Provenance, Reference
+from homolog.patient.provenance import Provenance
+from homolog.patient.reference import Reference
 from homolog.samples.hearts import make_hearts
 from homolog.samples.study import Waves
 from homolog.settings import GroomSettings

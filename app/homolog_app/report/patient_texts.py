@@ -8,6 +8,7 @@ import numpy as np
 from homolog.errors import InputError, NumericalError
 from homolog.geometry import rms_radius
 from homolog.patient import PatientComparison, Percentile, Reference, Region, Typicality, typicality
+from homolog.patient.checks import unlike_controls_text
 from homolog_app.rendering.text import signed
 
 __all__ = [
@@ -35,8 +36,6 @@ _USUALLY_NEAR = 0.95
 """Fraction of particles in place above which there is no caution."""
 _COARSE = 0.12
 """Fraction of the size (root mean square radius); a larger limit detects gross changes only."""
-_UNLIKE = 2.5
-"""Ratio of a held-out control's distance from its fit to the median; above it, the control is an outlier."""
 
 REGION_COLUMNS = ("region", "area (mm²)", "mean (mm)", "peak (mm)", "z at peak", "place", "particles")
 
@@ -115,14 +114,8 @@ def reference_text(reference: Reference) -> list[str]:
             f"{quality.limit_mm:.1f} mm are detected (size {size:.0f} mm); more controls or particles may "
             "help"
         )
-    typical = float(np.median(reference.outside))
-    if unlike := int((reference.outside > _UNLIKE * typical).sum()):
-        lines.append(
-            f"caution: {unlike} control{' is' if unlike == 1 else 's are'} unlike the others (up to "
-            f"{reference.outside.max():.2f} mm from the fitted model, usually {typical:.2f} mm): limits are "
-            "wide, and another structure may not be recognized; see the run's notes, and exclude subjects "
-            "that are not controls"
-        )
+    if unlike := unlike_controls_text(reference):
+        lines.append(f"caution: {unlike}; see the run's notes, and exclude subjects that are not controls")
     if reference.mirrored is not None and reference.side_limit is None:
         lines.append("the side can't be determined from the shape: controls fit about as well mirrored")
     if about.controls < 20:

@@ -65,7 +65,9 @@ def about_texts(reference: "Reference | None") -> tuple[str, str]:
         return "No reference yet. Make one from this result or open a file.", ""
     from homolog_app.report.patient_texts import reference_text
 
-    lines = [f"{line[:1].upper()}{line[1:]}." for line in reference_text(reference.anonymous())]
+    lines = [
+        f"{line[:1].upper()}{line[1:]}." for line in reference_text(replace(reference, scores=None, names=()))
+    ]
     cautions = [line for line in lines if line.startswith("Caution")]
     return "\n".join(line for line in lines if line not in cautions), "\n".join(cautions)
 

@@ -19,7 +19,8 @@ from homolog.patient.controls import Controls, read_controls
 from homolog.patient.left_out import LeftOut, fit_left_out
 from homolog.patient.local import LocalNorm, bands_of, maxima_left_out, prediction_limit
 from homolog.patient.placed import Placing
-from homolog.patient.reference import LEVEL, Provenance, Quality, Reference
+from homolog.patient.provenance import Provenance, Quality
+from homolog.patient.reference import LEVEL, Reference
 from homolog.patient.surface_model import SurfaceModel
 from homolog.patient.times import seen_twice
 from homolog.progress import Tick, no_tick, part_of
@@ -152,6 +153,9 @@ def reference_of(
     jointly = controls.jointly
     placing = None if jointly is None else Placing(jointly.ensemble, jointly.settings)
     made = _reference(model, modes, coding, left_out, provenance, placing)
+    farthest = np.argsort([-item.outside for item in left_out.measures], kind="stable")
+    unlike = farthest[: len(made.unlike_distances)].tolist()
+    made = replace(made, unlike=tuple(controls.names[index] for index in unlike))
     if not controls.later:
         return made
     change = ExpectedChange.of(left_out.changes, left_out.volumes, controls.surface, between)

@@ -14,7 +14,7 @@ from homolog.patient.surface_model import SurfaceModel
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["check_fit", "check_unit"]
+__all__ = ["check_fit", "check_unit", "unlike_controls_text"]
 
 _OTHER_SIZE = 3.0
 _UNITS = {"m": 1000.0, "cm": 10.0, "inches": 25.4, "micrometres": 0.001}
@@ -27,6 +27,22 @@ Both must also exceed the controls' largest values by these factors."""
 _UNCOVERED = 0.15
 """Least median distance of the patient's surface from the fitted one, relative to the size, if the model fits
 only a part."""
+
+
+def unlike_controls_text(reference: Reference) -> str:
+    """Name the controls that are unlike the others, and how far they are from their fits; empty if none."""
+    distances = [f"{value:.2f} mm" for value in reference.unlike_distances.tolist()]
+    if not distances:
+        return ""
+    each = distances
+    if reference.unlike:
+        each = [f"{name}: {value}" for name, value in zip(reference.unlike, distances, strict=True)]
+    usual, verb = float(np.median(reference.outside)), "is" if len(each) == 1 else "are"
+    return (
+        f"{len(each)} of {len(reference.outside)} controls {verb} unlike the others "
+        f"({', '.join(each)} from the fitted model, usually {usual:.2f} mm): limits are wide, and another "
+        "structure may not be recognized"
+    )
 
 
 def check_unit(name: str, mesh: TriangleMesh, model: SurfaceModel, columns: FloatArray) -> None:

@@ -12,7 +12,7 @@ from homolog.correspondence import Shape
 from homolog.errors import InputError, NumericalError
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject, groom_subject
-from homolog.patient.checks import check_fit, check_unit
+from homolog.patient.checks import check_fit, check_unit, unlike_controls_text
 from homolog.patient.controls import COARSE_VERTICES
 from homolog.patient.cut import CutFit, check_cut, ends_of, fit_rest, flat_ends, flat_remarks
 from homolog.patient.distribution import Percentile, percentile
@@ -225,6 +225,7 @@ def compare_groomed(
     remarks += [
         *end_remarks,
         *_version_remarks(reference),
+        *filter(None, [unlike_controls_text(reference)]),
         *side_remarks,
         *check_fit(groomed.name, reference, mesh, fit, measures, columns, checked, force=force),
         *check_cut(groomed.name, cut, measures.gap, reference, at_border=groomed.report.padded, force=force),

@@ -19,16 +19,19 @@ from homolog.patient.change import ExpectedChange
 from homolog.patient.coding import Coding
 from homolog.patient.local import BANDS, LocalNorm
 from homolog.patient.placed import Placing
+from homolog.patient.provenance import Provenance, Quality
 from homolog.patient.surface_model import SurfaceModel
-from homolog.settings import GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Provenance", "Quality", "Reference", "check_name"]
+__all__ = ["Reference", "check_name"]
 
 SUFFIX = ".npz"
 FORMAT_VERSION = 1
 LEVEL = 0.05
 """Share of healthy people with a region beyond the limit."""
+
+_UNLIKE = 2.5
+"""Ratio of a left-out control's distance from its fit to the median; above it, the control is an outlier."""
 
 _TIMES_AS_LIKELY = 100.0
 _RECOGNISED = 0.8
@@ -36,80 +39,6 @@ _RECOGNISED = 0.8
 
 _MODEL = ("mean", "components", "variances", "effects", "residual", "faces")
 _DISTRIBUTIONS = ("mahalanobis", "outside", "size", "gap", "maxima")
-
-
-@dataclass(frozen=True, slots=True)
-class Provenance:
-    """Source of a reference.
-
-    Attributes
-    ----------
-    project : str
-        Name of the project's folder.
-    group : str
-        Group of the controls; empty if all subjects are controls.
-    controls : int
-        Number of controls.
-    made, finished : str
-        Times at which the reference and its project's result were made.
-    versions : mapping of str to str
-        Versions of all packages that affect the reference.
-    result : str
-        Fingerprint of the project's result.
-    particles : int
-        Number of particles on each shape.
-    groom : GroomSettings
-        Settings of grooming, for controls and patients.
-    side : str
-        Side of the body, if all controls have the same: ``"left"``, ``"right"`` or empty.
-    """
-
-    project: str
-    group: str
-    controls: int
-    made: str
-    finished: str
-    versions: Mapping[str, str]
-    result: str
-    particles: int
-    groom: GroomSettings
-    side: str
-
-    @property
-    def record(self) -> dict[str, Any]:
-        """Return the record for JSON."""
-        return {
-            **{name: getattr(self, name) for name in self.__dataclass_fields__ if name != "groom"},
-            "versions": dict(self.versions),
-            "groom": self.groom.model_dump(mode="json"),
-        }
-
-    @classmethod
-    def from_record(cls, record: Mapping[str, Any]) -> "Provenance":
-        """Return the object of a `record`."""
-        return cls(**{**record, "groom": GroomSettings.model_validate(record["groom"])})
-
-
-@dataclass(frozen=True, slots=True)
-class Quality:
-    """Quality of the fits of controls without the joint run.
-
-    Attributes
-    ----------
-    near : float
-        Share of particles within 0.3 spacings of their positions in the joint run.
-    error_95 : float
-        95th percentile of that distance [spacings].
-    outside : float
-        Mean over controls of the root mean square distance from the fitted model [mm].
-    limit_mm : float
-        Mean over the surface of the wide difference at which absolute z reaches the limit [mm].
-    """
-
-    near: float
-    error_95: float
-    outside: float
-    limit_mm: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,6 +70,9 @@ class Reference:
         Scores of each control in the retained modes [mm], read-only.
     names : tuple of str
         Names of the controls in the order of their scores; empty if not stored.
+    unlike : tuple of str
+        Names of the controls in `unlike_distances`, in this order; a file contains them only if it contains
+        `names`.
     placing : Placing or None
         Places a patient's particles; None if the project has no groomed volumes.
     change : ExpectedChange or None
@@ -165,6 +97,7 @@ class Reference:
     provenance: Provenance
     scores: FloatArray | None = None
     names: tuple[str, ...] = ()
+    unlike: tuple[str, ...] = ()
     placing: Placing | None = None
     change: ExpectedChange | None = None
     mirrored: FloatArray | None = None
@@ -190,6 +123,11 @@ class Reference:
         """Smallest broad difference at each vertex that exceeds the limit [mm], (V,)."""
         smallest: FloatArray = self.limit * self.local.deviation[0]
         return smallest
+
+    @property
+    def unlike_distances(self) -> FloatArray:
+        """Distances from the fit [mm] of controls that are unlike the others, the largest first."""
+        return self.outside[self.outside > _UNLIKE * float(np.median(self.outside))][::-1]
 
     @property
     def side_limit(self) -> float | None:
@@ -245,7 +183,7 @@ class Reference:
 
     def anonymous(self) -> "Reference":
         """Return the reference without the controls' scores and names."""
-        return replace(self, scores=None, names=())
+        return replace(self, scores=None, names=(), unlike=())
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the reference to one file, atomically.
@@ -270,6 +208,7 @@ class Reference:
             "quality": {name: getattr(self.quality, name) for name in Quality.__dataclass_fields__},
             "provenance": self.provenance.record,
             "names": list(self.names),
+            "unlike": list(self.unlike if self.names else ()),
             "placing": None if self.placing is None else self.placing.settings.model_dump(mode="json"),
             "change_between": None if self.change is None else self.change.between,
         }
@@ -312,6 +251,7 @@ class Reference:
                 scores=stored.get("scores"),
                 mirrored=stored.get("mirrored"),
                 names=tuple(map(str, record.get("names", ()))),
+                unlike=tuple(map(str, record.get("unlike", ()))),
                 placing=Placing.from_arrays(stored, placing) if (placing := record.get("placing")) else None,
                 change=None
                 if (between := record.get("change_between")) is None
@@ -363,6 +303,7 @@ class Reference:
             and (self.change is None or self.change.is_of(vertices))
             and (self.mirrored is None or _are_ratios(self.mirrored, self.provenance.controls))
             and len(self.names) in (0, self.provenance.controls)
+            and len(self.unlike) in (0, len(self.unlike_distances))
             and (
                 (self.scores is None and not self.names)
                 or (

@@ -13,7 +13,7 @@ from homolog.patient import left_out
 from homolog.patient.build import reference_of
 from homolog.patient.coding import Coding
 from homolog.patient.controls import Controls
-from homolog.patient.reference import Provenance
+from homolog.patient.provenance import Provenance
 from homolog.settings import GroomSettings
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh

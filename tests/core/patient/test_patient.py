@@ -404,3 +404,18 @@ def test_a_part_that_is_cut_off_is_shown_as_it_is_expected(template):
     assert len(own.mesh.faces) == len(faces)
     assert own.marked(missing)[-added:].all()
     assert not own.marked(missing)[:700][directions[:, 0] < 0.5].any()
+
+
+def test_a_control_that_is_far_from_its_fit_is_named(template, provenance):
+    directions, _ = template
+    random, subjects = np.random.default_rng(6), iter(range(10))
+
+    def subject(_):
+        points = shape(directions, random)
+        spiked = 12.0 * (directions @ np.array([0.0, 0.6, 0.8]) > 0.8) * (next(subjects) == 7)
+        return points + spiked[:, None] * directions
+
+    made = build(template, provenance, 10, subject)
+    assert made.unlike == ("c7",)
+    assert made.unlike_distances.tolist() == [made.outside[-1]]
+    assert made.anonymous().unlike == ()
