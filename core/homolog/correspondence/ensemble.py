@@ -11,6 +11,7 @@ import numpy as np
 from scipy.sparse.linalg import eigsh
 
 from homolog.arrays import Array, Float32Array, FloatArray, frozen
+from homolog.geometry import scale_of, transform_points
 from homolog.memory import Store, in_memory
 from homolog.settings import OptimizeSettings
 
@@ -101,6 +102,30 @@ class StateArrays(Sequence[ShapeState]):
         """Copy the state of a shape into the arrays."""
         for field in fields(ShapeState):
             getattr(self, field.name)[index] = getattr(state, field.name)
+
+    @property
+    def scale(self) -> float:
+        """Geometric mean of the scales of the placements."""
+        return float(np.exp(np.log(scale_of(self.placement)).mean()))
+
+    def rescale(self, scale: float) -> None:
+        """Scale the placements to a mean scale, about the centre of all particles."""
+        growth, centre = scale / self.scale, self.aligned.mean(axis=(0, 1), dtype=np.float64)
+        step = np.eye(4)
+        step[:3, :3] *= growth
+        step[:3, 3] = (1.0 - growth) * centre
+        self.placement[:] = step @ np.asarray(self.placement)
+        for index in range(len(self)):
+            self.aligned[index] = transform_points(step, self.aligned[index].astype(np.float64))
+
+    def extrapolate(self, newer: "StateArrays", factor: float) -> None:
+        """Replace aligned particles, normals and opening angles by newer ones plus a share of the motion."""
+        for index in range(len(self)):
+            for name in ("aligned", "normals", "openings"):
+                before, now = getattr(self, name)[index], getattr(newer, name)[index]
+                getattr(self, name)[index] = now + np.float32(factor) * (now - before)
+            lengths = np.linalg.norm(self.normals[index], axis=1, keepdims=True)
+            self.normals[index] /= np.maximum(lengths, 1e-12)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

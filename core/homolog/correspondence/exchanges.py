@@ -79,7 +79,7 @@ class Exchanges:
         changed = [part.change(shape, pairs, step) for part, step in steps]
         return -np.stack(changed, axis=1) * [term.weight for term in self._rows.terms]
 
-    def lower(self, shape: int, pair: IntArray, least: float = LEAST_GAIN) -> bool:
+    def lower(self, shape: int, pair: IntArray, least: float) -> bool:
         """Return whether an exchange lowers H(Z), and the objective by more than `least`."""
         return bool(_sums(self.gains(shape, pair[None]))[0] > least)
 

@@ -5,12 +5,12 @@ import warp as wp
 
 from homolog.arrays import DeviceArray, Float32Array, FloatArray
 from homolog.correspondence.engine import Engine, Particles
-from homolog.correspondence.ensemble import Ensemble
+from homolog.correspondence.ensemble import Ensemble, ShapeState
 from homolog.correspondence.entropy.coupling import HostCoupling
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort
 
-__all__ = ["FitEngine"]
+__all__ = ["FitEngine", "state_of"]
 
 _ISOLATED = 2.0
 """Log densities are bounded at this difference below their median."""
@@ -123,3 +123,14 @@ class FitEngine(Engine):
         self._own_coupling.normals = normals.astype(np.float32)
         self.centred.numpy()[:] = aligned - self._ensemble.mean
         self.logs.numpy()[:] = self._ensemble.logs(normals, self.openings.numpy()[:, 3])
+
+
+def state_of(engine: Engine, local: FloatArray, placement: FloatArray) -> ShapeState:
+    """Return the state of an engine's only shape."""
+    return ShapeState(
+        local=local,
+        aligned=engine.aligned_positions()[0].astype(np.float32),
+        normals=engine.aligned_normals()[0].astype(np.float32),
+        openings=engine.openings.numpy()[:, 3].astype(np.float32),
+        placement=placement,
+    )

@@ -17,14 +17,14 @@ from homolog.correspondence.engine import Engine, Particles
 from homolog.correspondence.ensemble import Ensemble, ShapeState
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
 from homolog.correspondence.entropy.terms import Term
-from homolog.correspondence.fit_engine import FitEngine
+from homolog.correspondence.fit_engine import FitEngine, state_of
 from homolog.correspondence.initialization.registration import snap_to_mesh
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.loop import MAX_POSE_REGULARIZATION, RECORD_INTERVAL, OptimizationLoop
 from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.misplaced import MAX_MISPLACED_FRACTION, is_misplaced, predict_positions
 from homolog.correspondence.pose_search import SurfacePoints, follow_pose, search_poses
-from homolog.correspondence.poses import robust_step
+from homolog.correspondence.poses import procrustes_step, robust_step
 from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort, prepare_cohort
 from homolog.correspondence.refit import carry_particles
 from homolog.correspondence.schedule import NORMALS_ANNEALING, StagePlan, plan_stages
@@ -110,7 +110,7 @@ def shape_state(
         cohort.fields, cohort.opening_fields, cohort.surface_set(len(local)), points[None],
         geodesic=cohort.geodesic, area=MEAN_AREA, launcher=launcher, free=np.zeros((1, len(local)), np.bool_),
     )  # fmt: skip
-    return _state(engine, local, shape.alignment)
+    return state_of(engine, local, shape.alignment)
 
 
 @on_one_thread
@@ -120,7 +120,7 @@ def fit_shape(
     ensemble: Ensemble,
     local: FloatArray,
     *,
-    settled: bool = False,
+    plan: StagePlan | None = None,
     tick: Tick = no_tick,
 ) -> ShapeState:
     """Place a shape's particles against an ensemble.
@@ -134,8 +134,8 @@ def fit_shape(
     ensemble : Ensemble
     local : (n, 3) array
         First particles in file coordinates [mm].
-    settled : bool
-        Whether they were placed against an earlier ensemble: the regularization is then the last one only.
+    plan : StagePlan, optional
+        What to do if the ensemble contains the shape with these particles; by default it does not.
     tick : Tick
 
     Returns
@@ -147,9 +147,9 @@ def fit_shape(
     NumericalError
         If a particle is lost.
     """
-    stages = _stages(settings, len(local), _ANNEAL_ITERATIONS)
-    chosen = stages[1:] if settled else stages
-    return _fitted(shape, settings, ensemble, [local], chosen, settled=settled, searches=False, tick=tick)
+    stages = _stages(settings, len(local), _ANNEAL_ITERATIONS) if plan is None else [plan]
+    is_in_it = plan is not None
+    return _fitted(shape, settings, ensemble, [local], stages, is_in_it=is_in_it, searches=False, tick=tick)
 
 
 @on_one_thread
@@ -192,7 +192,7 @@ def fit_shape_from(
     again = replace(anneal, ensemble=ensemble_again, normals=normals_again)
     searches = settings.procrustes not in (Procrustes.OFF, Procrustes.AUTO)
     stages = [anneal, again, settle] if searches else [anneal, settle]
-    return _fitted(shape, settings, ensemble, starts, stages, settled=False, searches=searches, tick=tick)
+    return _fitted(shape, settings, ensemble, starts, stages, is_in_it=False, searches=searches, tick=tick)
 
 
 def _stages(settings: OptimizeSettings, count: int, anneal: int) -> list[StagePlan]:
@@ -215,14 +215,14 @@ def _fitted(
     starts: Sequence[FloatArray],
     stages: Sequence[StagePlan],
     *,
-    settled: bool,
+    is_in_it: bool,
     searches: bool,
     tick: Tick,
 ) -> ShapeState:
     unit, opening = float(ensemble.unit[0]), float(ensemble.opening_scale[0])
     cohort, side = _prepared(shape, settings, len(starts[0]), unit, opening, free=True, tick=tick)
     first = [InitialParticles(transform_points(side, local)[None]) for local in starts]
-    loop = _FitLoop(ensemble, cohort, settings, stages, first, settled, searches, tick)
+    loop = _FitLoop(ensemble, cohort, settings, stages, first, is_in_it, searches, tick)
     try:
         loop.run(None)
         return loop.state(shape.alignment, side)
@@ -251,16 +251,6 @@ def _prepared(
     return cohort, MIRROR if mirrors(world) else np.eye(4)
 
 
-def _state(engine: Engine, local: FloatArray, placement: FloatArray) -> ShapeState:
-    return ShapeState(
-        local=local,
-        aligned=engine.aligned_positions()[0].astype(np.float32),
-        normals=engine.aligned_normals()[0].astype(np.float32),
-        openings=engine.openings.numpy()[:, 3].astype(np.float32),
-        placement=placement,
-    )
-
-
 class _FitLoop(OptimizationLoop):
     """The loop over stages and iterations of one shape."""
 
@@ -271,11 +261,11 @@ class _FitLoop(OptimizationLoop):
         settings: OptimizeSettings,
         stages: Sequence[StagePlan],
         starts: Sequence[InitialParticles],
-        settled: bool,
+        is_in_it: bool,
         searches: bool,
         tick: Tick,
     ) -> None:
-        self._ensemble, self._settled, self._searches, self._starts = ensemble, settled, searches, starts
+        self._ensemble, self._is_in_it, self._searches, self._starts = ensemble, is_in_it, searches, starts
         if searches:
             self._trial, self._round, *stages = stages
         world, similarity = np.eye(4), cohort.to_optimizer[0]
@@ -289,12 +279,12 @@ class _FitLoop(OptimizationLoop):
         """Return the final state of the particles."""
         positions = self.engine.host_positions()[0].astype(np.float64)
         image = self.cohort.to_optimizer[0].invert(positions)
-        return _state(self.engine, transform_points(side, image), self.poses[0] @ placement)
+        return state_of(self.engine, transform_points(side, image), self.poses[0] @ placement)
 
     def _initialize(self) -> None:
         starts = [self.cohort.to_optimizer[0].apply(start.local[0]) for start in self._starts]
         points, poses = starts[0], self.poses
-        if self.aligns and not self._settled:
+        if self.aligns and not self._is_in_it:
             poses = np.stack([fit_similarity(p, self._ensemble.mean, scaling=self.scaling) for p in starts])
         self.poses = poses[:1]
         self._set_particles(len(points), points[None])
@@ -348,18 +338,24 @@ class _FitLoop(OptimizationLoop):
     def _set_particles(self, count: int, particles: Particles | FloatArray, repaired: object = None) -> None:
         self.repaired = np.zeros((1, count), np.int32)
         self.engine = FitEngine(
-            self._ensemble, self.cohort, particles, self.launcher, self.poses, is_in_it=self._settled
+            self._ensemble, self.cohort, particles, self.launcher, self.poses, is_in_it=self._is_in_it
         )
 
     def _align(self, tangential_weight: float = 1.0, regularization: float | None = None) -> None:
-        """Update the pose towards the shape's projection onto the modes of the ensemble."""
+        """Update the pose towards the shape's projection onto the modes of the ensemble, or its mean."""
         if not self.aligns:
             return
-        a = self.settings.regularization_end if regularization is None else regularization
-        points, pose = self.engine.aligned_positions()[0], self.poses[0]
-        rest = self._ensemble.rest_of_positions(self._ensemble.deviation(points), a).reshape(-1, 3)
-        step = robust_step(points, points - rest, scaling=self.scaling)
-        self.poses = (step @ pose)[None]
+        points, ensemble = self.engine.aligned_positions(), self._ensemble
+        if regularization is None:
+            self.poses = procrustes_step(
+                np.stack([ensemble.mean, points[0]]),
+                np.stack([ensemble.normals, self.engine.aligned_normals()[0]]),
+                np.stack([np.eye(4), self.poses[0]]), np.array([False, True]),
+                scaling=self.scaling, tangential_weight=tangential_weight,
+            )[1:]  # fmt: skip
+        else:
+            rest = ensemble.rest_of_positions(ensemble.deviation(points[0]), regularization).reshape(-1, 3)
+            self.poses = robust_step(points[0], points[0] - rest, scaling=self.scaling) @ self.poses
         self.engine.set_poses(self.poses)
 
     def _has_converged(self, plan: StagePlan, done: int) -> bool:

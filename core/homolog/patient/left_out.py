@@ -1,11 +1,12 @@
 """Controls fitted as patients: each to the model of all others, from its own surface alone."""
 
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray, frozen
+from homolog.cluster import each_in_workers
 from homolog.correspondence import Shape
 from homolog.correspondence.ensemble import make_ensemble
 from homolog.device import cores
@@ -24,7 +25,6 @@ from homolog.workers import worker_processes
 
 __all__ = ["LeftOut", "Measures", "fit_left_out", "gap_of_image", "measures_of"]
 
-_PATIENCE = 0.1  # s between ticks
 _MOST_PLACED = 12
 """Largest number of controls whose particles are placed, to estimate their error."""
 
@@ -172,21 +172,29 @@ def fit_left_out(
     """
     count = len(controls.names)
     placed = set(range(0, count, -(-count // _MOST_PLACED)))
+    jobs: dict[str, _Job] = {}
+    for index, name in enumerate(controls.names):
+        others = np.arange(count) != index
+        jobs[name] = _Job(
+            controls.points[others], columns[others], controls.surface, controls.meshes[index],
+            controls.particles[index], columns[index], modes, fitted_modes,
+            _placed(controls, index) if index in placed else None, controls.later.get(index),
+        )  # fmt: skip
+    fitted: dict[str, _Fitted] = {}
     with worker_processes(min(workers or cores(), count)) as executor:
-        futures = {}
-        for index in range(count):
-            others = np.arange(count) != index
-            job = _Job(
-                controls.points[others], columns[others], controls.surface, controls.meshes[index],
-                controls.particles[index], columns[index], modes, fitted_modes,
-                _placed(controls, index) if index in placed else None, controls.later.get(index),
-            )  # fmt: skip
-            futures[executor.submit(_fitted, job)] = index
-        done = _collected(futures, tick)
+        try:
+            for name, future in each_in_workers(executor, _fitted, jobs, "fitting", tick):
+                fitted[name] = future.result()
+        except BrokenExecutor as error:
+            raise NumericalError(
+                "a process that fitted controls ended unexpectedly, probably for lack of memory; use fewer "
+                "workers"
+            ) from error
+    done = [fitted[name] for name in controls.names]
     return LeftOut(
-        tuple(done[index][0] for index in range(count)),
-        np.stack([done[index][1] for index in range(count)]),
-        np.stack([done[index][2] for index in range(count)]),
+        tuple(item[0] for item in done),
+        np.stack([item[1] for item in done]),
+        np.stack([item[2] for item in done]),
         np.stack([done[index][3] for index in sorted(placed)]),
         np.array([done[index][4] for index in sorted(controls.later)]),
         np.array(
@@ -195,7 +203,7 @@ def fit_left_out(
                 for index, mesh in sorted(controls.later.items())
             ]
         ),
-        np.array([done[index][5] for index in range(count)]),
+        np.array([item[5] for item in done]),
     )
 
 
@@ -256,24 +264,3 @@ def _changed(job: _Job, model: SurfaceModel, first: SurfaceFit) -> FloatArray | 
     before, after = distances_to_times(TriangleMesh(vertices, expected.faces), *meshes)
     change: FloatArray = after.residual - before.residual
     return change
-
-
-def _collected(futures: dict[Future[_Fitted], int], tick: Tick) -> dict[int, _Fitted]:
-    pending = set(futures)
-    result: dict[int, _Fitted] = {}
-    try:
-        while pending:
-            tick(1.0 - len(pending) / len(futures), "fitting controls one by one")
-            done, pending = wait(pending, _PATIENCE, FIRST_COMPLETED)
-            for future in done:
-                try:
-                    result[futures[future]] = future.result()
-                except BrokenExecutor as error:
-                    raise NumericalError(
-                        "a process that fitted controls ended unexpectedly, probably for lack of memory; "
-                        "use fewer workers"
-                    ) from error
-    finally:
-        for future in pending:
-            future.cancel()
-    return result

@@ -1,9 +1,10 @@
 """A core set of subjects that span the shapes of a cohort, and the fits of all others to it.
 
 The core set is optimized jointly. Every other subject is then fitted to its ensemble individually, in worker
-processes. Further passes fit every subject to the ensemble of all, which is block descent of the joint
-objective. Each fit is stored: an interrupted run continues with the missing ones, and the result does not
-depend on the number of workers. No step needs more surfaces in memory than those of the core set.
+processes. Further passes move every subject against the ensemble of all, with the annealing of a joint
+optimization: block descent of the joint objective. Each fit is stored: an interrupted run continues with the
+missing ones, and the result does not depend on the number of workers. No step needs more
+surfaces in memory than those of the core set.
 """
 
 import json
@@ -27,6 +28,7 @@ from homolog.correspondence.ensemble import (
 )
 from homolog.correspondence.fields import opening_scale
 from homolog.correspondence.mirror_images import with_mirror_images
+from homolog.correspondence.passes import EXTRAPOLATION, plan_passes
 from homolog.correspondence.poses import align_to_mean, entropy_step, generalized_procrustes
 from homolog.correspondence.shape_fit import shape_state
 from homolog.correspondence.surface_sets import Similarity, length_unit, normalize_size
@@ -46,8 +48,8 @@ __all__ = ["first_placement", "fit_others", "joint_ensemble", "prepare_from_disk
 _log = logging.getLogger(__name__)
 
 _POSE_ROUNDS = 30
-_MOST_PASSES, _ENOUGH = 5, 0.99
-"""Largest number of passes, and the ratio of successive generalization errors that ends them."""
+_MOST_SETTLING, _ENOUGH = 5, 0.99
+"""Largest number of passes after annealing, and the ratio of generalization errors that ends them."""
 _MOST_SPREADS = 32
 """Number of subjects of the core set whose opening angles determine the common scale."""
 
@@ -122,7 +124,7 @@ def fit_others(
 ) -> tuple[FloatArray, FloatArray]:
     """Fit the subjects that are not in the core set to it, then all subjects to the ensemble of all.
 
-    Passes over all subjects are repeated until the shape model hardly generalizes better.
+    After annealing, passes are repeated until the shape model hardly generalizes better.
 
     Parameters
     ----------
@@ -174,20 +176,28 @@ def fit_others(
     begin: dict[int, tuple[FloatArray | None, FloatArray]] = {
         index: (None, first_placement(shapes[index], ensemble, fits.placing)) for index in others
     }
-    fits.run(ensemble, begin, templates, 0, states, part_of(tick, 0.05, 0.5))
-    error = generalization_error(states.aligned, workspace)
-    for number in range(1, _MOST_PASSES + 1):
-        share = part_of(tick, 0.4 + 0.1 * number, 0.5 + 0.1 * number)
+    fits.run(ensemble, begin, templates, 0, states, part_of(tick, 0.05, 0.3))
+    passes = plan_passes(fits.placing)
+    plans = [*passes.first, *[passes.settling] * _MOST_SETTLING]
+    scale, error = states.scale, np.inf
+    for number, plan in enumerate(plans, 1):
+        if fits.placing.procrustes.takes_size_out:
+            states.rescale(scale)
+        if number > 1:
+            following.extrapolate(states, EXTRAPOLATION)
         ensemble = make_ensemble(
-            states, fits.placing, unit=float(ensemble.unit[0]), area=float(ensemble.area[0]),
-            opening_scale=float(ensemble.opening_scale[0]), templates=(), workspace=workspace,
+            states if number == 1 else following, fits.placing, unit=float(ensemble.unit[0]),
+            area=float(ensemble.area[0]), opening_scale=float(ensemble.opening_scale[0]), templates=(),
+            workspace=workspace,
         )  # fmt: skip
         begin = {index: (state.local, state.placement) for index, state in enumerate(states)}
-        fits.run(ensemble, begin, (), number, following, share)
-        before, error = error, generalization_error(following.aligned, workspace)
+        share = part_of(tick, 0.3 + 0.7 * (number - 1) / len(plans), 0.3 + 0.7 * number / len(plans))
+        fits.run(ensemble, begin, (), number, following, share, plan)
+        states, following = following, states
+        if number < len(passes.first):
+            continue
+        before, error = error, generalization_error(states.aligned, workspace)
         _log.info("pass %d over all subjects: generalization error %.5g, before %.5g", number, error, before)
-        if error < before:
-            states, following = following, states
         if error > _ENOUGH * before:
             break
     local = np.array(states.local)

@@ -12,6 +12,7 @@ from homolog.arrays import FloatArray
 from homolog.cluster import SubjectWorkers
 from homolog.correspondence import Shape
 from homolog.correspondence.ensemble import Ensemble, ShapeState, StateArrays
+from homolog.correspondence.schedule import StagePlan
 from homolog.correspondence.shape_fit import first_particles, fit_shape, nearest_template
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
@@ -44,6 +45,8 @@ class _Job:
         Initial placement of the fit.
     local : (n, 3) array or None
         Initial particles; None to warp those of a template.
+    plan : StagePlan or None
+        Of a pass over all subjects, whose ensemble contains the subject.
     templates : tuple of str
         Names of the templates.
     settings : OptimizeSettings
@@ -56,6 +59,7 @@ class _Job:
     name: str
     placement: FloatArray
     local: FloatArray | None
+    plan: StagePlan | None
     templates: tuple[str, ...]
     settings: OptimizeSettings
     key: str
@@ -81,12 +85,16 @@ class SubjectFits:
         number: int,
         states: StateArrays,
         tick: Tick,
+        plan: StagePlan | None = None,
     ) -> None:
-        """Fit subjects, by index, from initial particles (None to warp a template's) and placements."""
+        """Fit subjects, by index, from initial particles (None to warp a template's) and placements.
+
+        With a plan, the ensemble contains the subjects.
+        """
         folder = self.folder / f"pass{number}"
         with report_os_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)
-        path, whole_key = folder / "ensemble.npz", _ensemble_key(ensemble, self.placing)
+        path, whole_key = folder / "ensemble.npz", _ensemble_key(ensemble, self.placing, plan)
         write_arrays(path, ensemble.arrays)
         stems = file_stems([f"fit {self.names[index]}" for index in begin])
         jobs: dict[str, _Job] = {}
@@ -102,7 +110,7 @@ class SubjectFits:
                 states[index] = stored
                 continue
             places[name] = index, file
-            jobs[name] = _Job(self.groomed, path, name, placement, local, templates, self.placing, key)
+            jobs[name] = _Job(self.groomed, path, name, placement, local, plan, templates, self.placing, key)
         for name, state in self.workers.each(_fitted, jobs, "fitting", tick):
             index, file = places[name]
             arrays = {item.name: getattr(state, item.name) for item in fields(state)}
@@ -121,7 +129,7 @@ def _fitted(job: _Job) -> ShapeState:
     ensemble = _read_ensemble(job.ensemble, job.ensemble.stat().st_mtime)
     shape = groomed_shape(job.groomed, job.name, job.placement)
     if job.local is not None:
-        return fit_shape(shape, job.settings, ensemble, job.local, settled=True)
+        return fit_shape(shape, job.settings, ensemble, job.local, plan=job.plan)
     index = nearest_template(ensemble, shape)
     template = groomed_shape(job.groomed, job.templates[index], ensemble.placements[index])
     return fit_shape(shape, job.settings, ensemble, first_particles(ensemble, index, template, shape))
@@ -140,8 +148,9 @@ def _stored(path: Path, key: str) -> ShapeState | None:
     return ShapeState(**stored)
 
 
-def _ensemble_key(ensemble: Ensemble, settings: OptimizeSettings) -> str:
-    digest = hashlib.blake2b(settings.model_dump_json(exclude_none=True).encode(), digest_size=16)
+def _ensemble_key(ensemble: Ensemble, settings: OptimizeSettings, plan: StagePlan | None) -> str:
+    given = f"{settings.model_dump_json(exclude_none=True)} {plan}"
+    digest = hashlib.blake2b(given.encode(), digest_size=16)
     for array in ensemble.arrays.values():
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

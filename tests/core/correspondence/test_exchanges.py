@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from homolog.correspondence.entropy.dual import covariance, entropy
 from homolog.correspondence.entropy.terms import Term
-from homolog.correspondence.exchanges import EnsembleRows, Exchanges
+from homolog.correspondence.exchanges import LEAST_GAIN, EnsembleRows, Exchanges
 from homolog.correspondence.kernels import exchanges as kernels
 
 SHAPES, COUNT = 6, 60
@@ -109,7 +109,7 @@ def test_where_only_normals_would_agree_better_particles_stay(rows):
     odd = EnsembleRows(rows.positions, normals, rows.means, rows.openings, terms)
     pair = np.array([8, near])
     assert Exchanges(odd).gains(0, pair[None])[0, 1] > 1.0
-    assert not Exchanges(odd).lower(0, pair)
+    assert not Exchanges(odd).lower(0, pair, LEAST_GAIN)
 
 
 @pytest.mark.cuda
