@@ -197,12 +197,12 @@ def note_kinds(notes: Mapping[str, Sequence[str]]) -> list[NoteKind]:
 
 
 def note_lines(notes: Mapping[str, Sequence[str]], most_names: int = 2) -> list[str]:
-    """Return one line per kind of notes: 14 subjects (s013, s016, …): 2 to 5 pieces …."""
+    """Return one line per kind of notes: each of 14 subjects (s013, s016, …): 2 to 5 pieces …."""
     lines = []
     for kind in note_kinds(notes):
         who = ", ".join(kind.names[:most_names])
         if len(kind.names) > most_names:
-            who = f"{len(kind.names)} subjects ({who}, …)"
+            who = f"each of {len(kind.names)} subjects ({who}, …)"  # notes are in the singular
         lines.append(f"{who}: {kind.text}")
     return lines
 

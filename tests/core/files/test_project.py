@@ -58,7 +58,7 @@ def test_notes_of_one_kind_share_a_line_with_ranges_of_their_numbers():
         c=[pieces.format("8e-5", "2 small pieces came loose"), "its file holds what that of x-02 holds"],
     )
     assert remarks == [
-        "3 subjects (a, b, …): 8e-5 to 100 % of the volume was kept: 1 to 12 small pieces came loose",
+        "each of 3 subjects (a, b, …): 8e-5 to 100 % of the volume was kept: 1 to 12 small pieces came loose",
         "b: its file holds what that of x-01 holds",
         "c: its file holds what that of x-02 holds",
     ]
