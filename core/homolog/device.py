@@ -13,6 +13,7 @@ import warp as wp
 
 from homolog.arrays import Array
 from homolog.errors import InputError
+from homolog.threads import cores
 
 __all__ = ["choose_device", "cores", "describe_device", "device_faults", "launch_on_cores", "shared"]
 
@@ -119,11 +120,6 @@ def device_faults(alias: str) -> Iterator[None]:
 
 _FULL = ("Failed to allocate", "out of memory")
 """Messages of Warp and CUDA on full memory."""
-
-
-def cores() -> int:
-    """Return the number of processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def launch_on_cores(kernel: Any, count: int, inputs: Sequence[Any]) -> None:  # noqa: ANN401

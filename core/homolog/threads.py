@@ -1,5 +1,6 @@
 """Multithreading, and limiting BLAS to one thread for small matrices."""
 
+import os
 import sys
 import threading
 from collections import deque
@@ -11,7 +12,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from threadpoolctl import ThreadpoolController
 
-__all__ = ["MOST_THREADS", "blas_threads", "in_threads", "on_one_thread", "switching_often"]
+__all__ = ["MOST_THREADS", "blas_threads", "cores", "in_threads", "on_one_thread", "switching_often"]
 
 _LARGE = 200  # least number of rows for which several threads are faster
 
@@ -23,6 +24,11 @@ _SWITCH_INTERVAL = 0.0002  # s; 5 ms by default
 _Item = TypeVar("_Item")
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
+
+
+def cores() -> int:
+    """Return the number of processor cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def in_threads(

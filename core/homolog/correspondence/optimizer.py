@@ -95,7 +95,7 @@ def optimize(
     alignments = np.stack([shape.alignment for shape in shapes])
     if settings.procrustes.takes_size_out:
         shapes = normalize_size(shapes)
-    stages = plan_stages(settings, initial.local.shape[1] if initial is not None else None)
+    stages = plan_stages(settings, initial.local.shape[1] if initial is not None else None, len(shapes))
     prepared_fraction, _ = time_shares(
         stages, geodesic=settings.method.uses_geodesics, registers=initial is None
     )

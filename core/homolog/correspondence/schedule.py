@@ -12,7 +12,9 @@ __all__ = ["DoneFraction", "StagePlan", "Weights", "particle_counts", "plan_stag
 
 STEP_FRACTION = 0.5  # tau over the squared Parzen width
 STEP_DECAY_ITERATIONS = 400  # over which tau decays to e^-3 in the last stage
-EXPECTED_SETTLING = 120  # iterations until the last stage converges, mostly
+SETTLING = 520.0  # times sqrt(shapes / particles): iterations until the last stage converges, mostly
+FEWEST_SETTLING, MOST_SETTLING = 80, 500  # expected
+TYPICAL_SHAPES = 30
 TABLES_COST = 0.52e5  # of the geodesic tables of one level of detail [updates of a particle], for estimates
 REGISTRATION_COST = 0.65e5  # of the first particles
 MIN_FINE_PARTICLES = 300  # from which the fine meshes are used; the coarse ones have 1500 vertices
@@ -56,6 +58,8 @@ class StagePlan:
         H(Z) and H(V).
     until_converged : bool
         Whether the stage ends at convergence. Its steps decay, to damp the jitter of simultaneous moves.
+    expected_settling : int
+        Iterations until convergence, for estimates of the remaining time.
     """
 
     stage: Stage
@@ -64,6 +68,7 @@ class StagePlan:
     ensemble: TermSchedule
     normals: TermSchedule
     until_converged: bool = False
+    expected_settling: int = MOST_SETTLING
 
     @property
     def factors(self) -> tuple[float, float, float]:
@@ -73,7 +78,7 @@ class StagePlan:
     @property
     def expected_iterations(self) -> int:
         """Iterations for estimates of the remaining time."""
-        return min(self.iterations, EXPECTED_SETTLING) if self.until_converged else self.iterations
+        return min(self.iterations, self.expected_settling) if self.until_converged else self.iterations
 
     @property
     def expected_cost(self) -> float:
@@ -100,8 +105,13 @@ def particle_counts(particles: int, fewest: int = MAX_INITIAL_PARTICLES) -> list
     return counts[::-1]
 
 
-def plan_stages(settings: OptimizeSettings, present: int | None = None) -> list[StagePlan]:
-    """Return the stages of an optimization, from the initial particles, or `present` ones, to all."""
+def plan_stages(
+    settings: OptimizeSettings, present: int | None = None, shapes: int = TYPICAL_SHAPES
+) -> list[StagePlan]:
+    """Return the stages of an optimization, from the initial particles, or `present` ones, to all.
+
+    The number of shapes serves estimates of the remaining time only.
+    """
     ensemble_weight = settings.ensemble_weight
     normals_weight = settings.normals_weight if settings.method.uses_normals else 0.0
     first, last = settings.regularization_start, settings.regularization_end
@@ -136,9 +146,9 @@ def plan_stages(settings: OptimizeSettings, present: int | None = None) -> list[
     end = NORMALS_ANNEALING[1]
     settling = TermSchedule(ensemble_weight, last, last), TermSchedule(normals_weight, end, end)
     iterations = settings.settle_iterations
-    stages.append(
-        StagePlan(Stage.OPTIMIZING, settings.particles, iterations, *settling, until_converged=True)
-    )
+    expected = round(SETTLING * math.sqrt(shapes / settings.particles))
+    expected = min(MOST_SETTLING, max(FEWEST_SETTLING, expected))
+    stages.append(StagePlan(Stage.OPTIMIZING, settings.particles, iterations, *settling, True, expected))
     return stages
 
 

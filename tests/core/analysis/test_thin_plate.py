@@ -2,7 +2,13 @@ import numpy as np
 import pytest
 from scipy.interpolate import RBFInterpolator
 
-from homolog.analysis.thin_plate import farthest_points, thin_plate_operator, warp_displacements
+from homolog.analysis.thin_plate import (
+    evaluate_spline,
+    farthest_points,
+    spline_weights,
+    thin_plate_operator,
+    warp_displacements,
+)
 from homolog.errors import NumericalError
 
 
@@ -53,3 +59,17 @@ def test_spread_centres_leave_no_point_far_from_all_of_them(sphere):
     gaps = np.linalg.norm(vertices[:, None] - vertices[chosen], axis=2).min(axis=1)
     assert gaps.max() < 0.35
     np.testing.assert_array_equal(farthest_points(vertices, 800), np.arange(800))
+
+
+def test_values_of_many_points_do_not_depend_on_the_number_of_cores(monkeypatch):
+    rng = np.random.default_rng(4)
+    centres, points = rng.normal(size=(40, 3)), rng.normal(size=(2500, 3))
+    weights = spline_weights(centres, rng.normal(size=(40, 6)), 0.0)
+    results = []
+    for number in (1, 3):
+        monkeypatch.setattr("homolog.analysis.thin_plate.cores", lambda number=number: number)
+        results.append(evaluate_spline(centres, points, weights))
+    assert results[0].shape == (2500, 6)
+    assert np.array_equal(*results)
+    some = slice(1000, 1100)  # across the border of two pieces
+    assert np.allclose(results[0][some], evaluate_spline(centres, points[some], weights), atol=1e-10)

@@ -294,6 +294,16 @@ def test_estimates_count_tables_that_are_computed_between_stages():
     assert done(len(stages) - 1, 1.0) == pytest.approx(1.0)
 
 
+def test_more_shapes_and_fewer_particles_are_expected_to_settle_later():
+    def expected(particles, shapes):
+        return plan_stages(OptimizeSettings(particles=particles), shapes=shapes)[-1].expected_iterations
+
+    assert expected(1024, 10) <= expected(1024, 28) < expected(1024, 100) < expected(1024, 2000)
+    assert expected(1024, 28) < expected(256, 28) < expected(64, 28)
+    brief = OptimizeSettings(particles=64, settle_iterations=20)
+    assert plan_stages(brief, shapes=28)[-1].expected_iterations == 20
+
+
 def test_the_nearer_the_objective_is_to_rest_the_sooner_convergence_is_expected():
     recorder = RunRecorder(np.eye(4)[None], None, 1.0, None, None)
     left = []
