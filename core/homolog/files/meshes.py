@@ -5,8 +5,10 @@ Files are read without VTK, whose readers access invalid memory on damaged files
 
 import gzip
 import os
+import re
 import zlib
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -50,6 +52,8 @@ _PART = 2**24  # bytes that are unpacked at once
 _READ_BYTES = 32  # approximate largest memory per byte of a file
 _MOST_LOST = 0.01
 """Largest fraction of faces with vertices that are not finite; with more the file counts as damaged."""
+_DECIMAL_COMMA = re.compile(rb"(?<=\d),(?=\d)")
+"""As some programs write numbers of text on computers set to German or French."""
 _LPS_HEADER = "SPACE=LPS"  # 3D Slicer's mark for the patient frame used here
 
 
@@ -97,7 +101,7 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     check_fits(path, _READ_BYTES * path.stat().st_size, "simplify the surface")
     content = _unpacked(path) if packed else path.read_bytes()
     try:
-        surface = read_gltf(content, path.parent) if reader is read_gltf else reader(content)
+        surface = read_gltf(content, path.parent) if reader is read_gltf else _surface_of(reader, content)
         every = surface.triangles()
     except ModuleNotFoundError:  # not a fault of the file
         raise
@@ -114,6 +118,18 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
         raise InputError(f"{path}: contains no triangles; export the surface, not only its points")
     turn = (-1.0, -1.0, 1.0) if "SPACE=RAS" in surface.header else (1.0, 1.0, 1.0)
     return TriangleMesh(*_welded(surface.points * turn, faces))
+
+
+def _surface_of(reader: Callable[[bytes], Polygons], content: bytes) -> Polygons:
+    """Return the surface of a file; of one of text that can't be read otherwise, with decimal commas."""
+    try:
+        return reader(content)
+    except ValueError:
+        if b"\0" in content or not _DECIMAL_COMMA.search(content):
+            raise
+        with suppress(ValueError):
+            return reader(_DECIMAL_COMMA.sub(b".", content))
+        raise  # the fault of the file as it is
 
 
 def _unpacked(path: Path) -> bytes:

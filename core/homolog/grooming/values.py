@@ -21,12 +21,22 @@ _MOST_UNSURE = 0.95
 """Largest share of intermediate probabilities among the voxels that may belong to the structure."""
 _MOST_OF_BORDER = 0.9
 """Least share of the image's border that is outside."""
-_OVERSHOOT = 0.4
+_OVERSHOOT = 0.6
 """Largest overshoot of interpolated values beyond 0 and 1."""
 _PERCENT = 100
 """Least value of a full voxel in a soft mask of whole numbers: 100 (percent), or 255 (byte)."""
 _FEW_VALUES = 8
 """Number of intermediate values above which a mask has soft edges."""
+_PLATEAU = 0.8
+"""Quantile of the upper values that is a full voxel; higher values may overshoot."""
+_SMOOTHING = (0.5, 0.75, 1.0)
+"""Widths [voxels] of the Gaussians that soft edges are compared with."""
+_UNLIKE_SMOOTHED = 0.145
+"""Root mean square difference of soft edges from those of the smoothed mask, as a fraction of a full voxel.
+
+Below 0.144 where masks of brain structures and hearts are smoothed or interpolated; above 0.17 for pictures,
+and for label maps of many labels.
+"""
 _PROBABILITY = "its values are probabilities; voxels of at least 0.5 were used as the structure"
 _SLOPE = (0.85, 1.15)
 """Slope of signed distances, per mm or per voxel, at most voxels near the surface."""
@@ -95,6 +105,8 @@ def labels_from(path: Path, values: Array, spacing: FloatArray) -> tuple[Array, 
         return _half_of(values, full)
     if low >= -_OVERSHOOT and high <= 1.0 + _OVERSHOOT and _are_probabilities(values):
         return (values >= _HALF).astype(np.uint8), _PROBABILITY
+    if within and full > _FEW_VALUES and _has_soft_edges(values, full):  # an interpolated label
+        return _half_of(values, full)
     if low < 0.0 < high and (sign := _outward_sign(values, spacing)):
         return _inside(values, sign)
     if low < 0.0 and abs(low + high) <= _ROUNDING * high:  # distances clipped at both ends
@@ -107,9 +119,9 @@ def labels_from(path: Path, values: Array, spacing: FloatArray) -> tuple[Array, 
 def hardened(values: Array, spacing: FloatArray) -> tuple[Array, str]:
     """Return a mask of whole numbers that are not labels as 0 and 1, with a note; label maps unchanged.
 
-    Most voxels of a soft mask (percent, bytes) have nearly its largest value; the others have many
-    intermediate values. With values below 0, two values are a mask, and others are distances (see
-    `labels_from`).
+    Most voxels of a soft mask (percent, bytes) have nearly its largest value, or the others are those of a
+    smoothed mask, as if a thin structure or a label was interpolated; both have many intermediate values.
+    With values below 0, two values are a mask, and others are distances (see `labels_from`).
 
     Parameters
     ----------
@@ -121,12 +133,27 @@ def hardened(values: Array, spacing: FloatArray) -> tuple[Array, str]:
     if seen.min() < 0:
         return _hardened_signed(values, spacing)
     full = int(seen.max(initial=0))
-    if full < _PERCENT:
-        return values, ""
     between = seen[(seen > _SURE[0] * full) & (seen < _SURE[1] * full)]
-    if len(between) > np.count_nonzero(seen >= _SURE[1] * full) or len(np.unique(between)) <= _FEW_VALUES:
+    if len(np.unique(between)) <= _FEW_VALUES:
         return values, ""
-    return _half_of(values, full)
+    if full >= _PERCENT and len(between) <= np.count_nonzero(seen >= _SURE[1] * full):
+        return _half_of(values, full)
+    plateau = float(np.quantile(seen[seen > _HALF * full], _PLATEAU))
+    return _half_of(values, plateau) if _has_soft_edges(values, plateau) else (values, "")
+
+
+def _has_soft_edges(values: Array, full: float) -> bool:
+    """Return whether intermediate values are those of a smoothed mask, and the image's border is outside."""
+    if np.mean(_border(values) < _SURE[0] * full) <= _MOST_OF_BORDER:
+        return False
+    box = ndimage.find_objects((values > _SURE[0] * full).astype(np.uint8))[0]
+    part = np.pad(values[box].astype(np.float32) / np.float32(full), 2)
+    between = (part > _SURE[0]) & (part < _SURE[1])
+    mask = (part >= _HALF).astype(np.float32)
+    return any(
+        np.sqrt(np.mean(np.square(ndimage.gaussian_filter(mask, width) - part)[between])) < _UNLIKE_SMOOTHED
+        for width in _SMOOTHING
+    )
 
 
 def _hardened_signed(values: Array, spacing: FloatArray) -> tuple[Array, str]:

@@ -256,6 +256,25 @@ def test_a_binary_ply_is_read_in_both_byte_orders(mesh, tmp_path, order, number)
     assert read_mesh(path).volume == pytest.approx(mesh.volume)
 
 
+@pytest.mark.parametrize(
+    ("suffix", "text"),
+    [
+        (".obj", "v 0,5 0 0\nv 1,5 0 0\nv 0,5 1 0\nv 0,5 0 -1,25\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"),
+        (".off", "OFF\n3 1 0\n0,5 0,0 0,0\n1,5 0,0 0,0\n0,5 1,0 -1,25\n3 0 1 2\n"),
+        (
+            ".stl",
+            "solid a\nfacet normal 0,0 0,0 1,0\nouter loop\nvertex 0,5 0,0 0,0\nvertex 1,5 0,0 0,0\n"
+            "vertex 0,5 1,0 -1,25\nendloop\nendfacet\nendsolid a\n",
+        ),
+    ],
+)
+def test_a_surface_of_text_with_decimal_commas_is_read(tmp_path, suffix, text):
+    (tmp_path / f"a{suffix}").write_text(text)
+    vertices = read_mesh(tmp_path / f"a{suffix}").vertices
+    assert vertices.min(axis=0).tolist() == [0.5, 0.0, -1.25]
+    assert vertices.max(axis=0).tolist() == [1.5, 1.0, 0.0]
+
+
 def test_an_unknown_suffix_is_refused(mesh, tmp_path):
     with pytest.raises(InputError, match=r"a\.gltf: .* \.vtp"):
         write_mesh(tmp_path / "a.gltf", mesh)

@@ -268,6 +268,22 @@ def test_masks_of_bytes_with_soft_edges_are_the_structure_from_half_on(save):
     assert read_segmentation(path, 255).mask.sum() == (soft == 255).sum()
 
 
+@pytest.mark.parametrize(("full", "kind"), [(17.0, np.int16), (17.0, np.float32), (255.0, np.uint8)])
+def test_a_thin_label_that_was_interpolated_is_the_structure_from_half_on(save, full, kind):
+    places = (np.indices((24, 24, 14)) - [[[[11.6]]], [[[11.3]]], [[[6.4]]]]) / [[[[9]]], [[[8]]], [[[3]]]]
+    mask = (places**2).sum(axis=0) < 1.0
+    soft = ndimage.gaussian_filter(full * mask, 0.7).astype(kind)
+    result = read_segmentation(save(soft), None)
+    assert abs(result.mask.sum() - mask.sum()) < 0.1 * mask.sum()
+    assert len(result.notes) == 1
+
+
+def test_labels_in_layers_are_not_soft_edges(save):
+    depth = np.maximum(12 - np.abs(np.indices((28, 28, 28)) - 13.5).max(axis=0).astype(np.uint8), 0)
+    result = read_segmentation(save(np.where(depth < 13, depth, 0).astype(np.uint8)), None)
+    assert result.mask.sum() == np.count_nonzero((depth > 0) & (depth < 13))
+
+
 def test_labels_that_lie_apart_are_not_taken_together(save):
     labels = np.zeros((24, 12, 12), np.uint8)
     labels[2:10, 2:10, 2:10] = 1
