@@ -3,7 +3,7 @@
 import os
 import unicodedata
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from types import MappingProxyType
 
 from homolog.cohort.column_types import read_typed_rows
@@ -63,7 +63,33 @@ def read_manifest(path: Path) -> Cohort:
             raise InputError(
                 f"{path}: {' and '.join(names)} have the same file, {file.name}; give each its own"
             )
-    return Cohort(tuple(subjects), path.parent, encoding_notes(path))
+    return Cohort(
+        tuple(subjects), path.parent, (*encoding_notes(path), *_elsewhere(path, rows, own, subjects))
+    )
+
+
+def _elsewhere(
+    path: Path,
+    rows: Sequence[tuple[int, Mapping[str, str]]],
+    own: Mapping[str, str],
+    subjects: Sequence[Subject],
+) -> tuple[str, ...]:
+    """Return a note if files were found by the ends of paths of another computer."""
+    column = next(key for key, name in own.items() if name == "path")
+    found = [
+        (row[column], subject.path)
+        for (_, row), subject in zip(rows, subjects, strict=True)
+        if _is_absolute(row[column])
+        and os.path.exists(subject.path)
+        and not os.path.exists(path.parent / row[column])
+    ]
+    if not found:
+        return ()
+    text, place = found[0]
+    return (
+        f"paths in {path.name} that do not exist here were found by their ends: {len(found)} of {len(rows)}, "
+        f"such as {text}: {place.relative_to(path.parent).as_posix()}",
+    )
 
 
 def names_files(path: Path) -> bool:
@@ -111,9 +137,20 @@ def _subject(row: Mapping[str, str], manifest: Path, line: int) -> Subject:
 def place_of(folder: Path, text: str) -> Path:
     """Return the target of a path in a table; relative paths may have backslashes.
 
-    Letters and accents may be apart in one place and not in the other, as in files copied from macOS.
+    Letters and accents may be apart in one place and not in the other, as in files copied from macOS. For an
+    absolute path of another computer that does not exist here, the target is the file in the folder with the
+    longest end of that path.
     """
     slashed = text.replace("\\", "/")
     forms = [unicodedata.normalize(form, slashed) for form in ("NFC", "NFD")]
     places = [folder / item for item in (text, slashed, *forms)]
+    for form in forms if _is_absolute(text) else ():
+        parts = [part for part in form.split("/") if part and not part.endswith(":")]
+        if not {".", ".."} & set(parts):
+            places += [folder.joinpath(*parts[start:]) for start in range(len(parts))]
     return next((place for place in places if os.path.exists(place)), places[1])
+
+
+def _is_absolute(text: str) -> bool:
+    """Return whether a path is absolute on some system."""
+    return text.startswith(("/", "\\")) or bool(PureWindowsPath(text).drive)

@@ -189,6 +189,15 @@ def test_headings_may_be_in_another_language(tmp_path, heading, cohort_of):
     ]
 
 
+@pytest.mark.parametrize("place", ["D:\\Study\\seg\\", "/home/someone/study/seg/", "\\\\server\\seg\\"])
+def test_absolute_paths_of_another_computer_are_found_by_their_ends(tmp_path, place, cohort_of, files_of):
+    (tmp_path / "cohort.csv").write_text(f"name,path\na,{place}p1.stl\nb,{place}p2.stl\n", encoding="utf-8")
+    cohort = cohort_of(tmp_path, "seg/p1.stl", "seg/p2.stl", "p2.stl")
+    assert files_of(cohort) == {"a": "seg/p1.stl", "b": "seg/p2.stl"}
+    (note,) = cohort.notes
+    assert f"2 of 2, such as {place}p1.stl: seg/p1.stl" in note
+
+
 @pytest.mark.parametrize("times", [("baseline", "followup"), ("2019-03-01", "2020-04-02")])
 def test_folders_of_points_in_time_are_not_subjects_of_many_structures(tmp_path, times, cohort_of, files_of):
     names = [f"P{n}/{time}/{item}.nii.gz" for n in (1, 2, 3) for time in times for item in ("seg", "t1")]
