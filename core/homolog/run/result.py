@@ -25,7 +25,7 @@ from homolog.progress import Tick, part_of
 from homolog.run.fingerprints import surface_hash, versions
 from homolog.run.shape_files import surface_of_model, write_model, write_surfaces
 from homolog.settings import Mirror, RunSettings
-from homolog.threads import blas_threads
+from homolog.threads import blas_threads, cores, in_threads
 
 __all__ = [
     "CANCELLED",
@@ -215,10 +215,13 @@ def _write_subjects(
     new: ProjectFolder, project: ProjectFolder, outcome: OptimizationOutcome, stems: Sequence[str], tick: Tick
 ) -> None:
     write_all_particles(new, stems, outcome.local, outcome.world, part_of(tick, 0.0, 0.5))
-    tick = part_of(tick, 0.5, 1.0)
-    for index, (stem, shape) in enumerate(zip(stems, outcome.inputs.shapes, strict=True)):
-        tick(index / len(stems), f"writing {shape.name}")
-        write_mesh(surface_file(project, stem), shape.mesh)
+    tick, shapes = part_of(tick, 0.5, 1.0), outcome.inputs.shapes
+
+    def write(index: int) -> None:
+        write_mesh(surface_file(project, stems[index]), shapes[index].mesh)
+
+    for index, _ in enumerate(in_threads(write, range(len(shapes)), cores())):
+        tick(index / len(stems), f"writing {shapes[index].name}")
 
 
 def _record(

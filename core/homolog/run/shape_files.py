@@ -16,6 +16,7 @@ from homolog.files.results import MODE_DEVIATIONS, mean_file, mode_file, write_s
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.threads import cores, in_threads
 
 __all__ = ["surface_of_model", "write_model", "write_surfaces"]
 
@@ -119,11 +120,14 @@ def write_surfaces(new: ProjectFolder, model: ShapeModel, surface: MeanSurface, 
     moves = surface.moved
     if moves is None:
         moves = warp_surface(model.mean, surface.vertices, _moves(model), surface.smoothing)
-    for mode, move in enumerate(moves):
-        tick(mode / len(moves), f"surfaces of mode {mode + 1}")
+
+    def write(mode: int) -> None:
         for sign, side in ((-1.0, "minus"), (1.0, "plus")):
-            mesh = TriangleMesh(surface.vertices + sign * move, surface.faces)
+            mesh = TriangleMesh(surface.vertices + sign * moves[mode], surface.faces)
             _write_surface(mode_file(new, mode, side), mesh)
+
+    for mode, _ in enumerate(in_threads(write, range(len(moves)), cores())):
+        tick(mode / len(moves), f"surfaces of mode {mode + 1}")
 
 
 def _moves(model: ShapeModel) -> FloatArray:
