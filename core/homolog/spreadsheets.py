@@ -12,7 +12,7 @@ from pathlib import Path
 
 from homolog.errors import InputError
 
-__all__ = ["MISSING", "TABLE_SUFFIXES", "Row", "encoding_notes", "read_rows"]
+__all__ = ["MISSING", "TABLE_SUFFIXES", "Row", "encoding_notes", "lists_labels", "read_rows"]
 
 Row = dict[str, str]
 
@@ -29,6 +29,21 @@ _SAID = re.compile(r'"?sep=(.)"?\r?\n', re.IGNORECASE)  # Excel's declaration of
 _NO_TEXT = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
 _WESTERN = "cp1252"
 _WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+
+
+_LABELS = re.compile(
+    r'\W*(index|label ?value|label|value|wert)"?\s*[\t,;]\s*"?(name|label_?name|structure|struktur)\b'
+)
+_HEAD = 4096
+
+
+def lists_labels(path: Path) -> bool:
+    """Return whether a table of text begins with columns of a label map's values and their names.
+
+    BIDS and 3D Slicer write such tables.
+    """
+    with path.open("rb") as stream:
+        return bool(_LABELS.match(stream.readline(_HEAD).decode("utf-8", "replace").casefold()))
 
 
 def read_rows(path: Path) -> tuple[list[str], list[tuple[int, Row]]]:

@@ -1,5 +1,6 @@
 """Cohorts: the subjects' names, files and groups."""
 
+import os
 from collections import Counter
 from os import PathLike
 from pathlib import Path
@@ -34,7 +35,7 @@ from homolog.cohort.subject import (
 from homolog.cohort.subject_folder import mask_files
 from homolog.cohort.table import TableChanges, with_table, with_values_of
 from homolog.errors import InputError
-from homolog.spreadsheets import TABLE_SUFFIXES
+from homolog.spreadsheets import TABLE_SUFFIXES, lists_labels
 
 __all__ = [
     "FROM_NAMES",
@@ -167,6 +168,7 @@ def _unused_tables(folder: Path, used: Path | None) -> list[str]:
         and entry.name[0] != "~"
         and entry.name != _TRUTH
         and entry != used
+        and not (entry.suffix.lower() != ".xlsx" and os.access(entry, os.R_OK) and lists_labels(entry))
     )
     listed = f"{tables[0]} and {len(tables) - 1} more" if len(tables) > 1 else "".join(tables)
     if not tables:

@@ -15,7 +15,7 @@ from typing import TypeVar
 from homolog.cohort import IMAGE_SUFFIXES, suffix_of
 from homolog.errors import InputError
 from homolog.grooming.known_labels import FREESURFER, known_list
-from homolog.spreadsheets import read_rows
+from homolog.spreadsheets import lists_labels, read_rows
 
 __all__ = ["LabelTable", "label_table", "matching", "near", "read_label_table", "same_name", "together"]
 
@@ -94,6 +94,7 @@ def _tokens(name: str) -> list[str]:
 
 _SYNONYMS = {
     "l": "left", "lh": "left", "lt": "left", "r": "right", "rh": "right", "rt": "right",
+    "links": "left", "gauche": "left", "rechts": "right", "droit": "right", "droite": "right",
     "third": "3rd", "fourth": "4th", "fifth": "5th",
 }  # fmt: skip
 
@@ -195,8 +196,8 @@ def read_label_table(path: Path) -> LabelTable | None:
     """Read a table of labels; return None for other files.
 
     FreeSurfer's colour tables, ITK-SNAP's label descriptions, 3D Slicer's colour tables (``.ctbl``,
-    ``.csv``), BIDS' (``_dseg.tsv``), JSON of numbers and names in either order (also nnU-Net's
-    ``dataset.json`` and TotalSegmentator's class maps).
+    ``.csv``), BIDS' (``_dseg.tsv``), lists of numbers and names as text, JSON of numbers and names in either
+    order (also nnU-Net's ``dataset.json`` and TotalSegmentator's class maps).
     """
     try:
         if not path.is_file() or path.stat().st_size > _LARGEST:
@@ -214,25 +215,28 @@ def read_label_table(path: Path) -> LabelTable | None:
 
 
 _COLOURED = re.compile(r"(\d{1,9})\s+(\S.*?)((?:\s+\d{1,3}){3,4})")
+_PLAIN = re.compile(r"(\d{1,9})\s*[:=,;\t ]\s*([^\W\d_].*)")
 _SNAP = re.compile(r'(\d{1,9})((?:\s+\d{1,3}){3})\s+[\d.]+\s+[01]\s+[01]\s+"(.*)"')
 
 
 def _of_lines(text: str) -> dict[int, str]:
-    """Return the names of a FreeSurfer, ITK-SNAP or Slicer table; all lines must have the same format."""
+    """Return the names of a FreeSurfer, ITK-SNAP or Slicer table, or of a list of numbers and names.
+
+    All lines must have the same format; in a list no number may be repeated.
+    """
     lines = [line.strip() for line in text.splitlines()]
     lines = [line for line in lines if line and not line.startswith("#")]
     for pattern, name in ((_SNAP, 3), (_COLOURED, 2)):
         matches = [pattern.fullmatch(line) for line in lines]
         if all(matches):
-            return {int(item[1]): item[name] for item in matches if item}
-    return {}
+            return {int(item[1]): item[name].strip('"') for item in matches if item}
+    listed = {int(item[1]): item[2] for line in lines if (item := _PLAIN.fullmatch(line))}
+    return listed if len(listed) == len(lines) > 1 else {}
 
 
 def _of_columns(path: Path) -> dict[int, str]:
     """Return the names of a table with headings, as BIDS and 3D Slicer write them."""
-    with path.open("rb") as stream:
-        head = stream.readline(4096).decode("utf-8", "replace").casefold()
-    if not re.match(r'\W*(index|labelvalue)"?[\t,;]\s*"?(name)\b', head):
+    if not lists_labels(path):
         return {}
     columns, rows = read_rows(path)
     value, name = columns[:2]

@@ -176,6 +176,11 @@ def test_a_table_of_another_name_is_left_alone_and_said(tmp_path, cohort_of, fil
     assert "cohort.csv" in note
 
 
+def test_a_table_of_labels_is_no_table_of_subjects_that_is_not_used(tmp_path, cohort_of):
+    (tmp_path / "dseg.tsv").write_text("index\tname\n1\tliver\n", encoding="utf-8")
+    assert cohort_of(tmp_path, "a.nii.gz", "b.nii.gz").notes == ()
+
+
 @pytest.mark.parametrize(
     "heading",
     ["Kennung;Datei;Gruppe", "sujet;chemin;groupe", "paciente;archivo;grupo", "paziente;percorso;gruppo"],
