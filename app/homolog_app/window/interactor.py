@@ -133,10 +133,14 @@ class Picker(QObject):
                 if moved.manhattanLength() <= _STILL and button == Qt.MouseButton.LeftButton:
                     self.pick_at(event.position())
                 elif moved.manhattanLength() <= _STILL:
-                    cell = self._cell_at(event.position())
-                    name = cell.content.name if cell is not None and cell.content is not None else ""
+                    name = self.name_at(event.position())
                     self.menu_wanted.emit(name, event.globalPosition().toPoint())
         return False
+
+    def name_at(self, at: QPointF | QPoint) -> str:
+        """Return the name of the shape whose view is at a position of the widget; empty if there is none."""
+        cell = self._cell_at(QPointF(at))
+        return cell.content.name if cell is not None and cell.content is not None else ""
 
     def pick_at(self, at: QPointF) -> None:
         """Emit the object at a position of the widget, if any."""

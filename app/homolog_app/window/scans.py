@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QPoint, Qt, Signal
+from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QMenu, QWidget
 
 from homolog.arrays import FloatArray
@@ -16,7 +17,7 @@ from homolog_app.views.slices import Outline, SliceScene
 from homolog_app.window.cohort_panel import CohortPanel
 from homolog_app.window.explore.panel import ExplorePanel
 from homolog_app.window.session import Session
-from homolog_app.window.slice_view import SliceView
+from homolog_app.window.stage import Stage
 from homolog_app.window.workspace import Controller, Workspace, reported
 
 __all__ = ["ScanController", "sliced_subject"]
@@ -50,12 +51,14 @@ class ScanController(Controller):
         workspace: Workspace,
         explore: ExplorePanel,
         table: CohortPanel,
-        slices: SliceView,
+        stage: Stage,
+        slicing: QAction,
     ) -> None:
         super().__init__(window, workspace)
-        self._explore, self._table, self._slices = explore, table, slices
+        self._slicing = slicing
+        self._explore, self._table, self._slices, self._scene = explore, table, stage.slices, stage.scene
         self._session = workspace.session
-        slices.scan_wanted.connect(self.choose)
+        self._slices.scan_wanted.connect(self.choose)
 
     @reported
     def choose(self, name: str) -> None:
@@ -77,7 +80,7 @@ class ScanController(Controller):
         session.edit("Set scan", session.study.with_members(members))
 
     def offer(self, paths: Sequence[Path], at: QPoint) -> bool:
-        """Ask whether an image dropped on a subject is its scan or another subject.
+        """Ask whether an image dropped on a subject (row, view or slices) is its scan or another subject.
 
         Parameters
         ----------
@@ -98,10 +101,17 @@ class ScanController(Controller):
         (path,) = paths
         menu = QMenu(self._window)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        menu.addAction(f"Scan of {name.replace('&', '&&')}", lambda: self.give(name, path))
+        menu.addAction(f"Scan of {name.replace('&', '&&')}", lambda: self._give_and_show(name, path))
         menu.addAction("Another subject", lambda: self.subject_offered.emit([path]))
         menu.popup(self._window.mapToGlobal(at))
         return True
+
+    @reported
+    def _give_and_show(self, name: str, path: Path) -> None:
+        self.give(name, path)
+        self._session.select([name])
+        if not self._slicing.isChecked():
+            self._slicing.trigger()
 
     @property
     def index(self) -> int:
@@ -126,7 +136,11 @@ class ScanController(Controller):
         slices = self._slices
         if slices.isVisible() and slices.rect().contains(slices.mapFrom(self._window, at)):
             return slices.name
-        return self._table.subject_at(self._window.mapToGlobal(at)) if self._table.isVisible() else ""
+        if self._table.isVisible() and (name := self._table.subject_at(self._window.mapToGlobal(at))):
+            return name
+        plot = self._scene.plot
+        inside = plot.mapFrom(self._window, at)
+        return self._scene.picker.name_at(inside) if plot.isVisible() and plot.rect().contains(inside) else ""
 
 
 def _is_series(path: Path) -> bool:

@@ -72,7 +72,7 @@ class Views(QObject):
         for page in self._explore.pages:
             page.place_wanted.connect(stage.scene.go_to)
             page.place_wanted.connect(self._point_slices)
-        self.scans = ScanController(window, workspace, explore, table, stage.slices)
+        self.scans = ScanController(window, workspace, explore, table, stage, commands["view.slice"])
         stage.slices.beside.toggled.connect(self._switch_slices)
         stage.scene.picker.picked.connect(self._hand_over_pick)
         stage.scene.picker.menu_wanted.connect(self._open_menu, Qt.ConnectionType.QueuedConnection)
