@@ -208,6 +208,8 @@ def read_label_table(path: Path) -> LabelTable | None:
         else:
             text = path.read_text(encoding="utf-8-sig", errors="replace")
             names = _of_json(text) if kind == ".json" else _of_lines(text)
+            if not names and kind == ".txt" and _OF_LABELS.search(path.stem):
+                names = _of_list(text)
     except OSError as error:
         raise InputError(f"{path}: can't be read: {error.strerror}; check its permissions") from error
     names = {value: name.strip() for value, name in names.items() if value > 0 and name.strip()}
@@ -216,22 +218,31 @@ def read_label_table(path: Path) -> LabelTable | None:
 
 _COLOURED = re.compile(r"(\d{1,9})\s+(\S.*?)((?:\s+\d{1,3}){3,4})")
 _PLAIN = re.compile(r"(\d{1,9})\s*[:=,;\t ]\s*([^\W\d_].*)")
+_OF_LABELS = re.compile(r"label|legend|lut|class|struct|segment", re.IGNORECASE)
+"""In names of lists of labels; a list of another name may number subjects or groups."""
 _SNAP = re.compile(r'(\d{1,9})((?:\s+\d{1,3}){3})\s+[\d.]+\s+[01]\s+[01]\s+"(.*)"')
 
 
 def _of_lines(text: str) -> dict[int, str]:
-    """Return the names of a FreeSurfer, ITK-SNAP or Slicer table, or of a list of numbers and names.
-
-    All lines must have the same format; in a list no number may be repeated.
-    """
-    lines = [line.strip() for line in text.splitlines()]
-    lines = [line for line in lines if line and not line.startswith("#")]
+    """Return the names of a FreeSurfer, ITK-SNAP or Slicer table; all lines must have the same format."""
+    lines = _lines(text)
     for pattern, name in ((_SNAP, 3), (_COLOURED, 2)):
         matches = [pattern.fullmatch(line) for line in lines]
         if all(matches):
             return {int(item[1]): item[name].strip('"') for item in matches if item}
+    return {}
+
+
+def _of_list(text: str) -> dict[int, str]:
+    """Return the names of a list with a number and a name in each line, if no number is repeated."""
+    lines = _lines(text)
     listed = {int(item[1]): item[2] for line in lines if (item := _PLAIN.fullmatch(line))}
     return listed if len(listed) == len(lines) > 1 else {}
+
+
+def _lines(text: str) -> list[str]:
+    lines = [line.strip() for line in text.splitlines()]
+    return [line for line in lines if line and not line.startswith("#")]
 
 
 def _of_columns(path: Path) -> dict[int, str]:

@@ -28,15 +28,16 @@ TABLES = {
         [{"id": 17, "name": "Hippocampus, left"}, {"id": 53, "name": "Hippocampus, right"}]
     ),
     "study_dseg.tsv": "index\tname\tcolor\n17\tHippocampus_L\t#ff0000\n53\tHippocampus_R\t#00ff00\n",
-    "list.txt": "17: Hippocampus left\n53: Hippocampus right\n",
+    "Labels list.txt": "17: Hippocampus left\n53: Hippocampus right\n",
     "columns.csv": "Label;Name\n17;Hippocampus left\n53;Hippocampus right\n",
     "quoted.ctbl": '17 "Hippocampus left" 1 2 3 255\n53 "Hippocampus right" 1 2 3 255\n',
     "slicer.csv": "LabelValue,Name,Color_R\n17,hippocampus left,255\n53,hippocampus right,0\n",
 }
 NO_TABLES = {
     "notes.txt": "scanned in 2019\n17 subjects 1 2\n",
-    "remarks.txt": "1: scanned twice\n1: turned\n",
-    "one_line.txt": "17 subjects\n",
+    "subjects.txt": "1 Anna\n2 Bert\n",
+    "label remarks.txt": "1: scanned twice\n1: turned\n",
+    "label line.txt": "17 subjects\n",
     "sidecar.json": json.dumps({"EchoTime": 0.03, "Manufacturer": "x"}),
     "broken.json": "{",
     "list.json": "[1, 2]",
