@@ -31,6 +31,8 @@ _PLATEAU = 0.8
 """Quantile of the upper values that is a full voxel; higher values may overshoot."""
 _SMOOTHING = (0.5, 0.75, 1.0)
 """Widths [voxels] of the Gaussians that soft edges are compared with."""
+_MOST_COMPARED = 128
+"""Longest edge of the part in the middle that is compared [voxels]."""
 _UNLIKE_SMOOTHED = 0.145
 """Root mean square difference of soft edges from those of the smoothed mask, as a fraction of a full voxel.
 
@@ -147,8 +149,14 @@ def _has_soft_edges(values: Array, full: float) -> bool:
     if np.mean(_border(values) < _SURE[0] * full) <= _MOST_OF_BORDER:
         return False
     box = ndimage.find_objects((values > _SURE[0] * full).astype(np.uint8))[0]
-    part = np.pad(values[box].astype(np.float32) / np.float32(full), 2)
+    trims = [max(0, (side.stop - side.start - _MOST_COMPARED) // 2) for side in box]
+    part = values[
+        tuple(slice(side.start + trim, side.stop - trim) for side, trim in zip(box, trims, strict=True))
+    ]
+    part = np.pad(part.astype(np.float32) / np.float32(full), 2, mode="edge" if any(trims) else "constant")
     between = (part > _SURE[0]) & (part < _SURE[1])
+    if not between.any():
+        return False
     mask = (part >= _HALF).astype(np.float32)
     return any(
         np.sqrt(np.mean(np.square(ndimage.gaussian_filter(mask, width) - part)[between])) < _UNLIKE_SMOOTHED
