@@ -7,7 +7,6 @@ responds at once.
 """
 
 import argparse
-import gc
 import importlib
 import os
 import sys
@@ -45,10 +44,6 @@ _COMMANDS = {
 }
 """Module and purpose of each command, for ``homolog --help``, which imports none."""
 
-_NEW_OBJECTS = 10_000
-"""Number of new objects from which garbage is collected: imports make many that stay, and with Python's 700
-a tenth of their time is spent on looking at them."""
-
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
 
 
@@ -60,7 +55,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv : sequence of str, optional
         Arguments after the program's name; those of the process by default.
     """
-    gc.set_threshold(_NEW_OBJECTS)
     given = sys.argv[1:] if argv is None else list(argv)
     command = next((word for word in given if not word.startswith("-")), None)
     if given and given[0] not in _COMMANDS and Path(given[0]).exists():

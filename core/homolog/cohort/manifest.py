@@ -76,19 +76,19 @@ def _elsewhere(
 ) -> tuple[str, ...]:
     """Return a note if files were found by the ends of paths of another computer."""
     column = next(key for key, name in own.items() if name == "path")
-    found = [
+    matches = [
         (row[column], subject.path)
         for (_, row), subject in zip(rows, subjects, strict=True)
         if _is_absolute(row[column])
         and os.path.exists(subject.path)
         and not os.path.exists(path.parent / row[column])
     ]
-    if not found:
+    if not matches:
         return ()
-    text, place = found[0]
+    text, place = matches[0]
     return (
-        f"paths in {path.name} that do not exist here were found by their ends: {len(found)} of {len(rows)}, "
-        f"such as {text}: {place.relative_to(path.parent).as_posix()}",
+        f"paths in {path.name} that do not exist here were found by their ends: {len(matches)} of "
+        f"{len(rows)}, such as {text}: {place.relative_to(path.parent).as_posix()}",
     )
 
 

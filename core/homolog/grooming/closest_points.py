@@ -167,9 +167,9 @@ def _nearest(
     if len(halves) == 1:
         distances, indices = halves[0].nearest(points, normals)
         return distances, halves[0].points[indices]
-    found = [half.nearest(*row) for half, *row in zip(halves, points, normals, strict=True)]
-    nearest = [half.points[indices] for half, (_, indices) in zip(halves, found, strict=True)]
-    return np.array([distances for distances, _ in found]), np.array(nearest)
+    matches = [half.nearest(*row) for half, *row in zip(halves, points, normals, strict=True)]
+    nearest = [half.points[indices] for half, (_, indices) in zip(halves, matches, strict=True)]
+    return np.array([distances for distances, _ in matches]), np.array(nearest)
 
 
 def robust_weights(gaps: FloatArray) -> FloatArray:
