@@ -39,7 +39,7 @@ from homolog.grooming import GroomedSubject
 from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.result import OnDemand, OptimizationInput, OptimizationOutcome
-from homolog.run.subject_fits import SubjectFits, groomed_shape
+from homolog.run.subject_fits import Reached, SubjectFits, groomed_shape
 from homolog.settings import OptimizeSettings, Procrustes, RunSettings
 from homolog.surfaces.mirroring import MIRROR
 
@@ -170,19 +170,25 @@ def fit_others(
     count, particles = len(shapes), outcome.local.shape[1]
     states, following = (StateArrays(count, particles, store) for _ in range(2))
     workspace = store(np.empty((count, 3 * particles), np.float32))
-    for index, state in zip(core.tolist(), known, strict=True):
-        states[index] = state
-    others = np.setdiff1d(np.arange(count), core).tolist()
-    begin: dict[int, tuple[FloatArray | None, FloatArray]] = {
-        index: (None, first_placement(shapes[index], ensemble, fits.placing)) for index in others
-    }
-    fits.run(ensemble, begin, templates, 0, states, part_of(tick, 0.05, 0.3))
     passes = plan_passes(fits.placing)
     plans = [*passes.first, *[passes.settling] * _MOST_SETTLING]
-    scale, error = states.scale, np.inf
-    for number, plan in enumerate(plans, 1):
+    key = fits.key(outcome.inputs.fingerprint, tick)
+    reached = fits.reached(key, states, following, tick)
+    if reached is None:
+        for index, state in zip(core.tolist(), known, strict=True):
+            states[index] = state
+        others = np.setdiff1d(np.arange(count), core).tolist()
+        begin: dict[int, tuple[FloatArray | None, FloatArray]] = {
+            index: (None, first_placement(shapes[index], ensemble, fits.placing)) for index in others
+        }
+        fits.run(ensemble, begin, templates, 0, states, part_of(tick, 0.05, 0.3))
+        reached = Reached(0, states.scale, np.inf, is_last=False)
+    elif fits.placing.procrustes.takes_size_out:
+        following.rescale(reached.scale)
+    while not reached.is_last:
+        number = reached.number + 1
         if fits.placing.procrustes.takes_size_out:
-            states.rescale(scale)
+            states.rescale(reached.scale)
         if number > 1:
             following.extrapolate(states, EXTRAPOLATION)
         ensemble = make_ensemble(
@@ -192,14 +198,19 @@ def fit_others(
         )  # fmt: skip
         begin = {index: (state.local, state.placement) for index, state in enumerate(states)}
         share = part_of(tick, 0.3 + 0.7 * (number - 1) / len(plans), 0.3 + 0.7 * number / len(plans))
-        fits.run(ensemble, begin, (), number, following, share, plan)
+        fits.run(ensemble, begin, (), number, following, share, plans[number - 1])
         states, following = following, states
-        if number < len(passes.first):
-            continue
-        before, error = error, generalization_error(states.aligned, workspace)
-        _log.info("pass %d over all subjects: generalization error %.5g, before %.5g", number, error, before)
-        if error > _ENOUGH * before:
-            break
+        error, is_last = np.inf, number == len(plans)
+        if number >= len(passes.first):
+            error = generalization_error(states.aligned, workspace)
+            _log.info(
+                "pass %d over all subjects: generalization error %.5g, before %.5g",
+                number, error, reached.error,
+            )  # fmt: skip
+            is_last = is_last or error > _ENOUGH * reached.error
+        reached = Reached(number, reached.scale, error, is_last)
+        if number > 1:  # the first pass is repeated, as its start is not stored for all subjects
+            fits.keep(key, reached)
     local = np.array(states.local)
     alignments = np.stack([shape.alignment for shape in shapes])
     alignments[core] = outcome.alignments

@@ -1,6 +1,7 @@
 """Fits of single subjects to an ensemble, in workers, each stored in its own file."""
 
 import hashlib
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import lru_cache
@@ -23,7 +24,11 @@ from homolog.progress import Tick
 from homolog.run.fingerprints import surface_hash
 from homolog.settings import OptimizeSettings
 
-__all__ = ["SubjectFits", "groomed_shape"]
+__all__ = ["Reached", "SubjectFits", "groomed_shape"]
+
+
+_REACHED = "reached.npz"
+"""Record of the last complete pass."""
 
 
 def groomed_shape(folder: Path, name: str, alignment: FloatArray) -> Shape:
@@ -66,6 +71,28 @@ class _Job:
 
 
 @dataclass(frozen=True, slots=True)
+class Reached:
+    """How far the passes over all subjects have come.
+
+    Attributes
+    ----------
+    number : int
+        The last complete pass.
+    scale : float
+        Mean scale of the placements in the first one.
+    error : float
+        Generalization error after the last one; inf before passes are repeated.
+    is_last : bool
+        Whether no further pass follows.
+    """
+
+    number: int
+    scale: float
+    error: float
+    is_last: bool
+
+
+@dataclass(frozen=True, slots=True)
 class SubjectFits:
     """Fits of a cohort, each in its own file."""
 
@@ -102,12 +129,10 @@ class SubjectFits:
         for (index, (local, placement)), stem in zip(begin.items(), stems, strict=True):
             name, file = self.names[index], folder / f"{stem}.npz"
             tick(0.0, f"looking for the fit of {name}")
-            if index not in self.hashes:
-                self.hashes[index] = surface_hash(self.shapes[index])
-            key = _key(whole_key, self.hashes[index], placement, local)
-            stored = _stored(file, key)
-            if stored is not None:
-                states[index] = stored
+            key = _key(whole_key, self._hash(index), placement, local)
+            stored = _stored(file)
+            if stored is not None and stored[0] == key:
+                states[index] = stored[1]
                 continue
             places[name] = index, file
             jobs[name] = _Job(self.groomed, path, name, placement, local, plan, templates, self.placing, key)
@@ -116,6 +141,63 @@ class SubjectFits:
             arrays = {item.name: getattr(state, item.name) for item in fields(state)}
             write_arrays(file, {"key": jobs[name].key, **arrays})
             states[index] = state
+
+    def keep(self, key: str, reached: Reached) -> None:
+        """Record that a pass is complete, and delete the pass before the previous one.
+
+        Parameters
+        ----------
+        key : str
+            See `key`.
+        reached : Reached
+        """
+        values = {item.name: getattr(reached, item.name) for item in fields(reached)}
+        write_arrays(self.folder / _REACHED, {"key": key, **values})
+        shutil.rmtree(self.folder / f"pass{reached.number - 2}", ignore_errors=True)
+
+    def reached(self, key: str, states: StateArrays, before: StateArrays, tick: Tick) -> Reached | None:
+        """Read the last complete pass and the one before it; return None if there is none of this run.
+
+        Parameters
+        ----------
+        key : str
+            See `key`.
+        states, before : StateArrays
+            Where the fits of the two passes are written.
+        tick : Tick
+        """
+        path = self.folder / _REACHED
+        if not path.is_file():
+            return None
+        try:
+            stored = read_arrays(path)
+        except InputError:
+            return None
+        if str(stored["key"]) != key:
+            return None
+        number = int(stored["number"])
+        for target, folder in ((states, f"pass{number}"), (before, f"pass{number - 1}")):
+            for index, stem in enumerate(file_stems([f"fit {name}" for name in self.names])):
+                tick(0.0, f"reading the fit of {self.names[index]}")
+                fit = _stored(self.folder / folder / f"{stem}.npz")
+                if fit is None:
+                    return None
+                target[index] = fit[1]
+        return Reached(number, float(stored["scale"]), float(stored["error"]), bool(stored["is_last"]))
+
+    def key(self, fingerprint: str, tick: Tick) -> str:
+        """Return a hash of the core set's `fingerprint`, and of all surfaces, placements and settings."""
+        given = f"{fingerprint} {self.placing.model_dump_json(exclude_none=True)}"
+        digest = hashlib.blake2b(given.encode(), digest_size=16)
+        for index, shape in enumerate(self.shapes):
+            tick(0.0, f"surface of {self.names[index]}")
+            digest.update(f"{self.names[index]} {self._hash(index)} {shape.alignment.tolist()}".encode())
+        return digest.hexdigest()
+
+    def _hash(self, index: int) -> str:
+        if index not in self.hashes:
+            self.hashes[index] = surface_hash(self.shapes[index])
+        return self.hashes[index]
 
 
 @lru_cache(maxsize=2)
@@ -135,17 +217,15 @@ def _fitted(job: _Job) -> ShapeState:
     return fit_shape(shape, job.settings, ensemble, first_particles(ensemble, index, template, shape))
 
 
-def _stored(path: Path, key: str) -> ShapeState | None:
-    """Return the stored fit; None if there is none, or it belongs to another ensemble."""
+def _stored(path: Path) -> tuple[str, ShapeState] | None:
+    """Return the hash of a stored fit's inputs, and the fit; None if it can't be read."""
     if not path.is_file():
         return None
     try:
         stored = read_arrays(path)
     except InputError:
         return None  # the subject is fitted again
-    if str(stored.pop("key", "")) != key:
-        return None
-    return ShapeState(**stored)
+    return str(stored.pop("key", "")), ShapeState(**stored)
 
 
 def _ensemble_key(ensemble: Ensemble, settings: OptimizeSettings, plan: StagePlan | None) -> str:

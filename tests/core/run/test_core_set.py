@@ -37,6 +37,12 @@ def test_a_run_with_a_core_set_that_is_cancelled_among_its_fits_ends_as_one_that
     assert run.execute(cancel) is FinishReason.CANCELLED
     assert all(fits_seen)
     assert len(fits_seen) > 0
+    later = start(settings=with_core, resume=True)
+    assert (
+        later.execute(lambda _: (groomed.fits / "pass6").exists() and later.cancel())
+        is FinishReason.CANCELLED
+    )
+    assert {path.name for path in groomed.fits.glob("pass*")} == {"pass4", "pass5", "pass6"}
     phases = []
     resumed = start(settings=with_core.model_copy(update={"workers": 2}), resume=True)
     assert resumed.execute(lambda status: phases.append(status.phase)) is FinishReason.COMPLETED
