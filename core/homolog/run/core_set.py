@@ -172,8 +172,9 @@ def fit_others(
     workspace = store(np.empty((count, 3 * particles), np.float32))
     passes = plan_passes(fits.placing)
     plans = [*passes.first, *[passes.settling] * _MOST_SETTLING]
-    key = fits.key(outcome.inputs.fingerprint, tick)
-    reached = fits.reached(key, states, following, tick)
+    first = part_of(tick, 0.05, 0.3)
+    key = fits.key(outcome.inputs.fingerprint, first)
+    reached = fits.reached(key, states, following, first)
     if reached is None:
         for index, state in zip(core.tolist(), known, strict=True):
             states[index] = state
@@ -181,7 +182,7 @@ def fit_others(
         begin: dict[int, tuple[FloatArray | None, FloatArray]] = {
             index: (None, first_placement(shapes[index], ensemble, fits.placing)) for index in others
         }
-        fits.run(ensemble, begin, templates, 0, states, part_of(tick, 0.05, 0.3))
+        fits.run(ensemble, begin, templates, 0, states, first)
         reached = Reached(0, states.scale, np.inf, is_last=False)
     elif fits.placing.procrustes.takes_size_out:
         following.rescale(reached.scale)
