@@ -15,7 +15,7 @@ from homolog.arrays import Array
 from homolog.errors import InputError
 from homolog.threads import cores
 
-__all__ = ["choose_device", "cores", "describe_device", "device_faults", "launch_on_cores", "shared"]
+__all__ = ["choose_device", "describe_device", "device_faults", "launch_on_cores", "shared"]
 
 _PIECES_PER_CORE = 4
 """Number of pieces per core of a launch on the CPU, to balance the load."""

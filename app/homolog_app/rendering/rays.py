@@ -7,8 +7,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.device import cores
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.threads import cores
 from homolog_app.rendering import kernels
 from homolog_app.rendering.camera import Frame
 from homolog_app.rendering.scene import Scene, Surface, surface

@@ -96,8 +96,8 @@ def groom(
 ) -> "tuple[list[GroomedSubject], FloatArray]":
     """Groom and align a cohort; unchanged subjects come from the project's cache."""
     from homolog.cluster import retried_on_workers
-    from homolog.device import cores
     from homolog.grooming import align_cohort, groom_cohort
+    from homolog.threads import cores
 
     inner = part_of(tick, 0.0, 0.9)
     groomed = retried_on_workers(

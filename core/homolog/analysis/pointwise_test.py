@@ -40,7 +40,7 @@ from homolog.analysis.statistics import (
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick
-from homolog.threads import on_one_thread
+from homolog.threads import cores, on_one_thread
 
 __all__ = ["PointwiseStatistic", "PointwiseTest", "pointwise_test"]
 
@@ -267,8 +267,6 @@ def pointwise_test(
     limit, done = subtract_rounding(observed), 0
     chunk = max(1, _CHUNK_VALUES // (statistic.particles * (1 + design.tested.shape[1])))
     draws = draw_permutations(design, permutations, chunk=chunk, seed=seed, means=repeats > 1)
-    from homolog.device import cores  # loads Warp, which the window does not need at its start
-
     workers = cores() if len(shapes) >= _MANY else 1
     with ThreadPoolExecutor(workers) as pool:
         while batch := list(islice(draws, workers)):

@@ -168,7 +168,7 @@ def _unused_tables(folder: Path, used: Path | None) -> list[str]:
         and entry.name[0] != "~"
         and entry.name != _TRUTH
         and entry != used
-        and not (entry.suffix.lower() != ".xlsx" and os.access(entry, os.R_OK) and lists_labels(entry))
+        and not (os.access(entry, os.R_OK) and lists_labels(entry))
     )
     listed = f"{tables[0]} and {len(tables) - 1} more" if len(tables) > 1 else "".join(tables)
     if not tables:

@@ -18,10 +18,9 @@ from homolog.correspondence.kernels.functions import stencil_cache
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.schedule import Weights
 from homolog.correspondence.surface_sets import SurfaceSet, nearest_faces
-from homolog.device import cores
 from homolog.geodesics.kernels.lookup import SurfacePoint
 from homolog.geometry import rotation_of
-from homolog.threads import in_threads
+from homolog.threads import cores, in_threads
 
 __all__ = ["Engine", "Particles"]
 

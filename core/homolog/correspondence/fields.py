@@ -14,10 +14,9 @@ from homolog.correspondence.entropy.opening_angles import BALL_SIZE, opening_gri
 from homolog.correspondence.kernels.functions import FieldData
 from homolog.correspondence.surface_sets import Similarity, on_device
 from homolog.correspondence.types import Shape
-from homolog.device import cores
 from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick
-from homolog.threads import in_threads
+from homolog.threads import cores, in_threads
 
 __all__ = ["field_array", "opening_array", "opening_scale"]
 

@@ -11,8 +11,7 @@ from typing import Any
 import warp as wp
 
 from homolog.arrays import DeviceArray
-from homolog.device import cores
-from homolog.threads import switching_often
+from homolog.threads import cores, switching_often
 
 __all__ = ["Launcher", "Transfer", "copy_between", "load_kernels", "push"]
 

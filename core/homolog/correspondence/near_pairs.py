@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 
 from homolog.arrays import BoolArray, DeviceArray, FloatArray, IntArray
 from homolog.correspondence.kernels import exchanges as kernels
-from homolog.device import cores, launch_on_cores
-from homolog.threads import in_threads
+from homolog.device import launch_on_cores
+from homolog.threads import cores, in_threads
 
 __all__ = ["N_NEIGHBOURS", "PlacedParticles", "Survey", "expected_positions", "promising_pairs"]
 

@@ -21,10 +21,9 @@ from homolog.correspondence.initialization.registration import features
 from homolog.correspondence.kernels import particles as kernels
 from homolog.correspondence.kernels.functions import stencil_cache
 from homolog.correspondence.launcher import load_kernels
-from homolog.device import cores
 from homolog.geometry import inverse_matrices, rotation_of, transform_points
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.threads import in_threads
+from homolog.threads import cores, in_threads
 
 __all__ = ["SurfacePoints", "follow_pose", "search_poses"]
 

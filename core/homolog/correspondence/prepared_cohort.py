@@ -19,14 +19,13 @@ from homolog.correspondence.surface_sets import (
     morton_ordered,
 )
 from homolog.correspondence.types import Shape
-from homolog.device import cores
 from homolog.errors import InputError
 from homolog.geodesics import GeodesicSolver, GeodesicTable, solve_tables
 from homolog.memory import Store, in_memory, return_freed_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.threads import in_threads, on_one_thread
+from homolog.threads import cores, in_threads, on_one_thread
 
 __all__ = ["MEAN_AREA", "PreparedCohort", "landmarks_on_device", "prepare_cohort"]
 

@@ -148,7 +148,12 @@ def plan_stages(
     iterations = settings.settle_iterations
     expected = round(SETTLING * math.sqrt(shapes / settings.particles))
     expected = min(MOST_SETTLING, max(FEWEST_SETTLING, expected))
-    stages.append(StagePlan(Stage.OPTIMIZING, settings.particles, iterations, *settling, True, expected))
+    stages.append(
+        StagePlan(
+            Stage.OPTIMIZING, settings.particles, iterations, *settling,
+            until_converged=True, expected_settling=expected,
+        )
+    )  # fmt: skip
     return stages
 
 

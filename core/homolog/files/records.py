@@ -202,7 +202,9 @@ def note_lines(notes: Mapping[str, Sequence[str]], most_names: int = 2) -> list[
     for kind in note_kinds(notes):
         who = ", ".join(kind.names[:most_names])
         if len(kind.names) > most_names:
-            who = f"each of {len(kind.names)} subjects ({who}, …)"  # notes are in the singular
+            who = f"{len(kind.names)} subjects ({who}, …)"
+        if len(kind.names) > 1:
+            who = f"each of {who}"  # notes are in the singular
         lines.append(f"{who}: {kind.text}")
     return lines
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from homolog.device import cores
 from homolog.errors import InputError
 from homolog.geodesics.kernels import local_solver
 from homolog.geodesics.kernels.lookup import LANES, MISSING
@@ -15,7 +14,7 @@ from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.sides import MeshSides, batches
 from homolog.surfaces.topology import check_arrays
-from homolog.threads import in_threads
+from homolog.threads import cores, in_threads
 
 __all__ = ["TablePlan", "Task", "block_rows", "plan_tables", "table_bytes"]
 

@@ -12,7 +12,7 @@ import warp as wp
 from scipy.sparse import csr_array
 
 from homolog.arrays import ArrayLike
-from homolog.device import choose_device, cores
+from homolog.device import choose_device
 from homolog.errors import InputError
 from homolog.geodesics.cpu.solver import load_kernels, solve_on_cpu
 from homolog.geodesics.cuda.solver import solve_on_cuda
@@ -21,7 +21,7 @@ from homolog.geodesics.table import GeodesicTable
 from homolog.memory import free_memory
 from homolog.progress import Tick, each_in_threads, no_tick
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.threads import MOST_THREADS, switching_often
+from homolog.threads import MOST_THREADS, cores, switching_often
 
 __all__ = ["GeodesicSolver", "check_room", "each_table", "geodesic_distances", "solve_tables"]
 

@@ -10,7 +10,6 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from homolog.arrays import BoolArray, FloatArray
-from homolog.device import cores
 from homolog.errors import InputError
 from homolog.geometry import scale_of
 from homolog.grooming.icp import (
@@ -37,7 +36,7 @@ from homolog.grooming.typicality import (
 )
 from homolog.progress import Tick, no_tick, run_in_threads
 from homolog.settings import Alignment, GroomSettings
-from homolog.threads import on_one_thread
+from homolog.threads import cores, on_one_thread
 
 __all__ = ["RegisterPair", "Registration", "align", "by_typicality", "medoid", "of_other_units", "register"]
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from homolog.cluster import each_in_workers
 from homolog.cohort import Cohort, Subject
-from homolog.device import cores
 from homolog.errors import InputError, NumericalError, WorkerDiedError
 from homolog.files.markups import read_markups
 from homolog.grooming.align import of_other_units
@@ -23,6 +22,7 @@ from homolog.grooming.missing_slices import with_missing_slices
 from homolog.grooming.subject import GroomedSubject, Source, check_source, groom, read_source
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import GroomSettings
+from homolog.threads import cores
 from homolog.workers import main_guard_hint, worker_processes
 
 __all__ = ["Problem", "check_cohort", "groom_cohort"]

@@ -9,7 +9,6 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from homolog.arrays import FloatArray
-from homolog.device import cores
 from homolog.geometry import rotation_of, transform_points
 from homolog.grooming.align import RegisterPair, by_typicality
 from homolog.grooming.closest_points import SearchedPoints
@@ -17,6 +16,7 @@ from homolog.grooming.icp import OrientedPoints, oriented_points, refined_each, 
 from homolog.grooming.subject import GroomedSubject
 from homolog.progress import Tick, part_of, run_in_threads
 from homolog.surfaces.mirroring import MIRROR
+from homolog.threads import cores
 
 __all__ = ["better_mirrored", "reversed_ones"]
 
@@ -145,6 +145,9 @@ def better_mirrored(
     made = run_in_threads(tasks, part_of(tick, 0.0, 0.1), "comparing with mirror images", cores())
     surfaces, known_pairs = [_Surface(pair.fixed) for pair in made], dict(zip(references, made, strict=True))
 
+    def known_pair_of(k: int, inner: Tick) -> _Pair:
+        return known_pairs[k] if k in known_pairs else pair_of(k, inner)
+
     def preferences_of(k: int, pair: _Pair) -> FloatArray:
         others = [position for position, j in enumerate(references) if j != k]
         result = np.zeros(len(references))
@@ -152,7 +155,7 @@ def better_mirrored(
         return result
 
     def row_of(k: int, inner: Tick) -> FloatArray:
-        return preferences_of(k, known_pairs[k] if k in known_pairs else pair_of(k, inner))
+        return preferences_of(k, known_pair_of(k, inner))
 
     involved = sorted({*tested, *references})
     works = [partial(row_of, k) for k in involved]
@@ -167,7 +170,7 @@ def better_mirrored(
     ]
     for k in flagged:  # failed registrations resemble mirror images
         tick(1.0, "comparing with mirror images")
-        row = preferences_of(k, pair_of(k, tick).searched(surface))
+        row = preferences_of(k, known_pair_of(k, tick).searched(surface))
         preferences[tested.index(k)] = row @ sides / (len(references) - (k in references))
     are_images = reversed_ones(preferences, majority=not known) if flagged else are_images
     return {groomed[k].name for k in flagged if are_images[tested.index(k)]}

@@ -9,7 +9,6 @@ from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.cluster import each_in_workers
 from homolog.correspondence import Shape
 from homolog.correspondence.ensemble import make_ensemble
-from homolog.device import cores
 from homolog.errors import NumericalError
 from homolog.geometry import rms_radius
 from homolog.patient.change import distances_to_times
@@ -21,6 +20,7 @@ from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import MIRROR
 from homolog.surfaces.simplify import simplified
+from homolog.threads import cores
 from homolog.workers import worker_processes
 
 __all__ = ["LeftOut", "Measures", "fit_left_out", "gap_of_image", "measures_of"]

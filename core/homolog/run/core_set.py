@@ -2,9 +2,9 @@
 
 The core set is optimized jointly. Every other subject is then fitted to its ensemble individually, in worker
 processes. Further passes move every subject against the ensemble of all, with the annealing of a joint
-optimization: block descent of the joint objective. Each fit is stored: an interrupted run continues with the
-missing ones, and the result does not depend on the number of workers. No step needs more
-surfaces in memory than those of the core set.
+optimization: block descent of the joint objective. Fits are stored until the pass after the next is begun: an
+interrupted run continues with the missing ones, and the result does not depend on the number of workers. No
+step needs more surfaces in memory than those of the core set.
 """
 
 import json

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from homolog.cluster import SubjectWorkers
 from homolog.cohort import Cohort
-from homolog.device import cores
 from homolog.errors import InputError
 from homolog.geometry import transform_points
 from homolog.grooming import GroomedSubject, align_cohort
@@ -19,6 +18,7 @@ from homolog.run.events import Phase
 from homolog.run.fingerprints import run_fingerprint
 from homolog.run.result import OptimizationInput, OptimizationOutcome
 from homolog.settings import RunSettings
+from homolog.threads import cores
 
 __all__ = ["grow"]
 

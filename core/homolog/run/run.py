@@ -10,7 +10,7 @@ import numpy as np
 from homolog.cluster import retried_on_workers
 from homolog.cohort import Cohort
 from homolog.correspondence import Checkpoint, Frame
-from homolog.device import choose_device, cores, device_faults
+from homolog.device import choose_device, device_faults
 from homolog.errors import Cancelled, InputError
 from homolog.files.atomic import report_os_errors
 from homolog.files.mapped import mapped_within
@@ -33,6 +33,7 @@ from homolog.run.result import CANCELLED, OptimizationInput, OptimizationOutcome
 from homolog.run.steps import prepare_inputs, run_optimization
 from homolog.run.table_cache import TableCache
 from homolog.settings import RunSettings
+from homolog.threads import cores
 
 __all__ = ["Run"]
 

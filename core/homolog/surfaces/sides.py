@@ -8,10 +8,11 @@ import numpy as np
 import warp as wp
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
-from homolog.device import cores, launch_on_cores, shared
+from homolog.device import launch_on_cores, shared
 from homolog.surfaces.kernels import sides as kernels
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import FLATTEST, check_mesh, may_have_twins
+from homolog.threads import cores
 
 __all__ = ["MeshSides", "batches"]
 

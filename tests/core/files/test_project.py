@@ -65,12 +65,12 @@ def test_notes_of_one_kind_share_a_line_with_ranges_of_their_numbers():
 
 
 def test_a_line_for_two_subjects_names_both_and_one_number_stays_one():
-    assert noted(a=["2 mm apart", "odd"], b=["2 mm apart"]) == ["a, b: 2 mm apart", "a: odd"]
+    assert noted(a=["2 mm apart", "odd"], b=["2 mm apart"]) == ["each of a, b: 2 mm apart", "a: odd"]
 
 
 def test_a_line_names_as_many_subjects_as_wanted():
     notes = {name: [f"{number} mm apart"] for number, name in enumerate("abc", 2)}
-    assert note_lines(notes, 3) == ["a, b, c: 2 to 4 mm apart"]
+    assert note_lines(notes, 3) == ["each of a, b, c: 2 to 4 mm apart"]
 
 
 def test_paths_start_at_the_project_and_follow_it_when_both_are_moved(tmp_path):

@@ -186,7 +186,6 @@ class DividedCoupling(DeviceCoupling):
         self.kept_gradient: DeviceArray = vectors[1]
         self._steps, self._damped = vectors[2:]
         self._damping: DeviceArray = wp.zeros_like(self._second.inverses)
-        self._half = self.shapes // 2
         self._iteration: DeviceArray = wp.zeros(1, dtype=int, device=second)
         self._stage: DeviceArray | None = None  # of the graphs
         self._graphs: list[Any] = []
@@ -212,7 +211,7 @@ class DividedCoupling(DeviceCoupling):
 
     def _damp_free(self, steps: DeviceArray, damped: DeviceArray) -> None:
         """Apply it to one half of the shapes on each device."""
-        half = self._half
+        half = self.shapes // 2
         push(self._steps, steps)
         self._second.multiply(self._damping[0, half:], self._steps, self._damped)
         self._duals.multiply(self._duals.inverses[1, :half], steps, damped)
