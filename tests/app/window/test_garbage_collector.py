@@ -75,6 +75,13 @@ def test_what_the_computing_thread_leaves_is_collected_in_the_windows(
     assert set(freed) == {main}
 
 
+def test_a_run_collects_no_garbage_in_its_own_thread(groomed, errors, wait, collections):
+    groomed.commands["run.start"].trigger()
+    wait(lambda: not groomed.workspace.session.job.is_busy)
+    assert not errors
+    assert set(collections) <= {threading.current_thread().name}
+
+
 def test_pythons_own_collector_goes_on_when_the_window_is_closed(make_window, close):
     window = make_window(views=False)
     assert not gc.isenabled()
