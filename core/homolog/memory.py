@@ -79,8 +79,8 @@ def _map_from(size: int) -> None:
 def return_freed_memory() -> None:
     """Return freed memory to the system, which the C library of Linux would retain.
 
-    Garbage is collected first, unless automatic collection is disabled, as in the window: VTK's objects may be
-    freed in the window's thread only, and this function runs in the computing thread.
+    Garbage is collected first, unless automatic collection is disabled, as in the window: VTK's objects may
+    be freed in the window's thread only, and this function runs in the computing thread.
     """
     if gc.isenabled():
         gc.collect()

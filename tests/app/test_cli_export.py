@@ -85,7 +85,8 @@ def rows(path):
 
 
 @pytest.mark.parametrize(
-    "options", [["--mode", "1"], ["--group", "group", "short", "long"], ["--turntable"], ["--mode", "1", "2"]]
+    "options",
+    [[], ["--mode", "1"], ["--group", "group", "short", "long"], ["--turntable"], ["--mode", "1", "2"]],
 )
 def test_a_film_moves_and_lies_whole_within_its_borders(export, decode, options):
     code, path, _ = export("film", "film.mp4", *options, "--fps", "10", "--seconds", "1", *SMALL)
@@ -111,7 +112,6 @@ def test_a_still_at_the_end_of_a_mode_is_that_frame_of_the_film(export):
 @pytest.mark.parametrize(
     ("what", "name", "options", "message"),
     [
-        ("film", "film.mp4", [], "--mode K"),
         ("film", "film.avi", ["--mode", "1"], ".mp4 or .gif"),
         ("film", "film.mp4", ["--mode", "9"], "mode 9: the result has 2 modes; choose one from 1 to 2"),
         ("film", "film.mp4", ["--mode", "1", "1"], "--mode and --view"),

@@ -188,3 +188,8 @@ def test_numbers_that_differ_from_those_in_the_names_name_nobody(read, ids):
 def test_a_first_column_that_only_counts_rows_names_nobody(read):
     with pytest.raises(InputError, match="names none of the subjects"):
         read("Nr,group\n1,a\n2,b\n10,c\n")
+
+
+def test_a_side_that_is_added_later_is_said_to_apply_from_the_next_run_on(read):
+    assert any("next run" in line for line in read("name,side\np01_ED,left\np02_ED,right\n").lines)
+    assert not any("next run" in line for line in read("name,age\np01_ED,62\n").lines)

@@ -127,7 +127,8 @@ def add_film(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type priv
         kinds,
         "film",
         "animation as MP4, GIF or numbered pictures",
-        "Animate the mean shape along modes, from one group's mean to another's, or on a turntable.",
+        "Animate the mean shape along modes, from one group's mean to another's, or on a turntable; "
+        "along mode 1 by default.",
         "FILE (.mp4, .gif, or no suffix for a folder of PNG pictures)",
     )
     add_motion_options(parser)
@@ -145,7 +146,7 @@ def run_film(arguments: argparse.Namespace) -> int:
     if arguments.out.suffix.lower() not in FILM_SUFFIXES:
         raise InputError(f"--out {arguments.out}: use .mp4 or .gif, or no suffix for a folder of PNG frames")
     if not (arguments.mode or arguments.group or settings.turntable):
-        raise InputError("nothing moves; give --mode K, --group COLUMN A B or --turntable")
+        arguments.mode = [1]
     with exporting(arguments) as tick:
         motions = chosen_motions(arguments, settings.deviations)
         film = Film(motions, arguments.view, settings, turntable=settings.turntable)

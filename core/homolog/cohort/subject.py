@@ -23,7 +23,7 @@ __all__ = [
 
 IMAGE_SUFFIXES = (
     ".nii.gz", ".nii", ".seg.nrrd", ".nrrd", ".nhdr", ".mha", ".mhd", ".mgz", ".mgh", ".hdr", ".hdr.gz",
-    ".dcm", ".tif", ".tiff",
+    ".gipl", ".gipl.gz", ".dcm", ".tif", ".tiff",
 )  # fmt: skip
 FREESURFER_SUFFIXES = (".pial", ".white", ".smoothwm", ".midthickness", ".surf")
 """Last parts of the names of FreeSurfer's surfaces, such as ``lh.pial``."""

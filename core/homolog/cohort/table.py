@@ -12,6 +12,7 @@ from types import MappingProxyType
 from homolog.cohort.column_types import CATEGORY, plain_name, read_typed_rows
 from homolog.cohort.file_names import words_of_individual
 from homolog.cohort.manifest import OTHER_NAMES, own_columns, place_of
+from homolog.cohort.sides import SIDE_COLUMN
 from homolog.cohort.subject import Subject, checked_path, suffix_of
 from homolog.errors import InputError
 from homolog.spreadsheets import MISSING, Row, encoding_notes
@@ -78,11 +79,15 @@ class TableChanges:
         lines = [f"{len(self.matched)} of {len(self.subjects)} subjects have a row (column {self.key})"]
         for number in dict.fromkeys(self.added.values()):
             names = [name for name, count in self.added.items() if count == number]
-            lines.append(f"{_listed(names, _COLUMNS)}: {_count(number, 'new value')}")
+            each = " each" if len(names) > 1 else ""
+            lines.append(f"{_listed(names, _COLUMNS)}: {_count(number, 'new value')}{each}")
         for name in dict.fromkeys(item.column for item in self.replaced):
             changed = [item for item in self.replaced if item.column == name]
             shown = [f"{item.subject} {item.before} to {item.after}" for item in changed]
             lines.append(f"{name}: {_count(len(changed), 'value')} replaced ({_listed(shown)})")
+        columns = {*self.added, *(item.column for item in self.replaced)}
+        if any(plain_name(name).casefold() == SIDE_COLUMN for name in columns):
+            lines.append("side: only the next run mirrors shapes by it; existing particles do not change")
         if self.is_empty:
             lines.append("nothing changes: the project already has all values")
         if self.without_row:

@@ -12,6 +12,8 @@ from homolog.progress import Tick
 
 __all__ = ["read_dicom", "read_dicom_scan"]
 
+_SHOWN = 3
+
 
 def read_dicom(path: Path) -> Volume:
     """Read a DICOM SEG file, a folder that holds one, or a folder with the slices of one series.
@@ -38,7 +40,11 @@ def read_dicom(path: Path) -> Volume:
     if len(segs) == 1 and len(files) == 1:
         return read_seg(segs[0])
     if segs:
-        raise InputError(f"{path}: contains a DICOM SEG among other files; give the file itself")
+        listed = ", ".join(file.name for file in segs[:_SHOWN]) + (", …" if len(segs) > _SHOWN else "")
+        raise InputError(
+            f"{path}: contains DICOM SEGs ({listed}) among {len(files)} files; enter the file to use in the "
+            "column path of a table, or keep each SEG in a folder of its own"
+        )
     return read_series(path, files)
 
 

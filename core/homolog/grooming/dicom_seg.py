@@ -62,6 +62,8 @@ def read_seg(path: Path) -> Volume:
         raise InputError(f"{path}: {_EXTRA}") from error
     with dicom_faults(path, _KIND):
         seg = segread(unpacked(path), lazy_frame_retrieval=True)
+        if seg.BitsAllocated == 1 and seg.Rows * seg.Columns % 8 > 0:
+            seg = segread(unpacked(path))  # highdicom's lazy reader cuts off frames that end within a byte
         if len(seg.PerFrameFunctionalGroupsSequence) != seg.get("NumberOfFrames", 1):
             raise InputError(f"{path}: describes more or fewer frames than it contains; export it again")
         numbers = [int(segment_number) for segment_number in seg.segment_numbers]

@@ -35,8 +35,8 @@ def read_segmentation(path: Path, label: int | None, segment: str | None = None)
     Parameters
     ----------
     path : Path
-        NRRD (also detached, also ``.seg.nrrd``), NIfTI, Analyze, MetaImage, DICOM SEG, TIFF of several
-        pages, or the folder of a DICOM series or of pictures.
+        NRRD (also detached, also ``.seg.nrrd``), NIfTI, Analyze, MetaImage, MGH, GIPL, DICOM SEG, TIFF of
+        several pages, or the folder of a DICOM series or of pictures.
     label : int or None
         The value to keep; every value above 0 if neither value nor name are given.
     segment : str or None
@@ -71,6 +71,10 @@ def read_volume(path: Path) -> Volume:
         from homolog.grooming.nifti import read_mgh
 
         return read_mgh(path)
+    if name.endswith((".gipl", ".gipl.gz")):
+        from homolog.grooming.gipl import read_gipl
+
+        return read_gipl(path)
     if name.endswith((".hdr", ".hdr.gz")):
         from homolog.grooming.header_pairs import read_pair
 

@@ -90,8 +90,8 @@ def read_scan(path: Path, tick: Tick = no_tick) -> Scan:
     Parameters
     ----------
     path : Path
-        NRRD, NIfTI, Analyze, MetaImage, MGH, TIFF, or the folder of a DICOM series. Voxels of uncompressed
-        NIfTI and MGH files stay on the disk (memory-mapped).
+        NRRD, NIfTI, Analyze, MetaImage, MGH, GIPL, TIFF, or the folder of a DICOM series. Voxels of
+        uncompressed NIfTI, MGH and GIPL files stay on the disk (memory-mapped).
     tick : Tick
 
     Raises
@@ -109,6 +109,8 @@ def read_scan(path: Path, tick: Tick = no_tick) -> Scan:
         from homolog.grooming.nifti import read_nifti_scan as read
     elif name.endswith((".mgz", ".mgh")):
         from homolog.grooming.nifti import read_mgh_scan as read
+    elif name.endswith((".gipl", ".gipl.gz")):
+        from homolog.grooming.gipl import read_gipl_scan as read
     elif name.endswith((".hdr", ".hdr.gz")):
         from homolog.grooming.header_pairs import read_pair_scan as read
     elif name.endswith((".tif", ".tiff")):

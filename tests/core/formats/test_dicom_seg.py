@@ -59,6 +59,24 @@ def test_without_the_package_the_extra_is_named(seg, monkeypatch):
         read_segmentation(seg, None, "heart")
 
 
+UNEVEN = np.zeros((11, 9, 8), np.uint8)  # frames of 99 pixels, which begin and end within bytes
+UNEVEN[2:9, 2:7, 2:6] = 1
+UNEVEN[4:6, 3:5, 3:5] = 2
+
+
+@pytest.mark.parametrize("blocks", [UNEVEN])
+def test_frames_that_begin_and_end_within_a_byte_are_read(make_seg, blocks, points, expected):
+    path = make_seg(overlapping(blocks))
+    for name, value in (("heart", 1), ("both", None)):
+        assert np.allclose(points(read_segmentation(path, None, name)), expected(blocks, value), atol=1e-4)
+
+
+def test_a_table_is_advised_for_a_folder_of_several_segmentation_objects(seg):
+    (seg.parent / "b.dcm").write_bytes(seg.read_bytes())
+    with pytest.raises(InputError, match=r"a\.dcm, b\.dcm.*column path"):
+        read_segmentation(seg.parent, None, "both")
+
+
 RLE, BIG, DEFLATED = (
     "1.2.840.10008.1.2.5", "1.2.840.10008.1.2.2", "1.2.840.10008.1.2.1.99"
 )  # fmt: skip
