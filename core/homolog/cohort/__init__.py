@@ -6,7 +6,7 @@ from os import PathLike
 from pathlib import Path
 
 from homolog.cohort.both_sides import with_both_sides
-from homolog.cohort.dicom import dicom_files, is_dicom_seg, is_rtstruct
+from homolog.cohort.dicom import dicom_files, dicom_segmentations, is_dicom_seg, is_rtstruct
 from homolog.cohort.entries import notes_on_skipped, readable_entries
 from homolog.cohort.folder import DERIVATIVES, read_folder
 from homolog.cohort.manifest import MANIFESTS, PARTICIPANTS, names_files, read_manifest
@@ -51,6 +51,7 @@ __all__ = [
     "TableChanges",
     "checked_path",
     "dicom_files",
+    "dicom_segmentations",
     "image_beside",
     "is_dicom_seg",
     "is_rtstruct",

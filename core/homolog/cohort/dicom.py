@@ -1,11 +1,19 @@
 """DICOM files in folders: slices of a series, or segmentation objects."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from homolog.cohort.entries import readable_entries
 
-__all__ = ["dicom_files", "holds_dicom", "is_dicom_seg", "is_rtstruct", "series_below", "series_of"]
+__all__ = [
+    "dicom_files",
+    "dicom_segmentations",
+    "holds_dicom",
+    "is_dicom_seg",
+    "is_rtstruct",
+    "series_below",
+    "series_of",
+]
 
 _SEG_CLASSES = (b"1.2.840.10008.5.1.4.1.1.66.4", b"1.2.840.10008.5.1.4.1.1.66.7")
 """Storage classes of segments that may overlap, and of label maps."""
@@ -41,23 +49,28 @@ def is_rtstruct(path: Path) -> bool:
     return _RTSTRUCT in _beginning(path)
 
 
+def dicom_segmentations(files: Sequence[Path]) -> list[Path]:
+    """Return the DICOM SEGs among files; if there are none, the contours of radiotherapy structures."""
+    return [file for file in files if is_dicom_seg(file)] or [file for file in files if is_rtstruct(file)]
+
+
 def series_below(folder: Path) -> list[Path]:
     """Return the folders of a patient's series, as hospitals export them: PATIENT/STUDY/SERIES.
 
-    If there are segmentation objects, only these are returned.
+    If there are DICOM SEGs, only these are returned, otherwise contours of radiotherapy structures.
     """
     places = [folder]
     for _ in range(2):
         places = [path for place in places for path in readable_entries(place) if path.is_dir()]
         series = [series_of(path) for path in places if holds_dicom(path)]
         if series:
-            return [path for path in series if path.is_file()] or series
+            return dicom_segmentations([path for path in series if path.is_file()]) or series
     return []
 
 
 def series_of(folder: Path) -> Path:
-    """Return the single DICOM SEG among the slices of a scan, otherwise the folder."""
-    segmentations = [file for file in dicom_files(folder) if is_dicom_seg(file)]
+    """Return the single DICOM SEG or RTSTRUCT among the slices of a scan, otherwise the folder."""
+    segmentations = dicom_segmentations(dicom_files(folder))
     return segmentations[0] if len(segmentations) == 1 else folder
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from homolog.cohort.dicom import holds_dicom, is_dicom_seg, series_below, series_of
+from homolog.cohort.dicom import dicom_segmentations, holds_dicom, series_below, series_of
 from homolog.cohort.entries import notes_on_skipped
 from homolog.cohort.file_names import (
     are_groups,
@@ -78,7 +78,7 @@ def read_folder(folder: Path) -> Cohort:
     slices = [
         entry
         for entry in entries
-        if suffix_of(entry) == ".dcm" and entry.is_file() and not is_dicom_seg(entry)
+        if suffix_of(entry) == ".dcm" and entry.is_file() and not dicom_segmentations([entry])
     ]
     files = known_files(entries)
     folders = [entry for entry in entries if entry.is_dir()]

@@ -2,10 +2,11 @@
 
 from pathlib import Path
 
-from homolog.cohort import dicom_files, is_dicom_seg, is_rtstruct
+from homolog.cohort import dicom_files, dicom_segmentations, is_dicom_seg
 from homolog.errors import InputError
 from homolog.grooming.dicom_seg import read_seg
 from homolog.grooming.dicom_series import read_series, series_voxels
+from homolog.grooming.rtstruct import read_rtstruct
 from homolog.grooming.scans import StoredScan
 from homolog.grooming.volumes import Volume
 from homolog.progress import Tick
@@ -16,34 +17,29 @@ _SHOWN = 3
 
 
 def read_dicom(path: Path) -> Volume:
-    """Read a DICOM SEG file, a folder that holds one, or a folder with the slices of one series.
+    """Read a DICOM SEG or RTSTRUCT, a folder with one of them, or a folder with the slices of one series.
 
     Raises
     ------
     InputError
-        If a package is missing, the file is not a SEG, or the folder contains several series or lacks slices.
+        If a package is missing, the file is neither, or the folder contains several series or lacks slices.
     """
     files = dicom_files(path) if path.is_dir() else [path]
-    if contours := [file for file in files if is_rtstruct(file)]:
+    segmentations = dicom_segmentations(files)
+    if path.is_file() and not segmentations:
         raise InputError(
-            f"{contours[0]}: is a DICOM RTSTRUCT, whose contours are not read; open it in 3D Slicer (with "
-            "SlicerRT) and save its segmentation as .seg.nrrd"
+            f"{path}: is neither DICOM SEG nor RTSTRUCT; if it is one slice of a label map, give the folder "
+            "of its series"
         )
-    if path.is_file():
-        if not is_dicom_seg(path):
-            raise InputError(
-                f"{path}: is not a DICOM SEG; if it is one slice of a label map, give the folder of its "
-                "series"
-            )
-        return read_seg(path)
-    segs = [file for file in files if is_dicom_seg(file)]
-    if len(segs) == 1 and len(files) == 1:
-        return read_seg(segs[0])
-    if segs:
-        listed = ", ".join(file.name for file in segs[:_SHOWN]) + (", …" if len(segs) > _SHOWN else "")
+    if len(segmentations) == 1 == len(files):
+        read = read_seg if is_dicom_seg(segmentations[0]) else read_rtstruct
+        return read(segmentations[0])
+    if segmentations:
+        names = [file.name for file in segmentations]
+        listed = ", ".join(names[:_SHOWN]) + (", …" if len(names) > _SHOWN else "")
         raise InputError(
-            f"{path}: contains DICOM SEGs ({listed}) among {len(files)} files; enter the file to use in the "
-            "column path of a table, or keep each SEG in a folder of its own"
+            f"{path}: contains segmentations ({listed}) among {len(files)} DICOM files; enter one of them in "
+            "the column path of a table, or keep each segmentation in a folder of its own"
         )
     return read_series(path, files)
 
@@ -58,5 +54,5 @@ def read_dicom_scan(path: Path, tick: Tick) -> StoredScan:
     """
     if not path.is_dir():
         raise InputError(f"{path}: is one DICOM file; give the folder of the scan's slices")
-    slices = [file for file in dicom_files(path) if not is_dicom_seg(file)]
+    slices = [file for file in dicom_files(path) if not dicom_segmentations([file])]
     return *series_voxels(path, slices, tick), ()

@@ -178,15 +178,17 @@ def _joined(tables: Sequence[LabelTable]) -> LabelTable:
     return LabelTable(", ".join(item.source for item in tables), MappingProxyType(joined))
 
 
-def together(path: Path, labels: Sequence[tuple[int, str]]) -> str:
-    """Return a note that labels (value and name of each) were combined, named by the file or a table."""
+def together(path: Path, labels: Sequence[tuple[int, str]], *, numbered: bool = True) -> str:
+    """Return a note that labels (value and name of each) were combined, named by the file or a table.
+
+    Without `numbered`, the values of labels with names are not given.
+    """
     beside: Mapping[int, str] = {}
     with suppress(InputError):  # tables that contradict each other matter only where a name is asked for
         table = label_table(path, ())
         beside = table.names if table else beside
-    called = [
-        f"{name} ({value})" if (name := own or beside.get(value, "")) else str(value) for value, own in labels
-    ]
+    names = [(own or beside.get(value, ""), value) for value, own in labels]
+    called = [(f"{name} ({value})" if numbered else name) if name else str(value) for name, value in names]
     more = f" and {len(called) - _NEAR} more" if len(called) > _NEAR else ""
     listed = ", ".join(called[:_NEAR])
     return f"labels {listed}{more} were combined into one structure; choose a label to study one of them"

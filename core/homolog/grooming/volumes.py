@@ -16,7 +16,6 @@ from homolog.memory import check_fits
 
 __all__ = ["Extent", "Segment", "Segmentation", "Volume", "check_size"]
 
-
 _MASKS = 2
 """Additional bytes per voxel while the structure is extracted."""
 
@@ -206,17 +205,14 @@ class Volume:
             )
         if label is not None:
             same = [item for item in self.named if item.value == label]
-            return self._one(same or self._plain(label), f"label {label}")
+            plain = [Segment("", label)] if len(self.layers) == 1 else []
+            return self._one(same or plain, f"label {label}")
         return self._everything()
-
-    def _plain(self, label: int) -> list[Segment]:
-        return [Segment("", label)] if len(self.layers) == 1 else []
 
     def _one(self, segments: Sequence[Segment], wanted: str, name: str = "") -> Segmentation:
         if len(segments) > 1:
-            titles = " and ".join(segment.title for segment in segments)
             raise InputError(
-                f"{self.path}: {wanted} matches {titles}; choose one by its "
+                f"{self.path}: {wanted} matches {' and '.join(self._titles(segments))}; choose one by its "
                 "name or number, and give each its own name"
             )
         for item in segments:
@@ -227,10 +223,9 @@ class Volume:
 
     def _alternatives(self, name: str) -> str:
         """Return similar names of a missing structure, and the content of the file."""
-        there = self.segments()
-        if not there:
+        if not (there := self.segments()):
             return "segment the structure or exclude the subject"
-        listed = ", ".join(item.title for item in there[:_NAMED])
+        listed = ", ".join(self._titles(there[:_NAMED]))
         more = f" and {len(there) - _NAMED} more" if len(there) > _NAMED else ""
         alike = near([item.name for item in there], name) if name else []
         nearest = f"similar names: {', '.join(alike)}; " if alike else ""
@@ -258,7 +253,8 @@ class Volume:
             self._check_together(labels_apart(layer[box]))
         placed = self._placed(*crop)  # refuses impossible matrices
         if several:
-            notes = (*notes, together(self.path, [(item.value, item.name) for item in self.segments()]))
+            labels = [(item.value, item.name) for item in self.segments()]
+            notes = (*notes, together(self.path, labels, numbered=self._is_numbered))
         return replace(placed, notes=notes)
 
     def _check_together(self, apart: list[int]) -> None:
@@ -281,7 +277,7 @@ class Volume:
             overlap |= bool((mask & (layer > 0)).any())
             mask = mask | (layer > 0)
         if overlap:
-            listed = ", ".join(segment.title for segment in self.segments())
+            listed = ", ".join(self._titles(self.segments()))
             raise InputError(
                 f"{self.path}: its segments overlap ({listed}), so that they are not one structure; "
                 "choose one by its name"
@@ -296,6 +292,14 @@ class Volume:
     def _labels(self, number: int) -> Array:
         """Return the whole-number values of a layer; raises InputError for other values."""
         return labels_from(self.path, self.layers[number], self._spacing)[0]
+
+    def _titles(self, segments: Sequence[Segment]) -> list[str]:
+        """Return names for messages, with the values where these differ."""
+        return [item.title if self._is_numbered else item.name for item in segments]
+
+    @property
+    def _is_numbered(self) -> bool:
+        return len(self.named) < 2 or len({item.value for item in self.named}) > 1
 
     @property
     def _spacing(self) -> FloatArray:

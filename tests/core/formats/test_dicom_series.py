@@ -184,12 +184,3 @@ def test_one_slice_is_refused_with_the_remedy(series):
 def test_a_folder_without_images_is_refused(tmp_path):
     with pytest.raises(InputError, match="no readable DICOM series"):
         read_segmentation(tmp_path, None)
-
-
-def test_contours_of_radiotherapy_are_refused_with_the_remedy(tmp_path):
-    for place in ("ct/1", "rt/1"):
-        kind = b"1.2.840.10008.5.1.4.1.1.481.3" if place[0] == "r" else b"1.2.840.10008.5.1.4.1.1.2"
-        (tmp_path / place).parent.mkdir()
-        (tmp_path / place).write_bytes(bytes(128) + b"DICM" + kind)
-    with pytest.raises(InputError, match=r"rt/1: is a DICOM RTSTRUCT.*\.seg\.nrrd"):
-        read_segmentation(tmp_path / "rt", None)
