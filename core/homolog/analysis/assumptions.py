@@ -303,7 +303,7 @@ def _shape_p(residuals: FloatArray, members: Mapping[str, BoolArray]) -> float:
     for own in members.values():
         residuals[own] /= max(float(np.sqrt(np.square(residuals[own]).mean())), np.finfo(float).tiny)
     scores, _ = leading_scores(residuals, _MODES)
-    deviates = stats.skewtest(scores[:, scores.std(axis=0) > 0.0], axis=0).statistic
+    deviates = np.atleast_1d(stats.skewtest(scores[:, scores.std(axis=0) > 0.0], axis=0).statistic)
     return float(stats.chi2.sf(np.square(deviates).sum(), max(len(deviates), 1)))
 
 

@@ -157,7 +157,8 @@ def _on_slot_sphere(bean: Bean, polar: FloatArray, angle: FloatArray) -> FloatAr
 def _closest_on_rim(points: FloatArray, bean: Bean) -> FloatArray:
     curve = rim(bean)
     _, index = cKDTree(curve).query(points)
-    best, reach = curve[index], np.full(len(points), np.inf)
+    best: FloatArray = curve[index]
+    reach = np.full(len(points), np.inf)
     for step in (-1, 1):
         start, side = curve[index], curve[(index + step) % len(curve)] - curve[index]
         along = ((points - start) * side).sum(axis=1) / (side**2).sum(axis=1)

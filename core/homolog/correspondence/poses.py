@@ -158,7 +158,7 @@ def align_to_mean(points: FloatArray, poses: FloatArray, free: BoolArray, *, sca
         result[k] = fit_similarity(points[k], mean, scaling=True)
     if not scaling:
         result[free] = rescale(
-            result[free], scale_of(poses[free]), np.tile(mean.mean(axis=0), (free.sum(), 1))
+            result[free], scale_of(poses[free]), np.tile(mean.mean(axis=0), (int(free.sum()), 1))
         )
     return result
 

@@ -8,6 +8,7 @@ from scipy import ndimage
 from homolog.arrays import BoolArray
 from homolog.errors import InputError
 from homolog.grooming.images import Segmentation
+from homolog.grooming.values import box_of
 from homolog.settings import Pieces
 from homolog.surfaces.topology import without_cavities
 
@@ -47,7 +48,7 @@ def cleaned(segmentation: Segmentation, pieces: Pieces = Pieces.LARGEST) -> Clea
     InputError
         If all components are to be kept and there are several.
     """
-    box = _box(segmentation.mask)
+    box = box_of(segmentation.mask)
     mask: BoolArray = segmentation.mask[box]
     labels, count = ndimage.label(mask, _ANY_NEIGHBOUR)
     if count > 1 and pieces is Pieces.ALL:
@@ -63,7 +64,7 @@ def cleaned(segmentation: Segmentation, pieces: Pieces = Pieces.LARGEST) -> Clea
     filled = without_cavities(mask)
     cavities = filled & ~mask
     holes = int(ndimage.label(cavities)[1]) if cavities.any() else 0
-    inner = _box(filled)
+    inner = box_of(filled)
     start = np.array([outer.start + axis.start for outer, axis in zip(box, inner, strict=True)])
     stop = start + [axis.stop - axis.start for axis in inner]
     result = Segmentation(
@@ -85,8 +86,3 @@ def is_pair(mask: BoolArray) -> bool:
         and sizes[-2] >= _LEAST_OF_PAIR * sizes[-1]
         and sizes[-2:].sum() >= _MOST_OF_ALL * sizes.sum()
     )
-
-
-def _box(mask: BoolArray) -> tuple[slice, ...]:
-    box: tuple[slice, ...] = ndimage.find_objects(mask.view(np.uint8))[0]
-    return box

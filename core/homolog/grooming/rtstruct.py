@@ -151,10 +151,14 @@ def _grid_of(path: Path, structures: Mapping[str, Sequence[FloatArray]]) -> _Gri
     edges = np.concatenate([np.linalg.norm(np.diff(contour[:, :2], axis=0), axis=1) for contour in turned])
     edges = edges[edges > 0.0]
     pixel = float(np.clip(np.median(edges) if edges.size else _COARSEST, _FINEST, _COARSEST))
-    low = np.min([contour[:, :2].min(axis=0) for contour in turned], axis=0)
-    high = np.max([contour[:, :2].max(axis=0) for contour in turned], axis=0)
-    width, height = (int(size) + 2 * (_MARGIN + 1) for size in (high - low) / pixel)
-    shape = (width, height, count + 2)  # an empty slice at either end: structures are not cut off there
+    every = np.concatenate(turned)[:, :2]
+    low, extent = every.min(axis=0), np.ptp(every, axis=0) / pixel
+    room = 2 * (_MARGIN + 1)
+    shape = (
+        int(extent[0]) + room,
+        int(extent[1]) + room,
+        count + 2,
+    )  # an empty slice at either end: structures are not cut off there
     check_size(path, shape, 2.0)
     origin = np.array([*(low - (_MARGIN + _PHASE) * pixel), first - distance])
     return _Grid(rotation, origin, np.array([pixel, pixel, distance]), shape)

@@ -152,7 +152,7 @@ def _patched(solid: BoolArray, radius: float) -> BoolArray:
     inner = (slice(reach, -reach),) * 3
     result = solid.copy()
     patches, _ = ndimage.label(closed[inner] & ~solid, _ANY_NEIGHBOUR)
-    bounds = ndimage.find_objects(patches)
+    bounds = [box for box in ndimage.find_objects(patches) if box is not None]
     left = MAX_LOOKS * solid.size
     for number in np.flatnonzero(_gains_of_patches(solid, patches) > 0):
         box = tuple(slice(max(axis.start - 1, 0), axis.stop + 1) for axis in bounds[number - 1])

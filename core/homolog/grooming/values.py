@@ -6,10 +6,18 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
-from homolog.arrays import Array, FloatArray
+from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.errors import InputError
 
-__all__ = ["hardened", "labels_apart", "labels_from", "labels_of_channels", "labels_seen", "slices_of"]
+__all__ = [
+    "box_of",
+    "hardened",
+    "labels_apart",
+    "labels_from",
+    "labels_of_channels",
+    "labels_seen",
+    "slices_of",
+]
 
 _ROUNDING = 1e-3
 """Largest deviation of labels from whole numbers, due to scaling and single precision."""
@@ -144,11 +152,16 @@ def hardened(values: Array, spacing: FloatArray) -> tuple[Array, str]:
     return _half_of(values, plateau) if _has_soft_edges(values, plateau) else (values, "")
 
 
+def box_of(mask: BoolArray) -> tuple[slice, ...]:
+    """Return the smallest box around the true voxels of a mask that has some."""
+    return next(box for box in ndimage.find_objects(mask.view(np.uint8)) if box is not None)
+
+
 def _has_soft_edges(values: Array, full: float) -> bool:
     """Return whether intermediate values are those of a smoothed mask, and the image's border is outside."""
     if np.mean(_border(values) < _SURE[0] * full) <= _MOST_OF_BORDER:
         return False
-    box = ndimage.find_objects((values > _SURE[0] * full).astype(np.uint8))[0]
+    box = box_of(values > _SURE[0] * full)
     trims = [max(0, (side.stop - side.start - _MOST_COMPARED) // 2) for side in box]
     part = values[
         tuple(slice(side.start + trim, side.stop - trim) for side, trim in zip(box, trims, strict=True))

@@ -145,8 +145,9 @@ def _write_scan(path: Path, mesh: TriangleMesh, voxel: float, random: np.random.
     """Write simulated grey values: another grid, blurred, with noise, in soft tissue."""
     size = voxel * _SCAN_VOXEL
     low = mesh.vertices.min(axis=0) - _SCAN_MARGIN * size
-    shape = np.ceil((mesh.vertices.max(axis=0) - low) / size).astype(int) + _SCAN_MARGIN
-    level = mesh_level(mesh, low, size, (int(shape[0]), int(shape[1]), int(shape[2])))
+    sizes = np.ceil((mesh.vertices.max(axis=0) - low) / size).astype(int) + _SCAN_MARGIN
+    shape = (int(sizes[0]), int(sizes[1]), int(sizes[2]))
+    level = mesh_level(mesh, low, size, shape)
     places = low + size * np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 3)
     around = _SURROUNDING + Waves(random, 15.0 * size, 30.0, 1)(places)[:, 0].reshape(shape)
     inside = 1.0 / (1.0 + np.exp(np.clip(2.0 * level, -30.0, 30.0)))

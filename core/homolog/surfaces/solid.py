@@ -152,7 +152,8 @@ def _widths(vertices: FloatArray, sides: IntArray) -> FloatArray:
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, labels, vertices[used])
     np.maximum.at(high, labels, vertices[used])
-    return np.sort(np.linalg.norm(high - low, axis=1))[::-1]
+    sizes: FloatArray = np.sort(np.linalg.norm(high - low, axis=1))[::-1]
+    return sizes
 
 
 def _bounding(mesh: TriangleMesh, patches: IntArray) -> BoolArray:

@@ -37,7 +37,7 @@ class Duals:
     entropies: FloatArray
 
 
-def covariance(rows: Float32Array) -> FloatArray:
+def covariance(rows: Float32Array | FloatArray) -> FloatArray:
     """Return C = rows rows' / (N (M - 1)) in float64 for rows (M, 3N)."""
     shapes, numbers = rows.shape
     wide = rows.astype(np.float64)
