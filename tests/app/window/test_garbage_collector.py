@@ -99,8 +99,9 @@ def test_all_garbage_is_collected_now_and_then_but_not_all_the_time(make_window,
             kinds.append(info["generation"])
 
     gc.callbacks.append(note)
+    enough = 2 * gc.get_threshold()[0]
     for _ in range(300):
-        _ = [[] for _ in range(2000)]
+        _ = [[] for _ in range(enough)]
         garbage_collector.sweep()
     gc.callbacks.remove(note)
     assert kinds.count(2) == 1
