@@ -6,7 +6,7 @@ from os import PathLike
 from pathlib import Path
 
 from homolog.cohort.both_sides import with_both_sides
-from homolog.cohort.dicom import dicom_files, dicom_segmentations, is_dicom_seg, is_rtstruct
+from homolog.cohort.dicom import dicom_files, dicom_segmentations, dicom_slices, is_dicom_seg
 from homolog.cohort.entries import notes_on_skipped, readable_entries
 from homolog.cohort.folder import DERIVATIVES, read_folder
 from homolog.cohort.manifest import MANIFESTS, PARTICIPANTS, names_files, read_manifest
@@ -52,9 +52,9 @@ __all__ = [
     "checked_path",
     "dicom_files",
     "dicom_segmentations",
+    "dicom_slices",
     "image_beside",
     "is_dicom_seg",
-    "is_rtstruct",
     "landmarks_beside",
     "mask_files",
     "other_side",

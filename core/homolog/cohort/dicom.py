@@ -8,16 +8,19 @@ from homolog.cohort.entries import readable_entries
 __all__ = [
     "dicom_files",
     "dicom_segmentations",
+    "dicom_slices",
     "holds_dicom",
     "is_dicom_seg",
-    "is_rtstruct",
+    "scan_beside",
     "series_below",
     "series_of",
 ]
 
 _SEG_CLASSES = (b"1.2.840.10008.5.1.4.1.1.66.4", b"1.2.840.10008.5.1.4.1.1.66.7")
 """Storage classes of segments that may overlap, and of label maps."""
-_RTSTRUCT = b"1.2.840.10008.5.1.4.1.1.481.3"
+_RADIOTHERAPY = b"1.2.840.10008.5.1.4.1.1.481."
+"""Begin of the storage classes of doses, plans and structures."""
+_RTSTRUCT = _RADIOTHERAPY + b"3"
 
 
 def dicom_files(folder: Path) -> list[Path]:
@@ -44,14 +47,23 @@ def is_dicom_seg(path: Path) -> bool:
     return any(item in _beginning(path) for item in _SEG_CLASSES)
 
 
-def is_rtstruct(path: Path) -> bool:
+def _is_rtstruct(path: Path) -> bool:
     """Return whether a DICOM file contains the contours of radiotherapy structures."""
     return _RTSTRUCT in _beginning(path)
 
 
 def dicom_segmentations(files: Sequence[Path]) -> list[Path]:
     """Return the DICOM SEGs among files; if there are none, the contours of radiotherapy structures."""
-    return [file for file in files if is_dicom_seg(file)] or [file for file in files if is_rtstruct(file)]
+    return [file for file in files if is_dicom_seg(file)] or [file for file in files if _is_rtstruct(file)]
+
+
+def dicom_slices(folder: Path) -> list[Path]:
+    """Return the DICOM files of a folder without segmentations, doses and plans."""
+    return [
+        file
+        for file in _dicom_files(folder)
+        if not is_dicom_seg(file) and _RADIOTHERAPY not in _beginning(file)
+    ]
 
 
 def series_below(folder: Path) -> list[Path]:
@@ -72,6 +84,17 @@ def series_of(folder: Path) -> Path:
     """Return the single DICOM SEG or RTSTRUCT among the slices of a scan, otherwise the folder."""
     segmentations = dicom_segmentations(dicom_files(folder))
     return segmentations[0] if len(segmentations) == 1 else folder
+
+
+def scan_beside(segmentation: Path) -> Path | None:
+    """Return the folder of a DICOM SEG's or RTSTRUCT's scan: its own, or the only one next to that."""
+    if not segmentation.is_file():
+        return None
+    if dicom_slices(segmentation.parent):
+        return segmentation.parent
+    folders = [path for path in readable_entries(segmentation.parent.parent) if path.is_dir()]
+    scans = [path for path in folders if path != segmentation.parent and dicom_slices(path)]
+    return scans[0] if len(scans) == 1 else None
 
 
 def _beginning(path: Path) -> bytes:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from homolog.cohort.dicom import dicom_segmentations, holds_dicom, series_below, series_of
+from homolog.cohort.dicom import dicom_segmentations, holds_dicom, scan_beside, series_below, series_of
 from homolog.cohort.entries import notes_on_skipped
 from homolog.cohort.file_names import (
     are_groups,
@@ -104,7 +104,10 @@ def read_folder(folder: Path) -> Cohort:
             "or meshes, too; the files next to them were used"
         )
     series = {item: place for item, place in series.items() if item.name not in stems}
-    subjects += [Subject(item.name, place, image=image_beside(place)) for item, place in series.items()]
+    subjects += [
+        Subject(item.name, place, image=image_beside(place) or scan_beside(place))
+        for item, place in series.items()
+    ]
     return Cohort(tuple(sorted(subjects, key=lambda subject: subject.path)), folder, tuple(notes))
 
 

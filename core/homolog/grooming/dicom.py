@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from homolog.cohort import dicom_files, dicom_segmentations, is_dicom_seg
+from homolog.cohort import dicom_files, dicom_segmentations, dicom_slices, is_dicom_seg
 from homolog.errors import InputError
 from homolog.grooming.dicom_seg import read_seg
 from homolog.grooming.dicom_series import read_series, series_voxels
@@ -54,5 +54,4 @@ def read_dicom_scan(path: Path, tick: Tick) -> StoredScan:
     """
     if not path.is_dir():
         raise InputError(f"{path}: is one DICOM file; give the folder of the scan's slices")
-    slices = [file for file in dicom_files(path) if not dicom_segmentations([file])]
-    return *series_voxels(path, slices, tick), ()
+    return *series_voxels(path, dicom_slices(path), tick), ()

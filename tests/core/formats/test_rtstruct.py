@@ -97,8 +97,23 @@ def test_a_cohort_has_the_contours_of_each_patient_not_the_scan(write, series):
         scan = write([HEART], f"study/{name}/visit/scan/1.dcm").parent
         (scan / "1.dcm").write_bytes(next(series.iterdir()).read_bytes())
     root = scan.parents[2]
-    assert [subject.path.name for subject in read_cohort(root).subjects] == ["rs.dcm", "rs.dcm"]
-    assert [subject.name for subject in read_cohort(root).subjects] == ["p1", "p2"]
+    subjects = read_cohort(root).subjects
+    assert [(subject.name, subject.path.name) for subject in subjects] == [("p1", "rs.dcm"), ("p2", "rs.dcm")]
+    assert [subject.image for subject in subjects] == [
+        root / name / "visit" / "scan" for name in ("p1", "p2")
+    ]
+
+
+def test_the_scan_of_contours_is_the_series_in_their_folder_or_the_only_one_beside(write, series):
+    slice_ = next(series.iterdir()).read_bytes()
+    write([HEART], "mixed/p1/rs.dcm").with_name("1.dcm").write_bytes(slice_)
+    assert read_cohort(scans := series.parents[1] / "mixed").subjects[0].image == scans / "p1"
+    alone = write([HEART], "study/p1/visit/contours/rs.dcm")
+    for count, expected in ((0, None), (1, alone.parents[1] / "ct1"), (2, None)):
+        if count:
+            (alone.parents[1] / f"ct{count}").mkdir()
+            (alone.parents[1] / f"ct{count}" / "1.dcm").write_bytes(slice_)
+        assert read_cohort(alone.parents[3]).subjects[0].image == expected
 
 
 def test_points_and_structures_without_contours_are_ignored(write):
