@@ -1,11 +1,11 @@
-"""Good DICOM files to begin from: a series of slices, and segmentation objects."""
+"""Good DICOM files to begin from: a series of slices, segmentation objects, and contours."""
 
 import shutil
 from pathlib import Path
 
 import numpy as np
 
-__all__ = ["good_deflated_seg", "good_seg", "good_series"]
+__all__ = ["good_contours", "good_deflated_seg", "good_seg", "good_series"]
 
 
 def good_series(folder: Path) -> None:
@@ -57,3 +57,25 @@ def good_deflated_seg(folder: Path) -> None:
     content.file_meta.TransferSyntaxUID = DeflatedExplicitVRLittleEndian
     content.save_as(folder / "deflated.dcm", implicit_vr=False, little_endian=True)
     (folder / "a.dcm").unlink()
+
+
+def good_contours(folder: Path) -> None:
+    """A prism as the contours of a radiotherapy structure."""
+    from pydicom.dataset import Dataset, FileMetaDataset
+    from pydicom.uid import ExplicitVRLittleEndian
+
+    content, structure, drawn = Dataset(), Dataset(), Dataset()
+    content.file_meta = FileMetaDataset()
+    content.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
+    content.SOPClassUID = content.file_meta.MediaStorageSOPClassUID = "1.2.840.10008.5.1.4.1.1.481.3"
+    content.SOPInstanceUID = content.file_meta.MediaStorageSOPInstanceUID = "1.2.3"
+    structure.ROINumber, structure.ROIName, drawn.ReferencedROINumber = 1, "all", 1
+    drawn.ContourSequence = []
+    for height in range(0, 18, 3):
+        contour = Dataset()
+        contour.ContourGeometricType, contour.NumberOfContourPoints = "CLOSED_PLANAR", 4
+        corners = ((0, 0), (9, 0), (9, 8), (0, 8))
+        contour.ContourData = [value for corner in corners for value in (*corner, height)]
+        drawn.ContourSequence.append(contour)
+    content.StructureSetROISequence, content.ROIContourSequence = [structure], [drawn]
+    content.save_as(folder / "contours.dcm", enforce_file_format=True)

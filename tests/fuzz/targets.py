@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from dicom_files import good_deflated_seg, good_seg, good_series
+from dicom_files import good_contours, good_deflated_seg, good_seg, good_series
 from harness import Target
 
 from homolog.cohort import Subject, read_cohort
@@ -364,7 +364,20 @@ TARGETS = {
 NATIVE = {
     item.file: item
     for item in (
-        *map(image, ("a.nrrd", "packed.nrrd", "a.nhdr", "a.nii", "a.nii.gz", "a.mha", "packed.mha", "a.mhd")),
+        *map(
+            image,
+            (
+                "a.nrrd",
+                "packed.nrrd",
+                "a.nhdr",
+                "a.nii",
+                "a.nii.gz",
+                "a.mha",
+                "packed.mha",
+                "a.mhd",
+                "a.gipl",
+            ),
+        ),
         *map(mesh, ("a.vtp", "a.vtk", "a.ply", "a.stl", "a.obj")),
         Target("lh.pial", good_freesurfer, lambda folder: read_mesh(folder / "lh.pial")),
         Target("a.surf.gii", good_gifti, lambda folder: read_mesh(folder / "a.surf.gii")),
@@ -374,6 +387,11 @@ NATIVE = {
         Target("a.3mf", good_3mf, lambda folder: read_mesh(folder / "a.3mf")),
         Target("series/3.dcm", good_series, lambda folder: read_segmentation(folder / "series", None)),
         Target("a.dcm", good_seg, lambda folder: read_segmentation(folder / "a.dcm", None, "all")),
+        Target(
+            "contours.dcm",
+            good_contours,
+            lambda folder: read_segmentation(folder / "contours.dcm", None, "all"),
+        ),
         Target(
             "deflated.dcm",
             good_deflated_seg,
