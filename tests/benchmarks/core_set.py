@@ -5,8 +5,8 @@
 
 Prints a table in Markdown: the largest angles between the subspaces of the first mode, the first two, and the
 modes above chance to those of the joint optimization, and of another seed's; variance that is linear in
-the true parameters (beans); generalization in the modes above chance; errors against the dense true
-correspondence (beans, and sample studies with their folder ``truth``); processor seconds of the main process.
+the true parameters (beans); compactness and generalization in the modes above chance; errors against the
+dense true correspondence (beans, and folders with a folder ``truth``); processor seconds of the main process.
 A core set can't be expected to be nearer to one seed than the seeds are to each other.
 """
 
@@ -29,7 +29,7 @@ from homolog.cohort import read_cohort
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result, read_result
 from homolog.run import Run
-from homolog.settings import OptimizeSettings, RunSettings
+from homolog.settings import Alignment, GroomSettings, OptimizeSettings, Procrustes, RunSettings
 
 
 def scores(particles: FloatArray, modes: int) -> FloatArray:
@@ -43,6 +43,13 @@ def scores(particles: FloatArray, modes: int) -> FloatArray:
 def angle(first: Result, second: Result, modes: int) -> float:
     cosines = np.linalg.svd(scores(first.world, modes).T @ scores(second.world, modes))[1]
     return float(np.degrees(np.arccos(np.clip(cosines.min(), -1.0, 1.0))))
+
+
+def compactness(particles: FloatArray, modes: int) -> float:
+    """Return the share of the variance in the first modes [%]."""
+    shapes = align(particles, scaling=False)
+    variances = np.linalg.svd((shapes - shapes.mean(axis=0)).reshape(len(shapes), -1), compute_uv=False) ** 2
+    return float(100.0 * variances[:modes].sum() / variances.sum())
 
 
 def truth_of(result: Result, folder: Path, beans: list[Bean]) -> str:
@@ -67,6 +74,7 @@ def main() -> None:
     parser.add_argument("--core-set", type=int, required=True)
     parser.add_argument("--particles", type=int, default=128)
     parser.add_argument("--workers", type=int)
+    parser.add_argument("--files-aligned", action="store_true", help="keep the poses and sizes of the files")
     arguments = parser.parse_args()
     cohort_folder = arguments.cohort
     beans = draw_beans(arguments.beans, 5) if arguments.beans else []
@@ -86,7 +94,11 @@ def main() -> None:
         name = f"{cohort_folder.name}-{arguments.particles}-{core}-{seed}"
         project = ProjectFolder(arguments.folder / name)
         optimize = OptimizeSettings(particles=arguments.particles, core_set=core, seed=seed)
-        settings = RunSettings(optimize=optimize, workers=arguments.workers)
+        groom = GroomSettings()
+        if arguments.files_aligned:
+            groom = groom.model_copy(update={"alignment": Alignment.NONE})
+            optimize = optimize.model_copy(update={"procrustes": Procrustes.FORM})
+        settings = RunSettings(groom=groom, optimize=optimize, workers=arguments.workers)
         began = time.process_time()
         Run(project, cohort, settings, skip_bad=True).execute()
         seconds[title] = time.process_time() - began
@@ -95,13 +107,17 @@ def main() -> None:
     joint, other = results["jointly"], results["jointly, seed 1"]
     modes = max(parallel_analysis(align(joint.world, scaling=False)).n_retained, 1)
     sizes = sorted({1, 2, modes})
-    print("| placed | s | angles to it | to the other seed | linear % | generalization mm | error mm, 95 % |")
-    print("|---|---|---|---|---|---|---|")
+    print(
+        "| placed | s | angles to it | to the other seed | linear % | compactness % | generalization mm "
+        "| error mm, 95 % |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
     for title, result in results.items():
         apart = [", ".join(f"{angle(result, item, size):.1f}°" for size in sizes) for item in (joint, other)]
         linear = f"{100.0 * evaluate(result.local, beans).ground_truth_r2:.2f}" if beans else ""
         error = generalization(result.world)[modes - 1]
-        numbers = f"| {linear} | {error:.3f} | {truth_of(result, cohort_folder, beans)} |"
+        share = compactness(result.world, modes)
+        numbers = f"| {linear} | {share:.2f} | {error:.3f} | {truth_of(result, cohort_folder, beans)} |"
         print(f"| {title} | {seconds[title]:.0f} |", " | ".join(apart), numbers, flush=True)
     print("Angles of the first", ", ".join(map(str, sizes)), "modes.")
 
