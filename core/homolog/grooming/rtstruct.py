@@ -27,8 +27,6 @@ _FINEST, _COARSEST = 0.5, 1.0
 """Limits of the pixel size [mm]; in between, it is the typical distance of a contour's points."""
 _MARGIN = 2
 """Empty pixels around the contours."""
-_PHASE = 0.381966
-"""Offset of the grid [pixels]: contours often run through the pixel centres of their scan."""
 
 _Contours = Sequence[FloatArray]
 
@@ -51,13 +49,10 @@ class _Grid:
 
     def drawn(self, contours: _Contours) -> BoolArray:
         """Return the voxels inside; a contour within another one is a hole."""
-        from skimage.draw import polygon
-
         mask = np.zeros(self.shape, np.bool_)
         for contour in _without_copies(contours):
             at = (contour @ self.rotation - self.origin) / self.spacing
-            inside = polygon(at[:, 0], at[:, 1], self.shape[:2])
-            mask[(*inside, round(float(at[:, 2].mean())))] ^= True
+            mask[:, :, round(float(at[:, 2].mean()))] ^= _filled(at[:, :2], self.shape[:2])
         return mask
 
 
@@ -160,7 +155,7 @@ def _grid_of(path: Path, structures: Mapping[str, Sequence[FloatArray]]) -> _Gri
         count + 2,
     )  # an empty slice at either end: structures are not cut off there
     check_size(path, shape, 2.0)
-    origin = np.array([*(low - (_MARGIN + _PHASE) * pixel), first - distance])
+    origin = np.array([*(low - _MARGIN * pixel), first - distance])
     return _Grid(rotation, origin, np.array([pixel, pixel, distance]), shape)
 
 
@@ -198,6 +193,20 @@ def _slices(path: Path, places: FloatArray) -> tuple[float, float, int]:
             return float(planes[0]), float((planes[-1] - planes[0]) / steps[-1]), int(steps[-1]) + 1
     apart = f"{gaps.min():.3g} to {gaps.max():.3g} mm"
     raise InputError(f"{path}: its contours are in unevenly spaced planes ({apart} apart); {_REMEDY}")
+
+
+def _filled(polygon: FloatArray, shape: tuple[int, int]) -> BoolArray:
+    """Return the pixels (X, Y) inside a polygon (V, 2): each side toggles those beyond it."""
+    sides = np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)
+    ends = np.sort(np.ceil(sides[:, :, 0]).astype(np.intp), axis=1)  # each row is crossed once: half-open
+    counts = ends[:, 1] - ends[:, 0]
+    side = np.repeat(np.arange(len(sides)), counts)
+    rows = np.arange(len(side)) - np.repeat(np.cumsum(counts) - counts, counts) + ends[side, 0]
+    (x, y), (to_x, to_y) = sides[side, 0].T, sides[side, 1].T
+    crossed = np.ceil(y + (rows - x) / (to_x - x) * (to_y - y)).astype(np.intp)
+    toggles = np.bincount(rows * shape[1] + crossed, minlength=shape[0] * shape[1]).reshape(shape)
+    inside: BoolArray = np.bitwise_xor.accumulate(toggles & 1, axis=1).astype(np.bool_)
+    return inside
 
 
 def _without_copies(contours: _Contours) -> list[FloatArray]:
