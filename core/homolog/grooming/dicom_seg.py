@@ -1,8 +1,6 @@
 """DICOM segmentation objects (SEG) through highdicom, which is an extra."""
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, overload
 
 import numpy as np
 
@@ -10,6 +8,7 @@ from homolog.arrays import Array
 from homolog.errors import InputError
 from homolog.grooming.dicom_deflated import unpacked
 from homolog.grooming.dicom_faults import dicom_faults
+from homolog.grooming.layers import Layers
 from homolog.grooming.volumes import Segment, Volume, check_size
 
 __all__ = ["read_seg"]
@@ -20,32 +19,6 @@ _EXTRA = 'DICOM SEG needs the package highdicom; install it: pip install "homolo
 
 _ROOM = ((1, 1), (0, 0), (0, 0))
 """Omitted frames are empty: an empty frame at either end shows that the structure is not cut off there."""
-
-
-class _Layers(Sequence[Array]):
-    """The segments of a DICOM SEG as layers, each assembled from its frames on access."""
-
-    def __init__(self, path: Path, seg: Any, numbers: list[int]) -> None:  # noqa: ANN401 - highdicom's
-        self._path, self._seg, self._numbers = path, seg, numbers
-        self._last: tuple[int, Array] | None = None
-
-    def __len__(self) -> int:
-        return len(self._numbers)
-
-    @overload
-    def __getitem__(self, index: int) -> Array: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Array]: ...
-    def __getitem__(self, index: int | slice) -> Array | Sequence[Array]:
-        if isinstance(index, slice):
-            return [self[item] for item in range(*index.indices(len(self)))]
-        if index < 0 or index >= len(self):
-            raise IndexError(index)
-        if self._last is None or self._last[0] != index:
-            with dicom_faults(self._path, _KIND):
-                volume = self._seg.get_volume(segment_numbers=[self._numbers[index]])
-            self._last = (index, np.pad(np.asarray(volume.array)[..., 0], _ROOM))
-        return self._last[1]
 
 
 def read_seg(path: Path) -> Volume:
@@ -77,4 +50,10 @@ def read_seg(path: Path) -> Volume:
     named = tuple(Segment(name, 1, layer) for layer, name in enumerate(names))
     affine = np.array(geometry.affine, np.float64)
     affine[:3, 3] -= affine[:3, 0]
-    return Volume(path, _Layers(path, seg, numbers), affine, named)
+
+    def segment(layer: int) -> Array:
+        with dicom_faults(path, _KIND):
+            volume = seg.get_volume(segment_numbers=[numbers[layer]])
+        return np.pad(np.asarray(volume.array)[..., 0], _ROOM)
+
+    return Volume(path, Layers(len(numbers), segment), affine, named)

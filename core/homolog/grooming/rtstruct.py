@@ -3,13 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 
-from homolog.arrays import Array, BoolArray, FloatArray
+from homolog.arrays import BoolArray, FloatArray
 from homolog.errors import InputError
 from homolog.grooming.dicom_faults import dicom_faults
+from homolog.grooming.layers import Layers
 from homolog.grooming.volumes import Segment, Volume, check_size
 
 __all__ = ["read_rtstruct"]
@@ -56,28 +57,6 @@ class _Grid:
         return mask
 
 
-class _Layers(Sequence[Array]):
-    """The structures as layers, each drawn on access."""
-
-    def __init__(self, grid: _Grid, structures: Sequence[_Contours]) -> None:
-        self._grid, self._structures = grid, structures
-        self._last: tuple[int, BoolArray] | None = None
-
-    def __len__(self) -> int:
-        return len(self._structures)
-
-    @overload
-    def __getitem__(self, index: int) -> Array: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Array]: ...
-    def __getitem__(self, index: int | slice) -> Array | Sequence[Array]:
-        if isinstance(index, slice):
-            return [self[item] for item in range(*index.indices(len(self)))]
-        if self._last is None or self._last[0] != index:
-            self._last = (index, self._grid.drawn(self._structures[index]))
-        return self._last[1].view(np.uint8)
-
-
 def read_rtstruct(path: Path) -> Volume:
     """Read the closed contours of radiotherapy structures; structures are layers, which may overlap.
 
@@ -87,15 +66,11 @@ def read_rtstruct(path: Path) -> Volume:
     Raises
     ------
     InputError
-        If pydicom is missing, the file is damaged or contains no closed contours, or its contours are not in
+        If the file is damaged or contains no closed contours, or its contours are not in
         parallel, evenly spaced planes.
     """
-    try:
-        import pydicom
-    except ImportError as error:
-        raise InputError(
-            f'{path}: RTSTRUCT needs the package pydicom; install it: pip install "homolog[dicom]"'
-        ) from error
+    import pydicom
+
     with dicom_faults(path, _KIND):
         structures = _structures(pydicom.dcmread(path))
     if not structures:
@@ -104,7 +79,9 @@ def read_rtstruct(path: Path) -> Volume:
     named = tuple(Segment(name, 1, layer) for layer, name in enumerate(structures))
     x, y, z = grid.spacing
     note = f"contours were drawn into a grid of {x:.3g} x {y:.3g} x {z:.3g} mm"
-    return Volume(path, _Layers(grid, list(structures.values())), grid.index_to_world, named, (note,))
+    contours = list(structures.values())
+    layers = Layers(len(contours), lambda layer: grid.drawn(contours[layer]).view(np.uint8))
+    return Volume(path, layers, grid.index_to_world, named, (note,))
 
 
 def _structures(content: Any) -> dict[str, list[FloatArray]]:  # noqa: ANN401 - pydicom's
