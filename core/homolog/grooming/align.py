@@ -50,12 +50,10 @@ class RegisterPair(Protocol):
         """Return the registration of `moving` to `fixed`; see `registered`."""
 
 
-_OTHER_UNIT = 100.0
-_OTHER_SIZE = 5.0  # times the median size: a file in cm among files in mm is ten times smaller
-_RARE_SIZE = 2.2  # times the median size: rare for one structure, even of children and adults
+_OTHER_UNIT, _OTHER_SIZE, _RARE_SIZE = 100.0, 5.0, 2.2
+"""Times the median size: another unit; cm and mm, say, differ tenfold; rare, even of children and adults."""
 _MIN_SUBJECTS = 3  # fewer subjects do not show which of them is unusual
-_TURNED = 60.0  # degrees: a larger rotation gets a note
-_DOUBTFUL = 40.0  # degrees: a larger rotation relative to the others is checked again
+_TURNED, _DOUBTFUL = 60.0, 40.0  # degrees: larger rotations get a note; are checked against the others
 _NEIGHBOURS, _SIMILAR = 3, 40
 """Shapes with which a rotated shape is compared; shapes of similar radii among which they are sought."""
 _CLEARLY_BETTER, _UNLIKE = 0.6, 1.5
@@ -63,10 +61,13 @@ _CLEARLY_BETTER, _UNLIKE = 0.6, 1.5
 distance exceeds the second factor times the median."""
 _CLOSER = 0.75
 """Inconsistent orientations of files are ignored if the sum of distances then falls below this fraction."""
-_KEPT = "the shapes are nearly round or symmetric; the consistent orientation of the files was kept"
+_KEPT = (
+    "the shapes are nearly round or symmetric, so rotations are those of the files, which roughly agree; if "
+    "files are rotated against each other by more than about 15°, rotate them to one orientation first"
+)
 _UNSURE = (
-    "the shapes are nearly round or symmetric, and the orientations of the files are not clearly consistent: "
-    "its rotation relative to the others is uncertain; check it, or give all files one orientation"
+    "the shapes are nearly round or symmetric, and the files may have different orientations: its rotation "
+    "is uncertain; check it, or give all files one orientation"
 )
 
 
