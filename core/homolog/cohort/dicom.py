@@ -59,11 +59,13 @@ def dicom_segmentations(files: Sequence[Path]) -> list[Path]:
 
 def dicom_slices(folder: Path) -> list[Path]:
     """Return the DICOM files of a folder without segmentations, doses and plans."""
-    return [
-        file
-        for file in _dicom_files(folder)
-        if not is_dicom_seg(file) and _RADIOTHERAPY not in _beginning(file)
-    ]
+    return list(_slices(folder))
+
+
+def _slices(folder: Path) -> Iterator[Path]:
+    for file in _dicom_files(folder):
+        if not is_dicom_seg(file) and _RADIOTHERAPY not in _beginning(file):
+            yield file
 
 
 def series_below(folder: Path) -> list[Path]:
@@ -90,10 +92,10 @@ def scan_beside(segmentation: Path) -> Path | None:
     """Return the folder of a DICOM SEG's or RTSTRUCT's scan: its own, or the only one next to that."""
     if not segmentation.is_file():
         return None
-    if dicom_slices(segmentation.parent):
+    if any(_slices(segmentation.parent)):
         return segmentation.parent
     folders = [path for path in readable_entries(segmentation.parent.parent) if path.is_dir()]
-    scans = [path for path in folders if path != segmentation.parent and dicom_slices(path)]
+    scans = [path for path in folders if path != segmentation.parent and any(_slices(path))]
     return scans[0] if len(scans) == 1 else None
 
 
