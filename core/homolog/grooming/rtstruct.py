@@ -16,7 +16,7 @@ from homolog.grooming.volumes import Segment, Volume, check_size
 __all__ = ["read_rtstruct"]
 
 _KIND = "DICOM RTSTRUCT"
-_CLOSED = "CLOSED_PLANAR"
+_CLOSED = ("CLOSED_PLANAR", "CLOSEDPLANAR_XOR")
 _REMEDY = "save the structure as a label map, for example as .seg.nrrd in 3D Slicer"
 _FLAT = 0.2
 """Largest extent of a contour across its plane [mm]."""
@@ -92,7 +92,7 @@ def _structures(content: Any) -> dict[str, list[FloatArray]]:  # noqa: ANN401 - 
         closed = [
             _points(contour)
             for contour in item.get("ContourSequence", [])
-            if contour.get("ContourGeometricType") == _CLOSED and int(contour.NumberOfContourPoints) > 2
+            if contour.get("ContourGeometricType") in _CLOSED and int(contour.NumberOfContourPoints) > 2
         ]
         if closed:
             number = int(item.ReferencedROINumber)
