@@ -8,22 +8,20 @@ from scipy.sparse.csgraph import connected_components
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.geodesics import distances_from
-from homolog.inspection.located_particles import LocatedParticles
+from homolog.inspection.located_particles import FAR, LocatedParticles
 from homolog.inspection.types import Kind, Suspect
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.topology import edges
 
 __all__ = ["uncovered"]
 
-_FAR = 1.4
-"""Least distance of an uncovered point from the nearest particle, in spacings; even layouts have at most
-0.6."""
 _BEYOND = 3.0
-"""The same in medians of that distance; both must be exceeded."""
-_AROUND = 6
-"""Number of particles listed for a region."""
+"""Least distance of an uncovered point from the nearest particle, in medians of that distance; `FAR` must be
+exceeded too."""
 _EDGE = 1.0
 """Distance to the nearest particle at which an uncovered region ends, in spacings."""
+_AROUND = 6
+"""Number of particles listed for a region."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,14 +48,15 @@ class _Gap:
 
 def uncovered(located: LocatedParticles, tick: Tick = no_tick) -> list[Suspect]:
     """Return the uncovered regions of all subjects."""
+    everywhere = [reach / s for reach, s in zip(located.coarse_reaches, located.spacing, strict=True)]
+    consensus = float(np.median(np.concatenate(everywhere)))
     apart = [reach / s for reach, s in zip(located.reaches, located.spacing, strict=True)]
-    consensus = float(np.median(np.concatenate(apart)))
-    limit = max(_BEYOND * consensus, _FAR)
+    limit = max(_BEYOND * consensus, FAR)
     suspects = []
     for m, alone in enumerate(apart):
         tick(m / len(apart), "uncovered regions")
         spacing = float(located.spacing[m])
-        for gap in _gaps(located, m, alone, limit) if alone.max() > limit else ():
+        for gap in _gaps(located, m, alone, limit) if alone.max(initial=0.0) > limit else ():
             wanting = max(1.0, gap.area / spacing**2)
             linear, origin = located.alignments[m, :3, :3], located.alignments[m, :3, 3]
             suspects.append(

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -12,26 +13,42 @@ from scipy.spatial import cKDTree
 from homolog.arrays import Array, FloatArray, IntArray, frozen
 from homolog.correspondence.kernels.particles import locate
 from homolog.correspondence.launcher import Launcher
-from homolog.correspondence.surface_sets import Similarity, build_surface_set, morton_ordered, nearest_faces
+from homolog.correspondence.surface_sets import (
+    Similarity,
+    SurfaceSet,
+    build_surface_set,
+    morton_ordered,
+    nearest_faces,
+)
 from homolog.errors import InputError
 from homolog.geodesics import distances_from, solve_tables
 from homolog.geodesics.kernels.lookup import SurfacePoint
 from homolog.geometry import transform_points
 from homolog.inspection import kernels
-from homolog.progress import Tick, no_tick, part_of
+from homolog.progress import Tick, no_tick, part_of, run_in_threads
 from homolog.surfaces.closest import on_device
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.simplify import simplified
 from homolog.surfaces.topology import longest_edge
+from homolog.threads import cores
 
-__all__ = ["REACH", "LocatedParticles", "closest_points_on", "locate_particles", "mean_normals"]
+__all__ = ["FAR", "REACH", "LocatedParticles", "closest_points_on", "locate_particles", "mean_normals"]
 
 REACH = 3.0
 """Cutoff of geodesic distances, in mean spacings of the particles."""
+FAR = 1.4
+"""Least distance of an uncovered point from the nearest particle, in spacings; even layouts have at most
+0.6."""
+_HALF_EDGE = 0.6
+"""Bound of the distance of a surface point from the nearest vertex of the coarse mesh, in its mean edges."""
 _VERTICES = 2.0
-"""Vertices per particle of the mesh on which distances are computed."""
-_FEWEST_VERTICES = 1500
+"""Vertices per particle of the coarse mesh on which distances are computed."""
+_FEWEST_VERTICES = 700
 """Least number of vertices of that mesh."""
+_NEAREST = 12
+"""Number of particles, the nearest by straight distance, to which distances of a vertex are computed."""
+_AT_ONCE = 64
+"""Number of subjects that wait for threads."""
 _T = TypeVar("_T")
 _MEAN_ROUNDS = 20
 _LOST = 1.0
@@ -57,11 +74,14 @@ class LocatedParticles:
         The face of the subject's mesh that each particle is on.
     spacing : (M,) float64 array
         Root of a subject's surface area per particle [mm of its file].
+    coarse_reaches : tuple of float64 arrays
+        Geodesic distance [mm] of every vertex of a coarse mesh from the nearest particle; inf beyond `REACH`.
     reaches : tuple of (V,) float64 arrays
-        Geodesic distance [mm] of every vertex of a mesh from the nearest particle.
+        The same of every vertex of the subject's mesh; empty if the coarse mesh shows that none is `FAR`.
     distances : tuple of (N, N) csr_array
         Geodesic distances between the particles of each subject, in its spacings, up to `REACH`; symmetric,
-        without the diagonal. Missing pairs are farther apart.
+        without the diagonal. Missing pairs are farther apart, or nearly as far if they lie in the largest
+        triangles of the coarse mesh.
     """
 
     meshes: tuple[TriangleMesh, ...]
@@ -71,6 +91,7 @@ class LocatedParticles:
     normals: FloatArray
     faces: IntArray
     spacing: FloatArray
+    coarse_reaches: tuple[FloatArray, ...]
     reaches: tuple[FloatArray, ...]
     distances: tuple[csr_array, ...]
 
@@ -90,6 +111,7 @@ class LocatedParticles:
             normals=put("normals"),
             faces=put("faces"),
             spacing=put("spacing"),
+            coarse_reaches=_put(self.coarse_reaches, index, other.coarse_reaches),
             reaches=_put(self.reaches, index, other.reaches),
             distances=_put(self.distances, index, other.distances),
         )
@@ -130,25 +152,18 @@ def locate_particles(
     count = local.shape[1]
     world = transform_points(alignments, local)
     spacing = np.sqrt([mesh.area / count for mesh in meshes])
-    normals, faces = np.empty_like(world), np.empty(world.shape[:2], np.int64)
-    reaches, distances = [], []
-    for m, (points, mesh, name) in enumerate(zip(local, meshes, names, strict=True)):
-        part = part_of(tick, m / len(meshes), (m + 1) / len(meshes))
-        part(0.0, f"distances between particles of {name}")
-        own, faces[m], away = closest_points_on(mesh, points)
-        off = ~(away < _LOST * spacing[m])
-        if off.mean() > _MOST_OFF:
-            raise InputError(
-                f"{name}: {np.count_nonzero(off)} particles are not on the surface, "
-                "which has changed; run again"
-            )
-        normals[m] = own @ alignments[m, :3, :3].T
-        distances.append(_distances(points, own, mesh, float(spacing[m]), name, part_of(part, 0.0, 0.9)))
-        corners = mesh.faces[faces[m]]
-        start = np.linalg.norm(mesh.vertices[corners] - points[:, None], axis=2)
-        part(0.9, f"coverage of {name}")
-        reach = distances_from(mesh, corners.ravel().tolist(), start.ravel().tolist(), name=name)
-        reaches.append(frozen(reach, np.float64))
+    works = [
+        partial(_locate, points, mesh, float(length), name)
+        for points, mesh, length, name in zip(local, meshes, spacing, names, strict=True)
+    ]
+    located: list[_Located] = []
+    with wp.ScopedDevice("cpu"):  # it is the same for all threads
+        for first in range(0, len(works), _AT_ONCE):
+            batch = works[first : first + _AT_ONCE]
+            part = part_of(tick, first / len(works), (first + len(batch)) / len(works))
+            message = f"distances between particles of {names[first]}"
+            located += run_in_threads(batch, part, message, cores())
+    normals = np.stack([item.normals for item in located]) @ alignments[:, :3, :3].swapaxes(1, 2)
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     return LocatedParticles(
         tuple(meshes),
@@ -156,11 +171,42 @@ def locate_particles(
         frozen(local, np.float64),
         frozen(world),
         frozen(normals),
-        frozen(faces),
+        frozen(np.stack([item.faces for item in located])),
         frozen(spacing),
-        tuple(reaches),
-        tuple(distances),
+        tuple(item.coarse_reach for item in located),
+        tuple(item.reach for item in located),
+        tuple(item.distances for item in located),
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Located:
+    """Particles of one subject; see `LocatedParticles`."""
+
+    normals: FloatArray  # in the coordinates of the file
+    faces: IntArray
+    coarse_reach: FloatArray
+    reach: FloatArray
+    distances: csr_array
+
+
+def _locate(points: FloatArray, mesh: TriangleMesh, spacing: float, name: str, tick: Tick) -> _Located:
+    normals, faces, away = closest_points_on(mesh, points)
+    off = ~(away < _LOST * spacing)
+    if off.mean() > _MOST_OFF:
+        raise InputError(
+            f"{name}: {np.count_nonzero(off)} particles are not on the surface, which has changed; run again"
+        )
+    distances, coarse = _distances(points, normals, mesh, spacing, name, part_of(tick, 0.0, 0.9))
+    reach = np.empty(0)
+    edge = np.sqrt(len(points) / len(coarse))  # about the mean one of the coarse mesh, in spacings
+    if coarse.max() > (FAR - _HALF_EDGE * edge) * spacing:
+        corners = mesh.faces[faces]
+        start = np.linalg.norm(mesh.vertices[corners] - points[:, None], axis=2)
+        reach = np.asarray(
+            distances_from(mesh, corners.ravel().tolist(), start.ravel().tolist(), name=name), np.float64
+        )
+    return _Located(normals, faces, frozen(coarse), frozen(reach), distances)
 
 
 def closest_points_on(mesh: TriangleMesh, points: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
@@ -200,28 +246,51 @@ def mean_normals(normals: FloatArray) -> FloatArray:
 
 def _distances(
     points: FloatArray, normals: FloatArray, mesh: TriangleMesh, spacing: float, name: str, tick: Tick
-) -> csr_array:
-    """Geodesic distances between neighbouring particles over their spacing."""
-    reach = REACH * spacing
-    light = morton_ordered(simplified(mesh, max(_FEWEST_VERTICES, round(_VERTICES * len(points)))))
-    far = reach + 2.0 * longest_edge(light)
-    (table,) = solve_tables([light], far, device="cpu", names=[name], tick=tick)
+) -> tuple[csr_array, FloatArray]:
+    """Geodesic distances between neighbouring particles over their spacing, and coverage of a coarse mesh."""
+    reach, n = REACH * spacing, len(points)
+    light = morton_ordered(simplified(mesh, max(_FEWEST_VERTICES, round(_VERTICES * n))))
+    far = reach + longest_edge(light)
+    (table,) = solve_tables([light], far, device="cpu", names=[name], tick=tick, threads=1)
     middle = light.vertices.mean(axis=0)
     surface_set = build_surface_set([light], [table], [Similarity(np.eye(3), -middle)], "cpu")
-    pairs: IntArray = cKDTree(points).query_pairs(reach, output_type="ndarray")  # straight ≤ geodesic
-    with wp.ScopedDevice("cpu"):
-        faces = wp.array(nearest_faces(surface_set.meshes[0], points - middle, normals), dtype=int)
-        positions = wp.array((points - middle).astype(np.float32), dtype=wp.vec3)
-        toward = wp.array(normals.astype(np.float32), dtype=wp.vec3)
-        closest = wp.zeros(len(points), dtype=SurfacePoint)
-        launch = Launcher("cpu", threads=1)
-        launch(locate, len(points), [len(points), surface_set.surfaces, positions, toward, faces, closest])
-        ends = wp.array(pairs.astype(np.int32), dtype=wp.vec2i)
-        lengths = wp.zeros(len(pairs), dtype=float)
-        wp.launch(kernels.pair_distances, len(pairs), [surface_set.surfaces, closest, ends, lengths])
-    measured = lengths.numpy().astype(np.float64)
-    near = (measured >= 0.0) & (measured <= reach)
-    (i, j), d = pairs[near].T, np.maximum(measured[near] / spacing, 1e-3)
-    n = len(points)
+    tree = cKDTree(points)
+    pairs: IntArray = tree.query_pairs(reach, output_type="ndarray")  # straight ≤ geodesic
+    near = np.asarray(tree.query(light.vertices, k=min(_NEAREST, n))[1]).reshape(len(light.vertices), -1)
+    vertices = np.broadcast_to(n + np.arange(len(near))[:, None], near.shape)
+    ends = np.concatenate([pairs, np.stack([near, vertices], axis=-1).reshape(-1, 2)])
+    lengths = _lengths(surface_set, points - middle, normals, ends)
+
+    own = lengths[: len(pairs)]
+    is_near = (own >= 0.0) & (own <= reach)
+    (i, j), d = pairs[is_near].T, np.maximum(own[is_near] / spacing, 1e-3)
     rows, columns = np.concatenate([i, j]), np.concatenate([j, i])
-    return csr_array((np.concatenate([d, d]), (rows, columns)), shape=(n, n))
+    distances = csr_array((np.concatenate([d, d]), (rows, columns)), shape=(n, n))
+    away = lengths[len(pairs) :].reshape(near.shape)
+    return distances, np.where(away >= 0.0, away, np.inf).min(axis=1)
+
+
+def _lengths(surface_set: SurfaceSet, points: FloatArray, normals: FloatArray, ends: IntArray) -> FloatArray:
+    """Return the distances [mm] between pairs of points; numbers from N on are the mesh's vertices."""
+    mesh = surface_set.meshes[0]
+    face_of = np.empty(len(mesh.vertices), np.int64)
+    face_of[mesh.faces] = np.arange(len(mesh.faces))[:, None]
+    faces = np.concatenate([nearest_faces(mesh, points, normals), face_of])
+    places = np.concatenate([points, mesh.vertices])
+    toward = np.concatenate([normals, mesh.vertex_normals])
+    closest = wp.zeros(len(places), dtype=SurfacePoint, device="cpu")
+    inputs = [
+        wp.array(places.astype(np.float32), dtype=wp.vec3, device="cpu"),
+        wp.array(toward.astype(np.float32), dtype=wp.vec3, device="cpu"),
+        wp.array(faces.astype(np.int32), dtype=int, device="cpu"),
+        closest,
+    ]
+    launch = Launcher("cpu", threads=1)
+    launch(locate, len(places), [len(places), surface_set.surfaces, *inputs])
+    pairs = wp.array(ends.astype(np.int32), dtype=wp.vec2i, device="cpu")
+    lengths = wp.zeros(len(ends), dtype=float, device="cpu")
+    wp.launch(
+        kernels.pair_distances, len(ends), [surface_set.surfaces, closest, pairs, lengths], device="cpu"
+    )
+    measured: FloatArray = lengths.numpy().astype(np.float64)
+    return measured
