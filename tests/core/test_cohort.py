@@ -254,6 +254,13 @@ def test_scans_beside_the_one_label_map_of_each_subject_are_left_out(tmp_path):
     }
 
 
+@pytest.mark.parametrize("scan", ["t2_tse_tra", "t1_mprage_sag_iso", "CT venous", "MRI-3D-vibe_fs"])
+def test_scans_named_by_modality_and_sequence_are_no_structures(tmp_path, scan):
+    for name in ("p1", "p2"):
+        place(tmp_path, *(f"{name}/{item}.nii.gz" for item in (scan, "WG_SV", "ct_fat")))
+        assert set(mask_files(tmp_path / name)) == {"WG_SV", "ct_fat"}
+
+
 def test_freesurfers_subjects_are_their_aseg(tmp_path):
     for name in ("bert", "ernie"):
         place(tmp_path, f"{name}/mri/aseg.mgz", f"{name}/mri/orig.mgz", f"{name}/mri/brain.mgz")

@@ -44,10 +44,17 @@ _MASKS = frozenset([
 ])
 """Words in the names of label maps."""
 _MODALITIES = frozenset([
-    "4d", "adc", "bold", "cbct", "cine", "ct", "cta", "dicom", "dwi", "flair", "mr", "mri", "mrt", "pd",
-    "pdw", "pet", "probseg", "swi", "t1", "t1c", "t1ce", "t1gd", "t1n", "t1w", "t2", "t2f", "t2star", "t2w",
+    "4d", "adc", "bold", "cbct", "cine", "ct", "cta", "dicom", "dwi", "flair", "mp2rage", "mprage", "mr",
+    "mri", "mrt", "pd", "pdw", "pet", "probseg", "swi", "t1", "t1c", "t1ce", "t1gd", "t1n", "t1w", "t2",
+    "t2f", "t2star", "t2w",
+])
+_ACQUISITIONS = frozenset([
+    "2d", "3d", "arterial", "ax", "axial", "blade", "cor", "coronal", "dixon", "fl2d", "fl3d", "flash", "fs",
+    "fse", "gre", "haste", "iso", "native", "portal", "sag", "sagittal", "se", "spair", "spc", "spgr", "stir",
+    "tirm", "tra", "transversal", "trufi", "tse", "venous", "vibe",
 ])
 # fmt: on
+"""Words for sequences, planes and phases that follow the modality in names of scans: ``t2_tse_tra``."""
 _PICTURES = _MODALITIES | {"bild", "brain", "image", "imaging", "img", "norm", "nu", "orig", "scan", "volume"}
 """Names of scans next to label maps."""
 _NORMALIZED = {"norm", "nu", "orig"}
@@ -167,7 +174,8 @@ def is_picture(structure: str) -> bool:
     tokens = _words(structure)
     if not tokens or not _MASKS.isdisjoint(tokens):
         return False
-    return structure.casefold() in _PICTURES or tokens[-1] in _MODALITIES | _NORMALIZED
+    is_acquisition = tokens[0] in _MODALITIES and _ACQUISITIONS.issuperset(set(tokens) - _MODALITIES)
+    return is_acquisition or structure.casefold() in _PICTURES or tokens[-1] in _MODALITIES | _NORMALIZED
 
 
 def scans_beside(files: Sequence[Path]) -> dict[Path, Path]:
@@ -196,7 +204,9 @@ def scans_beside(files: Sequence[Path]) -> dict[Path, Path]:
 
 
 def _whose(tokens: Iterable[str]) -> tuple[str, ...]:
-    return tuple(word for word in tokens if word not in _MASKS and word not in _PICTURES)
+    words = tuple(tokens)
+    others = _MASKS | _PICTURES | (_ACQUISITIONS if not _MODALITIES.isdisjoint(words) else frozenset())
+    return tuple(word for word in words if word not in others)
 
 
 def maps_of_all(files: Sequence[Path]) -> list[Path]:

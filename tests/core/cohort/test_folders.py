@@ -19,6 +19,7 @@ KINDS = (("labels", ".nrrd"), ("meshes", ".ply"))
         ("case{}.nii.gz", "case{}_seg.nii.gz", "case{}"),
         ("L1_{}_ct.nii.gz", "L1_{}.nii.gz", "L1_{}"),
         ("ct_{}.nrrd", "mask_{}.nrrd", "mask_{}"),
+        ("p{}_t2_tse_tra.nii.gz", "p{}_seg.nii.gz", "p{}_seg"),
         ("p{}_CT.nii.gz", "p{} Segmentation.seg.nrrd", "p{} Segmentation"),
     ],
 )
