@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -25,12 +24,11 @@ from homolog.geodesics import distances_from, solve_tables
 from homolog.geodesics.kernels.lookup import SurfacePoint
 from homolog.geometry import transform_points
 from homolog.inspection import kernels
-from homolog.progress import Tick, no_tick, part_of, run_in_threads
+from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.closest import on_device
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.simplify import simplified
 from homolog.surfaces.topology import longest_edge
-from homolog.threads import cores
 
 __all__ = ["FAR", "REACH", "LocatedParticles", "closest_points_on", "locate_particles", "mean_normals"]
 
@@ -47,8 +45,6 @@ _FEWEST_VERTICES = 700
 """Least number of vertices of that mesh."""
 _NEAREST = 12
 """Number of particles, the nearest by straight distance, to which distances of a vertex are computed."""
-_AT_ONCE = 64
-"""Number of subjects that wait for threads."""
 _T = TypeVar("_T")
 _MEAN_ROUNDS = 20
 _LOST = 1.0
@@ -152,17 +148,11 @@ def locate_particles(
     count = local.shape[1]
     world = transform_points(alignments, local)
     spacing = np.sqrt([mesh.area / count for mesh in meshes])
-    works = [
-        partial(_locate, points, mesh, float(length), name)
-        for points, mesh, length, name in zip(local, meshes, spacing, names, strict=True)
-    ]
-    located: list[_Located] = []
-    with wp.ScopedDevice("cpu"):  # it is the same for all threads
-        for first in range(0, len(works), _AT_ONCE):
-            batch = works[first : first + _AT_ONCE]
-            part = part_of(tick, first / len(works), (first + len(batch)) / len(works))
-            message = f"distances between particles of {names[first]}"
-            located += run_in_threads(batch, part, message, cores())
+    located = []
+    for m, (points, mesh, name) in enumerate(zip(local, meshes, names, strict=True)):
+        part = part_of(tick, m / len(meshes), (m + 1) / len(meshes))
+        part(0.0, f"distances between particles of {name}")
+        located.append(_locate(points, mesh, float(spacing[m]), name, part))
     normals = np.stack([item.normals for item in located]) @ alignments[:, :3, :3].swapaxes(1, 2)
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     return LocatedParticles(

@@ -59,12 +59,3 @@ def test_a_surface_that_may_have_a_gap_is_measured_at_all_its_vertices(known):
     exact = distances_from(located.meshes[0], corners.ravel().tolist(), start.ravel().tolist())
     np.testing.assert_array_equal(located.reaches[0], exact)
     assert exact.max() > FAR * located.spacing[0]
-
-
-def test_the_number_of_threads_does_not_matter(known, good, monkeypatch):
-    monkeypatch.setattr("homolog.inspection.located_particles.cores", lambda: 1)
-    alone = known.inspect().located
-    for m in range(len(known.meshes)):
-        np.testing.assert_array_equal(alone.distances[m].toarray(), good.located.distances[m].toarray())
-        np.testing.assert_array_equal(alone.coarse_reaches[m], good.located.coarse_reaches[m])
-    np.testing.assert_array_equal(alone.faces, good.located.faces)
