@@ -47,11 +47,14 @@ def antialiased(mask: BoolArray, sigma: float = 1.0, *, near_only: bool = False)
     level -= np.sign(level) * np.float32(0.5)
     if sigma == 0.0:
         return level
-    side = np.where(mask[border], -1.0, 1.0)
+    places = np.flatnonzero(border)
+    side = np.where(mask.ravel()[places], np.float32(-1.0), np.float32(1.0))
     for _ in range(_ROUNDS):
         level = smoothed(level, sigma)
-        level[border] = side * np.clip(side * level[border], _SLACK, 1.0)
-    return np.where((level < 0) == mask, level, np.where(mask, -_SLACK, _SLACK)).astype(np.float32)
+        flat = level.ravel()
+        flat[places] = side * np.clip(side * flat[places], _SLACK, 1.0)
+    least = np.float32(_SLACK)
+    return np.where((level < 0) == mask, level, np.where(mask, -least, least))
 
 
 def near_distance(mask: BoolArray, reach: int) -> Float32Array:
@@ -89,5 +92,7 @@ def smoothed(values: Array, sigma: float | tuple[float, ...]) -> Float32Array:
     sigma : float or tuple of float
         Standard deviation of G, common to all axes or one for each [nodes].
     """
-    once = ndimage.gaussian_filter(values, sigma, mode="nearest", output=np.float32)
-    return 2.0 * once - ndimage.gaussian_filter(once, sigma, mode="nearest", output=np.float32)
+    once: Float32Array = ndimage.gaussian_filter(values, sigma, mode="nearest", output=np.float32)
+    twice: Float32Array = ndimage.gaussian_filter(once, sigma, mode="nearest", output=np.float32)
+    once *= np.float32(2.0)
+    return np.subtract(once, twice, out=once)

@@ -7,7 +7,7 @@ from homolog.arrays import Array, BoolArray, Float32Array
 from homolog.errors import InputError
 from homolog.grooming.antialias import smoothed
 from homolog.grooming.levels import NEAR, Level
-from homolog.grooming.tunnels import fill_tunnels
+from homolog.grooming.tunnels import euler_numbers, fill_tunnels
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.isosurface import marching_cubes
 from homolog.surfaces.mesh import TriangleMesh
@@ -115,7 +115,7 @@ def _alike(values: Array, others: Array) -> bool:
 def _smoothed_alike(distances: Float32Array, sigma: float) -> Float32Array:
     """Smooth; if this changes the topology, keep every node on its own side of the zero level."""
     result = smoothed(distances, sigma)
-    if _pieces(result) != 1 or _pieces(-result) != 1:
+    if ndimage.label(result < 0.0)[1] != 1 or ndimage.label(result > 0.0)[1] != 1:
         return _on_own_side(result, distances)
     before, after = _euler_number(distances), _euler_number(result)
     if after == before or (after > before and _doubtful(distances < 0.0, after)):
@@ -142,14 +142,13 @@ def _euler_number(values: Array) -> int:
 
 def _doubtful(inside: BoolArray, euler: int) -> bool:
     """Whether a handle may be spurious: it depends on nodes that touch only at an edge or corner."""
-    from skimage import measure
-
-    bounds = sorted(2 * measure.euler_number(inside, connectivity) for connectivity in (1, 3))
-    return bool(bounds[0] <= euler <= bounds[1])
+    bounds = sorted(2 * number for number in euler_numbers(inside))
+    return bounds[0] <= euler <= bounds[1]
 
 
 def _one_solid(level: Array) -> tuple[Array, int]:
     """Keep the largest component of the inside and fill its cavities; also return how many were dropped."""
     labels, count = ndimage.label(level < 0.0)
     solid = without_cavities(labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:])))
-    return np.where(solid, -1.0, 1.0) * np.maximum(np.abs(level), 1e-3), count - 1
+    size = np.maximum(np.abs(level), 1e-3)
+    return np.where(solid, -size, size), count - 1

@@ -127,9 +127,9 @@ def level_of_voxels(segmentation: Segmentation, spacing: float | None, sigma: fl
 
 def edges_crossed(segmentation: Segmentation, step: float) -> float:
     """Return how many edges of a grid a structure's surface crosses, for a distance between nodes [mm]."""
-    area = 0.0
+    area, padded = 0.0, np.pad(segmentation.mask, 1)
     for axis in range(3):
-        along = np.moveaxis(np.pad(segmentation.mask, 1), axis, 0)
+        along = np.moveaxis(padded, axis, 0)
         area += np.count_nonzero(along[1:] != along[:-1]) * np.delete(segmentation.spacing, axis).prod()
     return float(area / step**2)
 
@@ -373,5 +373,8 @@ def _resampled(
         weights = np.stack(
             [ndimage.map_coordinates(row, places[None], order=3, mode="nearest") for row in along], axis=1
         )
-        level = np.moveaxis(np.tensordot(weights, level, (1, axis)), 0, axis)
+        if axis == 0:
+            level = (weights @ level.reshape(len(along), -1)).reshape(-1, *level.shape[1:])
+        else:
+            level = np.matmul(weights, level) if axis == 1 else np.matmul(level, weights.T)
     return np.ascontiguousarray(level)

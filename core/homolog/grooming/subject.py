@@ -312,8 +312,9 @@ def _field_of_voxels(
     """Return `distance_field` of one piece, on a grid of half the spacing if it would lose much volume."""
     level = level_of_voxels(segmentation, settings.spacing, settings.smoothing)
     result = distance_field(level, settings.smoothing, settings.tunnels)
-    crossed = edges_crossed(segmentation, 0.5 * level.step)
-    if 8 * level.values.size > AUTOMATIC_NODES or crossed > MANY_CROSSED:
+    if 8 * level.values.size > AUTOMATIC_NODES:
+        return result
+    if edges_crossed(segmentation, 0.5 * level.step) > MANY_CROSSED:
         return result
     held = volume_inside(result[0]) / segmentation.volume
     if held < _MUCH_LOST and settings.spacing is None:

@@ -11,7 +11,7 @@ from homolog.arrays import Array, BoolArray, IntArray
 from homolog.grooming.antialias import near_distance
 from homolog.surfaces.topology import without_cavities
 
-__all__ = ["euler_number", "fill_tunnels"]
+__all__ = ["euler_number", "euler_numbers", "fill_tunnels"]
 
 _CORNERS = list(np.ndindex(2, 2, 2))
 _ANY_NEIGHBOUR = np.ones((3, 3, 3), dtype=bool)
@@ -59,16 +59,28 @@ def euler_number(solid: BoolArray) -> int:
     Gray, Local properties of binary images in two dimensions, IEEE Transactions on Computers C-20, 1971
     (here extended to three).
     """
-    padded = np.pad(solid, 1).astype(np.uint8)
-    counts = np.bincount(_patterns(padded).ravel(), minlength=256)
-    return int(counts @ _BY_FACES) // 8
+    return euler_numbers(solid)[0]
+
+
+def euler_numbers(solid: BoolArray) -> tuple[int, int]:
+    """Return the Euler numbers with voxels connected at faces only, and at edges and corners too.
+
+    Parameters
+    ----------
+    solid : (I, J, K) bool array
+        True inside.
+    """
+    padded = np.zeros([count + 2 for count in solid.shape], np.uint8)  # np.pad is slow on small arrays
+    padded[1:-1, 1:-1, 1:-1] = solid
+    patterns = _patterns(padded).ravel()
+    mixed = patterns[(patterns > 0) & (patterns < 255)]  # others contribute nothing, and are most of them
+    counts = np.bincount(mixed, minlength=256)
+    return int(counts @ _BY_FACES) // 8, int(counts @ _BY_CORNERS) // 8
 
 
 def _euler_numbers(solid: BoolArray) -> int:
-    """Return the sum of the Euler numbers with voxels connected at faces, and at corners too."""
-    padded = np.zeros([count + 2 for count in solid.shape], np.uint8)  # np.pad is slow on small arrays
-    padded[1:-1, 1:-1, 1:-1] = solid
-    return int(np.bincount(_patterns(padded).ravel(), minlength=256) @ _EITHER) // 8
+    """Return the sum of both Euler numbers."""
+    return sum(euler_numbers(solid))
 
 
 def fill_tunnels(solid: BoolArray, width: float) -> tuple[BoolArray, int]:

@@ -249,9 +249,13 @@ def marching_cubes(values: Array) -> tuple[FloatArray, IntArray]:
     """
     from skimage import measure
 
-    least = _NEAREST * float(np.abs(np.diff(values, axis=0)).max())
-    values = np.where(np.abs(values) < least, np.where(values < 0.0, -least, least), values)
+    steps = np.diff(values, axis=0)
+    least = _NEAREST * max(float(steps.max()), -float(steps.min()))
+    close = np.abs(values) < least
+    if close.any():
+        values = values.copy()
+        values[close] = np.where(values[close] < 0.0, -least, least)
     vertices, faces, _, _ = measure.marching_cubes(values, 0.0, gradient_direction="descent")
     faces = faces[face_components(faces) == 0]
-    used, faces = np.unique(faces, return_inverse=True)
-    return vertices[used].astype(np.float64), faces.reshape(-1, 3)
+    used = np.bincount(faces.ravel(), minlength=len(vertices)) > 0
+    return vertices[used].astype(np.float64), (np.cumsum(used) - 1)[faces]

@@ -3,7 +3,7 @@ import pytest
 from scipy import ndimage
 from skimage import measure
 
-from homolog.grooming.tunnels import euler_number, fill_tunnels
+from homolog.grooming.tunnels import euler_number, euler_numbers, fill_tunnels
 
 
 def block(*size):
@@ -23,6 +23,7 @@ def bored(width):
 def test_the_euler_number_is_that_of_scikit_image(seed):
     solid = ndimage.gaussian_filter(np.random.default_rng(seed).normal(size=(20, 24, 18)), 1.2) > 0.0
     assert euler_number(solid) == measure.euler_number(np.pad(solid, 1), 1)
+    assert euler_numbers(solid) == tuple(measure.euler_number(np.pad(solid, 1), kind) for kind in (1, 3))
 
 
 @pytest.mark.parametrize("seed", range(3))
