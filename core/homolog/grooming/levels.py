@@ -66,6 +66,9 @@ subjects of such a cohort are treated alike.
 HOLE_WALL_NODES = 2.0
 """Nodes across the wall around a hole between slices: thinner walls would be lost on the grid."""
 
+NEGLIGIBLE = 1e-20
+"""Largest weight of a distant voxel in a spline that does not count: far below the digits of the result."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Level:
@@ -373,6 +376,7 @@ def _resampled(
         weights = np.stack(
             [ndimage.map_coordinates(row, places[None], order=3, mode="nearest") for row in along], axis=1
         )
+        weights[np.abs(weights) < NEGLIGIBLE] = 0.0  # products of denormal numbers take most of the time
         if axis == 0:
             level = (weights @ level.reshape(len(along), -1)).reshape(-1, *level.shape[1:])
         else:
