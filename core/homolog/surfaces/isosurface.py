@@ -252,9 +252,8 @@ def marching_cubes(values: Array) -> tuple[FloatArray, IntArray]:
     steps = np.diff(values, axis=0)
     least = _NEAREST * max(float(steps.max()), -float(steps.min()))
     close = np.abs(values) < least
-    if close.any():
-        values = values.copy()
-        values[close] = np.where(values[close] < 0.0, -least, least)
+    values = values.copy()  # also since scikit-image needs a writable array
+    values[close] = np.where(values[close] < 0.0, -least, least)
     vertices, faces, _, _ = measure.marching_cubes(values, 0.0, gradient_direction="descent")
     faces = faces[face_components(faces) == 0]
     used = np.bincount(faces.ravel(), minlength=len(vertices)) > 0

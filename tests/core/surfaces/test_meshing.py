@@ -185,3 +185,13 @@ def test_a_surface_that_crosses_too_many_edges_of_the_grid_is_refused_with_a_spa
 def test_a_mesh_that_is_not_closed_is_an_error(torus, mesh):
     with pytest.raises(NumericalError, match="open or pinched"):
         remeshed(TriangleMesh(mesh.vertices, mesh.faces[1:]), torus, 1.0)
+
+
+def test_the_zero_level_of_a_read_only_field_is_found_and_the_field_stays_as_it_is():
+    points = np.stack(np.meshgrid(*[np.arange(9.0)] * 3, indexing="ij"), axis=-1)
+    values = np.linalg.norm(points - 4.1, axis=-1) - 2.5  # no node is close to the level
+    before = values.copy()
+    values.setflags(write=False)
+    vertices, _ = marching_cubes(values)
+    np.testing.assert_allclose(np.linalg.norm(vertices - 4.1, axis=1), 2.5, atol=0.2)
+    np.testing.assert_array_equal(values, before)
