@@ -204,9 +204,9 @@ def scans_beside(files: Sequence[Path]) -> dict[Path, Path]:
 
 
 def _whose(tokens: Iterable[str]) -> tuple[str, ...]:
-    words = tuple(tokens)
-    others = _MASKS | _PICTURES | (_ACQUISITIONS if not _MODALITIES.isdisjoint(words) else frozenset())
-    return tuple(word for word in words if word not in others)
+    parts = tuple(tokens)
+    others = _MASKS | _PICTURES | (frozenset() if _MODALITIES.isdisjoint(parts) else _ACQUISITIONS)
+    return tuple(part for part in parts if part not in others)
 
 
 def maps_of_all(files: Sequence[Path]) -> list[Path]:
