@@ -64,8 +64,10 @@ def label_map(family: str, seed: int, most: float = 1e6) -> LabelMap:
     ratio = np.ones(3)
     ratio[rng.integers(3)] = anisotropy
     mask = LABEL_MAPS[family](rng, wanted, np.ones(3) if squeezed else ratio)
-    if mask.sum() < 30:  # no structure of this size and kind
-        mask = _ball(rng, 40.0, np.ones(3))
+    least = 40.0
+    while mask.sum() < 30:  # no structure of this size and kind
+        mask = _ball(rng, least, np.ones(3))
+        least *= 1.5
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0] if rng.random() < 0.5 else np.eye(3)
     axes[:, 0] *= np.linalg.det(axes)
     return LabelMap(mask, fine * ratio, axes, rng.uniform(-300.0, 300.0, 3))
