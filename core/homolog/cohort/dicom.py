@@ -44,7 +44,8 @@ def _dicom_files(folder: Path) -> Iterator[Path]:
 
 def is_dicom_seg(path: Path) -> bool:
     """Return whether a DICOM file is a segmentation object."""
-    return any(item in _beginning(path) for item in _SEG_CLASSES)
+    begin = _beginning(path)
+    return any(item in begin for item in _SEG_CLASSES)
 
 
 def _is_rtstruct(path: Path) -> bool:

@@ -51,7 +51,7 @@ class RegisterPair(Protocol):
 
 
 _OTHER_UNIT, _OTHER_SIZE, _RARE_SIZE = 100.0, 5.0, 2.2
-"""Times the median size: another unit; cm and mm, say, differ tenfold; rare, even of children and adults."""
+"""Limits of size ratios: another unit, a size off by a factor such as ten, and one rare for one structure."""
 _MIN_SUBJECTS = 3  # fewer subjects do not show which of them is unusual
 _TURNED, _DOUBTFUL = 60.0, 40.0  # degrees: larger rotations get a note; are checked against the others
 _NEIGHBOURS, _SIMILAR = 3, 40
