@@ -208,7 +208,7 @@ def run_labels(arguments: argparse.Namespace) -> int:
         sys.stdout.write(json.dumps(_record(listed), indent=2) + "\n")
     else:
         _print_structures(listed, len(cohort.subjects))
-    for message in listed.problems.values():
+    for message in (*listed.problems.values(), *listed.unavailable):
         sys.stderr.write(f"homolog: {message}\n")
     return 0
 
@@ -299,7 +299,7 @@ def run_batch(arguments: argparse.Namespace) -> int:
     cohort = cohort_of(arguments.cohort)
     with show_progress(arguments.progress) as progress:
         listed = run_in_background(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
-    for message in listed.problems.values():
+    for message in (*listed.problems.values(), *listed.unavailable):
         sys.stderr.write(f"homolog: skipped: {message}\n")
     if not listed.structures and not listed.empty:
         raise InputError(

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,8 @@ _SAME_PLANE = 0.02
 """Contours at most this far apart are in one slice [mm]."""
 _OFF_GRID = 0.1
 """Largest deviation of a slice from even spacing, relative to it."""
+_FINER = 0.45
+"""Least distance of common slices, relative to that of each structure's own."""
 _FINEST, _COARSEST = 0.5, 1.0
 """Limits of the pixel size [mm]; in between, it is the typical distance of a contour's points."""
 _MARGIN = 2
@@ -61,13 +64,13 @@ def read_rtstruct(path: Path) -> Volume:
     """Read the closed contours of radiotherapy structures; structures are layers, which may overlap.
 
     Points and open contours are ignored. Contours are drawn into slices at their own distance; missing slices
-    are left to grooming.
+    are left to grooming. A structure that is not in the planes of most others is not available.
 
     Raises
     ------
     InputError
-        If the file is damaged or contains no closed contours, or its contours are not in
-        parallel, evenly spaced planes.
+        If the file is damaged or contains no closed contours, or no structure is in parallel, evenly spaced
+        planes.
     """
     import pydicom
 
@@ -75,13 +78,17 @@ def read_rtstruct(path: Path) -> Volume:
         structures = _structures(pydicom.dcmread(path))
     if not structures:
         raise InputError(f"{path}: contains no closed contours; export the structures again")
-    grid = _grid_of(path, structures)
-    named = tuple(Segment(name, 1, layer) for layer, name in enumerate(structures))
+    rotation, unavailable = _common_planes(path, structures)
+    drawn = {name: item for name, item in structures.items() if name not in unavailable}
+    if not drawn:
+        raise InputError(next(iter(unavailable.values())))
+    grid = _grid_of(path, rotation, list(chain.from_iterable(drawn.values())))
+    named = tuple(Segment(name, 1, layer) for layer, name in enumerate(drawn))
     x, y, z = grid.spacing
     note = f"contours were drawn into a grid of {x:.3g} x {y:.3g} x {z:.3g} mm"
-    contours = list(structures.values())
+    contours = list(drawn.values())
     layers = Layers(len(contours), lambda layer: grid.drawn(contours[layer]).view(np.uint8))
-    return Volume(path, layers, grid.index_to_world, named, (note,))
+    return Volume(path, layers, grid.index_to_world, named, (note,), unavailable)
 
 
 def _structures(content: Any) -> dict[str, list[FloatArray]]:  # noqa: ANN401 - pydicom's
@@ -109,16 +116,75 @@ def _points(contour: Any) -> FloatArray:  # noqa: ANN401 - pydicom's
     return points
 
 
-def _grid_of(path: Path, structures: Mapping[str, Sequence[FloatArray]]) -> _Grid:
-    contours = [contour for item in structures.values() for contour in item]
-    rotation = _axes(max(map(_normal, contours), key=lambda normal: float(normal @ normal)))
+def _common_planes(
+    path: Path, structures: Mapping[str, Sequence[FloatArray]]
+) -> tuple[FloatArray, dict[str, str]]:
+    """Return the axes of most structures, and why others are not in slices of these, by name."""
+    normals = {
+        name: max(map(_normal, item), key=lambda normal: float(normal @ normal))
+        for name, item in structures.items()
+    }
+    rotations = {axes.tobytes(): axes for axes in map(_axes, normals.values())}  # mostly one
+    flat = {key: _flat(axes, structures) for key, axes in rotations.items()}
+    largest = max(normals.values(), key=lambda normal: float(normal @ normal))
+    rotation = max(
+        rotations.values(),
+        key=lambda axes: (len(flat[axes.tobytes()]), float(np.abs(largest @ axes[:, 2]))),
+    )
+    places = {
+        name: _planes(np.array([(contour @ rotation)[:, 2].mean() for contour in structures[name]]))
+        for name in flat[rotation.tobytes()]
+    }
+    unavailable = {
+        name: f"{path}: the contours of {name} are not in planes parallel to others; {_REMEDY}"
+        for name in structures
+        if name not in places
+    }
+    distances = dict[str, float]()
+    for name, own in places.items():
+        try:
+            distances[name] = _slices(path, own, name)[1] if len(own) > 1 else np.inf
+        except InputError as error:
+            unavailable[name] = str(error)
+    fitting = max(
+        (_fitting(path, name, places, distances) for name in distances),
+        key=lambda names: sum(len(places[name]) for name in names),
+        default=[],
+    )
+    for name in distances.keys() - fitting:
+        unavailable[name] = f"{path}: the contours of {name} are not in the slices of others; {_REMEDY}"
+    return rotation, {name: unavailable[name] for name in structures if name in unavailable}
+
+
+def _flat(rotation: FloatArray, structures: Mapping[str, Sequence[FloatArray]]) -> list[str]:
+    """Return the structures whose contours are in planes across the third axis."""
+    return [
+        name
+        for name, item in structures.items()
+        if all(np.ptp((contour @ rotation)[:, 2]) <= _FLAT for contour in item)
+    ]
+
+
+def _fitting(
+    path: Path, first: str, places: Mapping[str, FloatArray], distances: Mapping[str, float]
+) -> list[str]:
+    """Return the structures that have evenly spaced slices in common with one of them."""
+    fitting, every = [first], places[first]
+    for name in distances:
+        together = _planes(np.concatenate([every, places[name]]))
+        finest = min(distances[item] for item in (*fitting, name))
+        try:
+            distance = _slices(path, together)[1]
+        except InputError:
+            continue
+        if name != first and (distance >= _FINER * finest or finest == np.inf):
+            fitting.append(name)
+            every = together
+    return fitting
+
+
+def _grid_of(path: Path, rotation: FloatArray, contours: _Contours) -> _Grid:
     turned = [contour @ rotation for contour in contours]
-    names = [name for name, item in structures.items() for _ in item]
-    for name, contour in zip(names, turned, strict=True):
-        if np.ptp(contour[:, 2]) > _FLAT:
-            raise InputError(
-                f"{path}: the contours of {name} are not in planes parallel to others; {_REMEDY}"
-            )
     first, distance, count = _slices(path, np.array([contour[:, 2].mean() for contour in turned]))
     edges = np.concatenate([np.linalg.norm(np.diff(contour[:, :2], axis=0), axis=1) for contour in turned])
     edges = edges[edges > 0.0]
@@ -156,10 +222,16 @@ def _axes(normal: FloatArray) -> FloatArray:
     return np.stack([first, np.cross(third, first), third], axis=1)
 
 
-def _slices(path: Path, places: FloatArray) -> tuple[float, float, int]:
-    """Return the place of the first slice, the distance of slices [mm], and their number."""
-    ordered = np.sort(places)
-    planes = ordered[np.concatenate([[True], np.diff(ordered) > _SAME_PLANE])]
+def _slices(path: Path, places: FloatArray, name: str = "") -> tuple[float, float, int]:
+    """Return the place of the first slice, the distance of slices [mm], and their number.
+
+    Raises
+    ------
+    InputError
+        If slices are not evenly spaced, or there is only one; the message names the structure.
+    """
+    whose = f"the contours of {name}" if name else "its contours"
+    planes = _planes(places)
     gaps = np.diff(planes)
     if not gaps.size:
         raise InputError(f"{path}: all contours are in one plane; export the whole structures")
@@ -169,7 +241,14 @@ def _slices(path: Path, places: FloatArray) -> tuple[float, float, int]:
         if off <= _OFF_GRID * distance and (np.diff(steps) > 0).all():
             return float(planes[0]), float((planes[-1] - planes[0]) / steps[-1]), int(steps[-1]) + 1
     apart = f"{gaps.min():.3g} to {gaps.max():.3g} mm"
-    raise InputError(f"{path}: its contours are in unevenly spaced planes ({apart} apart); {_REMEDY}")
+    raise InputError(f"{path}: {whose} are in unevenly spaced planes ({apart} apart); {_REMEDY}")
+
+
+def _planes(places: FloatArray) -> FloatArray:
+    """Return places in order, one for each plane."""
+    ordered = np.sort(places)
+    planes: FloatArray = ordered[np.concatenate([[True], np.diff(ordered) > _SAME_PLANE])]
+    return planes
 
 
 def _filled(polygon: FloatArray, shape: tuple[int, int]) -> BoolArray:

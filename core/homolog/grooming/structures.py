@@ -100,11 +100,14 @@ class Structures:
         Reasons why files can't be read, by the subject's name.
     empty : tuple of str
         Structures with files of their own that are all empty.
+    unavailable : tuple of str
+        Messages about structures that can't be read in files whose others can.
     """
 
     structures: tuple[Structure, ...]
     problems: Mapping[str, str]
     empty: tuple[str, ...] = ()
+    unavailable: tuple[str, ...] = ()
 
 
 def masks_of(subject: Subject) -> dict[str, Path]:
@@ -196,16 +199,22 @@ def structures_of(subject: Subject) -> list[SubjectStructure]:
     InputError
         If a file can't be read, or tables of names contradict each other.
     """
+    return _contents_of(subject)[0]
+
+
+def _contents_of(subject: Subject) -> tuple[list[SubjectStructure], tuple[str, ...]]:
+    """Return the structures in a subject's files, and messages about those that can't be read."""
     if subject.is_mesh:
-        return []
+        return [], ()
     if masks := masks_of(subject):
-        return [
-            structure for name, path in masks.items() if (structure := _structure_in(name, path)) is not None
-        ]
-    return [
+        inside = [_structure_in(name, path) for name, path in masks.items()]
+        return [structure for structure in inside if structure is not None], ()
+    volume = read_volume(subject.path).with_names()
+    structures = [
         SubjectStructure(extent.segment.name, extent.segment.value, extent.volume / 1000.0, extent.at_border)
-        for extent in read_volume(subject.path).with_names().extents()
+        for extent in volume.extents()
     ]
+    return structures, tuple(volume.unavailable.values())
 
 
 def _structure_in(name: str, path: Path) -> SubjectStructure | None:
@@ -224,16 +233,18 @@ def list_structures(cohort: Cohort, tick: Tick = no_tick) -> Structures:
     by number.
     """
     problems: dict[str, str] = {}
+    unavailable: list[str] = []
     by_subject: dict[str, list[SubjectStructure]] = {}
     for index, subject in enumerate(cohort.subjects):
         tick(index / len(cohort.subjects), f"reading {subject.name}")
         try:
-            by_subject[subject.name] = structures_of(subject)
+            by_subject[subject.name], faults = _contents_of(subject)
+            unavailable += faults
         except InputError as error:
             problems[subject.name] = str(error)
     structures = joined(_named_alike(by_subject))
     names = (name for subject in cohort.subjects if subject.name in by_subject for name in masks_of(subject))
-    return Structures(structures, problems, _unknown(names, structures))
+    return Structures(structures, problems, _unknown(names, structures), tuple(unavailable))
 
 
 def _named_alike(

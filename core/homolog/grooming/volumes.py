@@ -1,8 +1,7 @@
 """Label volumes in one frame (LPS, mm), and the voxels of a structure."""
 
-from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,18 +11,13 @@ from homolog.cohort.subject import stem_of
 from homolog.errors import InputError
 from homolog.grooming.names import label_table, matching, near, same_name, together
 from homolog.grooming.values import hardened, labels_apart, labels_from, labels_seen
+from homolog.grooming.voxels import counted, cropped, sides_of
 from homolog.memory import check_fits
 
 __all__ = ["Extent", "Segment", "Segmentation", "Volume", "check_size"]
 
 _MASKS = 2
 """Additional bytes per voxel while the structure is extracted."""
-
-_COUNTED = 2**22
-"""Number of voxels counted at once."""
-
-_LISTED = 2**20
-"""Smaller values are counted with np.bincount, larger ones by sorting."""
 
 _NAMED = 10
 """Largest number of structures in a message."""
@@ -99,6 +93,8 @@ class Volume:
         The structures that the file names.
     notes : tuple of str
         Notes for the user.
+    unavailable : mapping of str to str
+        Structures that the file names and that can't be read, each with the message that says why.
     """
 
     path: Path
@@ -106,6 +102,7 @@ class Volume:
     index_to_world: FloatArray
     named: tuple[Segment, ...] = ()
     notes: tuple[str, ...] = ()
+    unavailable: Mapping[str, str] = field(default_factory=dict)
 
     def as_labels(self) -> "Volume":
         """Return the volume with whole numbers, and a note if its values are probabilities or distances.
@@ -135,10 +132,10 @@ class Volume:
             layer = self._labels(number)
             if not self.named:
                 labels_seen(self.path, np.maximum(layer, 0))
-            border = {value for side in _sides(layer) for value in _counted(side)}
+            border = {value for side in sides_of(layer) for value in counted(side)}
             contents += [
                 Extent(known.get((number, value), Segment("", value, number)), count * voxel, value in border)
-                for value, count in sorted(_counted(layer).items())
+                for value, count in sorted(counted(layer).items())
             ]
         order = {item: index for index, item in enumerate(self.named)}
         return sorted(contents, key=lambda item: (order.get(item.segment, len(order)), item.segment.value))
@@ -162,7 +159,7 @@ class Volume:
             return self
         if (volume := self.as_labels()) is not self:
             return volume.with_names(wanted)
-        table = label_table(self.path, _counted(self._labels(0)), wanted)
+        table = label_table(self.path, counted(self._labels(0)), wanted)
         if table is None:
             return self
         named = tuple(Segment(name, value) for value, name in sorted(table.names.items()))
@@ -216,8 +213,10 @@ class Volume:
                 "name or number, and give each its own name"
             )
         for item in segments:
-            if (cropped := self.placed(item)) is not None:
-                return cropped
+            if (found := self.placed(item)) is not None:
+                return found
+        if name and (faults := matching(self.unavailable.items(), name)):
+            raise InputError(faults[0])
         lacks = "has no voxel of" if segments or not name else "has no structure named"
         raise InputError(f"{self.path}: {lacks} {wanted}; {self._alternatives(name)}")
 
@@ -234,15 +233,15 @@ class Volume:
         return f"{nearest}it contains {listed}{more}{remedy}"
 
     def _everything(self) -> Segmentation:
-        notes = self.notes
+        notes = (*self.notes, *(fault.removeprefix(f"{self.path}: ") for fault in self.unavailable.values()))
         if len(self.layers) == 1:
             layer, note = (self._labels(0), "") if self.named else hardened(self._labels(0), self._spacing)
             notes = (*notes, note) if note else notes
             several = labels_seen(self.path, layer) > 1
-            crop = _cropped(layer, lambda values: values > 0)
+            crop = cropped(layer, lambda values: values > 0)
         else:
             several = True
-            crop = _cropped(self._union(), lambda values: values)
+            crop = cropped(self._union(), lambda values: values)
         if crop is None:
             raise InputError(
                 f"{self.path}: has no voxel above 0; segment the structure or exclude the subject"
@@ -286,7 +285,7 @@ class Volume:
 
     def placed(self, segment: Segment) -> Segmentation | None:
         """Return the voxels of a structure; None if there are none."""
-        crop = _cropped(self._labels(segment.layer), lambda values: values == segment.value)
+        crop = cropped(self._labels(segment.layer), lambda values: values == segment.value)
         return None if crop is None else self._placed(*crop, segment.name)
 
     def _labels(self, number: int) -> Array:
@@ -348,53 +347,3 @@ def check_size(path: Path, shape: Sequence[int], voxel_bytes: float) -> None:
         raise InputError(f"{path}: is not a 3-D volume but {size}; export one label map per subject")
     needed = float(np.prod(shape, dtype=np.float64)) * (voxel_bytes + _MASKS)
     check_fits(f"{path} ({size} voxels)", needed, "crop or resample it, or correct its header")
-
-
-def _sides(values: Array) -> list[Array]:
-    """Return the six outermost slices of a volume."""
-    return [np.moveaxis(values, axis, 0)[end] for axis in range(3) for end in (0, -1)]
-
-
-def _counted(values: Array) -> Counter[int]:
-    """Return the number of voxels of each value above 0."""
-    n_voxels: Counter[int] = Counter()
-    flat = values.ravel(order="K")
-    for start in range(0, flat.size, _COUNTED):
-        part = flat[start : start + _COUNTED]
-        if part.dtype.kind != "u" and part.min() < 0:
-            part = part[part > 0]
-        if part.size and part.max() < _LISTED:
-            counts = np.bincount(part.astype(np.intp, copy=False))
-            present = np.flatnonzero(counts)
-            n_voxels.update(dict(zip(present.tolist(), counts[present].tolist(), strict=True)))
-        elif part.size:
-            several, counts = np.unique(part, return_counts=True)
-            n_voxels.update(dict(zip(several.tolist(), counts.tolist(), strict=True)))
-    del n_voxels[0]
-    return n_voxels
-
-
-def _cropped(values: Array, inside: Callable[[Array], Array]) -> tuple[BoolArray, tuple[int, ...]] | None:
-    """Return the voxels that are inside, with a margin of one voxel, and the first index of that box.
-
-    Works slice by slice, so that no array of the volume's size is allocated.
-    """
-    first = int(np.argmax(values.strides))
-    stack = np.moveaxis(values, first, 0)
-    rows, columns = np.zeros(stack.shape[1], np.bool_), np.zeros(stack.shape[2], np.bool_)
-    depth = np.zeros(len(stack), np.bool_)
-    for index, entry in enumerate(stack):
-        hit = inside(entry)
-        across = hit.any(axis=0)
-        depth[index] = across.any()
-        if depth[index]:
-            columns |= across
-            rows |= hit.any(axis=1)
-    if not depth.any():
-        return None
-    spans = [np.flatnonzero(item)[[0, -1]] for item in (depth, rows, columns)]
-    box = tuple(slice(max(int(low) - 1, 0), int(high) + 2) for low, high in spans)
-    mask = np.moveaxis(np.asarray(inside(stack[box]), np.bool_), 0, first)
-    starts = [item.start for item in box[1:]]
-    starts.insert(first, box[0].start)
-    return mask, tuple(starts)

@@ -5,9 +5,10 @@ import pytest
 from pydicom.dataset import Dataset, FileMetaDataset
 from pydicom.uid import ExplicitVRLittleEndian
 
-from homolog.cohort import read_cohort
+from homolog.cohort import Cohort, Subject, read_cohort
 from homolog.errors import InputError
 from homolog.grooming.images import read_segmentation, read_volume
+from homolog.grooming.structures import list_structures
 
 RTSTRUCT = "1.2.840.10008.5.1.4.1.1.481.3"
 OBLIQUE = np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])[:, [2, 0, 1]]
@@ -116,6 +117,35 @@ def test_the_scan_of_contours_is_the_series_in_their_folder_or_the_only_one_besi
         assert read_cohort(alone.parents[3]).subjects[0].image == expected
 
 
+TILTED = ("Tilted", [points @ OBLIQUE.T for points in HEART[1]])
+UNEVEN = ("Uneven", ball(20.0, (0.0, 0.0, 0.0), [0.0, 2.0, 4.7, 9.3, 11.0]))
+BETWEEN = ("Between", ball(20.0, (0.0, 0.0, 0.0), np.arange(-20.9, 20.0, 3.5)))
+
+
+@pytest.mark.parametrize(
+    ("structure", "complaint"),
+    [(TILTED, "planes"), (UNEVEN, "unevenly spaced"), (BETWEEN, "slices of others")],
+)
+def test_a_structure_in_other_slices_does_not_prevent_reading_the_others(write, structure, complaint):
+    path = write([structure, BODY, HEART])
+    volume = read_volume(path)
+    assert [segment.name for segment in volume.segments()] == ["BODY", "Heart"]
+    assert read_segmentation(path, None, "heart").volume == pytest.approx(
+        read_segmentation(write([BODY, HEART], "without.dcm"), None, "heart").volume
+    )
+    with pytest.raises(InputError, match=f"contours of {structure[0]} are .*{complaint}"):
+        read_segmentation(path, None, structure[0])
+    listed = list_structures(Cohort((Subject("p1", path),), path.parent))
+    assert [item.name for item in listed.structures] == ["BODY", "Heart"]
+    assert not listed.problems
+    assert listed.unavailable == tuple(volume.unavailable.values())
+
+
+def test_a_structure_that_remains_alone_is_read_with_a_note_on_the_other(write):
+    notes = read_segmentation(write([UNEVEN, HEART]), None).notes
+    assert any("contours of Uneven" in note for note in notes)
+
+
 def test_points_and_structures_without_contours_are_ignored(write):
     with pytest.raises(InputError, match="no closed contours"):
         read_volume(write([HEART], kind="POINT"))
@@ -126,8 +156,7 @@ def test_points_and_structures_without_contours_are_ignored(write):
     ("structures", "complaint"),
     [
         ([("Heart", HEART[1][:1])], "in one plane"),
-        ([BODY, ("tilted", [points @ OBLIQUE.T for points in HEART[1]])], "contours of tilted"),
-        ([("Heart", ball(20.0, (0.0, 0.0, 0.0), [0.0, 2.0, 4.7, 9.3, 11.0]))], "unevenly spaced"),
+        ([UNEVEN], "unevenly spaced"),
         ([("Heart", [np.arange(7.0)])], "export it again"),
         ([("Heart", [circle(1e7, (0.0, 0.0), z) for z in HEIGHTS])], "needs .* GB"),
     ],
