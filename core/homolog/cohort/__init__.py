@@ -34,6 +34,7 @@ from homolog.cohort.subject import (
 )
 from homolog.cohort.subject_folder import mask_files
 from homolog.cohort.table import TableChanges, with_table, with_values_of
+from homolog.cohort.unread import remedy_for
 from homolog.errors import InputError
 from homolog.spreadsheets import TABLE_SUFFIXES, lists_labels
 
@@ -112,6 +113,8 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
     elif path.is_file() and path.suffix.lower() in TABLE_SUFFIXES:
         cohort = read_manifest(path)
     elif path.is_file():
+        if remedy := remedy_for(path):
+            raise InputError(f"{path}: is neither a folder nor a table of subjects; {remedy}")
         raise InputError(f"{path}: is a single file; give the folder of the cohort's files, or a cohort.csv")
     else:
         raise InputError(f"{path}: does not exist; correct the path")

@@ -15,6 +15,7 @@ __all__ = [
     "best_label_maps",
     "copies_among",
     "corrected",
+    "derived_beside",
     "is_picture",
     "is_site",
     "kinds_before_numbers",
@@ -37,8 +38,8 @@ _CAPITAL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _SEPARATED = re.compile(r"[^\W_]+")
 # fmt: off
 _MASKS = frozenset([
-    "dseg", "gt", "groundtruth", "label", "labelmap", "labelmaps", "labels", "manual", "mask", "masks", "msk",
-    "roi", "seg", "segmentation", "segmentations", "segs", "truth",
+    "dseg", "ground", "groundtruth", "gt", "label", "labelmap", "labelmaps", "labels", "manual", "mask",
+    "masks", "msk", "roi", "seg", "segmentation", "segmentations", "segs", "truth",
     "maske", "masken", "segmentierung", "segmentierungen", "masque", "masques", "mascara", "mascaras",
     "segmentacion", "segmentaciones", "maschera", "maschere", "segmentazione", "segmentazioni",
 ])
@@ -55,10 +56,22 @@ _ACQUISITIONS = frozenset([
 ])
 # fmt: on
 """Words for sequences, planes and phases that follow the modality in names of scans: ``t2_tse_tra``."""
-_PICTURES = _MODALITIES | {"bild", "brain", "image", "imaging", "img", "norm", "nu", "orig", "scan", "volume"}
+_PICTURES = _MODALITIES | {
+    "bild", "brain", "grey", "greyscale", "image", "imaging", "img", "norm", "nu", "orig", "raw", "scan",
+    "volume",
+}  # fmt: skip
 """Names of scans next to label maps."""
+_PREDICTIONS = frozenset(["inference", "pred", "predicted", "prediction", "predictions", "preds"])
+_PROBABILITIES = frozenset([
+    "confidence", "entropy", "heatmap", "logit", "logits", "prob", "proba", "probabilities", "probability",
+    "probs", "softmax", "uncertainty",
+])  # fmt: skip
+_DERIVED = _PREDICTIONS | _PROBABILITIES
+"""Words in the names of a network's results."""
 _NORMALIZED = {"norm", "nu", "orig"}
 """Last words of the names of FreeSurfer's scans."""
+_SCAN, _PROBABILITY, _PLAIN, _PREDICTION, _MASK = range(5)
+"""What a file is by its name; of a subject's files, one with the largest number is the label map."""
 _LABEL_MAPS = frozenset({"aseg", "dseg", "firstseg", "wmparc"})
 """Words of BIDS, FSL and FreeSurfer for a map of all structures."""
 # fmt: off
@@ -172,6 +185,8 @@ def _words(text: str) -> list[str]:
 def is_picture(structure: str) -> bool:
     """Return whether the name of a subject's file denotes a scan."""
     tokens = _words(structure)
+    if tokens[-1:] == ["probseg"]:  # BIDS, also where a label is named
+        return True
     if not tokens or not _MASKS.isdisjoint(tokens):
         return False
     is_acquisition = tokens[0] in _MODALITIES and _ACQUISITIONS.issuperset(set(tokens) - _MODALITIES)
@@ -184,6 +199,28 @@ def scans_beside(files: Sequence[Path]) -> dict[Path, Path]:
     ``case1.nii.gz`` next to ``case1_seg.nii.gz``, ``case1_ct.nii.gz`` next to ``case1.nii.gz``, ``ct_1.nrrd``
     next to ``mask_1.nrrd``, nnU-Net's ``case1_0000.nii.gz`` next to ``case1.nii.gz``.
     """
+    scans: dict[Path, Path] = {}
+    for ranked in _ranked(files):
+        highest, label_map = max(ranked, key=lambda item: item[0])
+        scans |= {
+            file: label_map
+            for rank, file in ranked
+            if rank in (_SCAN, _PLAIN) and rank < highest and suffix_of(file) in IMAGE_SUFFIXES
+        }
+    return scans
+
+
+def derived_beside(files: Sequence[Path]) -> list[Path]:
+    """Return predictions and probabilities next to label maps of the same subjects, by their names."""
+    derived = []
+    for ranked in _ranked(files):
+        highest = max(ranked, key=lambda item: item[0])[0]
+        derived += [file for rank, file in ranked if rank < highest and rank in (_PROBABILITY, _PREDICTION)]
+    return derived
+
+
+def _ranked(files: Sequence[Path]) -> list[list[tuple[int, Path]]]:
+    """Return the files of each subject, each with what it is by its name; the label map has the most."""
     stems = {stem_of(file) for file in files}
     by_subject: dict[tuple[str, ...], list[tuple[int, Path]]] = defaultdict(list)
     for file in files:
@@ -191,21 +228,23 @@ def scans_beside(files: Sequence[Path]) -> dict[Path, Path]:
         without_channel = _CHANNEL.sub("", stem)
         is_channel = stem != without_channel and without_channel in stems
         tokens = _words(without_channel if is_channel else stem)
-        is_mask = not _MASKS.isdisjoint(tokens) or suffix_of(file) == ".seg.nrrd"
-        rank = 0 if is_channel else 2 if is_mask else 0 if not _PICTURES.isdisjoint(tokens) else 1
-        by_subject[_whose(tokens)].append((rank, file))
-    scans: dict[Path, Path] = {}
-    for ranked in by_subject.values():
-        highest, label_map = max(ranked, key=lambda item: item[0])
-        scans |= {
-            file: label_map for rank, file in ranked if rank < highest and suffix_of(file) in IMAGE_SUFFIXES
-        }
-    return scans
+        by_subject[_whose(tokens)].append((_SCAN if is_channel else _rank(tokens, file), file))
+    return list(by_subject.values())
+
+
+def _rank(tokens: Sequence[str], file: Path) -> int:
+    if not _PROBABILITIES.isdisjoint(tokens) or tokens[-1:] == ["probseg"]:
+        return _PROBABILITY
+    if not _PREDICTIONS.isdisjoint(tokens):
+        return _PREDICTION
+    if not _MASKS.isdisjoint(tokens) or suffix_of(file) == ".seg.nrrd":
+        return _MASK
+    return _PLAIN if _PICTURES.isdisjoint(tokens) else _SCAN
 
 
 def _whose(tokens: Iterable[str]) -> tuple[str, ...]:
     parts = tuple(tokens)
-    others = _MASKS | _PICTURES | (frozenset() if _MODALITIES.isdisjoint(parts) else _ACQUISITIONS)
+    others = _MASKS | _DERIVED | _PICTURES | (frozenset() if _MODALITIES.isdisjoint(parts) else _ACQUISITIONS)
     return tuple(part for part in parts if part not in others)
 
 

@@ -7,12 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from homolog.cohort.dicom import dicom_segmentations, holds_dicom, scan_beside, series_below, series_of
-from homolog.cohort.entries import notes_on_skipped
 from homolog.cohort.file_names import (
     are_groups,
     are_times,
     copies_among,
     corrected,
+    derived_beside,
+    is_picture,
     is_site,
     kinds_before_numbers,
     known_files,
@@ -26,8 +27,6 @@ from homolog.cohort.file_names import (
 from homolog.cohort.pictures import picture_cohort
 from homolog.cohort.sides import SIDE_COLUMN, sides_among
 from homolog.cohort.subject import (
-    IMAGE_SUFFIXES,
-    MESH_SUFFIXES,
     Cohort,
     Subject,
     image_beside,
@@ -36,6 +35,7 @@ from homolog.cohort.subject import (
     suffix_of,
 )
 from homolog.cohort.subject_folder import entries_of, holds_files, owned_files, subjects_in
+from homolog.cohort.unread import contents_of, remedy_for
 from homolog.errors import InputError
 
 __all__ = ["DERIVATIVES", "read_folder"]
@@ -125,8 +125,8 @@ def _holds_others(folder: Path) -> bool:
 
 def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[str]]:
     """Return the subjects of the files in one folder, and a note on skipped files."""
-    scans, copies = scans_beside(files), copies_among(files)
-    labels = [file for file in files if file not in scans and file not in copies]
+    scans, copies, derived = scans_beside(files), copies_among(files), derived_beside(files)
+    labels = [file for file in files if file not in scans and file not in (*copies, *derived)]
     chosen = maps_of_all(labels) or corrected(labels)
     pictures = pictures_among(chosen)
     chosen = [file for file in chosen if file not in pictures.values()]
@@ -134,6 +134,7 @@ def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[
     scan_of = {label: scan for scan, label in scans.items()}
     skipped = {
         "next to label maps of the same subjects": [*scans, *pictures.values()],
+        "predictions or probabilities next to label maps": derived,
         _SAME_NAMES: copies,
         f"next to {'maps of all structures' if maps_of_all(labels) else 'corrected ones'}": [
             file for file in labels if file not in chosen and file not in pictures.values()
@@ -177,7 +178,7 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
         return read_folder(pipelines[0])
     below = [item for item in below if not _only_scans(item)] or below
     templates = [item for item in below if _TEMPLATE.fullmatch(item.name)]
-    by_place = {item: subjects for item in below if item not in templates and (subjects := subjects_in(item))}
+    by_place = _without_scans({item: subjects_in(item) for item in below if item not in templates})
     by_folder = {
         item: next(iter(subjects.values())) for item, subjects in by_place.items() if len(subjects) == 1
     }
@@ -198,7 +199,7 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
         if not above:
             if pictures := picture_cohort(folder, every_below):
                 return pictures
-            raise _nothing_in(folder)
+            raise InputError(f"{folder}: contains no segmentation or mesh{contents_of(folder)}")
         return _of_parts(folder, above)
     every = {name: files for subjects in by_place.values() for name, files in subjects.items()}
     by_structure = any(len(files) > 1 for files in every.values())
@@ -214,25 +215,22 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
     return Cohort(cohort, folder, tuple(notes))
 
 
+def _without_scans(by_place: Mapping[Path, Mapping[str, _Files]]) -> dict[Path, Mapping[str, _Files]]:
+    """Return the folders with files; if there are masks, without folders that contain only scans."""
+    filled = {item: subjects for item, subjects in by_place.items() if subjects}
+    masks = {
+        item: subjects
+        for item, subjects in filled.items()
+        if not all(is_picture(name) for files in subjects.values() for name in files)
+    }
+    return masks or filled
+
+
 def _only_scans(folder: Path) -> bool:
     """Return whether all files are in folders of scans, by their names: ``imagesTs``."""
     return holds_files(folder) and (
         bool(_IMAGE_FOLDER.fullmatch(folder.name)) or not holds_files(folder, _IMAGE_FOLDER)
     )
-
-
-def _nothing_in(folder: Path) -> InputError:
-    known = f"{', '.join(IMAGE_SUFFIXES + MESH_SUFFIXES)} and folders of DICOM files"
-    others = Counter(
-        suffix
-        for pattern in ("*", "*/*", "*/*/*")
-        for file in folder.glob(pattern)
-        if (suffix := suffix_of(file)) and file.name[0] != "." and file.is_file()
-    )
-    suffixes = ", ".join(f"{suffix} ({count})" for suffix, count in others.most_common(_NAMED))
-    contents = f"; it contains {suffixes}, which must be unpacked or converted first" if suffixes else ""
-    contents += "".join(f"; {note}" for note in notes_on_skipped(folder))
-    return InputError(f"{folder}: contains no segmentation or mesh{contents}; known files are {known}")
 
 
 def _subject_of(name: str, files: _Files, by_structure: bool) -> Subject:
@@ -305,6 +303,11 @@ def _describe_contents(folders: Iterable[Path]) -> bool:
 
 def _of_parts(folder: Path, parts: Sequence[Path]) -> Cohort:
     """Return the cohort of folders with several subjects each: sides, groups, or structures."""
+    if used := _without_results(parts):
+        cohort = read_folder(used[0]) if len(used) == 1 else _of_parts(folder, used)
+        unused = [item.name for item in parts if item not in used]
+        note = f"not used: {_listed(unused)}, by its name results of a program; to use it, give it alone"
+        return replace(cohort, notes=(*cohort.notes, note))
     if sides := sides_among([item.name for item in parts]):
         return _of_sides(folder, {item: sides[item.name] for item in parts})
     if are_groups([item.name for item in parts]) or all(map(_has_label_folder, parts)):
@@ -326,17 +329,25 @@ def _of_parts(folder: Path, parts: Sequence[Path]) -> Cohort:
     return _of_groups(folder, parts)
 
 
+def _without_results(parts: Sequence[Path]) -> list[Path]:
+    """Return the folders without those that are named as results, if there are any: ``data``, ``output``."""
+    used = [item for item in parts if not _PREDICTION_FOLDER.fullmatch(item.name)]
+    return used if len(used) < len(parts) else []
+
+
 def _several_meant(folder: Path, owned: Mapping[Path, _Files]) -> InputError:
     for item, files in owned.items():
         if not files and (series := len(series_below(item))) > 1:
             return InputError(
                 f"{item}: contains {series} DICOM series; give a cohort.csv that names one of them"
             )
+    project = next((entry for entry in entries_of(folder) if entry.suffix.lower() == ".swproj"), None)
+    imported = f"{remedy_for(project)} {project.name} PROJECT; or " if project else ""
     counts = [f"{item.name} ({len(files)})" for item, files in owned.items() if len(files) > 1]
     return InputError(
         f"{folder}: contains folders with several segmentations or meshes: "
-        f"{_listed(counts or [item.name for item in owned])}; give one of them, or a cohort.csv that names "
-        "the files"
+        f"{_listed(counts or [item.name for item in owned])}; {imported}give one of them, or a cohort.csv "
+        "that names the files"
     )
 
 

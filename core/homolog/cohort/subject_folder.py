@@ -12,6 +12,7 @@ from homolog.cohort.file_names import (
     are_times,
     best_label_maps,
     corrected,
+    derived_beside,
     is_picture,
     known_files,
     maps_of_all,
@@ -117,10 +118,11 @@ def _masks(folder: Path) -> dict[str, Path]:
     known = [file for file in known_files(entries_of(folder)) if suffix_of(file) != ".dcm"]
     if not known:
         return _series_of_masks(folder)
-    scans, files, best = scans_beside(known), dict[str, Path](), corrected(known)
+    left_out = {*scans_beside(known), *derived_beside(known)}
+    files, best = dict[str, Path](), corrected(known)
     ending = "_corr" if len(best) < len(known) else ""
     for file in best:
-        if file not in scans:
+        if file not in left_out:
             files.setdefault(_structure(file).removesuffix(ending), file)
     masks = {name: file for name, file in files.items() if not is_picture(name)}
     return best_label_maps(masks or files)
@@ -132,8 +134,9 @@ def _masks_of_owner(folder: Path, owner: str) -> dict[str, Path]:
         return {}
     own = [file for file in entries_of(folder) if file.name.startswith(owner)]
     known = [file for file in known_files(own) if owner_of(stem_of(file)) == owner]
-    best = corrected(known)
+    best, derived = corrected(known), derived_beside(known)
     ending = "_corr" if len(best) < len(known) else ""
+    best = [file for file in best if file not in derived]
     masks = {structure_in(stem_of(file)).removesuffix(ending): file for file in reversed(best)}
     return {name: masks[name] for name in sorted(masks) if name and not is_picture(name)}
 

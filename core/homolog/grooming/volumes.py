@@ -213,8 +213,8 @@ class Volume:
                 "name or number, and give each its own name"
             )
         for item in segments:
-            if (found := self.placed(item)) is not None:
-                return found
+            if (voxels := self.placed(item)) is not None:
+                return voxels
         if name and (faults := matching(self.unavailable.items(), name)):
             raise InputError(faults[0])
         lacks = "has no voxel of" if segments or not name else "has no structure named"

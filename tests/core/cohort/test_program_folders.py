@@ -3,6 +3,7 @@
 import pytest
 
 from homolog.cohort import mask_files, read_cohort, sides_of
+from homolog.errors import InputError
 
 ENDS = ("first", "corr", "flirt")
 KINDS = (("labels", ".nrrd"), ("meshes", ".ply"))
@@ -178,3 +179,71 @@ def test_scans_of_nnunet_beside_label_maps_are_their_scans(tmp_path, cohort_of):
         ("c_1", True),
         ("c_2", True),
     ]
+
+
+@pytest.mark.parametrize("kept", ["c_{}_gt.nii.gz", "c_{}/ground_truth.nii.gz"])
+@pytest.mark.parametrize("other", ["pred", "prob", "softmax"])
+def test_results_of_a_network_beside_label_maps_are_not_subjects(tmp_path, kept, other, cohort_of, files_of):
+    place = kept.replace("gt.", f"{other}.").replace("ground_truth.", f"{other}.")
+    names = [kept.format(n) for n in (1, 2, 3)]
+    cohort = cohort_of(tmp_path, *names, *(place.format(n) for n in (1, 2, 3)))
+    assert sorted(files_of(cohort).values()) == names
+    assert all(subject.image is None for subject in cohort.subjects)
+
+
+def test_a_prediction_is_the_label_map_of_a_scan_and_its_probabilities_are_neither(tmp_path, cohort_of):
+    names = [f"c_{n}_{kind}.nii.gz" for n in (1, 2) for kind in ("ct", "pred", "prob")]
+    cohort = cohort_of(tmp_path, *names)
+    assert [subject.path.name for subject in cohort.subjects] == ["c_1_pred.nii.gz", "c_2_pred.nii.gz"]
+    assert [subject.image.name for subject in cohort.subjects] == ["c_1_ct.nii.gz", "c_2_ct.nii.gz"]
+
+
+def test_probabilities_of_bids_are_no_structures(tmp_path, cohort_of):
+    kinds = ("label-liver_mask", "label-spleen_mask", "label-GM_probseg")
+    names = [f"sub-{n}/anat/sub-{n}_{kind}.nii.gz" for n in (1, 2) for kind in kinds]
+    masks = mask_files(cohort_of(tmp_path, *names).subjects[0].path)
+    assert [*masks] == ["label-liver_mask", "label-spleen_mask"]
+
+
+def test_a_patient_with_only_a_scan_is_skipped_with_a_note(tmp_path, cohort_of, files_of):
+    cohort = cohort_of(tmp_path, "a/mask.nii.gz", "b/mask.nii.gz", "c/t1.nii.gz")
+    assert files_of(cohort) == {"a": "a/mask.nii.gz", "b": "b/mask.nii.gz"}
+    assert cohort.notes[0].endswith(": c")
+
+
+def test_a_folder_of_results_beside_data_is_no_group(tmp_path, cohort_of, files_of):
+    names = [f"{place}/subject_{n}.vtk" for place in ("data", "output") for n in (1, 2)]
+    cohort = cohort_of(tmp_path, *names)
+    assert files_of(cohort) == {f"subject_{n}": f"subject_{n}.vtk" for n in (1, 2)}
+    assert [subject.group for subject in cohort.subjects] == [None, None]
+    assert "output" in cohort.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    [
+        ("a.tar.gz", "unpack"),
+        ("a.zip", "unpack"),
+        ("a.mrb", r"seg\.nrrd"),
+        ("a.npy", "voxel size"),
+        ("a.am", "export"),
+        ("a.mnc", "mnc2nii"),
+        ("a.vti", "ParaView"),
+        ("a.swproj", "homolog import"),
+    ],
+)
+def test_files_of_other_types_are_refused_with_what_to_do(tmp_path, name, remedy, cohort_of):
+    suffix = name.partition(".")[2].replace(".", r"\.")
+    with pytest.raises(InputError, match=rf"{suffix} \(1\); .*{remedy}"):
+        cohort_of(tmp_path, name)
+    with pytest.raises(InputError, match=rf"{suffix}: .*{remedy}"):
+        read_cohort(tmp_path / name)
+
+
+def test_a_shapeworks_project_beside_its_folders_is_pointed_at(tmp_path, cohort_of):
+    with pytest.raises(InputError, match=r"homolog import study\.swproj"):
+        cohort_of(
+            tmp_path,
+            "study.swproj",
+            *(f"{place}/b{n}.ply" for place in ("meshes", "groomed") for n in (1, 2)),
+        )
