@@ -1,6 +1,8 @@
 """Processes that work on single subjects in parallel and can be terminated at any time."""
 
+import atexit
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -11,10 +13,12 @@ from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
+from multiprocessing.util import get_temp_dir
 
 __all__ = ["main_guard_hint", "worker_processes"]
 
 _THREADS = "OPENBLAS_NUM_THREADS"
+_SERVER_FOLDER = "HOMOLOG_SERVER_FOLDER"
 _PRELOADED = ["homolog.workers", "homolog.grooming.cohort"]
 
 
@@ -78,6 +82,7 @@ def _server() -> BaseContext | None:
         _THREADS: os.environ.get(_THREADS, "1"),
         "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
         "CUDA_VISIBLE_DEVICES": "",  # a GPU context would not survive the fork
+        _SERVER_FOLDER: get_temp_dir(),
     }
     before = {name: os.environ.get(name) for name in own}
     os.environ.update(own)  # the server inherits the environment at its start
@@ -106,3 +111,16 @@ def _live_with(parent: Connection) -> None:
             os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+def _tidy_server() -> None:
+    """In the server of processes: remove the folder of its socket when the program has ended.
+
+    Python removes it in the program, which can't do so when it is killed.
+    """
+    folder = os.environ.pop(_SERVER_FOLDER, None)
+    if folder is not None:
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+
+
+_tidy_server()

@@ -76,6 +76,7 @@ def test_repairing_puts_the_exchange_right_and_keeps_the_plan_of_the_next_run(sw
         (["--out", "list.txt"], ".csv or .json"),
         (["--repair", "-1"], "--repair"),
         (["--min-severity", "nan"], "--min-severity"),
+        (["--workers", "0"], "--workers"),
     ],
 )
 def test_wrong_options_are_refused_before_any_work(swapped, capsys, options, message):

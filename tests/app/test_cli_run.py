@@ -79,9 +79,10 @@ def test_a_project_runs_again_with_other_settings_and_gets_pictures(project, cap
     assert {path.name for path in project.figures.iterdir()} == {"mean.png", "modes.png", "subjects_01.png"}
 
 
-def test_ctrl_c_stops_at_once_and_says_how_to_go_on(begin, project):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_sigterm_stop_at_once_and_say_how_to_go_on(begin, project, number):
     process = begin()
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     shown, said = process.communicate(timeout=60)
     assert process.returncode == 130
     assert json.loads(shown.splitlines()[-1])["reason"] == "cancelled"

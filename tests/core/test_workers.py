@@ -50,7 +50,7 @@ def test_a_fresh_worker_sees_the_present_environment(monkeypatch):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
-def test_workers_end_with_a_killed_parent():
+def test_workers_end_with_a_killed_parent_and_its_temporary_folder_is_removed(tmp_path):
     code = (
         "import os, time\n"
         "from homolog.workers import worker_processes\n"
@@ -59,18 +59,20 @@ def test_workers_end_with_a_killed_parent():
         "        print(executor.submit(os.getpid).result(60), flush=True)\n"
         "        executor.submit(time.sleep, 1000).result()\n"
     )
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "TMPDIR": str(tmp_path)}
     command = [sys.executable, "-c", code]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment
     ) as parent:
         pid = int(parent.stdout.readline())
         assert alive(pid)
+        assert [*tmp_path.glob("pymp-*")]  # of multiprocessing
         parent.send_signal(signal.SIGKILL)
     deadline = time.monotonic() + 30
-    while alive(pid) and time.monotonic() < deadline:
+    while (alive(pid) or [*tmp_path.glob("pymp-*")]) and time.monotonic() < deadline:
         time.sleep(0.02)
     assert not alive(pid)
+    assert not [*tmp_path.glob("pymp-*")]
 
 
 def test_only_a_script_of_the_user_is_told_to_guard_its_work(monkeypatch):

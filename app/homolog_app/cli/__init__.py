@@ -9,6 +9,7 @@ responds at once.
 import argparse
 import importlib
 import os
+import signal
 import sys
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -68,7 +69,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             parser.error(f"unrecognized arguments: {' '.join(more)}")
         if arguments.command is None:
             return open_window([])
-        return int(getattr(modules[arguments.command], f"run_{arguments.command}")(arguments))
+        from homolog_app.cli.options import handling  # its imports are those of every command
+
+        with handling(signal.SIGTERM, signal.default_int_handler):  # clean up as for Ctrl-C
+            return int(getattr(modules[arguments.command], f"run_{arguments.command}")(arguments))
     except (InputError, NumericalError, OSError, ModuleNotFoundError) as error:
         message = user_message(error)
         if message is None:

@@ -173,6 +173,7 @@ def add_check(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
         "--repair", type=int, default=0, metavar="COUNT",
         help="optimize the particles around the COUNT most severe suspects again, and keep what improves",
     )  # fmt: skip
+    parser.add_argument("--workers", type=int, help="number of processes (default: one per core)")
     add_former_name(parser, "--least", least)
     add_former_name(parser, "--mend", repair)
     add_progress_option(parser)
@@ -185,6 +186,8 @@ def run_check(arguments: argparse.Namespace) -> int:
 
     if arguments.repair < 0 or not arguments.min_severity >= 0.0:
         raise InputError("--repair and --min-severity must be 0 or more")
+    if arguments.workers is not None and arguments.workers < 1:
+        raise InputError("--workers must be 1 or more")
     if arguments.out is not None and arguments.out.suffix.lower() not in (".csv", ".json"):
         raise InputError(
             f"--out {arguments.out}: the list can be written as .csv or .json; use one of these suffixes"
@@ -193,7 +196,9 @@ def run_check(arguments: argparse.Namespace) -> int:
     project.recover()
     with show_progress(arguments.progress) as progress:
         share = 0.2 if arguments.repair else 1.0
-        result, inspection = inspect_project(project, part_of(progress.tick, 0.0, share))
+        result, inspection = inspect_project(
+            project, part_of(progress.tick, 0.0, share), workers=arguments.workers
+        )
         notes: list[str] = []
         if arguments.repair:
             rest = part_of(progress.tick, share, 1.0)

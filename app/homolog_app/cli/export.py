@@ -4,7 +4,6 @@ The window's exports are this command in a child process, so that both give the 
 """
 
 import argparse
-import signal
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -26,7 +25,7 @@ from homolog_app.cli.export_pictures import (
     run_screenshot,
     run_still,
 )
-from homolog_app.cli.options import add_options, handling, with_options
+from homolog_app.cli.options import add_options, with_options
 from homolog_app.cli.patient import add_patient_report, run_patient_report
 from homolog_app.exports.settings import MeshSettings, ParticleSettings, TableSettings
 
@@ -299,5 +298,4 @@ def add_export(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 
 def run_export(arguments: argparse.Namespace) -> int:
     """Export; return the exit code."""
-    with handling(signal.SIGTERM, signal.default_int_handler):  # ended by the window: clean up as for Ctrl-C
-        return _KINDS[arguments.what][1](arguments)
+    return _KINDS[arguments.what][1](arguments)

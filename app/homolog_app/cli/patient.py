@@ -1,7 +1,6 @@
 """Single patients: ``homolog reference``, ``patient`` and ``export patient``."""
 
 import argparse
-import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,7 @@ from typing import Any
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog_app.cli.export_pictures import exporting
-from homolog_app.cli.options import add_progress_option, handling, show_progress
+from homolog_app.cli.options import add_progress_option, show_progress
 
 __all__ = [
     "add_patient",
@@ -194,7 +193,6 @@ def run_patient(arguments: argparse.Namespace) -> int:
         arguments.cut_off,
     )
     with (
-        handling(signal.SIGTERM, signal.default_int_handler),  # clean up as for Ctrl-C
         show_progress(arguments.progress) as progress,
         replace_folder(arguments.out) as folder,
     ):

@@ -339,13 +339,13 @@ def _adds_particles(
 
 @contextmanager
 def interrupt_cancels(cancel: Callable[[], None]) -> Iterator[None]:
-    """Let the first Ctrl-C cancel cleanly and a second one abort."""
+    """Let the first Ctrl-C or SIGTERM cancel cleanly and a second one abort."""
 
     def handle(number: int, frame: object) -> None:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(number, signal.default_int_handler)
         cancel()
 
-    with handling(signal.SIGINT, handle):
+    with handling(signal.SIGINT, handle), handling(signal.SIGTERM, handle):
         yield
 
 

@@ -20,6 +20,7 @@ from homolog.inspection import inspect
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh
+from homolog.threads import cores
 from homolog_app.pictures import write_picture
 from homolog_app.rendering.camera import Clip
 from homolog_app.report import NOTICE
@@ -158,7 +159,7 @@ def _add_check(page: Page, result: Result, meshes: Sequence[TriangleMesh]) -> No
             "Particles were not checked for wrong positions, which requires three subjects with surfaces."
         )
         return
-    suspects = inspect(result.local, meshes, result.alignments, names=result.names).suspects
+    suspects = inspect(result.local, meshes, result.alignments, names=result.names, workers=cores()).suspects
     if not suspects:
         page.paragraph("homolog check finds no location where the correspondence may be wrong.")
         return

@@ -145,11 +145,14 @@ def _checked(
     project: ProjectFolder, loaded: LoadedResult, view: CheckView, contents: SubjectContents, tick: Tick
 ) -> ViewContents:
     from homolog.inspection import inspect
+    from homolog.threads import cores
     from homolog_app.views.check import distances_on, energies_of, textures_of
 
     own, names = loaded.result, loaded.result.names
     meshes = [loaded.surfaces[name][0] for name in names]
-    inspection = inspect(own.local, meshes, own.alignments, names=names, tick=part_of(tick, 0.0, 0.7))
+    inspection = inspect(
+        own.local, meshes, own.alignments, names=names, workers=cores(), tick=part_of(tick, 0.0, 0.7)
+    )
     subject = names.index(view.subject) if view.subject in names else 0
     distances = energies = texture = None
     if view.show == "distances" and (place := _place(view, inspection, subject)) is not None:

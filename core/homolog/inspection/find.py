@@ -24,6 +24,7 @@ def inspect(
     alignments: FloatArray,
     *,
     names: Sequence[str],
+    workers: int = 1,
     tick: Tick = no_tick,
 ) -> Inspection:
     """Find suspects: places where the correspondence may be wrong.
@@ -38,6 +39,8 @@ def inspect(
         Similarities to aligned coordinates.
     names : sequence of str
         Names of the subjects, for messages.
+    workers : int
+        Largest number of processes; see `locate_particles`.
     tick : Tick
         Progress and cancellation.
 
@@ -49,10 +52,14 @@ def inspect(
     ------
     InputError
         If there are fewer than three subjects, or particles are not on their surfaces.
+    NumericalError
+        If processes die repeatedly.
     """
     if len(meshes) < _FEWEST:
         raise InputError(f"suspects are found by comparing three or more subjects, not {len(meshes)}")
-    located = locate_particles(local, meshes, alignments, names=names, tick=part_of(tick, 0.0, 0.8))
+    located = locate_particles(
+        local, meshes, alignments, names=names, workers=workers, tick=part_of(tick, 0.0, 0.8)
+    )
     return assess(located, part_of(tick, 0.8, 1.0))
 
 

@@ -10,6 +10,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from homolog.arrays import Array, FloatArray, IntArray, frozen
+from homolog.cluster import SubjectWorkers
 from homolog.correspondence.kernels.particles import locate
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.surface_sets import (
@@ -45,6 +46,11 @@ _FEWEST_VERTICES = 700
 """Least number of vertices of that mesh."""
 _NEAREST = 12
 """Number of particles, the nearest by straight distance, to which distances of a vertex are computed."""
+_LEAST = 32
+"""Fewest subjects for which a further process pays: its start takes as long as twenty subjects with 256
+particles."""
+_CHUNK = 8
+"""Number of subjects that a process receives at a time."""
 _T = TypeVar("_T")
 _MEAN_ROUNDS = 20
 _LOST = 1.0
@@ -123,6 +129,7 @@ def locate_particles(
     alignments: FloatArray,
     *,
     names: Sequence[str],
+    workers: int = 1,
     tick: Tick = no_tick,
 ) -> LocatedParticles:
     """Find normals and distances of particles.
@@ -137,6 +144,9 @@ def locate_particles(
         Similarities to aligned coordinates.
     names : sequence of str
         Names of the subjects, for messages.
+    workers : int
+        Largest number of processes. Fewer, or only this one, are used for cohorts for which they do not pay;
+        the result does not depend on it.
     tick : Tick
         Progress and cancellation.
 
@@ -144,15 +154,18 @@ def locate_particles(
     ------
     InputError
         If particles are not on their subject's surface, or a surface is not closed.
+    NumericalError
+        If processes die repeatedly.
     """
     count = local.shape[1]
     world = transform_points(alignments, local)
     spacing = np.sqrt([mesh.area / count for mesh in meshes])
-    located = []
-    for m, (points, mesh, name) in enumerate(zip(local, meshes, names, strict=True)):
-        part = part_of(tick, m / len(meshes), (m + 1) / len(meshes))
-        part(0.0, f"distances between particles of {name}")
-        located.append(_locate(points, mesh, float(spacing[m]), name, part))
+    subjects = [
+        _Subject(points, mesh, float(own), name)
+        for points, mesh, own, name in zip(local, meshes, spacing, names, strict=True)
+    ]
+    processes = min(workers, len(subjects) // _LEAST)
+    located = _located_chunk(subjects, tick) if processes < 2 else _in_processes(subjects, processes, tick)
     normals = np.stack([item.normals for item in located]) @ alignments[:, :3, :3].swapaxes(1, 2)
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     return LocatedParticles(
@@ -170,6 +183,16 @@ def locate_particles(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Subject:
+    """Particles, surface, spacing and name of one subject."""
+
+    points: FloatArray
+    mesh: TriangleMesh
+    spacing: float
+    name: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Located:
     """Particles of one subject; see `LocatedParticles`."""
 
@@ -178,6 +201,23 @@ class _Located:
     coarse_reach: FloatArray
     reach: FloatArray
     distances: csr_array
+
+
+def _in_processes(subjects: Sequence[_Subject], processes: int, tick: Tick) -> list[_Located]:
+    """Locate the particles of many subjects, a chunk at a time in each process."""
+    chunks = {str(first + 1): subjects[first : first + _CHUNK] for first in range(0, len(subjects), _CHUNK)}
+    with SubjectWorkers(processes) as workers:
+        located = dict(workers.each(_located_chunk, chunks, "distances between particles of subject", tick))
+    return [item for first in chunks for item in located[first]]
+
+
+def _located_chunk(subjects: Sequence[_Subject], tick: Tick = no_tick) -> list[_Located]:
+    located = []
+    for m, subject in enumerate(subjects):
+        part = part_of(tick, m / len(subjects), (m + 1) / len(subjects))
+        part(0.0, f"distances between particles of {subject.name}")
+        located.append(_locate(subject.points, subject.mesh, subject.spacing, subject.name, part))
+    return located
 
 
 def _locate(points: FloatArray, mesh: TriangleMesh, spacing: float, name: str, tick: Tick) -> _Located:

@@ -26,6 +26,7 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.run.result import OptimizationInput, OptimizationOutcome, add_note, model_of, write_result
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh
+from homolog.threads import cores
 
 __all__ = [
     "COLUMNS", "inspect_project", "read_inputs", "repair_result", "repaired", "rows", "write_repaired",
@@ -38,8 +39,17 @@ COLUMNS = ("kind", "subject", "severity", "particles", "x_mm", "y_mm", "z_mm", "
 Row = tuple[str, str, float, str, float, float, float, float, str]
 
 
-def inspect_project(project: ProjectFolder, tick: Tick = no_tick) -> tuple[Result, Inspection]:
+def inspect_project(
+    project: ProjectFolder, tick: Tick = no_tick, *, workers: int | None = None
+) -> tuple[Result, Inspection]:
     """Find suspects in a project's result.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+    tick : Tick
+    workers : int, optional
+        Largest number of processes; one per core by default.
 
     Raises
     ------
@@ -52,7 +62,14 @@ def inspect_project(project: ProjectFolder, tick: Tick = no_tick) -> tuple[Resul
     meshes = [read_surface(project, subject) for subject in record.subjects]
     if record.ended == IMPORTED:
         _check_surfaces(result.names, meshes)
-    return result, inspect(result.local, meshes, result.alignments, names=result.names, tick=tick)
+    return result, inspect(
+        result.local,
+        meshes,
+        result.alignments,
+        names=result.names,
+        workers=workers or cores(),
+        tick=tick,
+    )
 
 
 def _check_surfaces(names: Sequence[str], meshes: Sequence[TriangleMesh]) -> None:

@@ -1,10 +1,13 @@
 """Distances on a coarse mesh agree with those on the subjects' own."""
 
+from multiprocessing import active_children
+
 import numpy as np
 import pytest
 
+from homolog.errors import Cancelled, InputError
 from homolog.geodesics import distances_from
-from homolog.inspection import locate_particles
+from homolog.inspection import locate_particles, located_particles
 from homolog.inspection.located_particles import FAR, REACH
 
 
@@ -59,3 +62,60 @@ def test_a_surface_that_may_have_a_gap_is_measured_at_all_its_vertices(known):
     exact = distances_from(located.meshes[0], corners.ravel().tolist(), start.ravel().tolist())
     np.testing.assert_array_equal(located.reaches[0], exact)
     assert exact.max() > FAR * located.spacing[0]
+
+
+def use_processes(monkeypatch):
+    """Let two subjects be enough for a process, and none be located in this one."""
+
+    def fails(*_):
+        raise AssertionError("located in this process")
+
+    monkeypatch.setattr(located_particles, "_LEAST", 2)
+    monkeypatch.setattr(located_particles, "_CHUNK", 2)
+    monkeypatch.setattr(located_particles, "_locate", fails)
+
+
+def numbers_of(inspection):
+    """Return all that is found of each subject, and the suspects."""
+    located = inspection.located
+    found = [located.normals, located.faces, *located.coarse_reaches, *located.reaches]
+    found += [distance.toarray() for distance in located.distances]
+    return found, [(item.kind, item.severity, item.place.tolist()) for item in inspection.suspects]
+
+
+def test_several_processes_find_the_same_as_one(known, monkeypatch):
+    local = known.local.copy()
+    local[0] = bare(known, 0)
+    local[4, [8, 100]] = local[4, [100, 8]]
+    found, suspects = numbers_of(known.inspect(local))
+    use_processes(monkeypatch)
+    found_together, suspects_together = numbers_of(known.inspect(local, workers=3))
+    assert len(suspects) >= 2
+    assert suspects_together == suspects
+    assert all(map(np.array_equal, found_together, found))
+
+
+def test_few_subjects_are_located_in_this_process(known, good, monkeypatch):
+    monkeypatch.setattr(located_particles, "SubjectWorkers", None)
+    assert np.array_equal(known.inspect(workers=16).located.normals, good.located.normals)
+
+
+def test_processes_refuse_particles_of_another_surface_by_name(known, monkeypatch):
+    local = known.local.copy()
+    local[3] += 40.0
+    use_processes(monkeypatch)
+    with pytest.raises(InputError, match="subject_3: 160 particles"):
+        known.inspect(local, workers=3)
+
+
+def test_processes_end_when_the_search_is_cancelled(known, monkeypatch):
+    before = set(active_children())
+
+    def tick(fraction, message):
+        if set(active_children()) - before:
+            raise Cancelled("cancelled")
+
+    use_processes(monkeypatch)
+    with pytest.raises(Cancelled):
+        known.inspect(workers=2, tick=tick)
+    assert set(active_children()) == before

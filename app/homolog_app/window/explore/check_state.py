@@ -202,10 +202,11 @@ class InspectionState(QObject):
 
         def inspect(tick: Tick) -> "Inspection":
             from homolog.inspection import inspect
+            from homolog.threads import cores
 
             meshes = [result.surfaces[name][0] for name in result.result.names]
             own = result.result
-            return inspect(own.local, meshes, own.alignments, names=own.names, tick=tick)
+            return inspect(own.local, meshes, own.alignments, names=own.names, workers=cores(), tick=tick)
 
         def take(inspection: "Inspection") -> None:
             self._versions = [_Version(result, inspection, {})]
