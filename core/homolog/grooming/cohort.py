@@ -22,6 +22,7 @@ from homolog.grooming.missing_slices import with_missing_slices
 from homolog.grooming.subject import GroomedSubject, Source, check_source, groom, read_source
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import GroomSettings
+from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import cores
 from homolog.workers import main_guard_hint, worker_processes
 
@@ -191,19 +192,24 @@ def groom_cohort(
         strange = of_other_units([subject.name for subject in ordered], sizes)
         left_out += [Problem(name, message) for name, message in strange.items()]
         ordered = [subject for subject in ordered if subject.name not in strange]
-    return _with_other_handles(_with_other_ends(_with_twins(ordered, cached)))
+    return _with_other_handles(_with_other_ends(_with_twins(ordered)))
 
 
-def _with_twins(groomed: Sequence[GroomedSubject], keys: Mapping[str, str]) -> list[GroomedSubject]:
-    """Return the subjects, with a note on each whose file is identical to an earlier one."""
-    first: dict[str, str] = {}
+def _with_twins(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
+    """Return the subjects, with a note on each whose surface is that of an earlier one."""
+    by_volume: dict[float, list[GroomedSubject]] = {}
     noted = []
     for subject in groomed:
-        content = keys.get(subject.name, subject.name).partition(" ")[0]
-        twin = first.setdefault(content, subject.name)
-        note = f"its file has the same content as that of {twin}; exclude one of them, or correct its file"
-        noted.append(subject if twin == subject.name else _with_note(subject, note))
+        alike = by_volume.setdefault(subject.report.volume_after, [])
+        twin = next((other.name for other in alike if _are_equal(other.mesh, subject.mesh)), None)
+        note = f"its surface is identical to that of {twin}; exclude one of them, or correct its file"
+        noted.append(subject if twin is None else _with_note(subject, note))
+        alike.append(subject)
     return noted
+
+
+def _are_equal(first: TriangleMesh, second: TriangleMesh) -> bool:
+    return np.array_equal(first.faces, second.faces) and np.array_equal(first.vertices, second.vertices)
 
 
 def _with_other_ends(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:

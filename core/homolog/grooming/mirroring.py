@@ -80,18 +80,25 @@ def align_cohort(
         plan = plan.without_mirroring()
         registered, better = _aligned(groomed, plan, settings, given, pair, part_of(tick, 0.6, 1.0))
     registrations.save()
+    remedy = _WRONG_SIDE if sides_of(cohort).of else _NO_SIDES
     result = []
     for item, registered_as in zip(groomed, registered.notes, strict=True):
         notes = [plan.notes[item.name]] if item.name in plan.notes else []
         if item.name in better:
             notes.append(
-                f"fits the others far better {'un' if item.name in plan.mirrored else ''}mirrored: its side "
-                "may be wrong or missing; enter left or right in a column side of the cohort's table"
+                f"fits the others far better {'un' if item.name in plan.mirrored else ''}mirrored{remedy}"
             )
         elif registered_as is not None:
             notes.append(registered_as)
         result.append(replace(item, report=replace(item.report, notes=(*item.report.notes, *notes))))
     return result, registered.alignments
+
+
+_WRONG_SIDE = ": its side may be wrong or missing; enter left or right in a column side of the cohort's table"
+_NO_SIDES = (
+    "; if the structure is one of a pair, enter left or right in a column side of the cohort's table; if it "
+    "is a single one, check that left and right are not exchanged in its file"
+)
 
 
 def _aligned(

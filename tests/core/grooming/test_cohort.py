@@ -66,6 +66,17 @@ def test_a_shape_with_a_hole_among_shapes_without_gets_a_note(tmp_path, grid, ri
     assert [item.name for item in groomed if any("handle" in note for note in item.report.notes)] == noted
 
 
+def test_the_same_voxels_in_another_format_are_noted_on_the_second_subject(cohort, sphere_volume):
+    sphere_volume("d.nii.gz", 8.0)
+    sphere_volume("e.nrrd", 8.1)
+    notes = [
+        item.report.notes for item in groom_cohort(read_cohort(cohort.folder), SETTINGS, executor=Here())
+    ]
+    assert [len(item) for item in notes[:3]] == [0, 0, 0]
+    assert "identical to that of a" in notes[3][0]
+    assert not notes[4]
+
+
 def test_a_file_that_is_there_twice_is_noted_on_the_second_subject(cohort, tmp_path):
     shutil.copy(tmp_path / "a.nrrd", tmp_path / "d.nrrd")
     for _ in range(2):  # also of what is groomed already
