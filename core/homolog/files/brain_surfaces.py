@@ -26,6 +26,7 @@ _KINDS = {
 _CODES = {"2": "u1", "256": "i1", "4": "i2", "8": "i4", "16": "f4", "64": "f8"}
 _SCANNER, _UNKNOWN = "NIFTI_XFORM_SCANNER_ANAT", "NIFTI_XFORM_UNKNOWN"
 
+_AMIRA = b"# HyperSurface"  # also named .surf
 _TRIANGLES, _QUADRANGLES = b"\xff\xff\xfe", (b"\xff\xff\xff", b"\xff\xff\xfd")
 _VECTOR = re.compile(rb"(?:^|\x14)(valid|xras|yras|zras|cras)\s*=([^\n]*)", re.MULTILINE)
 _SURFACE_AXES = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
@@ -107,6 +108,8 @@ def read_freesurfer(content: bytes) -> Polygons:
     """
     if content.startswith(_QUADRANGLES):
         raise ValueError("values of a surface or FreeSurfer's old quadrangles, not a triangle surface")
+    if content.startswith(_AMIRA):
+        raise ValueError("a surface of Amira; save it as STL or PLY")
     begin = content.find(b"\n", content.find(b"\n") + 1) + 1  # after a line with the author, and an empty one
     if not content.startswith(_TRIANGLES) or begin == 0:
         raise ValueError("not a FreeSurfer surface")

@@ -30,6 +30,8 @@ def read_ply(content: bytes) -> Polygons:
     counts = {kind: int(count) for kind, count in re.findall(r"element\s+(\w+)\s+(\d+)", header)}
     if "vertex" not in counts or not end:
         raise ValueError("no points")
+    if counts.get("tristrips"):
+        raise ValueError("contains triangle strips; save it with triangles")
     if not counts.get("face"):  # a point cloud
         return Polygons(np.empty((0, 3)), Cells.of_lists([]), header=header)
     if max(counts["vertex"], counts["face"]) > len(content):

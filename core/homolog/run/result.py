@@ -129,6 +129,13 @@ class OptimizationOutcome:
     seconds: Mapping[str, float]
 
 
+_MANY_REPAIRED = 0.25
+_UNLIKE = (
+    "more than a quarter of its particles were misplaced: it may differ too much from the others; check that "
+    "all files show the same structure"
+)
+
+
 def add_note(groomed: GroomedSubject, note: str) -> GroomedSubject:
     """Return a subject with a further note in its report."""
     return replace(groomed, report=replace(groomed.report, notes=(*groomed.report.notes, note)))
@@ -143,6 +150,10 @@ def add_repair_notes(inputs: OptimizationInput, optimized: OptimizedParticles) -
     groomed = [
         add_note(item, f"{note} were repaired: {count} of {len(repaired)}") if count else item
         for item, count, repaired in zip(inputs.groomed, counts, optimized.repaired, strict=True)
+    ]
+    many = counts > _MANY_REPAIRED * optimized.repaired.shape[1]
+    groomed = [
+        add_note(item, _UNLIKE) if is_unlike else item for item, is_unlike in zip(groomed, many, strict=True)
     ]
     return replace(inputs, groomed=groomed)
 

@@ -89,3 +89,10 @@ def test_truncated_files_are_refused(tmp_path, name):
     path.write_bytes(path.read_bytes()[:-2000])
     with pytest.raises(InputError, match=name):
         read_mesh(path)
+
+
+def test_a_surface_of_amira_is_refused_with_what_to_do(tmp_path):
+    path = tmp_path / "bone.surf"
+    path.write_bytes(b"# HyperSurface 0.1 BINARY\n\nVertices 0\n")
+    with pytest.raises(InputError, match=r"bone\.surf: .*Amira; save it as STL"):
+        read_mesh(path)

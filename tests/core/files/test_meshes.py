@@ -335,6 +335,17 @@ def test_polygons_of_a_ply_are_split(tmp_path, corners, area):
     assert read_mesh(path).area == pytest.approx(area)
 
 
+def test_a_ply_of_triangle_strips_is_refused_with_what_to_do(tmp_path):
+    path = tmp_path / "strips.ply"
+    path.write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+        "0 0 0\n1 0 0\n0 1 0\n4 0 1 2 -1\n"
+    )
+    with pytest.raises(InputError, match="strips; save it with triangles"):
+        read_mesh(path)
+
+
 def test_a_ply_of_points_alone_is_no_surface(tmp_path):
     header = "ply\nformat ascii 1.0\nelement vertex 1\n" + "".join(
         f"property float {axis}\n" for axis in "xyz"

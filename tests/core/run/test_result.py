@@ -41,5 +41,14 @@ def test_subjects_with_repaired_particles_say_so(inputs, result):
     assert f"1 of {particles}" in notes[2][0]
 
 
+def test_a_subject_with_many_repaired_particles_may_be_another_structure(inputs, result):
+    repaired = result.repaired.copy()
+    repaired[1, :2], repaired[2, :3] = 40, 40
+    changed = add_repair_notes(inputs, replace(result, repaired=repaired)).groomed
+    assert [any("same structure" in note for note in item.report.notes) for item in changed] == [
+        k == 2 for k in range(len(inputs.shapes))
+    ]
+
+
 def test_where_nothing_was_repaired_nothing_is_noted(inputs, result):
     assert add_repair_notes(inputs, result) is inputs
