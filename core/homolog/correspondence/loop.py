@@ -22,7 +22,7 @@ from homolog.correspondence.poses import (
 )
 from homolog.correspondence.prepared_cohort import PreparedCohort, landmarks_on_device
 from homolog.correspondence.recorder import CheckpointCallback, RunRecorder
-from homolog.correspondence.schedule import DoneFraction, StagePlan, time_shares
+from homolog.correspondence.schedule import StagePlan, TimeShares
 from homolog.correspondence.types import (
     Checkpoint,
     FrameCallback,
@@ -88,10 +88,11 @@ class OptimizationLoop:
         cohort: PreparedCohort,
         settings: OptimizeSettings,
         stages: Sequence[StagePlan],
+        shares: TimeShares,
         initial: InitialParticles | None,
         tick: Tick,
-        observe: FrameCallback | None,
-        on_checkpoint: CheckpointCallback | None,
+        observe: FrameCallback | None = None,
+        on_checkpoint: CheckpointCallback | None = None,
     ) -> None:
         self.cohort, self.settings, self.initial, self.stages = cohort, settings, initial, stages
         self.alignments = alignments
@@ -100,7 +101,7 @@ class OptimizationLoop:
         self.log = RunRecorder(compared, scales, cohort.unit, observe, on_checkpoint)
         self.log.tangential_weight = TANGENTIAL_WEIGHT
         self.landmarks = landmarks_on_device(shapes, cohort, stages[0].count)
-        _, first = time_shares(stages, geodesic=cohort.geodesic, registers=initial is None)
+        self.shares, first = shares, shares.first_particles
         latest = LatestTick(tick, "first particles")
         self.initial_tick, self.tick = part_of(latest, 0.0, first), part_of(latest, first, 1.0)
         self.launcher = Launcher(cohort.device, poll_cancel=latest.repeat)
@@ -111,7 +112,6 @@ class OptimizationLoop:
         self.aligns = settings.procrustes not in (Procrustes.OFF, Procrustes.AUTO)
         self.scaling = settings.procrustes.takes_size_out
         self.free_poses: BoolArray = np.all(self.free, axis=1)  # shapes whose pose may change
-        self._done = DoneFraction(stages, geodesic=cohort.geodesic)
 
     def run(self, resume: Checkpoint | None) -> Reason:
         """Run all stages, or the remaining ones of a checkpoint."""
@@ -227,7 +227,7 @@ class OptimizationLoop:
         self.launcher.forget()
         try:
             self.cohort.surface_set(
-                plan.count, part_of(self.tick, self._done.before(index), self._done(index))
+                plan.count, part_of(self.tick, self.shares.before(index), self.shares.done(index))
             )
             self._set_particles(plan.count, transform_points(inverse_matrices(self.poses), aligned))
         except Cancelled:
@@ -366,7 +366,7 @@ class OptimizationLoop:
             expected = RECORD_INTERVAL * (done // RECORD_INTERVAL + left)
         text = f"{plan.stage.value}: {plan.count} particles{repairs_text(self.repaired)}"
         try:
-            self.tick(self._done(index, done / expected), text)
+            self.tick(self.shares.done(index, done / expected), text)
         except Cancelled:
             self._checkpoint(index, done)
             raise

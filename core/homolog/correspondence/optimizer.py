@@ -9,7 +9,7 @@ from homolog.correspondence.divided import prepare_on
 from homolog.correspondence.loop import OptimizationLoop
 from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.recorder import CheckpointCallback
-from homolog.correspondence.schedule import plan_stages, time_shares
+from homolog.correspondence.schedule import TimeShares, plan_stages
 from homolog.correspondence.surface_sets import normalize_size
 from homolog.correspondence.types import (
     Checkpoint,
@@ -24,7 +24,7 @@ from homolog.geodesics import GeodesicSolver, solve_tables
 from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
-from homolog.threads import blas_threads
+from homolog.threads import blas_threads, cores
 
 __all__ = ["optimize"]
 
@@ -96,8 +96,11 @@ def optimize(
     if settings.procrustes.takes_size_out:
         shapes = normalize_size(shapes)
     stages = plan_stages(settings, initial.local.shape[1] if initial is not None else None, len(shapes))
-    prepared_fraction, _ = time_shares(
-        stages, geodesic=settings.method.uses_geodesics, registers=initial is None
+    shares = TimeShares(
+        stages,
+        geodesic=settings.method.uses_geodesics,
+        registers=initial is None,
+        threads=cores() if devices[0] == "cpu" else 1,
     )
     cohort = prepare_on(
         devices,
@@ -107,11 +110,11 @@ def optimize(
         free_shapes=free_shapes,
         solve=solve,
         store=store,
-        tick=part_of(tick, 0.0, prepared_fraction),
+        tick=part_of(tick, 0.0, shares.preparation),
     )
-    loop_tick = part_of(tick, prepared_fraction, 1.0)
+    loop_tick = part_of(tick, shares.preparation, 1.0)
     loop = OptimizationLoop(
-        shapes, alignments, cohort, settings, stages, initial, loop_tick, observe, checkpoint
+        shapes, alignments, cohort, settings, stages, shares, initial, loop_tick, observe, checkpoint
     )
     try:
         with blas_threads(len(shapes)):

@@ -3,19 +3,22 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from homolog.correspondence.entropy.terms import Term, TermSchedule
 from homolog.correspondence.types import Stage
 from homolog.settings import OptimizeSettings
+from homolog.threads import MOST_THREADS
 
-__all__ = ["DoneFraction", "StagePlan", "Weights", "particle_counts", "plan_stages", "time_shares"]
+__all__ = ["StagePlan", "TimeShares", "Weights", "particle_counts", "plan_stages"]
 
 STEP_FRACTION = 0.5  # tau over the squared Parzen width
 STEP_DECAY_ITERATIONS = 400  # over which tau decays to e^-3 in the last stage
 SETTLING = 520.0  # times sqrt(shapes / particles): iterations until the last stage converges, mostly
 FEWEST_SETTLING, MOST_SETTLING = 80, 500  # expected
 TYPICAL_SHAPES = 30
-TABLES_COST = 0.52e5  # of the geodesic tables of one level of detail [updates of a particle], for estimates
+ITERATION_COST = 100.0  # of what an iteration does once per shape [updates of a particle], for estimates
+TABLES_COST = 0.52e5  # of the geodesic tables of one level of detail [the same]
 REGISTRATION_COST = 0.65e5  # of the first particles
 MIN_FINE_PARTICLES = 300  # from which the fine meshes are used; the coarse ones have 1500 vertices
 MAX_INITIAL_PARTICLES = 256  # initialized by registration; the others come from splitting
@@ -79,11 +82,6 @@ class StagePlan:
     def expected_iterations(self) -> int:
         """Iterations for estimates of the remaining time."""
         return min(self.iterations, self.expected_settling) if self.until_converged else self.iterations
-
-    @property
-    def expected_cost(self) -> float:
-        """Processor time for estimates of the remaining time [updates of a particle], for one shape."""
-        return self.expected_iterations * (self.count + 100.0)
 
     def weights(self, iteration: int) -> Weights:
         """Return the weights of one of the stage's iterations."""
@@ -157,8 +155,8 @@ def plan_stages(
     return stages
 
 
-def time_shares(stages: Sequence[StagePlan], *, geodesic: bool, registers: bool) -> tuple[float, float]:
-    """Return estimates of the time shares of preparation and of first particles.
+class TimeShares:
+    """Shares of the parts of an optimization in its time, for estimates of the remaining time.
 
     Parameters
     ----------
@@ -166,48 +164,36 @@ def time_shares(stages: Sequence[StagePlan], *, geodesic: bool, registers: bool)
     geodesic : bool
         Whether geodesic tables are computed.
     registers : bool
-        Whether first particles are placed by registration.
+        Whether the first particles are placed by registration.
+    threads : int
+        Threads of the host that move particles. Costs were calibrated with two. With more, what a thread does
+        alone has a larger share.
 
-    Returns
-    -------
-    tuple of 2 float
-        Share of the first preparation in the whole, and of the first particles in the rest.
-    """
-    first = REGISTRATION_COST if registers else 0.0
-    tables, *later = _table_costs(stages, geodesic=geodesic)
-    rest = first + sum(plan.expected_cost for plan in stages) + sum(later)
-    return tables / (tables + rest), first / rest
-
-
-class DoneFraction:
-    """Fraction of the stages that is done, for estimates of the remaining time.
-
-    Parameters
+    Attributes
     ----------
-    stages : sequence of StagePlan
-    geodesic : bool
-        Whether geodesic tables are computed. Those of the first stage are there before.
+    preparation : float
+        Share of the first preparation in the whole.
+    first_particles : float
+        Share of the first particles in the rest.
     """
 
-    def __init__(self, stages: Sequence[StagePlan], *, geodesic: bool) -> None:
-        self._tables = [0.0, *_table_costs(stages, geodesic=geodesic)[1:]]
-        self._costs = [plan.expected_cost for plan in stages]
+    def __init__(self, stages: Sequence[StagePlan], *, geodesic: bool, registers: bool, threads: int) -> None:
+        more = max(0, min(threads, MOST_THREADS) - 2)
+        tables = TABLES_COST * (1.0 if geodesic else 0.1) * (1.0 + 0.1 * more)
+        first = REGISTRATION_COST * (1.0 + 0.33 * more) if registers else 0.0
+        overhead = ITERATION_COST * (1.0 + 0.33 * more)
+        fine = [plan.count >= MIN_FINE_PARTICLES for plan in stages]
+        changes = [now is not before for before, now in pairwise(fine)]
+        self._tables = [0.0, *(tables if change else 0.0 for change in changes)]  # the first are there before
+        self._costs = [plan.expected_iterations * (plan.count + overhead) for plan in stages]
+        self._sum = sum(self._tables) + sum(self._costs)
+        self.preparation = tables / (tables + first + self._sum)
+        self.first_particles = first / (first + self._sum)
 
-    def __call__(self, index: int, share: float = 0.0) -> float:
-        """Return the fraction when a share of a stage is done, and its tables are made."""
-        both = sum(self._tables) + sum(self._costs)
-        return self.before(index) + (self._tables[index] + self._costs[index] * min(1.0, share)) / both
+    def done(self, index: int, share: float = 0.0) -> float:
+        """Return the fraction of all stages when a share of a stage is done, and its tables are made."""
+        return self.before(index) + (self._tables[index] + self._costs[index] * min(1.0, share)) / self._sum
 
     def before(self, index: int) -> float:
-        """Return the fraction before the tables of a stage are made."""
-        both = sum(self._tables) + sum(self._costs)
-        return (sum(self._tables[:index]) + sum(self._costs[:index])) / both
-
-
-def _table_costs(stages: Sequence[StagePlan], *, geodesic: bool) -> list[float]:
-    """Return the cost of the geodesic tables of each stage [updates of a particle]."""
-    cost = TABLES_COST * (1.0 if geodesic else 0.1)
-    fine = [plan.count >= MIN_FINE_PARTICLES for plan in stages]
-    return [
-        cost if index == 0 or fine[index - 1] is not is_fine else 0.0 for index, is_fine in enumerate(fine)
-    ]
+        """Return the fraction of all stages before the tables of a stage are made."""
+        return (sum(self._tables[:index]) + sum(self._costs[:index])) / self._sum

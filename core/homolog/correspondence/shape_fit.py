@@ -27,7 +27,7 @@ from homolog.correspondence.pose_search import SurfacePoints, follow_pose, searc
 from homolog.correspondence.poses import procrustes_step, robust_step
 from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort, prepare_cohort
 from homolog.correspondence.refit import carry_particles
-from homolog.correspondence.schedule import NORMALS_ANNEALING, StagePlan, plan_stages
+from homolog.correspondence.schedule import NORMALS_ANNEALING, StagePlan, TimeShares, plan_stages
 from homolog.correspondence.types import InitialParticles, Shape
 from homolog.geometry import fit_similarity, inverse_matrices, rotation_of, transform_points
 from homolog.progress import Tick, no_tick
@@ -270,9 +270,8 @@ class _FitLoop(OptimizationLoop):
             self._trial, self._round, *stages = stages
         world, similarity = np.eye(4), cohort.to_optimizer[0]
         world[:3] = cohort.unit * np.column_stack([similarity.linear, similarity.origin])
-        super().__init__(
-            [], world[None], cohort, settings, stages, starts[0], tick, observe=None, on_checkpoint=None
-        )
+        shares = TimeShares(stages, geodesic=cohort.geodesic, registers=False, threads=1)
+        super().__init__([], world[None], cohort, settings, stages, shares, starts[0], tick)
         self._recorded = np.empty((0, 3), np.float32)
 
     def state(self, placement: FloatArray, side: FloatArray) -> ShapeState:

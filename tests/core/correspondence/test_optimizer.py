@@ -9,7 +9,7 @@ from homolog.correspondence import Reason, Shape, optimize
 from homolog.correspondence.initialization.splitting import split
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.recorder import RunRecorder
-from homolog.correspondence.schedule import DoneFraction, particle_counts, plan_stages, time_shares
+from homolog.correspondence.schedule import TimeShares, particle_counts, plan_stages
 from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.geodesics import solve_tables
 from homolog.settings import Method, OptimizeSettings, Procrustes
@@ -275,23 +275,34 @@ def test_particles_are_even_on_surfaces_of_very_different_size(make_shape):
         assert nearest.std() / nearest.mean() < 0.15
 
 
+def shares_of(particles, *, geodesic=True, registers=True, threads=2):
+    stages = plan_stages(OptimizeSettings(particles=particles))
+    return TimeShares(stages, geodesic=geodesic, registers=registers, threads=threads)
+
+
 def test_estimates_give_preparation_a_smaller_share_the_more_particles_are_placed():
-    few, many = (plan_stages(OptimizeSettings(particles=count)) for count in (512, 4096))
-    shares = [time_shares(stages, geodesic=True, registers=True) for stages in (few, many)]
-    assert 1.0 > shares[0][0] > shares[1][0] > 0.0
-    assert 1.0 > shares[0][1] > shares[1][1] > 0.0
-    assert time_shares(few, geodesic=False, registers=True)[0] < shares[0][0]
-    assert time_shares(few, geodesic=True, registers=False)[1] == 0.0
+    few, many = shares_of(512), shares_of(4096)
+    assert 1.0 > few.preparation > many.preparation > 0.0
+    assert 1.0 > few.first_particles > many.first_particles > 0.0
+    assert shares_of(512, geodesic=False).preparation < few.preparation
+    assert shares_of(512, registers=False).first_particles == 0.0
 
 
 def test_estimates_count_tables_that_are_computed_between_stages():
-    stages = plan_stages(OptimizeSettings(particles=1024))
-    done = DoneFraction(stages, geodesic=True)
-    fractions = [part for index in range(len(stages)) for part in (done.before(index), done(index))]
+    stages, shares = plan_stages(OptimizeSettings(particles=1024)), shares_of(1024)
+    fractions = [part for index in range(len(stages)) for part in (shares.before(index), shares.done(index))]
     assert fractions == sorted(fractions)
-    (between,) = [index for index in range(len(stages)) if done(index) > done.before(index)]
+    (between,) = [index for index in range(len(stages)) if shares.done(index) > shares.before(index)]
     assert [plan.count for plan in stages[between - 1 : between + 1]] == [256, 512]
-    assert done(len(stages) - 1, 1.0) == pytest.approx(1.0)
+    assert shares.done(len(stages) - 1, 1.0) == pytest.approx(1.0)
+
+
+def test_with_more_threads_estimates_give_the_last_particles_a_smaller_share():
+    two, eight, many = (shares_of(1024, threads=threads) for threads in (2, 8, 64))
+    assert eight.before(4) > two.before(4)
+    assert eight.first_particles > two.first_particles
+    assert many.before(4) == eight.before(4)  # no more threads are used
+    assert shares_of(1024, threads=1).before(4) == two.before(4)
 
 
 def test_more_shapes_and_fewer_particles_are_expected_to_settle_later():
