@@ -16,6 +16,8 @@ __all__ = [
     "copies_among",
     "corrected",
     "derived_beside",
+    "describe_files",
+    "is_mask",
     "is_picture",
     "is_site",
     "kinds_before_numbers",
@@ -189,8 +191,16 @@ def is_picture(structure: str) -> bool:
         return True
     if not tokens or not _MASKS.isdisjoint(tokens):
         return False
+    if tokens[-1].endswith("mri"):  # ``lgemri``
+        return True
     is_acquisition = tokens[0] in _MODALITIES and _ACQUISITIONS.issuperset(set(tokens) - _MODALITIES)
     return is_acquisition or structure.casefold() in _PICTURES or tokens[-1] in _MODALITIES | _NORMALIZED
+
+
+def is_mask(structure: str) -> bool:
+    """Return whether the name of a subject's file says only that it is a label map: ``GT``."""
+    tokens = _words(structure)
+    return bool(tokens) and _MASKS.issuperset(tokens)
 
 
 def scans_beside(files: Sequence[Path]) -> dict[Path, Path]:
@@ -298,6 +308,12 @@ def times_among(names: Iterable[str]) -> list[str]:
 def _is_time(name: str) -> bool:
     tokens = [word for word in _words(name) if word not in _MASKS]
     return bool(tokens) and all(map(_TIME.fullmatch, tokens))
+
+
+def describe_files(word: str) -> bool:
+    """Return whether a word in file names tells no structures apart: sides, times, groups, label maps."""
+    folded = word.casefold()
+    return is_side(folded) or folded in _GROUPS | _MASKS or _TIME.fullmatch(folded) is not None
 
 
 def words_but_times(text: str) -> tuple[str, ...]:

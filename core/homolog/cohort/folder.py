@@ -24,6 +24,15 @@ from homolog.cohort.file_names import (
     scans_beside,
     structures_in_names,
 )
+from homolog.cohort.folder_names import (
+    IMAGE_FOLDER,
+    LABEL_FOLDER,
+    MESH_FOLDER,
+    PREDICTION_FOLDER,
+    SOURCE_FOLDER,
+    describe_contents,
+)
+from homolog.cohort.name_patterns import files_of_each, templates_among
 from homolog.cohort.pictures import picture_cohort
 from homolog.cohort.sides import SIDE_COLUMN, sides_among
 from homolog.cohort.subject import (
@@ -42,23 +51,6 @@ __all__ = ["DERIVATIVES", "read_folder"]
 
 _NAMED = 5
 """Largest number of files or folders in a message."""
-_PART = r"([-_.]?(tr|ts|va|train|training|test|testing|val|validation))?"
-_LABEL_FOLDER = re.compile(
-    rf"((segmentation|seg|label|mask|structure|annotation|gt|ground[-_ ]?truth|masque|mascara)s?"
-    rf"|masken?|segmentierung(en)?|segmentacion(es)?|mascher[ae]|segmentazion[ei]){_PART}",
-    re.IGNORECASE,
-)
-_IMAGE_FOLDER = re.compile(
-    rf"((image|img|scan|volume|picture)s?|bild(er)?|imagen(es)?|immagin[ei]){_PART}", re.IGNORECASE
-)
-_MESH_FOLDER = re.compile(r"(mesh|meshe|surface|model)s?", re.IGNORECASE)
-"""Names of folders that are not subjects."""
-_PREDICTION_FOLDER = re.compile(
-    r"(auto(matic)?|(nnu-?net[-_ .]?)?(pred|predict|prediction|infer|inference|output|result)s?"
-    r"|post[-_ ]?process(ed|ing)?|nnunet(v2)?|fold[-_ ]?\d)([-_. ].*|tr|ts|va)?",
-    re.IGNORECASE,
-)
-"""Names of folders with predictions of a network, ignored if there are label maps."""
 DERIVATIVES = "derivatives"
 """Folder of BIDS data sets with results computed from the scans."""
 _TEMPLATE = re.compile(r"fsaverage.*|[lr]h\.EC_average|cvs_avg.*", re.IGNORECASE)
@@ -127,6 +119,8 @@ def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[
     """Return the subjects of the files in one folder, and a note on skipped files."""
     scans, copies, derived = scans_beside(files), copies_among(files), derived_beside(files)
     labels = [file for file in files if file not in scans and file not in (*copies, *derived)]
+    templates = templates_among(labels)
+    labels = [file for file in labels if file not in templates]
     chosen = maps_of_all(labels) or corrected(labels)
     pictures = pictures_among(chosen)
     chosen = [file for file in chosen if file not in pictures.values()]
@@ -136,6 +130,7 @@ def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[
         "next to label maps of the same subjects": [*scans, *pictures.values()],
         "predictions or probabilities next to label maps": derived,
         _SAME_NAMES: copies,
+        "templates, atlases or means by their names": templates,
         f"next to {'maps of all structures' if maps_of_all(labels) else 'corrected ones'}": [
             file for file in labels if file not in chosen and file not in pictures.values()
         ],
@@ -144,6 +139,11 @@ def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[
     if kinds := kinds_before_numbers([stem_of(file) for file in chosen]):
         notes.append(
             f"files with equal numbers begin with {_listed(kinds)}, and all are subjects; if these are "
+            "structures, move each to its own folder"
+        )
+    elif not several and (kinds := files_of_each([stem_of(file) for file in chosen])):
+        notes.append(
+            f"each subject has files named {_listed(kinds)}, and all are subjects of their own; if these are "
             "structures, move each to its own folder"
         )
     if several:
@@ -229,7 +229,7 @@ def _without_scans(by_place: Mapping[Path, Mapping[str, _Files]]) -> dict[Path, 
 def _only_scans(folder: Path) -> bool:
     """Return whether all files are in folders of scans, by their names: ``imagesTs``."""
     return holds_files(folder) and (
-        bool(_IMAGE_FOLDER.fullmatch(folder.name)) or not holds_files(folder, _IMAGE_FOLDER)
+        bool(IMAGE_FOLDER.fullmatch(folder.name)) or not holds_files(folder, IMAGE_FOLDER)
     )
 
 
@@ -247,10 +247,10 @@ def _subject(name: str, file: Path) -> Subject:
 
 def _label_folders(by_folder: Mapping[Path, _Files]) -> list[Path]:
     """Return the folders of label maps if all others contain files of the same names, or predictions."""
-    labels = [item for item in by_folder if _LABEL_FOLDER.fullmatch(item.name)]
+    labels = [item for item in by_folder if LABEL_FOLDER.fullmatch(item.name)]
     names = {name for item in labels for name in by_folder[item]}
     known = [
-        files.keys() <= names or _PREDICTION_FOLDER.fullmatch(item.name)
+        files.keys() <= names or PREDICTION_FOLDER.fullmatch(item.name)
         for item, files in by_folder.items()
         if item not in labels
     ]
@@ -259,7 +259,7 @@ def _label_folders(by_folder: Mapping[Path, _Files]) -> list[Path]:
 
 def _has_label_folder(folder: Path) -> bool:
     """Return whether a folder contains a folder of label maps of several subjects."""
-    inner = [item for item in entries_of(folder) if item.is_dir() and _LABEL_FOLDER.fullmatch(item.name)]
+    inner = [item for item in entries_of(folder) if item.is_dir() and LABEL_FOLDER.fullmatch(item.name)]
     return any(len(owned_files(item)) > 1 for item in inner)
 
 
@@ -268,7 +268,7 @@ def _of_label_folders(folder: Path, labels: Sequence[Path], others: Sequence[Pat
     notes = [note for cohort in cohorts for note in cohort.notes]
     if len(labels) > 1:
         notes.append(f"the folders {_listed([item.name for item in labels])} were combined")
-    meshes = [item.name for item in others if _MESH_FOLDER.fullmatch(item.name)]
+    meshes = [item.name for item in others if MESH_FOLDER.fullmatch(item.name)]
     if meshes:
         notes.append(f"skipped, {_SAME_NAMES}: {_listed(meshes)}")
     if unused := [item.name for item in others if item.name not in meshes]:
@@ -285,7 +285,7 @@ def _are_subjects(by_folder: Mapping[Path, _Files]) -> bool:
 
     If files are numbered and folders are not, or are time points, the files are the subjects.
     """
-    if _describe_contents(by_folder):
+    if describe_contents(item.name for item in by_folder):
         return False
     counts = Counter(name.casefold() for files in by_folder.values() for name in files)
     numbered = [bool(re.search(r"\d", name)) for name in counts]
@@ -296,13 +296,10 @@ def _are_subjects(by_folder: Mapping[Path, _Files]) -> bool:
     return len(by_folder) > 1 and max(counts.values()) * 2 > len(by_folder)
 
 
-def _describe_contents(folders: Iterable[Path]) -> bool:
-    kinds = (_LABEL_FOLDER, _IMAGE_FOLDER, _MESH_FOLDER)
-    return any(kind.fullmatch(item.name) for item in folders for kind in kinds)
-
-
 def _of_parts(folder: Path, parts: Sequence[Path]) -> Cohort:
     """Return the cohort of folders with several subjects each: sides, groups, or structures."""
+    if any(SOURCE_FOLDER.fullmatch(item.name) for item in parts):
+        raise _several_meant(folder, {item: owned_files(item) for item in parts})
     if used := _without_results(parts):
         cohort = read_folder(used[0]) if len(used) == 1 else _of_parts(folder, used)
         unused = [item.name for item in parts if item not in used]
@@ -324,14 +321,14 @@ def _of_parts(folder: Path, parts: Sequence[Path]) -> Cohort:
         for owner in {numbered_part(name.casefold()) or name.casefold() for name in files}
     )
     mixed = max(names.values(), default=2) > 1 or any(re.search(r"\d", item.name) for item in parts)
-    if mixed or _describe_contents(parts):
+    if mixed or describe_contents(item.name for item in parts):
         raise _several_meant(folder, owned)
     return _of_groups(folder, parts)
 
 
 def _without_results(parts: Sequence[Path]) -> list[Path]:
     """Return the folders without those that are named as results, if there are any: ``data``, ``output``."""
-    used = [item for item in parts if not _PREDICTION_FOLDER.fullmatch(item.name)]
+    used = [item for item in parts if not PREDICTION_FOLDER.fullmatch(item.name)]
     return used if len(used) < len(parts) else []
 
 
@@ -343,19 +340,25 @@ def _several_meant(folder: Path, owned: Mapping[Path, _Files]) -> InputError:
             )
     project = next((entry for entry in entries_of(folder) if entry.suffix.lower() == ".swproj"), None)
     imported = f"{remedy_for(project)} {project.name} PROJECT; or " if project else ""
-    counts = [f"{item.name} ({len(files)})" for item, files in owned.items() if len(files) > 1]
+    counts = [
+        f"{item.name} ({len(files)})" if files else item.name
+        for item, files in owned.items()
+        if len(files) != 1 or all(len(each) == 1 for each in owned.values())
+    ]
     return InputError(
         f"{folder}: contains folders with several segmentations or meshes: "
-        f"{_listed(counts or [item.name for item in owned])}; {imported}give one of them, or a cohort.csv "
+        f"{_listed(counts)}; {imported}give one of them, or a cohort.csv "
         "that names the files"
     )
 
 
 def _are_structures(owned: Mapping[Path, Mapping[str, Path]]) -> bool:
     """Return whether each folder contains one structure, and most subjects are in two or more folders."""
-    if len(owned) < 2 or _describe_contents(owned) or not all(owned.values()):
+    if len(owned) < 2 or describe_contents(item.name for item in owned) or not all(owned.values()):
         return False
     counts = Counter(name for files in owned.values() for name in files)
+    if describe_contents(counts):  # folders of patients, with images and masks
+        return False
     return 2 * sum(count > 1 for count in counts.values()) > len(counts)
 
 

@@ -13,6 +13,7 @@ from homolog.cohort.file_names import (
     best_label_maps,
     corrected,
     derived_beside,
+    is_mask,
     is_picture,
     known_files,
     maps_of_all,
@@ -33,7 +34,7 @@ _FREESURFER = tuple(
     for suffix in ("mgz", "mgh", "nii.gz")
 )
 """Files of FreeSurfer and FastSurfer with a subject's structures, those with the fewest first."""
-_LABELS = ("segmentation", "label", "mask", "structure")
+_LABELS = ("annotation", "contour", "ground", "label", "mask", "segmentation", "structure")
 """Prefixes of names of folders with label maps, singular or plural, case-insensitive."""
 _KINDS_OF_SCAN = ("anat", "ct", "dwi", "func", "perf", "t1", "t1w")
 _SESSION = re.compile(r"ses-.+", re.IGNORECASE)
@@ -125,6 +126,8 @@ def _masks(folder: Path) -> dict[str, Path]:
         if file not in left_out:
             files.setdefault(_structure(file).removesuffix(ending), file)
     masks = {name: file for name, file in files.items() if not is_picture(name)}
+    if any(map(is_mask, masks)) and len(masks) > 1:  # that with the patient's name is the scan
+        masks = {name: file for name, file in masks.items() if name != folder.name} or masks
     return best_label_maps(masks or files)
 
 

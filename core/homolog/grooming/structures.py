@@ -146,6 +146,8 @@ def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segm
         return next(iter(masks.values()))
     if segment is None:
         what = "has one file per structure, which have no numbers" if label else "has several structures"
+        if all(name.isdecimal() for name in masks):
+            what += ", or is a group (then list the files in a cohort.csv)"
         raise InputError(
             f"{subject.path}: {what}; choose one by its name (label: {next(iter(masks))}), or run a batch of "
             f"all; available: {listed}"

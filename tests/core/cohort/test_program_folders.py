@@ -247,3 +247,53 @@ def test_a_shapeworks_project_beside_its_folders_is_pointed_at(tmp_path, cohort_
             "study.swproj",
             *(f"{place}/b{n}.ply" for place in ("meshes", "groomed") for n in (1, 2)),
         )
+
+
+@pytest.mark.parametrize(
+    ("names", "kinds"),
+    [
+        (["P{}_L1", "P{}_L2"], "L1, L2"),
+        (["10{}_1_CT_58_7", "10{}_1_CT_237_7"], "237, 58"),
+        (["{}_t1", "{}_t2"], "t1, t2"),
+        (["c1s{}", "c2s{}"], "c1, c2"),
+        (["P{}_L", "P{}_R"], None),
+        (["control_{}", "patient_{}"], None),
+        (["a_{}", "b_{}", "c_{}"], None),
+        (["P{}_pre", "P{}_post"], None),
+        (["P{}_seg"], None),
+    ],
+)
+def test_several_files_of_each_subject_are_noted(tmp_path, names, kinds, cohort_of):
+    cohort = cohort_of(tmp_path, *(f"{name.format(n)}.nii.gz" for name in names for n in (1, 2, 3)))
+    assert len(cohort.subjects) == 3 * len(names)
+    assert any(f"named {kinds}," in note for note in cohort.notes) == bool(kinds)
+
+
+def test_templates_among_subjects_are_skipped_with_a_note(tmp_path, cohort_of, files_of):
+    cohort = cohort_of(tmp_path / "some", "p1.vtk", "p2.vtk", "mean_shape.vtk", "template.vtk")
+    assert files_of(cohort) == {"p1": "p1.vtk", "p2": "p2.vtk"}
+    assert "mean_shape.vtk, template.vtk" in cohort.notes[0]
+    assert len(cohort_of(tmp_path / "all", "mean_a.vtk", "mean_b.vtk").subjects) == 2
+    assert len(cohort_of(tmp_path / "numbered", "atlas01.vtk", "atlas02.vtk", "atlas03.vtk").subjects) == 3
+
+
+@pytest.mark.parametrize("places", [("Images", "Contours"), ("image", "annotations")])
+def test_folders_of_images_and_contours_in_a_patients_folder_are_no_subjects(
+    tmp_path, places, cohort_of, files_of
+):
+    cohort = cohort_of(tmp_path, *(f"P{n}/{place}/P{n}.nii.gz" for n in (1, 2, 3) for place in places))
+    assert files_of(cohort) == {f"P{n}": f"P{n}/{places[1]}/P{n}.nii.gz" for n in (1, 2, 3)}
+
+
+@pytest.mark.parametrize(("mask", "scan"), [("GT", "P{}"), ("laendo", "lgemri")])
+def test_a_scan_with_the_patients_name_or_a_kind_of_mri_is_no_structure(
+    tmp_path, mask, scan, cohort_of, files_of
+):
+    names = [f"P{n}/{name.format(n)}.nii.gz" for n in (1, 2) for name in (mask, scan)]
+    assert files_of(cohort_of(tmp_path, *names)) == {f"P{n}": f"P{n}/{mask}.nii.gz" for n in (1, 2)}
+
+
+@pytest.mark.parametrize("places", [("input", "output"), ("mri", "surf")])
+def test_folders_of_a_programs_input_are_not_groups(tmp_path, places, cohort_of):
+    with pytest.raises(InputError, match=f"{places[0]} .2., {places[1]} .2."):
+        cohort_of(tmp_path, *(f"{place}/{place}s{n}.nii.gz" for place in places for n in (1, 2)))
