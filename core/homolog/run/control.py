@@ -14,10 +14,10 @@ _SHARES = {
     Phase.ALIGNING: 0.02,
     Phase.GEODESICS: 0.15,
     Phase.SPLITTING: 0.15,
-    Phase.OPTIMIZING: 0.42,
+    Phase.OPTIMIZING: 0.43,
     Phase.FITTING: 0.0,  # without a core set
-    Phase.MODELING: 0.02,
-    Phase.WRITING: 0.02,
+    Phase.MODELING: 0.015,
+    Phase.WRITING: 0.015,
 }
 """Cumulative shares of the phases in the time of a typical run, for the overall fraction."""
 
