@@ -76,6 +76,8 @@ class Cluster:
 
     def start(self) -> None:
         """Start what does not run, and wait for both workers."""
+        if self.parts and all(part.poll() is None for part in self.parts):
+            return
         if self.parts and self.parts[0].poll() is not None:
             self.end()  # workers of a lost scheduler end too, some time
         if not self.parts:
