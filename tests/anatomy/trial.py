@@ -145,7 +145,7 @@ def _faults(groomed: GroomedSubject) -> list[str]:
         except InputError as error:
             faults.append(str(error))
             continue
-        if (off := float(np.abs(field.sample(mesh.vertices)[0]).max() / field.spacing)) > FARTHEST:
+        if (off := float(np.abs(field.sample_values(mesh.vertices)).max() / field.spacing)) > FARTHEST:
             faults.append(f"{name}: a vertex is {off:.2f} nodes from the zero level")
         if (whole := mesh.volume / _volume_inside(field.values, field.spacing)) < 0.5 or whole > 1.5:
             faults.append(f"{name}: has {whole:.2f} of the field's volume")

@@ -51,11 +51,11 @@ def stages(path, settings):
         yield "clean", result
         level = level_of_voxels(result.segmentation, settings.spacing, settings.smoothing)
     yield "level", level
-    field, _, _ = distance_field(level, settings.smoothing, settings.tunnels)
-    yield "distance", field
-    mesh = isosurface(field, settings.mesh_edge, settings.adaptive_mesh)
+    smooth = distance_field(level, settings.smoothing, settings.tunnels)
+    yield "distance", smooth.field
+    mesh = isosurface(smooth.field, settings.mesh_edge, settings.adaptive_mesh, smooth.surface)
     yield "mesh", mesh
-    yield "coarse mesh", coarse_isosurface(field, mesh, COARSE_VERTICES)
+    yield "coarse mesh", coarse_isosurface(smooth.field, mesh, COARSE_VERTICES)
 
 
 def main():

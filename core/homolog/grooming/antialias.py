@@ -1,11 +1,15 @@
 """A smooth level function whose zero level passes between the voxels inside and those outside."""
 
+from collections.abc import Sequence
+from functools import lru_cache
+
 import numpy as np
 from scipy import ndimage
 
 from homolog.arrays import Array, BoolArray, Float32Array
+from homolog.grooming.bands import along_axis
 
-__all__ = ["antialiased", "near_distance", "smoothed"]
+__all__ = ["antialiased", "near_distance", "near_squared", "smoothed"]
 
 _ROUNDS = 8
 _SLACK = 0.1  # voxels
@@ -60,8 +64,6 @@ def antialiased(mask: BoolArray, sigma: float = 1.0, *, near_only: bool = False)
 def near_distance(mask: BoolArray, reach: int) -> Float32Array:
     """Return the distance to the nearest voxel of a mask [voxels], exact up to `reach` and clipped there.
 
-    Squared distances are minimized along one axis after another; small ones fit into a byte.
-
     Parameters
     ----------
     mask : bool array of any dimension
@@ -69,6 +71,12 @@ def near_distance(mask: BoolArray, reach: int) -> Float32Array:
     reach : int
         Largest distance computed [voxels], at most 10.
     """
+    roots = np.sqrt(np.arange(reach**2 + 1, dtype=np.float32))
+    return np.asarray(roots[near_squared(mask, reach)])
+
+
+def near_squared(mask: BoolArray, reach: int) -> Array:
+    """Return the square of `near_distance`, as uint8: minimized along one axis after another."""
     most = reach**2
     squared = np.where(mask, np.uint8(0), np.uint8(most))
     for axis in range(mask.ndim):
@@ -78,8 +86,7 @@ def near_distance(mask: BoolArray, reach: int) -> Float32Array:
         for step in range(1, min(reach, len(old) - 1) + 1):
             np.minimum(new[step:], old[:-step] + np.uint8(step**2), out=new[step:])
             np.minimum(new[:-step], old[step:] + np.uint8(step**2), out=new[:-step])
-    roots = np.sqrt(np.arange(most + 1, dtype=np.float32))
-    return np.asarray(roots[squared])
+    return squared
 
 
 def smoothed(values: Array, sigma: float | tuple[float, ...]) -> Float32Array:
@@ -92,7 +99,25 @@ def smoothed(values: Array, sigma: float | tuple[float, ...]) -> Float32Array:
     sigma : float or tuple of float
         Standard deviation of G, common to all axes or one for each [nodes].
     """
-    once: Float32Array = ndimage.gaussian_filter(values, sigma, mode="nearest", output=np.float32)
-    twice: Float32Array = ndimage.gaussian_filter(once, sigma, mode="nearest", output=np.float32)
+    widths = np.broadcast_to(sigma, values.ndim).tolist()
+    once = _blurred(values, widths)
+    twice = _blurred(once, widths)
     once *= np.float32(2.0)
-    return np.subtract(once, twice, out=once)
+    once -= twice
+    return once
+
+
+def _blurred(values: Array, sigmas: Sequence[float]) -> Float32Array:
+    """Return the result of `ndimage.gaussian_filter`, as products with band matrices: twice as fast."""
+    result: Float32Array = np.asarray(values, np.float32)
+    for axis, sigma in enumerate(sigmas):
+        if sigma > 0.0:
+            result = along_axis(_weights(values.shape[axis], sigma), result, axis)
+    return result
+
+
+@lru_cache(maxsize=16)
+def _weights(count: int, sigma: float) -> Float32Array:
+    """Return the matrix that smooths the values of a line."""
+    identity = np.eye(count, dtype=np.float32)
+    return np.asarray(ndimage.gaussian_filter1d(identity, sigma, axis=0, mode="nearest"))

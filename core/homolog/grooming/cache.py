@@ -27,7 +27,7 @@ __all__ = [
     "save_groomed",
 ]  # fmt: skip
 
-_VERSION = "11"
+_VERSION = "12"
 """Increase this number whenever results of grooming change: older archives are then recomputed."""
 _REGISTRATION_VERSION = "3"
 """Increase this number whenever results of `registered` change."""

@@ -1,20 +1,22 @@
 """From a level function to the distance field of one solid."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from scipy import ndimage
 
-from homolog.arrays import Array, BoolArray, Float32Array
+from homolog.arrays import Array, Float32Array
 from homolog.errors import InputError
 from homolog.grooming.antialias import smoothed
 from homolog.grooming.levels import NEAR, Level
 from homolog.grooming.tunnels import euler_numbers, fill_tunnels
 from homolog.surfaces.distance_field import DistanceField
-from homolog.surfaces.isosurface import marching_cubes
+from homolog.surfaces.isosurface import zero_level
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.redistance import redistanced
 from homolog.surfaces.topology import without_cavities
 
-__all__ = ["ENOUGH", "distance_field", "restored", "volume_inside"]
+__all__ = ["ENOUGH", "SmoothField", "distance_field", "restored"]
 
 _FINAL = 0.85  # fraction of the smoothing that is applied to the distances
 ENOUGH = 0.95
@@ -25,10 +27,30 @@ _OF_PATCHES = -0.3  # nodes: level of the nodes that fill a tunnel
 _KEPT = 0.2  # nodes: least distance from zero of nodes kept on their side to preserve the topology
 
 
-def distance_field(
-    level: Level, smoothing: float, tunnels: float = 0.0
-) -> tuple[DistanceField, tuple[str, ...], int]:
-    """Return the signed distance to the zero level, smooth enough for second derivatives.
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothField:
+    """The distance to one solid without cavities, smooth enough for second derivatives.
+
+    Attributes
+    ----------
+    field : DistanceField
+        On the grid of the level function.
+    surface : TriangleMesh
+        Its zero level, by marching cubes.
+    notes : tuple of str
+        Notes for the user, those of the level function first.
+    pieces_dropped : int
+        Number of pieces that smoothing separated and that were dropped.
+    """
+
+    field: DistanceField
+    surface: TriangleMesh
+    notes: tuple[str, ...]
+    pieces_dropped: int
+
+
+def distance_field(level: Level, smoothing: float, tunnels: float = 0.0) -> SmoothField:
+    """Return the signed distance to the zero level.
 
     Parameters
     ----------
@@ -38,15 +60,6 @@ def distance_field(
         Standard deviation [nodes].
     tunnels : float
         Width below which tunnels are filled [nodes].
-
-    Returns
-    -------
-    DistanceField
-        On the grid of the level function; one solid without cavities.
-    tuple of str
-        Notes for the user, those of the level function first.
-    int
-        Number of pieces that smoothing separated and that were dropped.
 
     Raises
     ------
@@ -62,18 +75,21 @@ def distance_field(
         solid = np.where(inside & (solid > 0.0), _OF_PATCHES, solid)
         notes = (*notes, f"tunnels narrower than {tunnels:g} nodes of the grid were filled: {filled}")
     distances = redistanced(solid, reach=NEAR)
-    values = _smoothed_alike(distances, _FINAL * smoothing)
-    return DistanceField(values * np.float32(level.step), level.index_to_world), notes, loose
+    values = smoothed(distances, _FINAL * smoothing)
+    whole = _is_whole(values)
+    result = _smooth_field(level, values, notes, loose) if whole else None
+    if result is None or not _is_alike(result.surface, distances):
+        result = _smooth_field(level, _on_own_side(values, distances), notes, loose)
+    return result
 
 
-def volume_inside(field: DistanceField) -> float:
-    """Return the volume within the largest piece of a field's zero level [mm³]."""
-    if not (field.values < 0.0).any():
-        return 0.0
-    return TriangleMesh(*marching_cubes(field.values)).volume * field.spacing**3
+def _smooth_field(level: Level, values: Array, notes: tuple[str, ...], loose: int) -> SmoothField:
+    """Return a field of values [nodes]."""
+    field = DistanceField(values * np.float32(level.step), level.index_to_world)
+    return SmoothField(field, zero_level(field), notes, loose)
 
 
-def restored(field: DistanceField, volume: float, voxel: float) -> DistanceField:
+def restored(smooth: SmoothField, volume: float, voxel: float) -> SmoothField:
     """Return a field whose surface is moved outward until it encloses enough of a structure's volume.
 
     Smoothing shrinks structures of few voxels. The surface is moved by less than half a voxel, and only if
@@ -81,7 +97,7 @@ def restored(field: DistanceField, volume: float, voxel: float) -> DistanceField
 
     Parameters
     ----------
-    field : DistanceField
+    smooth : SmoothField
     volume : float
         Volume of the structure's voxels [mm³].
     voxel : float
@@ -89,43 +105,42 @@ def restored(field: DistanceField, volume: float, voxel: float) -> DistanceField
 
     Returns
     -------
-    DistanceField
+    SmoothField
         The input field if it encloses enough.
     """
-    moved = 0.0
+    moved, result = 0.0, smooth
     for _ in range(_ROUNDS):
-        surface = TriangleMesh(*marching_cubes(field.values - np.float32(moved)))
-        missing = ENOUGH * volume - surface.volume * field.spacing**3
+        missing = ENOUGH * volume - result.surface.volume
         if -_EXACT * volume < missing <= 0.0:
             break
-        change = missing / (surface.area * field.spacing**2)
-        moved = float(np.clip(moved + change, 0.0, _FARTHEST * voxel))
-    values = field.values - np.float32(moved)
-    if moved == 0.0 or not _alike(values, field.values):
-        return field
-    return DistanceField(values, field.index_to_world)
+        moved = float(np.clip(moved + missing / result.surface.area, 0.0, _FARTHEST * voxel))
+        field = DistanceField(smooth.field.values - np.float32(moved), smooth.field.index_to_world)
+        result = replace(smooth, field=field, surface=zero_level(field))
+    alike = _euler_number(result.surface) == _euler_number(smooth.surface)
+    return result if moved > 0.0 and alike and _is_whole(result.field.values) else smooth
 
 
-def _alike(values: Array, others: Array) -> bool:
-    """Return whether two level functions have one zero level each, of the same topology."""
-    whole = all(_pieces(item) == 1 for item in (values, -values))
-    return whole and _euler_number(values) == _euler_number(others)
+def _is_whole(values: Array) -> bool:
+    """Return whether the nodes below zero are one piece, and those above zero, too."""
+    return all(ndimage.label(side)[1] == 1 for side in (values < 0.0, values > 0.0))
 
 
-def _smoothed_alike(distances: Float32Array, sigma: float) -> Float32Array:
-    """Smooth; if this changes the topology, keep every node on its own side of the zero level."""
-    result = smoothed(distances, sigma)
-    if ndimage.label(result < 0.0)[1] != 1 or ndimage.label(result > 0.0)[1] != 1:
-        return _on_own_side(result, distances)
-    before, after = _euler_number(distances), _euler_number(result)
-    if after == before or (after > before and _doubtful(distances < 0.0, after)):
-        return result
-    return _on_own_side(result, distances)
+def _is_alike(surface: TriangleMesh, distances: Float32Array) -> bool:
+    """Return whether a surface has the topology of the zero level of distances, before they were smoothed.
+
+    It may have fewer handles where they are doubtful: depend on nodes that touch only at an edge or corner.
+    """
+    low, high = sorted(2 * number for number in euler_numbers(distances < 0.0))
+    after = _euler_number(surface)
+    if low == high:
+        return after == low
+    before = _euler_number(zero_level(DistanceField(distances, np.eye(4))))
+    return before <= after <= max(before, high)
 
 
-def _pieces(values: Array) -> int:
-    """Return the number of components of the nodes below zero."""
-    return int(ndimage.label(values < 0.0)[1])
+def _euler_number(surface: TriangleMesh) -> int:
+    """Return the Euler number of a closed surface."""
+    return len(surface.vertices) - len(surface.faces) // 2
 
 
 def _on_own_side(result: Float32Array, distances: Float32Array) -> Float32Array:
@@ -133,22 +148,11 @@ def _on_own_side(result: Float32Array, distances: Float32Array) -> Float32Array:
     return np.where((result < 0.0) == (distances < 0.0), result, np.clip(distances, -_KEPT, _KEPT))
 
 
-def _euler_number(values: Array) -> int:
-    if not (values < 0.0).any():  # smoothed away
-        return 0
-    vertices, faces = marching_cubes(values)
-    return len(vertices) - len(faces) // 2
-
-
-def _doubtful(inside: BoolArray, euler: int) -> bool:
-    """Whether a handle may be spurious: it depends on nodes that touch only at an edge or corner."""
-    bounds = sorted(2 * number for number in euler_numbers(inside))
-    return bounds[0] <= euler <= bounds[1]
-
-
 def _one_solid(level: Array) -> tuple[Array, int]:
     """Keep the largest component of the inside and fill its cavities; also return how many were dropped."""
-    labels, count = ndimage.label(level < 0.0)
-    solid = without_cavities(labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:])))
+    inside = level < 0.0
+    labels, count = ndimage.label(inside)
+    if count > 1:
+        inside = labels == 1 + int(np.argmax(np.bincount(labels[inside])[1:]))
     size = np.maximum(np.abs(level), 1e-3)
-    return np.where(solid, -size, size), count - 1
+    return np.negative(size, out=size, where=without_cavities(inside)), count - 1

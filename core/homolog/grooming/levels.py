@@ -8,6 +8,7 @@ from scipy import ndimage
 from homolog.arrays import Array, BoolArray, Float32Array, FloatArray
 from homolog.errors import InputError
 from homolog.grooming.antialias import antialiased
+from homolog.grooming.bands import along_axis
 from homolog.grooming.images import Segmentation
 from homolog.grooming.slices import interpolated
 from homolog.surfaces.closest import thickness
@@ -66,8 +67,8 @@ subjects of such a cohort are treated alike.
 HOLE_WALL_NODES = 2.0
 """Nodes across the wall around a hole between slices: thinner walls would be lost on the grid."""
 
-NEGLIGIBLE = 1e-20
-"""Largest weight of a distant voxel in a spline that does not count: far below the digits of the result."""
+NEGLIGIBLE = 1e-9
+"""Largest weight of a distant voxel in a spline that does not count: below the digits of the result."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -371,14 +372,10 @@ def _resampled(
     if level.shape == shape and np.allclose(spacing, step) and np.allclose(offset, 0.0):
         return level
     for axis in range(3):
-        along = np.eye(level.shape[axis], dtype=np.float32)
-        places = offset[axis] + step / spacing[axis] * np.arange(shape[axis])
-        weights = np.stack(
-            [ndimage.map_coordinates(row, places[None], order=3, mode="nearest") for row in along], axis=1
+        count, ratio = level.shape[axis], step / spacing[axis]
+        splines: Array = ndimage.affine_transform(
+            np.eye(count), [ratio, 1.0], [offset[axis], 0.0], (shape[axis], count), order=3, mode="nearest"
         )
-        weights[np.abs(weights) < NEGLIGIBLE] = 0.0  # products of denormal numbers take most of the time
-        if axis == 0:
-            level = (weights @ level.reshape(len(along), -1)).reshape(-1, *level.shape[1:])
-        else:
-            level = np.matmul(weights, level) if axis == 1 else np.matmul(level, weights.T)
-    return np.ascontiguousarray(level)
+        splines[np.abs(splines) < NEGLIGIBLE] = 0.0
+        level = along_axis(splines.astype(np.float32), level, axis)
+    return level

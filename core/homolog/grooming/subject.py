@@ -9,7 +9,7 @@ from homolog.cohort import Subject
 from homolog.errors import InputError, NumericalError
 from homolog.files.meshes import read_mesh
 from homolog.grooming.clean import cleaned
-from homolog.grooming.fields import ENOUGH, distance_field, restored, volume_inside
+from homolog.grooming.fields import ENOUGH, SmoothField, distance_field, restored
 from homolog.grooming.images import Segmentation, read_segmentation
 from homolog.grooming.levels import AUTOMATIC_NODES, MANY_CROSSED, edges_crossed, level_of_voxels
 from homolog.grooming.missing_slices import with_missing_slices
@@ -20,7 +20,7 @@ from homolog.settings import GroomSettings
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.isosurface import coarse_isosurface, isosurface
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.topology import check_mesh, euler_number
+from homolog.surfaces.topology import euler_number
 
 __all__ = [
     "COARSE_VERTICES",
@@ -259,7 +259,7 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
         clean = cleaned(source, settings.pieces)
         dropped, filled, borders = clean.components_dropped, clean.holes_filled, clean.borders
         volume = source.volume
-        field, further, loose = _field_of_voxels(clean.segmentation, settings)
+        smooth = _field_of_voxels(clean.segmentation, settings)
         if filled:
             notes.append(f"enclosed cavities were filled: {filled}")
         if borders:
@@ -269,19 +269,19 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
         dropped, filled, borders = solid.pieces_dropped, solid.holes_filled, ()
         volume = solid.volume
         notes += solid.notes
-        field, further, loose = distance_field(solid.level, settings.smoothing, settings.tunnels)
-    mesh = isosurface(field, settings.mesh_edge, settings.adaptive_mesh)
+        smooth = distance_field(solid.level, settings.smoothing, settings.tunnels)
+    field = smooth.field
+    mesh = isosurface(field, settings.mesh_edge, settings.adaptive_mesh, smooth.surface)
     if mesh.volume <= 0.0:
         raise NumericalError(
             "is too small for a surface: check its unit, segment it on a finer grid, choose shorter edges "
             "(mesh edge), or exclude it"
         )
-    check_mesh(mesh, name)
     if solid is not None:
         notes += notes_on_groomed(solid, mesh)
     if isinstance(source, Segmentation):
         _refuse_lost(mesh.volume / clean.segmentation.volume, settings)
-        notes += _kept(mesh.volume / volume, dropped, loose)
+        notes += _kept(mesh.volume / volume, dropped, smooth.pieces_dropped)
     report = GroomReport(
         components_dropped=dropped,
         holes_filled=filled,
@@ -289,7 +289,7 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
         volume_before=volume / 1000.0,
         volume_after=mesh.volume / 1000.0,
         genus=1 - euler_number(mesh.faces) // 2,
-        notes=(*notes, *further, *_of_other_unit(mesh)),
+        notes=(*notes, *smooth.notes, *_of_other_unit(mesh)),
         borders=borders,
         voxel=tuple(source.spacing.tolist()) if isinstance(source, Segmentation) else (),
         ends=solid.ends if solid else (0, 0),
@@ -306,9 +306,7 @@ def _of_other_unit(mesh: TriangleMesh) -> tuple[str, ...]:
     return (f"is {longest:.2g} mm long; if its file is in {unit}, save it in millimetres",)
 
 
-def _field_of_voxels(
-    segmentation: Segmentation, settings: GroomSettings
-) -> tuple[DistanceField, tuple[str, ...], int]:
+def _field_of_voxels(segmentation: Segmentation, settings: GroomSettings) -> SmoothField:
     """Return `distance_field` of one piece, on a grid of half the spacing if it would lose much volume."""
     level = level_of_voxels(segmentation, settings.spacing, settings.smoothing)
     result = distance_field(level, settings.smoothing, settings.tunnels)
@@ -316,17 +314,17 @@ def _field_of_voxels(
         return result
     if edges_crossed(segmentation, 0.5 * level.step) > MANY_CROSSED:
         return result
-    held = volume_inside(result[0]) / segmentation.volume
-    if held < _MUCH_LOST and settings.spacing is None:
+    volume = segmentation.volume
+    if result.surface.volume < _MUCH_LOST * volume and settings.spacing is None:
         level = level_of_voxels(segmentation, 0.5 * level.step, settings.smoothing)
         if (level.values < 0.0).any():  # interpolation may erase thin threads
-            finer, notes, loose = distance_field(level, settings.smoothing, settings.tunnels)
-            if (more := volume_inside(finer) / segmentation.volume) > held:
+            finer = distance_field(level, settings.smoothing, settings.tunnels)
+            if finer.surface.volume > result.surface.volume:
                 thin = f"parts are thin: the grid was made finer than the image, {level.step:.3g} mm"
-                result, held = (finer, (*notes, thin), loose), more
-    _refuse_lost(held, settings)
-    if held < ENOUGH:
-        result = restored(result[0], segmentation.volume, float(segmentation.spacing.min())), *result[1:]
+                result = replace(finer, notes=(*finer.notes, thin))
+    _refuse_lost(result.surface.volume / volume, settings)
+    if result.surface.volume < ENOUGH * volume:
+        result = restored(result, volume, float(segmentation.spacing.min()))
     return result
 
 

@@ -8,7 +8,8 @@ import numpy as np
 from scipy import ndimage
 
 from homolog.arrays import Array, BoolArray, IntArray
-from homolog.grooming.antialias import near_distance
+from homolog.grooming.antialias import near_squared
+from homolog.grooming.values import box_of
 from homolog.surfaces.topology import without_cavities
 
 __all__ = ["euler_number", "euler_numbers", "fill_tunnels"]
@@ -78,11 +79,6 @@ def euler_numbers(solid: BoolArray) -> tuple[int, int]:
     return int(counts @ _BY_FACES) // 8, int(counts @ _BY_CORNERS) // 8
 
 
-def _euler_numbers(solid: BoolArray) -> int:
-    """Return the sum of both Euler numbers."""
-    return sum(euler_numbers(solid))
-
-
 def fill_tunnels(solid: BoolArray, width: float) -> tuple[BoolArray, int]:
     """Fill tunnels narrower than a width: those between thick parts and holes in thin walls.
 
@@ -103,15 +99,21 @@ def fill_tunnels(solid: BoolArray, width: float) -> tuple[BoolArray, int]:
     int
         Number of tunnels that were filled.
     """
-    if _euler_numbers(solid) == 2 or width <= 0.0:
+    box = tuple(slice(max(side.start - 1, 0) // 2 * 2, side.stop + 1) for side in box_of(solid))
+    part = solid[box]
+    before = euler_numbers(part)
+    if sum(before) == 2 or width <= 0.0:
         return solid, 0
-    result = _plugged(solid)
+    part = without_cavities(_plugged(part))
+    after = euler_numbers(part)
     for radius in _RADII:
-        if 2.0 * radius > width or _euler_numbers(result) == 2:
+        if 2.0 * radius > width or sum(after) == 2:
             break
-        result = _plugged(_patched(result, radius))
-    by_faces = euler_number(result) - euler_number(solid)
-    return result, max(by_faces, _euler_numbers(result) - _euler_numbers(solid) - by_faces)
+        part = without_cavities(_plugged(_patched(part, radius)))
+        after = euler_numbers(part)
+    result = solid.copy()
+    result[box] = part
+    return result, max(np.subtract(after, before).tolist())
 
 
 def _plugged(solid: BoolArray) -> BoolArray:
@@ -131,8 +133,7 @@ def _plugged(solid: BoolArray) -> BoolArray:
             changed.append(some)
         places = _adjacent(padded, np.concatenate(changed))
         places = places[_gains(padded, places) > 0]
-    filled: BoolArray = without_cavities(padded[1:-1, 1:-1, 1:-1] > 0)
-    return filled
+    return np.asarray(padded[1:-1, 1:-1, 1:-1] > 0)
 
 
 def _adjacent_to_solid(padded: Array) -> BoolArray:
@@ -159,9 +160,10 @@ def _adjacent(padded: Array, changed: IntArray) -> IntArray:
 
 def _patched(solid: BoolArray, radius: float) -> BoolArray:
     """Add the patches of a closing by a ball that fill tunnels."""
-    reach = int(np.ceil(radius))
-    closed = near_distance(near_distance(np.pad(solid, reach), reach + 1) > radius, reach + 1) > radius
-    inner = (slice(reach, -reach),) * 3
+    width = int(radius) + 1
+    opened = near_squared(np.pad(solid, width), width) > radius**2
+    closed = near_squared(opened, width) > radius**2
+    inner = (slice(width, -width),) * 3
     result = solid.copy()
     patches, _ = ndimage.label(closed[inner] & ~solid, _ANY_NEIGHBOUR)
     bounds = [box for box in ndimage.find_objects(patches) if box is not None]
@@ -175,8 +177,7 @@ def _patched(solid: BoolArray, radius: float) -> BoolArray:
         new = old | (patches[box] == number)
         if _pieces(new) <= _pieces(old):
             result[box] = new
-    filled: BoolArray = without_cavities(result)
-    return filled
+    return result
 
 
 def _pieces(solid: BoolArray) -> int:
@@ -188,26 +189,29 @@ def _gains_of_patches(solid: BoolArray, patches: IntArray) -> IntArray:
 
     No pattern contains voxels of two patches, so that its contribution is divided among its patch's voxels.
     """
-    before, added = (_patterns(np.pad(item, 1).astype(np.uint8)) for item in (solid, patches > 0))
     places = np.argwhere(patches)
     numbers = patches[tuple(places.T)]
-    gains = np.zeros(int(patches.max(initial=0)) + 1)
-    for corner in _CORNERS:
-        where = tuple((places + corner).T)
-        old, new = before[where], added[where]
-        gains += np.bincount(numbers, (_EITHER[old | new] - _EITHER[old]) / np.bitwise_count(new), len(gains))
+    before, added = (_patterns(_around(np.pad(item, 1), places + 1)) for item in (solid, patches > 0))
+    shares = (_EITHER[before | added] - _EITHER[before]) / np.bitwise_count(added)
+    gains = np.bincount(numbers, shares.sum(axis=(0, 1, 2)), int(patches.max(initial=0)) + 1)
     gains[np.bincount(numbers, minlength=len(gains)) == 1] = 0.0  # single voxels were filled before
     return np.rint(gains / 8.0).astype(np.int64)
 
 
 def _gains(padded: Array, places: IntArray) -> IntArray:
     """Return the increase of the Euler number by each of some voxels, added alone."""
-    steps = np.array([padded.shape[1] * padded.shape[2], padded.shape[2], 1])
-    near = padded.ravel()[places @ steps + (_NEAR @ steps)[:, None]].reshape(3, 3, 3, -1)
+    near = _around(padded, places)
     near[1, 1, 1] = 0
     before = _patterns(near)
     near[1, 1, 1] = 1
     return np.asarray((_EITHER[_patterns(near)] - _EITHER[before]).sum(axis=(0, 1, 2)) // 8)
+
+
+def _around(padded: Array, places: IntArray) -> Array:
+    """Return the 3 x 3 x 3 voxels around each of some places, (3, 3, 3, N) uint8."""
+    steps = np.array([padded.shape[1] * padded.shape[2], padded.shape[2], 1])
+    near = padded.view(np.uint8).ravel()[places @ steps + (_NEAR @ steps)[:, None]]
+    return np.asarray(near.reshape(3, 3, 3, -1))
 
 
 def _patterns(padded: Array) -> Array:

@@ -52,8 +52,8 @@ class DistanceField:
         """The distance to the mirror image; its grid is the mirror image of this one."""
         return DistanceField(self.values, MIRROR @ self.index_to_world)
 
-    def sample(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return value [mm] and gradient at points.
+    def sample_values(self, points: FloatArray) -> FloatArray:
+        """Return the values at points, interpolated trilinearly.
 
         Parameters
         ----------
@@ -63,45 +63,42 @@ class DistanceField:
         Returns
         -------
         (N,) float64 array
-            Values, interpolated trilinearly [mm].
-        (N, 3) float64 array
-            Gradients in LPS: central differences of the values, interpolated trilinearly.
+            Values [mm].
         """
-        axes, nodes = self._nodes(points)
-        slopes = np.empty((len(points), 3))
-        self._run(kernels.sample_slopes, nodes, wp.array(slopes, dtype=wp.vec3d, device="cpu", copy=False))
-        return self.sample_values(points), slopes @ axes.T / self.spacing
-
-    def sample_values(self, points: FloatArray) -> FloatArray:
-        """Return the value [mm] at points (N, 3), as `sample` does, without the gradient; shape (N,)."""
         values = np.empty(len(points))
         self._run(kernels.sample_values, self._nodes(points)[1], wp.array(values, device="cpu", copy=False))
         return values
+
+    def gradients(self, points: FloatArray) -> FloatArray:
+        """Return the gradients at points (N, 3), shape (N, 3): central differences over two nodes, in LPS."""
+        axes, nodes = self._nodes(points)
+        slopes = np.empty((len(points), 3))
+        self._run(kernels.sample_slopes, nodes, wp.array(slopes, dtype=wp.vec3d, device="cpu", copy=False))
+        return np.asarray(slopes @ axes.T / self.spacing)
 
     def curvedness(self, points: FloatArray) -> FloatArray:
         """Return the root of the sum of squared principal curvatures at points (N, 3), shape (N,) [1/mm]."""
         h = self.spacing
         squared = np.zeros(len(points))
         for axis in np.eye(3):
-            ahead, behind = self.sample(points + h * axis)[1], self.sample(points - h * axis)[1]
+            ahead, behind = self.gradients(points + h * axis), self.gradients(points - h * axis)
             squared += ((ahead - behind) ** 2).sum(axis=1) / (2.0 * h) ** 2
         return np.asarray(np.sqrt(squared))
 
     def _nodes(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the grid's axes in LPS, columns of (3, 3), and the points in grid indices, (N, 3)."""
         axes = self.index_to_world[:3, :3] / self.spacing
-        return axes, (points - self.index_to_world[:3, 3]) @ axes / self.spacing
+        nodes = (points - self.index_to_world[:3, 3]) @ axes / self.spacing
+        return axes, np.ascontiguousarray(nodes)
 
-    def _run(self, kernel: wp.Kernel, nodes: FloatArray, result: wp.array) -> None:
-        """Launch a kernel on the grid and points in grid indices, which writes its result."""
+    def _run(self, kernel: wp.Kernel, nodes: FloatArray, *further: object) -> None:
+        """Launch a kernel on the grid, points in grid indices, and further arguments."""
         grid = wp.array(self.values, device="cpu", copy=False)
-        places = wp.array(np.ascontiguousarray(nodes), dtype=wp.vec3d, device="cpu", copy=False)
-        wp.launch(kernel, len(nodes), [grid, places, result], device="cpu")
+        places = wp.array(nodes, dtype=wp.vec3d, device="cpu", copy=False)
+        wp.launch(kernel, len(nodes), [grid, places, *further], device="cpu")
 
     def projected(self, points: FloatArray, steps: int = 3) -> FloatArray:
         """Return the points projected to the zero level by Newton steps along the gradient, (N, 3) [mm]."""
-        for _ in range(steps):
-            values, slopes = self.sample(points)
-            squared = np.maximum((slopes**2).sum(axis=1), 0.25)
-            points = points - np.clip(values / squared, -self.spacing, self.spacing)[:, None] * slopes
-        return points
+        axes, nodes = self._nodes(points)
+        self._run(kernels.project, nodes, self.spacing, steps)
+        return np.asarray(nodes @ axes.T * self.spacing + self.index_to_world[:3, 3])

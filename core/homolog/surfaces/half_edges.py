@@ -2,7 +2,6 @@
 
 import numpy as np
 import warp as wp
-from scipy.sparse import coo_array
 
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import NumericalError
@@ -43,9 +42,12 @@ class HalfEdges:
         n = len(vertices)
         self.vertices: FloatArray = np.array(vertices, np.float64)
         self.longest: FloatArray = np.full(n, np.inf) if longest is None else longest.copy()
-        self._quadrics = _quadrics(vertices, faces) if longest is None else np.zeros((n, _WEIGHTS))
         self._origins: IntArray = np.array(faces, np.int32).ravel()  # start vertex of each side, or -1
         self._twins = _twins(faces)  # the same edge in the neighbouring face
+        self._quadrics = np.zeros((n, _WEIGHTS))
+        if longest is None:
+            given = [_shared(self._origins), _shared(self.vertices, wp.vec3d), _shared(self._quadrics)]
+            wp.launch(kernels.add_quadrics, len(faces), given, device="cpu")
 
     @property
     def faces(self) -> IntArray:
@@ -165,17 +167,3 @@ def _stable_order(codes: IntArray) -> IntArray:
         return np.argsort(codes, kind="stable")
     packed: IntArray = np.sort((codes << bits) | np.arange(len(codes)))
     return packed & ((1 << bits) - 1)
-
-
-def _quadrics(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Return the sum of the squared distances to the planes of each vertex's faces, times areas, (V, 10)."""
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    across = 0.5 * np.cross(b - a, c - a)
-    area = np.linalg.norm(across, axis=1)
-    normal = across / np.maximum(area, 1e-300)[:, None]
-    plane = np.column_stack([normal, -np.einsum("ij,ij->i", normal, a)])
-    rows, columns = [0, 0, 0, 1, 1, 2, 0, 1, 2, 3], [0, 1, 2, 1, 2, 2, 3, 3, 3, 3]
-    terms = area[:, None] * plane[:, rows] * plane[:, columns]
-    owners = np.repeat(np.arange(len(faces)), 3)
-    around = coo_array((np.ones(len(owners)), (faces.ravel(), owners)), shape=(len(vertices), len(faces)))
-    return np.asarray(around.tocsr() @ terms)

@@ -1,5 +1,7 @@
 """The zero level of a distance field as a mesh of nearly equilateral triangles."""
 
+from bisect import bisect_left
+
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
@@ -13,10 +15,10 @@ from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.remesh import Sizes, curvature_sizes, remeshed
 from homolog.surfaces.simplify import levels_of_detail, simplified
+from homolog.surfaces.topology import check_mesh, face_components, is_sound
 from homolog.surfaces.topology import edges as edges_of
-from homolog.surfaces.topology import euler_number, face_components, is_sound
 
-__all__ = ["coarse_isosurface", "isosurface", "marching_cubes"]
+__all__ = ["coarse_isosurface", "isosurface", "marching_cubes", "zero_level"]
 
 VERTICES = 6000
 MOST_VERTICES = 250_000
@@ -34,6 +36,7 @@ _REFINEMENTS = 2
 _FINER = 0.5  # factor of the edges in each refinement where a mesh is too far from the surface
 _START = 1.5  # initial number of vertices of the remeshing, relative to the expected one
 _GRADING = 0.25  # largest gradient of the edge length [mm/mm]
+_STEP = 1.2  # factor of the shortest edges until there are few enough vertices
 _MOST_TIMES = 2.0  # largest number of vertices relative to the target
 _TOO_FINE = 4.0  # the same for the source, which is used if no other mesh is good enough
 _LEAST = 12  # least number of vertices of a mesh: an icosahedron
@@ -41,7 +44,12 @@ _VOLUME = 0.2  # fraction of the source's volume that is lost if triangles are t
 _REFERENCES = 20_000  # least number of points at which a mesh is compared with the surface
 
 
-def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool = False) -> TriangleMesh:
+def isosurface(
+    field: DistanceField,
+    edge: float | None = None,
+    adaptive: bool = False,
+    level: TriangleMesh | None = None,
+) -> TriangleMesh:
     """Return the zero level of a distance field.
 
     Triangles are smaller where the surface is thin or pointed, so that the mesh stays close to it.
@@ -54,6 +62,8 @@ def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool =
         Target edge length [mm]; about 6000 vertices if None.
     adaptive : bool
         Whether triangles are smaller where the surface is strongly curved, and larger elsewhere.
+    level : TriangleMesh or None
+        Result of `zero_level`, if it is known.
 
     Returns
     -------
@@ -69,14 +79,13 @@ def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool =
     """
     if field.values.min() >= 0.0:
         raise NumericalError("the shape vanishes in smoothing; use a finer grid or less smoothing")
-    nodes, faces = marching_cubes(field.values)
-    if len(nodes) > MAX_CROSSED_EDGES:
-        least = field.spacing * float(np.sqrt(len(nodes) / MAX_CROSSED_EDGES))
+    raw = level or zero_level(field)
+    if len(raw.vertices) > MAX_CROSSED_EDGES:
+        least = field.spacing * float(np.sqrt(len(raw.vertices) / MAX_CROSSED_EDGES))
         raise InputError(
-            f"has a surface of {len(nodes):,} vertices on its grid, as sponges have; set the grid spacing to "
-            f"{least:.3g} mm or more, fill its pores, or exclude it"
+            f"has a surface of {len(raw.vertices):,} vertices on its grid, as sponges have; set the grid "
+            f"spacing to {least:.3g} mm or more, fill its pores, or exclude it"
         )
-    raw = TriangleMesh(transform_points(field.index_to_world, nodes), faces)
     inside = np.count_nonzero(field.values < 0.0) * abs(np.linalg.det(field.index_to_world[:3, :3]))
     if raw.volume < _SLIVER * inside:
         raise InputError("is too thin for its grid; use a finer grid spacing, or exclude it")
@@ -124,13 +133,18 @@ def _meshed(
     tolerance = np.maximum(tolerance, _TOLERATED * min(field.spacing, edge))
     sizes = curvature_sizes(curvature, edge) if adaptive else np.full(len(references), edge)
     needed = _CHORD * np.sqrt(8.0 * tolerance / np.maximum(curvature, 1e-12))
-    least = min(edge, field.spacing)
-    wanted, sizes = sizes, _graded(sizes, np.maximum(needed, least), edges)
-    while least < edge and np.mean((edge / sizes) ** 2) > _MOST_TIMES:  # times as many vertices
-        least *= 1.2
-        sizes = _graded(wanted, np.maximum(needed, least), edges)
-    euler, volume = euler_number(source.faces), source.volume
-    expected = count * float(np.mean((edge / sizes) ** 2))
+    wanted, least = sizes, min(edge, field.spacing)
+
+    def graded(shortest: float) -> FloatArray:
+        return _graded(wanted, np.maximum(needed, shortest), edges)
+
+    sizes = graded(least)
+    if least < edge and _times(edge, sizes) > _MOST_TIMES:
+        lengths = least * _STEP ** np.arange(1.0, 1.0 + np.ceil(np.log(edge / least) / np.log(_STEP)))
+        first = bisect_left(lengths[:-1], -_MOST_TIMES, key=lambda length: -_times(edge, graded(length)))
+        sizes = graded(lengths[first])
+    euler, volume = _euler_number(source), source.volume
+    expected = count * _times(edge, sizes)
     is_even = bool((sizes > 0.8 * edge).all())
     start = simplified(lighter, count if is_even else round(_START * expected))
     best: TriangleMesh | None = None
@@ -138,15 +152,27 @@ def _meshed(
     for _ in range(1 + _REFINEMENTS):
         mesh = remeshed(start, field, _at(tree, sizes))
         far = _far(mesh, field, references, tree, 2.0 * tolerance)
-        whole = is_sound(mesh) and euler_number(mesh.faces) == euler
+        whole = is_sound(mesh) and _euler_number(mesh) == euler
         near = whole and _is_close(mesh, field, volume)
         if near and (n_far := int(np.count_nonzero(far))) < fewest:
             best, fewest = mesh, n_far
+        elif near:
+            break  # refinement does not help
         if (near and not far.any()) or len(mesh.vertices) > _MOST_TIMES * count:
             break
         start = lighter
         sizes = _graded(sizes, np.where(far, np.maximum(_FINER * sizes, 0.5 * field.spacing), edge), edges)
     return best or _uneven(source, round(expected), field, volume)
+
+
+def _times(edge: float, sizes: FloatArray) -> float:
+    """Return how many times as many vertices a mesh of these edge lengths has as one of even length."""
+    return float(np.mean((edge / sizes) ** 2))
+
+
+def _euler_number(mesh: TriangleMesh) -> int:
+    """Return the Euler number of a closed mesh, which has three edges for two faces."""
+    return len(mesh.vertices) - len(mesh.faces) // 2
 
 
 def _uneven(source: TriangleMesh, count: int, field: DistanceField, volume: float) -> TriangleMesh:
@@ -158,6 +184,7 @@ def _uneven(source: TriangleMesh, count: int, field: DistanceField, volume: floa
         moved = TriangleMesh(field.projected(fewer.vertices), fewer.faces)
         if is_sound(moved) and _is_close(moved, field, volume):
             return moved
+    check_mesh(source, "surface")
     return source
 
 
@@ -178,7 +205,7 @@ def _thickness(field: DistanceField, points: FloatArray, most: float) -> FloatAr
 
     The distance grows along the normal up to the middle between two walls.
     """
-    normals = field.sample(points)[1]
+    normals = field.gradients(points)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     steps = np.arange(1.0, 0.5 * most / field.spacing + 1.0) * field.spacing
     result = np.full(len(points), np.inf)
@@ -230,6 +257,12 @@ def _graded(sizes: FloatArray, needed: FloatArray, edges: sparse.coo_array) -> F
 def _edge_for(area: float, n_vertices: int) -> float:
     """Return the edge length of equilateral triangles with this number of vertices on a closed surface."""
     return float(np.sqrt(_EQUILATERAL * area / n_vertices))
+
+
+def zero_level(field: DistanceField) -> TriangleMesh:
+    """Return the largest component of a field's zero level, by marching cubes."""
+    nodes, faces = marching_cubes(field.values)
+    return TriangleMesh(transform_points(field.index_to_world, nodes), faces)
 
 
 def marching_cubes(values: Array) -> tuple[FloatArray, IntArray]:

@@ -4,7 +4,7 @@ import numpy as np
 import warp as wp
 from scipy import ndimage
 
-from homolog.arrays import Array, Float32Array
+from homolog.arrays import Array, BoolArray, Float32Array
 from homolog.device import choose_device
 from homolog.surfaces.kernels import distances as kernels
 
@@ -44,13 +44,15 @@ def redistanced(
     """
     device = choose_device(device)
     level = np.ascontiguousarray(level, dtype=np.float32)
+    inside = level < 0.0
+    border = _border(inside)
     with wp.ScopedDevice(device):
-        given = wp.array(level)
-        signed, state = wp.empty_like(given), wp.zeros(level.shape, dtype=wp.int32)
-        slopes = wp.empty(level.shape, dtype=wp.vec3)
+        given, slopes = wp.array(level), wp.empty(level.shape, dtype=wp.vec3)
+        signed = wp.array(np.where(inside, np.float32(-kernels.FAR), np.float32(kernels.FAR)))
         wp.launch(kernels.find_gradient, level.shape, [given, slopes])
-        wp.launch(kernels.start_band, level.shape, [given, slopes, signed, state])
-        _propagate(signed, state, kernels.FAR if reach is None else reach, second_order)
+        nodes = wp.array(np.argwhere(border).astype(np.int32), dtype=wp.vec3i)
+        wp.launch(kernels.start_band, len(nodes), [nodes, given, slopes, signed])
+        _propagate(signed, border, kernels.FAR if reach is None else reach, second_order)
         result = np.asarray(signed.numpy())
     return result if reach is None else _filled(result, reach)
 
@@ -60,29 +62,34 @@ def _filled(signed: Float32Array, reach: float) -> Float32Array:
     far = np.abs(signed) == kernels.FAR
     rough: Array = ndimage.distance_transform_edt(far[::_EVERY, ::_EVERY, ::_EVERY])
     rough = _EVERY * np.maximum(rough - 0.5, 0.0)  # the border of the near nodes is between two nodes
+    rough = rough.astype(np.float32)
     for axis, size in enumerate(signed.shape):
         places = np.arange(size) / _EVERY
         low = np.minimum(places.astype(int), rough.shape[axis] - 1)
         high = np.minimum(low + 1, rough.shape[axis] - 1)
-        share = np.expand_dims(places - low, tuple(range(1, 3 - axis)))
+        share = np.expand_dims((places - low).astype(np.float32), tuple(range(1, 3 - axis)))
         a, b = np.take(rough, low, axis), np.take(rough, high, axis)
-        rough = (a + share * (b - a)).astype(np.float32)
-    result = np.where(far, np.copysign(np.float32(reach) + rough, signed), signed)
-    return np.asarray(result, dtype=np.float32)
+        rough = a + share * (b - a)
+    return np.where(far, np.copysign(np.float32(reach) + rough, signed), signed)
 
 
-def _propagate(signed: wp.array, state: wp.array, reach: float, second_order: bool) -> None:
-    """Relax from the fixed nodes outward until nothing changes within reach."""
-    marks = state.numpy()
-    fixed = marks == 2
-    near = np.zeros_like(fixed)
+def _border(inside: BoolArray) -> BoolArray:
+    """Return the nodes with a neighbour of the other kind."""
+    border = np.zeros_like(inside)
     for axis in range(3):
-        moved, still = np.moveaxis(near, axis, 0), np.moveaxis(fixed, axis, 0)
-        moved[1:] |= still[:-1]
-        moved[:-1] |= still[1:]
-    start = np.argwhere(near & ~fixed).astype(np.int32)
+        marked, nodes = np.moveaxis(border, axis, 0), np.moveaxis(inside, axis, 0)
+        differ = nodes[1:] != nodes[:-1]
+        marked[1:] |= differ
+        marked[:-1] |= differ
+    return border
+
+
+def _propagate(signed: wp.array, fixed: BoolArray, reach: float, second_order: bool) -> None:
+    """Relax from the fixed nodes outward until nothing changes within reach."""
+    start = np.argwhere(_border(fixed) & ~fixed).astype(np.int32)
+    marks = np.where(fixed, np.int32(2), np.int32(0))
     marks[tuple(start.T)] = 1
-    state.assign(marks)
+    state = wp.array(marks)
     capacity = 1 + int(np.count_nonzero(~fixed))
     lists = [wp.empty(capacity, dtype=wp.vec3i) for _ in range(2)]
     if len(start):

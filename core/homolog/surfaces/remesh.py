@@ -91,7 +91,7 @@ def _sorted(sides: IntArray, order: FloatArray, chosen: BoolArray) -> IntArray:
 def _slide(edges: HalfEdges, field: DistanceField) -> None:
     """Move each vertex towards the mean of its neighbours, and project it to the zero level."""
     step = edges.around() - edges.vertices
-    normals = field.sample(edges.vertices)[1]
+    normals = field.gradients(edges.vertices)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     step -= (step * normals).sum(axis=1, keepdims=True) * normals
     edges.vertices = field.projected(edges.vertices + _SLIDE * step)

@@ -109,6 +109,8 @@ def without_cavities(solid: BoolArray) -> BoolArray:
     is_open[0] = False
     if is_open[1:].all():
         return solid
+    if np.count_nonzero(is_open) == 1:
+        return np.asarray(outside != np.argmax(is_open))
     return np.asarray(~is_open[outside])
 
 

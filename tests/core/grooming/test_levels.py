@@ -20,7 +20,7 @@ def of_mask():
 
 
 def surface_of(segmentation):
-    field, _, _ = distance_field(level_of_voxels(segmentation, None, 1.0), 1.0)
+    field = distance_field(level_of_voxels(segmentation, None, 1.0), 1.0).field
     vertices, faces = marching_cubes(field.values)
     return field, TriangleMesh(vertices, faces).placed(field.index_to_world)
 
@@ -34,7 +34,7 @@ def test_a_large_thick_structure_on_a_coarser_grid_has_the_same_surface(grid, of
     assert finest.spacing == min(spacing)
     assert coarse.spacing > 1.2 * min(spacing)
     assert mesh.volume == pytest.approx(expected.volume, rel=0.005)
-    there, back = coarse.sample(expected.vertices)[0], finest.sample(mesh.vertices)[0]
+    there, back = coarse.sample_values(expected.vertices), finest.sample_values(mesh.vertices)
     assert max(np.abs(there).mean(), np.abs(back).mean()) < 0.1
 
 

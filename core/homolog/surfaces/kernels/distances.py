@@ -17,6 +17,8 @@ _ACCURACY = wp.constant(1.2)
 """Winding numbers: distance in radii of a group of faces from which on it is treated as a dipole."""
 _TRIALS = wp.constant(10)
 _FREE_TURNS = wp.constant(500)
+_ON_LEVEL = wp.constant(wp.float64(1.0e-5))
+"""Distance from the zero level at which projected points stop [nodes]."""
 
 
 @wp.func
@@ -59,6 +61,17 @@ def _value(grid: wp.array3d(dtype=wp.float32), x: wp.vec3d) -> wp.float64:
     return wp.lerp(wp.lerp(v00, v10, share[1]), wp.lerp(v01, v11, share[1]), share[2])
 
 
+@wp.func
+def _slope(grid: wp.array3d(dtype=wp.float32), point: wp.vec3d) -> wp.vec3d:
+    """Central differences over two nodes of the interpolant at a point."""
+    slope = wp.vec3d()
+    for axis in range(3):
+        step = wp.vec3d()
+        step[axis] = wp.float64(1.0)
+        slope[axis] = wp.float64(0.5) * (_value(grid, point + step) - _value(grid, point - step))
+    return slope
+
+
 @wp.kernel
 def sample_values(
     grid: wp.array3d(dtype=wp.float32),
@@ -75,14 +88,28 @@ def sample_slopes(
     points: wp.array(dtype=wp.vec3d),
     slopes: wp.array(dtype=wp.vec3d),
 ) -> None:
-    """Central differences over two nodes of the interpolant at points."""
+    """Slope at points [nodes]."""
+    slopes[wp.tid()] = _slope(grid, points[wp.tid()])
+
+
+@wp.kernel
+def project(
+    grid: wp.array3d(dtype=wp.float32),
+    points: wp.array(dtype=wp.vec3d),
+    spacing: wp.float64,
+    steps: int,
+) -> None:
+    """Move points [nodes] to the zero level of distances in units of the spacing, by Newton steps."""
     point = points[wp.tid()]
-    slope = wp.vec3d()
-    for axis in range(3):
-        step = wp.vec3d()
-        step[axis] = wp.float64(1.0)
-        slope[axis] = wp.float64(0.5) * (_value(grid, point + step) - _value(grid, point - step))
-    slopes[wp.tid()] = slope
+    one = wp.float64(1.0)
+    for _ in range(steps):
+        value = _value(grid, point) / spacing
+        if wp.abs(value) < _ON_LEVEL:
+            break
+        slope = _slope(grid, point) / spacing
+        squared = wp.max(wp.dot(slope, slope), wp.float64(0.25))
+        point -= wp.clamp(value / squared, -one, one) * slope
+    points[wp.tid()] = point
 
 
 @wp.func
@@ -95,14 +122,11 @@ def _crossing(here: float, there: float) -> float:
 
 @wp.func
 def _crossings(level: wp.array3d(dtype=wp.float32), i: int, j: int, k: int) -> float:
-    """Distance to the plane through the zeros on the three grid lines of a node; far if there are none."""
+    """Distance to the plane through the zeros on the three grid lines of a node, at least one of them."""
     here = level[i, j, k]
     x = wp.min(_crossing(here, _at(level, i + 1, j, k)), _crossing(here, _at(level, i - 1, j, k)))
     y = wp.min(_crossing(here, _at(level, i, j + 1, k)), _crossing(here, _at(level, i, j - 1, k)))
     z = wp.min(_crossing(here, _at(level, i, j, k + 1)), _crossing(here, _at(level, i, j, k - 1)))
-    nearest = wp.min(x, wp.min(y, z))
-    if nearest == _FAR:
-        return _FAR
     tiny = float(1.0e-6)
     x, y, z = wp.max(x, tiny), wp.max(y, tiny), wp.max(z, tiny)
     return 1.0 / wp.sqrt(1.0 / (x * x) + 1.0 / (y * y) + 1.0 / (z * z))
@@ -124,24 +148,20 @@ def find_gradient(level: wp.array3d(dtype=wp.float32), gradient: wp.array3d(dtyp
 
 @wp.kernel
 def start_band(
+    border: wp.array(dtype=wp.vec3i),
     level: wp.array3d(dtype=wp.float32),
     gradient: wp.array3d(dtype=wp.vec3),
     field: wp.array3d(dtype=wp.float32),
-    state: wp.array3d(dtype=wp.int32),
 ) -> None:
-    """Fix (state 2) the distance of every node with a neighbour on the other side; all others are far.
+    """Compute the distance of the nodes with a neighbour on the other side.
 
     The closest point on the interpolated zero level is found by alternating steps onto the level and along it
     towards the node (Chopp, SIAM J. Sci. Comput. 23, 2001). If this does not converge near the node, the
     distance follows from the crossings of the three grid lines through it.
     """
-    i, j, k = wp.tid()
+    i, j, k = border[wp.tid()][0], border[wp.tid()][1], border[wp.tid()][2]
     side = wp.where(level[i, j, k] < 0.0, -1.0, 1.0)
-    distance = _crossings(level, i, j, k)
-    field[i, j, k] = side * distance
-    if distance == _FAR:
-        return
-    state[i, j, k] = 2
+    field[i, j, k] = side * _crossings(level, i, j, k)
     node = wp.vec3(float(i), float(j), float(k))
     foot = node
     moved = float(1.0)
@@ -163,55 +183,52 @@ def start_band(
 
 
 @wp.func
+def _upwind(near: float, behind: float, second_order: bool) -> wp.vec2:
+    """Value and weight of an axis, from the nearer neighbour and the one behind it."""
+    if second_order and near < _FAR and behind < near:
+        return wp.vec2((4.0 * near - behind) / 3.0, 2.25)
+    return wp.vec2(near, 1.0)
+
+
+@wp.func
 def _solve(
     field: wp.array3d(dtype=wp.float32), i: int, j: int, k: int, side: float, second_order: bool
 ) -> float:
     """Distance at a node from its six neighbours: Godunov's upwind scheme, optionally of second order."""
-    value = wp.vec3(_FAR, _FAR, _FAR)
-    weight = wp.vec3(1.0, 1.0, 1.0)
-    for axis in range(3):
-        e = wp.vec3i(wp.where(axis == 0, 1, 0), wp.where(axis == 1, 1, 0), wp.where(axis == 2, 1, 0))
-        below = side * _at(field, i - e[0], j - e[1], k - e[2])
-        above = side * _at(field, i + e[0], j + e[1], k + e[2])
-        near = below
-        step = int(-2)
-        if above < below:
-            near = above
-            step = 2
-        value[axis] = near
-        if second_order and near < _FAR:
-            behind = side * _at(field, i + step * e[0], j + step * e[1], k + step * e[2])
-            if behind < near:
-                value[axis] = (4.0 * near - behind) / 3.0
-                weight[axis] = 2.25
-    return _quadratic(value, weight)
+    below, above = side * _at(field, i - 1, j, k), side * _at(field, i + 1, j, k)
+    step = wp.where(above < below, 2, -2)
+    x = _upwind(wp.min(below, above), side * _at(field, i + step, j, k), second_order)
+    below, above = side * _at(field, i, j - 1, k), side * _at(field, i, j + 1, k)
+    step = wp.where(above < below, 2, -2)
+    y = _upwind(wp.min(below, above), side * _at(field, i, j + step, k), second_order)
+    below, above = side * _at(field, i, j, k - 1), side * _at(field, i, j, k + 1)
+    step = wp.where(above < below, 2, -2)
+    z = _upwind(wp.min(below, above), side * _at(field, i, j, k + step), second_order)
+    return _quadratic(x, y, z)
 
 
 @wp.func
-def _quadratic(value: wp.vec3, weight: wp.vec3) -> float:
-    """Largest u with sum of weight (u - value)² = 1 over the axes that are upwind (value < u)."""
-    result = float(_FAR)
-    used = wp.vec3(0.0, 0.0, 0.0)
-    for _ in range(3):
-        best = int(-1)
-        for axis in range(3):
-            open_axis = used[axis] == 0.0 and value[axis] < result
-            if open_axis and (best < 0 or value[axis] < value[best]):
-                best = axis
-        if best < 0:
+def _quadratic(x: wp.vec2, y: wp.vec2, z: wp.vec2) -> float:
+    """Largest u with sum of weight (u - value)² = 1 over the axes (value, weight) with value < u."""
+    if y[0] < x[0]:
+        x, y = y, x
+    if z[0] < y[0]:
+        y, z = z, y
+    if y[0] < x[0]:
+        x, y = y, x
+    result = x[0] + 1.0 / wp.sqrt(x[1])
+    a, b, c = x[1], x[1] * x[0], x[1] * x[0] * x[0] - 1.0
+    if y[0] < result:
+        a, b, c = a + y[1], b + y[1] * y[0], c + y[1] * y[0] * y[0]
+        if b * b < a * c:
             return result
-        used[best] = 1.0
-        a = wp.dot(used, weight)
-        b, c = float(0.0), float(-1.0)
-        for axis in range(3):
-            if used[axis] > 0.0:
-                b += weight[axis] * value[axis]
-                c += weight[axis] * value[axis] * value[axis]
-        discriminant = b * b - a * c
-        if discriminant < 0.0:
+        result = (b + wp.sqrt(b * b - a * c)) / a
+    if z[0] < result:
+        a, b, c = a + z[1], b + z[1] * z[0], c + z[1] * z[0] * z[0]
+        if b * b < a * c:
             return result
-        result = (b + wp.sqrt(discriminant)) / a
-    return result
+        result = (b + wp.sqrt(b * b - a * c)) / a
+    return wp.min(result, _FAR)
 
 
 @wp.kernel

@@ -11,6 +11,7 @@ import homolog.device  # noqa: F401 - starts Warp
 wp.set_module_options({"enable_backward": False})
 
 __all__ = [
+    "add_quadrics",
     "cost_of_edges",
     "excess_of_edges",
     "flip_edges",
@@ -124,6 +125,32 @@ def _across(side: int, origins: wp.array(dtype=int), vertices: wp.array(dtype=wp
     """Return the normal of a side's face, with twice the area as its length."""
     a = vertices[origins[side]]
     return wp.cross(vertices[origins[_next(side)]] - a, vertices[origins[_previous(side)]] - a)
+
+
+@wp.kernel
+def add_quadrics(
+    origins: wp.array(dtype=int),
+    vertices: wp.array(dtype=wp.vec3d),
+    quadrics: wp.array2d(dtype=wp.float64),
+):
+    """Add the squared distance to each face's plane, times its area, to the quadrics of its corners."""
+    side = 3 * wp.tid()
+    across = _HALF * _across(side, origins, vertices)
+    area = wp.length(across)
+    n = across / wp.max(area, wp.float64(1.0e-300))
+    offset = -wp.dot(n, vertices[origins[side]])
+    weighted = area * n
+    for corner in range(3):
+        v = origins[side + corner]
+        quadrics[v, 0] += weighted[0] * n[0]
+        quadrics[v, 1] += weighted[0] * n[1]
+        quadrics[v, 2] += weighted[0] * n[2]
+        quadrics[v, 3] += weighted[1] * n[1]
+        quadrics[v, 4] += weighted[1] * n[2]
+        quadrics[v, 5] += weighted[2] * n[2]
+        for axis in range(3):
+            quadrics[v, 6 + axis] += weighted[axis] * offset
+        quadrics[v, 9] += area * offset * offset
 
 
 @wp.func
@@ -320,12 +347,14 @@ def _spoils(
             c = vertices[origins[_previous(other)]]
             before = wp.cross(b - vertices[u], c - vertices[u])
             after = wp.cross(b - place, c - place)
-            reach = wp.max(wp.length(b - place), wp.length(c - place))
-            side_length = wp.max(reach, wp.length(b - c))
+            squared = wp.length_sq(after)
+            reach = wp.max(wp.length_sq(b - place), wp.length_sq(c - place))
+            flattest = _FLATTEST * wp.max(reach, wp.length_sq(b - c))
+            most = _HALF * (longest[u] + longest[origins[_next(other)]])
             spoils = (
-                wp.dot(before, after) < _SHARPEST * wp.length(before) * wp.length(after)
-                or wp.length(after) < _FLATTEST * side_length * side_length
-                or reach > _HALF * (longest[u] + longest[origins[_next(other)]])
+                wp.dot(before, after) < _SHARPEST * wp.sqrt(wp.length_sq(before) * squared)
+                or squared < flattest * flattest
+                or reach > most * most
             )
         other = _around(other, twins)
     return spoils
