@@ -32,4 +32,4 @@ def test_the_surface_made_from_it_is_the_mesh_it_was_made_of():
     affine[:3, 3] = -16.0
     mesh = isosurface(DistanceField(np.linalg.norm(points, axis=-1) - 11.0, affine))
     level = mesh_level(mesh, np.full(3, -16.0), 1.0, (33, 33, 33))
-    assert np.abs(DistanceField(level, affine).sample(mesh.vertices)[0]).max() < 0.05
+    assert np.abs(DistanceField(level, affine).sample_values(mesh.vertices)).max() < 0.05
