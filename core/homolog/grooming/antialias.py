@@ -79,13 +79,15 @@ def near_squared(mask: BoolArray, reach: int) -> Array:
     """Return the square of `near_distance`, as uint8: minimized along one axis after another."""
     most = reach**2
     squared = np.where(mask, np.uint8(0), np.uint8(most))
+    farther = np.empty_like(squared)
     for axis in range(mask.ndim):
         old = np.moveaxis(squared, axis, 0)
         squared = squared.copy()
-        new = np.moveaxis(squared, axis, 0)
+        new, sums = np.moveaxis(squared, axis, 0), np.moveaxis(farther, axis, 0)
         for step in range(1, min(reach, len(old) - 1) + 1):
-            np.minimum(new[step:], old[:-step] + np.uint8(step**2), out=new[step:])
-            np.minimum(new[:-step], old[step:] + np.uint8(step**2), out=new[:-step])
+            np.add(old, np.uint8(step**2), out=sums)
+            np.minimum(new[step:], sums[:-step], out=new[step:])
+            np.minimum(new[:-step], sums[step:], out=new[:-step])
     return squared
 
 

@@ -119,7 +119,7 @@ def fill_tunnels(solid: BoolArray, width: float) -> tuple[BoolArray, int]:
 def _plugged(solid: BoolArray) -> BoolArray:
     """Add single voxels that fill a tunnel, until none is left."""
     padded = np.pad(solid, 1).astype(np.uint8)
-    places: IntArray = np.argwhere(_adjacent_to_solid(padded))
+    places = _places(_adjacent_to_solid(padded))
     places = places[_gains(padded, places) > 0]
     if not len(places):
         return solid
@@ -189,7 +189,7 @@ def _gains_of_patches(solid: BoolArray, patches: IntArray) -> IntArray:
 
     No pattern contains voxels of two patches, so that its contribution is divided among its patch's voxels.
     """
-    places = np.argwhere(patches)
+    places = _places(patches)
     numbers = patches[tuple(places.T)]
     before, added = (_patterns(_around(np.pad(item, 1), places + 1)) for item in (solid, patches > 0))
     shares = (_EITHER[before | added] - _EITHER[before]) / np.bitwise_count(added)
@@ -205,6 +205,11 @@ def _gains(padded: Array, places: IntArray) -> IntArray:
     before = _patterns(near)
     near[1, 1, 1] = 1
     return np.asarray((_EITHER[_patterns(near)] - _EITHER[before]).sum(axis=(0, 1, 2)) // 8)
+
+
+def _places(mask: Array) -> IntArray:
+    """Return the result of `np.argwhere`, in half the time."""
+    return np.stack(np.unravel_index(np.flatnonzero(mask), mask.shape), axis=1)
 
 
 def _around(padded: Array, places: IntArray) -> Array:

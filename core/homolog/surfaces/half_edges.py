@@ -7,7 +7,7 @@ from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import NumericalError
 from homolog.surfaces.kernels import half_edges as kernels
 
-__all__ = ["HalfEdges"]
+__all__ = ["HalfEdges", "ascending"]
 
 _WEIGHTS = 10  # terms of a quadric
 
@@ -158,6 +158,15 @@ def _twins(faces: IntArray) -> IntArray:
     twins = np.empty(len(codes), np.int32)
     twins[first], twins[second] = second, first
     return twins
+
+
+def ascending(values: FloatArray) -> IntArray:
+    """Return the order of values rounded to single precision; equal ones keep theirs.
+
+    Bits of positive numbers have the order of the numbers, those of negative ones the opposite order.
+    """
+    bits = values.astype(np.float32).view(np.int32).astype(np.int64)
+    return _stable_order(np.where(bits < 0, -(bits & 0x7FFFFFFF), bits) + 2**31)
 
 
 def _stable_order(codes: IntArray) -> IntArray:

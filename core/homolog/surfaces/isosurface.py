@@ -212,9 +212,10 @@ def _thickness(field: DistanceField, points: FloatArray, most: float) -> FloatAr
     for side in (-1.0, 1.0):
         depth, growing = np.zeros(len(points)), np.full(len(points), True)
         for step in steps:
-            values = side * field.sample_values(points + side * step * normals)
-            growing &= values > depth + 0.25 * field.spacing
-            depth = np.where(growing, values, depth)
+            some = np.flatnonzero(growing)
+            values = side * field.sample_values(points[some] + side * step * normals[some])
+            growing[some] = values > depth[some] + 0.25 * field.spacing
+            depth[some] = np.where(growing[some], values, depth[some])
         result = np.where(growing, result, np.minimum(result, 2.0 * np.maximum(depth, 0.5 * field.spacing)))
     return result
 

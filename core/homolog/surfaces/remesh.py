@@ -10,7 +10,7 @@ import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.surfaces.distance_field import DistanceField
-from homolog.surfaces.half_edges import HalfEdges
+from homolog.surfaces.half_edges import HalfEdges, ascending
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["Sizes", "curvature_sizes", "remeshed"]
@@ -85,7 +85,7 @@ def _flip(edges: HalfEdges) -> None:
 
 def _sorted(sides: IntArray, order: FloatArray, chosen: BoolArray) -> IntArray:
     """Return the chosen sides in ascending order of `order`."""
-    return sides[chosen][np.argsort(order[chosen], kind="stable")]
+    return sides[chosen][ascending(order[chosen])]
 
 
 def _slide(edges: HalfEdges, field: DistanceField) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from homolog.errors import NumericalError
-from homolog.surfaces.half_edges import HalfEdges
+from homolog.surfaces.half_edges import HalfEdges, ascending
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["levels_of_detail", "simplified"]
@@ -71,8 +71,8 @@ def _merge(edges: HalfEdges, most: int) -> int:
         if left <= 0:
             break
         sides, costs = edges.costs()
-        cheap = np.flatnonzero(costs <= np.quantile(costs, share))
-        done = edges.merge(sides[cheap[np.argsort(costs[cheap], kind="stable")]], left)
+        cheapest = ascending(costs)[: int(np.ceil(share * len(costs)))]
+        done = edges.merge(sides[cheapest], left)
         if not done and share == 1.0:
             break
         share = _SHARE if done else 1.0
