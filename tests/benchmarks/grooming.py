@@ -21,6 +21,7 @@ from homolog.settings import GroomSettings
 from homolog.surfaces.isosurface import coarse_isosurface, isosurface
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.redistance import redistanced
+from homolog.threads import on_one_thread
 
 
 def write_synthetic(path):
@@ -58,6 +59,7 @@ def stages(path, settings):
     yield "coarse mesh", coarse_isosurface(smooth.field, mesh, COARSE_VERTICES)
 
 
+@on_one_thread
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("files", type=Path, nargs="*")

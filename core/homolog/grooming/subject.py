@@ -21,6 +21,7 @@ from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.isosurface import coarse_isosurface, isosurface
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import euler_number
+from homolog.threads import on_one_thread
 
 __all__ = [
     "COARSE_VERTICES",
@@ -228,6 +229,7 @@ def check_source(source: Source, settings: GroomSettings, what: object) -> Sourc
     return source
 
 
+@on_one_thread
 def groom(name: str, source: Source, settings: GroomSettings) -> GroomedSubject:
     """Groom a subject that has been read; see `groom_subject`.
 
