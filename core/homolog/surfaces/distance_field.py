@@ -7,7 +7,7 @@ import warp as wp
 
 from homolog.arrays import Float32Array, FloatArray, frozen
 from homolog.memory import Store
-from homolog.surfaces.kernels import distances as kernels
+from homolog.surfaces.kernels import fields as kernels
 from homolog.surfaces.mirroring import MIRROR
 
 __all__ = ["DistanceField"]

@@ -6,6 +6,7 @@ import warp as wp
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import NumericalError
 from homolog.surfaces.kernels import half_edges as kernels
+from homolog.surfaces.kernels.quadrics import add_quadrics
 
 __all__ = ["HalfEdges", "ascending"]
 
@@ -47,7 +48,7 @@ class HalfEdges:
         self._quadrics = np.zeros((n, _WEIGHTS))
         if longest is None:
             given = [_shared(self._origins), _shared(self.vertices, wp.vec3d), _shared(self._quadrics)]
-            wp.launch(kernels.add_quadrics, len(faces), given, device="cpu")
+            wp.launch(add_quadrics, len(faces), given, device="cpu")
 
     @property
     def faces(self) -> IntArray:

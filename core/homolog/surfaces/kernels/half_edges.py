@@ -7,11 +7,11 @@ is the same edge in the neighbouring face. Sides of removed faces have the origi
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
+from homolog.surfaces.kernels.quadrics import collapsed
 
 wp.set_module_options({"enable_backward": False})
 
 __all__ = [
-    "add_quadrics",
     "cost_of_edges",
     "excess_of_edges",
     "flip_edges",
@@ -24,8 +24,6 @@ _SHARPEST = wp.constant(wp.float64(0.3))
 """Least cosine between a face's normals before and after a change."""
 _FLATTEST = wp.constant(wp.float64(1.0e-3))
 """Least height of a face, relative to its longest side."""
-_TO_MIDDLE = wp.constant(wp.float64(1.0e-3))
-"""Weight of the edge's length, so that short edges collapse first in flat parts."""
 _HALF = wp.constant(wp.float64(0.5))
 _BARELY = wp.constant(wp.float64(1.0e-6))
 """Least excess of opposite angles over 180° for a flip [rad]."""
@@ -57,35 +55,6 @@ def _valence(side: int, twins: wp.array(dtype=int)) -> int:
     return count
 
 
-@wp.func
-def _merged(
-    u: int, v: int, vertices: wp.array(dtype=wp.vec3d), quadrics: wp.array2d(dtype=wp.float64)
-) -> wp.vec4d:
-    """Position of a collapsed edge, and the cost: distance² to the planes of both ends, times areas.
-
-    Rows of quadrics: xx, xy, xz, yy, yz, zz, then the linear terms and the constant one. Without quadrics the
-    position is the midpoint.
-    """
-    middle = _HALF * (vertices[u] + vertices[v])
-    xx, xy = quadrics[u, 0] + quadrics[v, 0], quadrics[u, 1] + quadrics[v, 1]
-    xz, yy = quadrics[u, 2] + quadrics[v, 2], quadrics[u, 3] + quadrics[v, 3]
-    yz, zz = quadrics[u, 4] + quadrics[v, 4], quadrics[u, 5] + quadrics[v, 5]
-    area = xx + yy + zz
-    planes = wp.mat33d(xx, xy, xz, xy, yy, yz, xz, yz, zz)
-    linear = wp.vec3d(
-        quadrics[u, 6] + quadrics[v, 6], quadrics[u, 7] + quadrics[v, 7], quadrics[u, 8] + quadrics[v, 8]
-    )
-    pull = _TO_MIDDLE * area
-    place = middle
-    if area > wp.float64(0.0):
-        identity = wp.identity(n=3, dtype=wp.float64)
-        place = wp.inverse(planes + pull * identity) * (pull * middle - linear)
-    along = vertices[u] - vertices[v]
-    cost = wp.dot(place, planes * place) + wp.float64(2.0) * wp.dot(linear, place)
-    cost += quadrics[u, 9] + quadrics[v, 9] + pull * wp.dot(along, along)
-    return wp.vec4d(place[0], place[1], place[2], cost)
-
-
 @wp.kernel
 def cost_of_edges(
     origins: wp.array(dtype=int),
@@ -100,7 +69,7 @@ def cost_of_edges(
     if u >= 0:
         v = origins[_next(side)]
         if u < v:
-            costs[side] = _merged(u, v, vertices, quadrics)[3]
+            costs[side] = collapsed(u, v, vertices, quadrics)[3]
 
 
 @wp.kernel
@@ -125,32 +94,6 @@ def _across(side: int, origins: wp.array(dtype=int), vertices: wp.array(dtype=wp
     """Return the normal of a side's face, with twice the area as its length."""
     a = vertices[origins[side]]
     return wp.cross(vertices[origins[_next(side)]] - a, vertices[origins[_previous(side)]] - a)
-
-
-@wp.kernel
-def add_quadrics(
-    origins: wp.array(dtype=int),
-    vertices: wp.array(dtype=wp.vec3d),
-    quadrics: wp.array2d(dtype=wp.float64),
-):
-    """Add the squared distance to each face's plane, times its area, to the quadrics of its corners."""
-    side = 3 * wp.tid()
-    across = _HALF * _across(side, origins, vertices)
-    area = wp.length(across)
-    n = across / wp.max(area, wp.float64(1.0e-300))
-    offset = -wp.dot(n, vertices[origins[side]])
-    weighted = area * n
-    for corner in range(3):
-        v = origins[side + corner]
-        quadrics[v, 0] += weighted[0] * n[0]
-        quadrics[v, 1] += weighted[0] * n[1]
-        quadrics[v, 2] += weighted[0] * n[2]
-        quadrics[v, 3] += weighted[1] * n[1]
-        quadrics[v, 4] += weighted[1] * n[2]
-        quadrics[v, 5] += weighted[2] * n[2]
-        for axis in range(3):
-            quadrics[v, 6 + axis] += weighted[axis] * offset
-        quadrics[v, 9] += area * offset * offset
 
 
 @wp.func
@@ -410,7 +353,7 @@ def merge_edges(
         v = int(origins[_next(side)])
         if merged[u] or merged[v] or not _keeps_topology(side, number + 1, origins, twins, marks):
             continue
-        meeting = _merged(u, v, vertices, quadrics)
+        meeting = collapsed(u, v, vertices, quadrics)
         place = wp.vec3d(meeting[0], meeting[1], meeting[2])
         if _spoils(side, place, origins, twins, vertices, longest):
             continue
