@@ -1,10 +1,10 @@
-"""Passes over all shapes that refine a model grown from a core set: the stages of a joint optimization.
+"""Passes over all shapes that refine a model grown from a core set.
 
-The objective hardly depends on the variance along the modes, so that it depends on the start where an
-optimization ends. Like a joint optimization, the passes begin near the mean shape, where variance is least.
+In a pass, other shapes do not move with a shape, so that what is common to many of them changes slowly: the
+mean, and the directions of the modes. Passes do not begin near the mean shape, as joint optimizations do,
+because they would not recover the variance.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from homolog.correspondence.entropy.terms import TermSchedule
@@ -16,8 +16,8 @@ __all__ = ["EXTRAPOLATION", "Passes", "plan_passes"]
 EXTRAPOLATION = 0.7
 """Fraction of the last pass's motion that is added to the positions and normals of which an ensemble is made.
 The other shapes of an ensemble do not move with a shape, so that without it the mean would lag behind."""
-_TO_MEAN, _SPREADING, _ANNEALING = 3, 8, 10
-"""Numbers of passes of the joint optimization's stages: distance to the mean, few particles, annealing."""
+_ANNEALING = 10
+"""Number of passes of the annealing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,42 +26,34 @@ class Passes:
 
     Attributes
     ----------
-    first : tuple of StagePlan
-        Those with changing regularization, one a pass.
+    annealing : tuple of StagePlan
+        Those with decreasing regularization, one a pass.
     settling : StagePlan
         Every later one.
     """
 
-    first: tuple[StagePlan, ...]
+    annealing: tuple[StagePlan, ...]
     settling: StagePlan
 
 
 def plan_passes(settings: OptimizeSettings) -> Passes:
     """Return the passes over the shapes of a run with a core set."""
-    to_mean, spreading, *_, annealing, settling = plan_stages(settings)
+    _, spreading, *_, annealing, settling = plan_stages(settings)
     begin, end = spreading.ensemble.end, settling.ensemble.end
-    annealing = replace(
-        annealing,
-        iterations=settings.anneal_iterations,
-        ensemble=TermSchedule(annealing.ensemble.weight, max(begin, end), end),
-        normals=replace(spreading.normals, start=spreading.normals.end, end=settling.normals.end),
+    ensemble = TermSchedule(annealing.ensemble.weight, max(begin, end), end)
+    normals = replace(spreading.normals, start=spreading.normals.end, end=settling.normals.end)
+    iterations = -(-settings.anneal_iterations // _ANNEALING)
+    shares = [(index / _ANNEALING, (index + 1) / _ANNEALING) for index in range(_ANNEALING)]
+    return Passes(
+        tuple(
+            replace(
+                annealing,
+                count=settings.particles,
+                iterations=iterations,
+                ensemble=ensemble.part(*share),
+                normals=normals.part(*share),
+            )
+            for share in shares
+        ),
+        replace(settling, count=settings.particles, iterations=iterations),
     )
-    plans = zip((to_mean, spreading, annealing), (_TO_MEAN, _SPREADING, _ANNEALING), strict=True)
-    parts = [part for plan, number in plans for part in _parts(plan, number)]
-    together = [*parts, replace(settling, iterations=parts[-1].iterations)]
-    *first, last = (replace(plan, count=settings.particles) for plan in together)
-    return Passes(tuple(first), last)
-
-
-def _parts(plan: StagePlan, number: int) -> Sequence[StagePlan]:
-    """Return a stage in parts."""
-    shares = [(index / number, (index + 1) / number) for index in range(number)]
-    return [
-        replace(
-            plan,
-            iterations=-(-plan.iterations // number),
-            ensemble=plan.ensemble.part(*share),
-            normals=plan.normals.part(*share),
-        )
-        for share in shares
-    ]

@@ -5,18 +5,21 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.geometry import farthest_point_sampling, transform_points
+from homolog.geometry import farthest_point_sampling
 from homolog.grooming import GroomedSubject
+from homolog.surfaces.closest import signed_distances_to
 from homolog.surfaces.distance_field import DistanceField
+from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.simplify import simplified
 
 __all__ = ["choose_core", "outline"]
 
 _OUTLINE_VERTICES = 400
-_DESCRIPTOR_POINTS = 100
+_DESCRIPTOR_POINTS = 200
+_MOST_PROBED = 20
+"""Largest number of subjects on whose surfaces distances to all surfaces are measured."""
 
 
 def outline(groomed: GroomedSubject) -> GroomedSubject:
@@ -31,9 +34,9 @@ def choose_core(
 ) -> IntArray:
     """Return the indices of a core set of subjects with different coarse shapes, in ascending order.
 
-    Each group contributes in proportion, with at least two subjects. The features of a subject are the
-    displacements from points of one subject to its nearest points, after alignment and scaling to one size.
-    Size is a further coordinate.
+    Each group contributes in proportion, with at least two subjects. The features of a subject are the signed
+    distances to its surface from points of several subjects, after alignment and scaling to one size. Size is
+    a further coordinate.
 
     Parameters
     ----------
@@ -62,16 +65,22 @@ def choose_core(
 
 
 def _descriptors(outlines: Sequence[GroomedSubject], alignments: FloatArray) -> FloatArray:
-    clouds, sizes = [], []
+    """Return the features of the subjects, one row each.
+
+    Distances to the surface, rather than to its nearest vertex, because vertices are further apart than most
+    shapes differ: their places would decide the choice.
+    """
+    meshes, sizes = [], []
     for item, alignment in zip(outlines, alignments, strict=True):
-        points = transform_points(alignment, item.coarse_mesh.vertices)
-        points = points - points.mean(axis=0)
+        placed = item.coarse_mesh.placed(alignment)
+        points = placed.vertices - placed.vertices.mean(axis=0)
         sizes.append(float(np.sqrt(np.square(points).sum(axis=1).mean())))
-        clouds.append(points / sizes[-1])
-    places = clouds[0][farthest_point_sampling(clouds[0], min(_DESCRIPTOR_POINTS, len(clouds[0])))]
-    ways = [cloud[KDTree(cloud).query(places)[1]].ravel() for cloud in clouds]
+        meshes.append(TriangleMesh(points / sizes[-1], placed.faces))
+    some = np.concatenate([mesh.vertices for mesh in meshes[:: -(-len(meshes) // _MOST_PROBED)]])
+    places = some[farthest_point_sampling(some, min(_DESCRIPTOR_POINTS, len(some)))]
+    distances = np.array([signed_distances_to(mesh, places) for mesh in meshes])
     of_size = np.sqrt(len(places)) * np.log(sizes)
-    return np.column_stack([np.array(ways), of_size])
+    return np.column_stack([distances, of_size])
 
 
 def _shares(counts: Sequence[int], size: int) -> list[int]:

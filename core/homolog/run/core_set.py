@@ -1,8 +1,8 @@
 """A core set of subjects that span the shapes of a cohort, and the fits of all others to it.
 
 The core set is optimized jointly. Every other subject is then fitted to its ensemble individually, in worker
-processes. Further passes move every subject against the ensemble of all, with the annealing of a joint
-optimization: block descent of the joint objective. Fits are stored until the pass after the next is begun: an
+processes. Further passes move every subject against the ensemble of all: block descent of the joint
+objective. Fits are stored until the pass after the next is begun: an
 interrupted run continues with the missing ones, and the result does not depend on the number of workers. No
 step needs more surfaces in memory than those of the core set.
 """
@@ -124,7 +124,9 @@ def fit_others(
 ) -> tuple[FloatArray, FloatArray]:
     """Fit the subjects that are not in the core set to it, then all subjects to the ensemble of all.
 
-    After annealing, passes are repeated until the shape model hardly generalizes better.
+    Passes begin with annealing unless the modes of the others explain each subject up to the last
+    regularization: the core set then spans the cohort, and annealing would only lose variance. After it, they
+    are repeated until the shape model hardly generalizes better.
 
     Parameters
     ----------
@@ -170,10 +172,8 @@ def fit_others(
     count, particles = len(shapes), outcome.local.shape[1]
     states, following = (StateArrays(count, particles, store) for _ in range(2))
     workspace = store(np.empty((count, 3 * particles), np.float32))
-    passes = plan_passes(fits.placing)
-    plans = [*passes.first, *[passes.settling] * _MOST_SETTLING]
-    first = part_of(tick, 0.05, 0.3)
-    key = fits.key(outcome.inputs.fingerprint, first)
+    passes, first = plan_passes(fits.placing), part_of(tick, 0.05, 0.3)
+    key = fits.key(f"{outcome.inputs.fingerprint} {passes}", first)
     reached = fits.reached(key, states, following, first)
     if reached is None:
         for index, state in zip(core.tolist(), known, strict=True):
@@ -183,9 +183,14 @@ def fit_others(
             index: (None, first_placement(shapes[index], ensemble, fits.placing)) for index in others
         }
         fits.run(ensemble, begin, templates, 0, states, first)
-        reached = Reached(0, states.scale, np.inf, is_last=False)
+        error = generalization_error(states.aligned, workspace)
+        spanned = error**2 < fits.placing.regularization_end
+        reached = Reached(
+            0, states.scale, error, is_last=False, annealing=0 if spanned else len(passes.annealing)
+        )
     elif fits.placing.procrustes.takes_size_out:
         following.rescale(reached.scale)
+    plans = [*passes.annealing[: reached.annealing], *[passes.settling] * _MOST_SETTLING]
     while not reached.is_last:
         number = reached.number + 1
         if fits.placing.procrustes.takes_size_out:
@@ -201,15 +206,16 @@ def fit_others(
         share = part_of(tick, 0.3 + 0.7 * (number - 1) / len(plans), 0.3 + 0.7 * number / len(plans))
         fits.run(ensemble, begin, (), number, following, share, plans[number - 1])
         states, following = following, states
-        error, is_last = np.inf, number == len(plans)
-        if number >= len(passes.first):
+        error, is_last = reached.error, False
+        if number >= reached.annealing:
             error = generalization_error(states.aligned, workspace)
             _log.info(
                 "pass %d over all subjects: generalization error %.5g, before %.5g",
                 number, error, reached.error,
             )  # fmt: skip
-            is_last = is_last or error > _ENOUGH * reached.error
-        reached = Reached(number, reached.scale, error, is_last)
+            settles = number > reached.annealing
+            is_last = number == len(plans) or (settles and error > _ENOUGH * reached.error)
+        reached = replace(reached, number=number, error=error, is_last=is_last)
         if number > 1:  # the first pass is repeated, as its start is not stored for all subjects
             fits.keep(key, reached)
     local = np.array(states.local)

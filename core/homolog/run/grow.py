@@ -82,7 +82,10 @@ def grow(
     )
     whole = prepare_from_disk(cohort, annotated, alignments, settings, groomed, device)
     groups = [subject.group for subject in cohort.subjects]
-    core = choose_core(outlines, alignments, groups, settings.optimize.core_set or len(outlines))
+    size = settings.optimize.core_set or len(outlines)
+    core = run_in_background(
+        lambda _: choose_core(outlines, alignments, groups, size), tick, "choosing the core set"
+    )
     chosen = core.tolist()
     subjects = Cohort(tuple(cohort.subjects[index] for index in chosen), cohort.folder)
     shapes = [whole.shapes[index].stored(store) for index in chosen]

@@ -14,7 +14,12 @@ from homolog.cluster import SubjectWorkers
 from homolog.correspondence import Shape
 from homolog.correspondence.ensemble import Ensemble, ShapeState, StateArrays
 from homolog.correspondence.schedule import StagePlan
-from homolog.correspondence.shape_fit import first_particles, fit_shape, nearest_template
+from homolog.correspondence.shape_fit import (
+    first_particles,
+    fit_shape,
+    fit_shape_from,
+    nearest_template,
+)
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.atomic import report_os_errors
@@ -22,7 +27,7 @@ from homolog.files.names import file_stems
 from homolog.grooming.cache import read_groomed
 from homolog.progress import Tick
 from homolog.run.fingerprints import surface_hash
-from homolog.settings import OptimizeSettings
+from homolog.settings import OptimizeSettings, Procrustes
 
 __all__ = ["Reached", "SubjectFits", "groomed_shape"]
 
@@ -81,15 +86,18 @@ class Reached:
     scale : float
         Mean scale of the placements in the first one.
     error : float
-        Generalization error after the last one; inf before passes are repeated.
+        Generalization error after the last pass that was evaluated, or after the first fits.
     is_last : bool
         Whether no further pass follows.
+    annealing : int
+        Number of passes of annealing.
     """
 
     number: int
     scale: float
     error: float
     is_last: bool
+    annealing: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,10 +191,16 @@ class SubjectFits:
                 if fit is None:
                     return None
                 target[index] = fit[1]
-        return Reached(number, float(stored["scale"]), float(stored["error"]), bool(stored["is_last"]))
+        return Reached(
+            number,
+            float(stored["scale"]),
+            float(stored["error"]),
+            bool(stored["is_last"]),
+            int(stored["annealing"]),
+        )
 
     def key(self, fingerprint: str, tick: Tick) -> str:
-        """Return a hash of the core set's `fingerprint`, and of all surfaces, placements and settings."""
+        """Return a hash of a `fingerprint`, and of all surfaces, placements and settings."""
         given = f"{fingerprint} {self.placing.model_dump_json(exclude_none=True)}"
         digest = hashlib.blake2b(given.encode(), digest_size=16)
         for index, shape in enumerate(self.shapes):
@@ -214,7 +228,10 @@ def _fitted(job: _Job) -> ShapeState:
         return fit_shape(shape, job.settings, ensemble, job.local, plan=job.plan)
     index = nearest_template(ensemble, shape)
     template = groomed_shape(job.groomed, job.templates[index], ensemble.placements[index])
-    return fit_shape(shape, job.settings, ensemble, first_particles(ensemble, index, template, shape))
+    local = first_particles(ensemble, index, template, shape)
+    if job.settings.procrustes is Procrustes.OFF:
+        return fit_shape(shape, job.settings, ensemble, local)
+    return fit_shape_from(shape, job.settings, ensemble, [local])
 
 
 def _stored(path: Path) -> tuple[str, ShapeState] | None:

@@ -40,24 +40,22 @@ def states():
 
 
 @pytest.mark.parametrize("particles", [128, 1024])
-def test_passes_begin_like_a_joint_optimization_and_end_with_its_last_regularization(particles):
+def test_passes_anneal_to_the_last_regularization_of_a_joint_optimization(particles):
     settings = OptimizeSettings(particles=particles)
-    passes, stages = plan_passes(settings), plan_stages(settings)
-    every = [*passes.first, passes.settling]
-    assert passes.first[0].factors == stages[0].factors
-    assert passes.first[0].ensemble.start == stages[0].ensemble.start
+    passes, last = plan_passes(settings), plan_stages(settings)[-1]
+    every = [*passes.annealing, passes.settling]
     assert {plan.count for plan in every} == {particles}
-    annealed = [plan for plan in every if plan.factors != stages[0].factors]
-    for plan, following in pairwise(annealed):
+    for plan, following in pairwise(every):
         assert plan.ensemble.end == pytest.approx(following.ensemble.start)
         assert plan.ensemble.start >= plan.ensemble.end
-    assert passes.settling.ensemble == stages[-1].ensemble
-    assert passes.settling.normals == stages[-1].normals
+    assert passes.annealing[0].ensemble.start > 100.0 * passes.annealing[-1].ensemble.end
+    assert passes.settling.ensemble == last.ensemble
+    assert passes.settling.normals == last.normals
 
 
 def test_a_last_regularization_beyond_that_of_few_particles_is_kept():
     passes = plan_passes(OptimizeSettings(regularization_end=5.0))
-    assert passes.first[-1].ensemble.start == passes.first[-1].ensemble.end == pytest.approx(5.0)
+    assert passes.annealing[-1].ensemble.start == passes.annealing[-1].ensemble.end == pytest.approx(5.0)
 
 
 def test_rescaled_states_have_the_mean_scale_and_placements_that_still_fit(states):
