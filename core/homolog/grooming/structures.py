@@ -101,7 +101,7 @@ class Structures:
     empty : tuple of str
         Structures with files of their own that are all empty.
     unavailable : tuple of str
-        Messages about structures that can't be read in files whose others can.
+        Messages about structures that can't be read in files whose others can, one of each kind.
     """
 
     structures: tuple[Structure, ...]
@@ -235,18 +235,27 @@ def list_structures(cohort: Cohort, tick: Tick = no_tick) -> Structures:
     by number.
     """
     problems: dict[str, str] = {}
-    unavailable: list[str] = []
+    unavailable: dict[str, list[str]] = {}
     by_subject: dict[str, list[SubjectStructure]] = {}
     for index, subject in enumerate(cohort.subjects):
         tick(index / len(cohort.subjects), f"reading {subject.name}")
         try:
             by_subject[subject.name], faults = _contents_of(subject)
-            unavailable += faults
+            for fault in faults:
+                unavailable.setdefault(fault.partition(": ")[2], []).append(fault)
         except InputError as error:
             problems[subject.name] = str(error)
     structures = joined(_named_alike(by_subject))
     names = (name for subject in cohort.subjects if subject.name in by_subject for name in masks_of(subject))
-    return Structures(structures, problems, _unknown(names, structures), tuple(unavailable))
+    return Structures(structures, problems, _unknown(names, structures), _each_once(unavailable.values()))
+
+
+def _each_once(alike: Iterable[Sequence[str]]) -> tuple[str, ...]:
+    """Return one message of each kind, with the number of further files that it applies to."""
+    return tuple(
+        first + (f"; the same applies to {len(rest)} more file{'s' if len(rest) > 1 else ''}" if rest else "")
+        for first, *rest in alike
+    )
 
 
 def _named_alike(

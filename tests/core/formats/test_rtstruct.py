@@ -141,6 +141,15 @@ def test_a_structure_in_other_slices_does_not_prevent_reading_the_others(write, 
     assert listed.unavailable == tuple(volume.unavailable.values())
 
 
+def test_structures_of_several_files_that_cannot_be_read_are_listed_once(write):
+    subjects = tuple(
+        Subject(name, write([UNEVEN, BODY, HEART], f"{name}.dcm")) for name in ("p1", "p2", "p3")
+    )
+    (message,) = list_structures(Cohort(subjects, subjects[0].path.parent)).unavailable
+    assert "p1.dcm: the contours of Uneven" in message
+    assert message.endswith("2 more files")
+
+
 def test_a_structure_that_remains_alone_is_read_with_a_note_on_the_other(write):
     notes = read_segmentation(write([UNEVEN, HEART]), None).notes
     assert any("contours of Uneven" in note for note in notes)
