@@ -102,12 +102,12 @@ def capped(vertices: FloatArray, faces: IntArray, patches: IntArray) -> Capped:
                     joined.append((whole, part, bool(hole.normal @ rim.normal > 0.0)))
                     alias = {patch: whole if end == part else end for patch, end in alias.items()}
                     alias[part] = whole
-        elif rim.is_fan:
+        elif not rim.is_fan and (filled := _closing(vertices, rim)) is not None:
+            caps.append(filled)
+        else:
             number = len(vertices) + len(middles)
             middles.append(rim.middle)
             caps.append(np.column_stack([rim.sides[:, ::-1], np.full(len(rim.sides), number)]))
-        else:
-            caps.append(_filled(vertices, rim.sides, rim.normal))
         cap_patches.append(np.full(len(caps[-1]), rim.patch))
     return Capped(
         np.concatenate([vertices, np.reshape(middles, (-1, 3))]),
@@ -254,6 +254,51 @@ def _filled(vertices: FloatArray, rim: IntArray, normal: FloatArray) -> IntArray
     sides = np.diff(flat[triangles], axis=1)
     wrong = sides[:, 0, 0] * sides[:, 1, 1] < sides[:, 0, 1] * sides[:, 1, 0]
     return np.asarray(names[np.where(wrong[:, None], triangles[:, ::-1], triangles)])
+
+
+def _closing(vertices: FloatArray, rim: _Rim) -> IntArray | None:
+    """Return the triangles within a single rim: Delaunay's, or if they cross its sides, its ears; or None."""
+    triangles = _filled(vertices, rim.sides, rim.normal)
+    if _is_border(triangles, rim.sides):
+        return triangles
+    loop = rim.sides[loops(rim.sides, np.zeros(len(rim.sides), np.int64))[0], 0][::-1]
+    ears = _ears(vertices[loop] @ _plane(rim.normal))
+    return None if ears is None else loop[ears]
+
+
+def _is_border(triangles: IntArray, rim: IntArray) -> bool:
+    """Return whether triangles meet a mesh at all sides of a rim, and are open nowhere else."""
+    size = int(max(triangles.max(initial=0), rim.max())) + 1
+    sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    there, back = sides[:, 0] * size + sides[:, 1], sides[:, 1] * size + sides[:, 0]
+    open_sides = there[~np.isin(there, back)]
+    return np.array_equal(np.sort(open_sides), np.sort(rim[:, 1] * size + rim[:, 0]))
+
+
+def _ears(points: FloatArray) -> IntArray | None:
+    """Triangulate a polygon (n, 2) that runs counter-clockwise by cutting ears; None if it crosses itself."""
+    left, ears, at, tried = list(range(len(points))), [], 0, 0
+    while len(left) > 3:
+        ear = [left[at - 1], left[at], left[(at + 1) % len(left)]]
+        if _is_ear(points[ear], points[[index for index in left if index not in ear]]):
+            ears.append(ear)
+            del left[at]
+            at, tried = at % len(left), 0
+        elif (tried := tried + 1) > len(left):
+            return None
+        else:
+            at = (at + 1) % len(left)
+    return np.array([*ears, left])
+
+
+def _is_ear(corners: FloatArray, others: FloatArray) -> bool:
+    """Return whether a triangle runs counter-clockwise and no other corner of its polygon is in it."""
+    along = np.roll(corners, -1, axis=0) - corners
+    if along[0, 0] * along[1, 1] <= along[0, 1] * along[1, 0]:
+        return False
+    across = others[:, None] - corners
+    beside = along[:, 0] * across[..., 1] - along[:, 1] * across[..., 0]
+    return not (beside >= 0.0).all(axis=1).any()
 
 
 def sides_of(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:

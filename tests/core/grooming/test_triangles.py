@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from skimage import measure
 
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError
@@ -401,3 +402,16 @@ def test_a_piece_in_a_cavity_is_no_piece_apart(egg):
     beside = joined(moved(egg, [-50.0, 0.0, 0.0], 0.5), twice)
     with pytest.raises(InputError, match="in 2 pieces"):
         level_of_triangles(beside, SETTINGS.model_copy(update={"pieces": Pieces.ALL}))
+
+
+@pytest.mark.parametrize("height", [14.0, 20.0, 23.0])
+def test_a_mesh_cut_along_its_faces_is_closed_at_every_side_of_its_rim(height):
+    points = np.stack(np.meshgrid(*[np.arange(-14.0, 14.0)] * 3, indexing="ij"), axis=-1)
+    level = -np.linalg.norm(points / [8.0, 6.0, 10.0], axis=-1)
+    whole = TriangleMesh(*measure.marching_cubes(level, -1.0, spacing=(1.0, 1.0, 1.5))[:2])
+    kept = whole.faces[whole.vertices[whole.faces].mean(axis=1)[:, 2] > height]
+    closed = solid_of(TriangleMesh(whole.vertices, kept)).mesh
+    sides = np.concatenate([closed.faces[:, [0, 1]], closed.faces[:, [1, 2]], closed.faces[:, [2, 0]]])
+    uses = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)[1]
+    assert (uses % 2 == 0).all()  # four where an edge of the mesh also divides the cap
+    assert 0.4 < closed.volume / abs(whole.volume) < 0.9
