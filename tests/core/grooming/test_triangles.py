@@ -414,4 +414,4 @@ def test_a_mesh_cut_along_its_faces_is_closed_at_every_side_of_its_rim(height):
     sides = np.concatenate([closed.faces[:, [0, 1]], closed.faces[:, [1, 2]], closed.faces[:, [2, 0]]])
     uses = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)[1]
     assert (uses % 2 == 0).all()  # four where an edge of the mesh also divides the cap
-    assert 0.4 < closed.volume / abs(whole.volume) < 0.9
+    assert 0.3 < closed.volume / abs(whole.volume) < 0.9
