@@ -12,9 +12,8 @@ from homolog.grooming.antialias import near_squared
 from homolog.grooming.values import box_of
 from homolog.surfaces.topology import without_cavities
 
-__all__ = ["euler_number", "euler_numbers", "fill_tunnels"]
+__all__ = ["euler_numbers", "fill_tunnels"]
 
-_CORNERS = list(np.ndindex(2, 2, 2))
 _ANY_NEIGHBOUR = np.ones((3, 3, 3), dtype=bool)
 _NEAR = np.argwhere(_ANY_NEIGHBOUR) - 1
 MAX_LOOKS = 20  # limit on the voxels of all patches' boxes, relative to the solid's box
@@ -45,10 +44,10 @@ _EITHER = _BY_FACES + _BY_CORNERS
 """The sum of both: a zero level joins some of the nodes that touch at an edge or corner."""
 
 
-def euler_number(solid: BoolArray) -> int:
-    """Return the Euler number of a solid whose voxels are connected at faces.
+def euler_numbers(solid: BoolArray) -> tuple[int, int]:
+    """Return the Euler numbers with voxels connected at faces only, and at edges and corners too.
 
-    It is the number of pieces minus the number of tunnels plus the number of cavities.
+    An Euler number is the number of pieces minus the number of tunnels plus the number of cavities.
 
     Parameters
     ----------
@@ -59,17 +58,6 @@ def euler_number(solid: BoolArray) -> int:
     ----------
     Gray, Local properties of binary images in two dimensions, IEEE Transactions on Computers C-20, 1971
     (here extended to three).
-    """
-    return euler_numbers(solid)[0]
-
-
-def euler_numbers(solid: BoolArray) -> tuple[int, int]:
-    """Return the Euler numbers with voxels connected at faces only, and at edges and corners too.
-
-    Parameters
-    ----------
-    solid : (I, J, K) bool array
-        True inside.
     """
     padded = np.zeros([count + 2 for count in solid.shape], np.uint8)  # np.pad is slow on small arrays
     padded[1:-1, 1:-1, 1:-1] = solid

@@ -57,6 +57,14 @@ def test_smoothing_keeps_cubics_and_dampens_noise():
     assert smoothed(noise, 1.0).std() < 0.45
 
 
+@pytest.mark.parametrize("sigma", [1.0, (0.7, 0.0, 2.5)])
+def test_smoothing_is_twice_a_gaussian_minus_its_square(sigma):
+    values = np.random.default_rng(2).normal(size=(70, 33, 41))
+    once = ndimage.gaussian_filter(values, sigma, mode="nearest")
+    expected = 2.0 * once - ndimage.gaussian_filter(once, sigma, mode="nearest")
+    assert np.allclose(smoothed(values, sigma), expected, atol=1e-5)
+
+
 def test_near_the_border_distances_are_exact(grid):
     mask = np.linalg.norm(grid(14.0, (1.0, 1.3, 0.8)) - [0.1, 0.2, 0.3], axis=-1) < 8.3
     exact = ndimage.distance_transform_edt(~mask)

@@ -3,7 +3,12 @@ import pytest
 from scipy import ndimage
 from skimage import measure
 
-from homolog.grooming.tunnels import euler_number, euler_numbers, fill_tunnels
+from homolog.grooming.tunnels import euler_numbers, fill_tunnels
+
+
+def euler_number(solid):
+    """Of voxels that are connected at faces."""
+    return euler_numbers(solid)[0]
 
 
 def block(*size):
@@ -22,7 +27,6 @@ def bored(width):
 @pytest.mark.parametrize("seed", range(3))
 def test_the_euler_number_is_that_of_scikit_image(seed):
     solid = ndimage.gaussian_filter(np.random.default_rng(seed).normal(size=(20, 24, 18)), 1.2) > 0.0
-    assert euler_number(solid) == measure.euler_number(np.pad(solid, 1), 1)
     assert euler_numbers(solid) == tuple(measure.euler_number(np.pad(solid, 1), kind) for kind in (1, 3))
 
 

@@ -6,7 +6,8 @@ from scipy import ndimage
 
 from homolog.errors import InputError, NumericalError
 from homolog.surfaces.distance_field import DistanceField
-from homolog.surfaces.isosurface import coarse_isosurface, isosurface, marching_cubes
+from homolog.surfaces.half_edges import ascending
+from homolog.surfaces.isosurface import coarse_isosurface, isosurface, marching_cubes, zero_level
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.remesh import remeshed
 from homolog.surfaces.simplify import simplified
@@ -42,6 +43,18 @@ def test_a_torus_is_met_with_its_genus_and_outward(mesh):
     assert mesh.area == pytest.approx(4.0 * np.pi**2 * LARGE * SMALL, rel=0.02)
     off = np.hypot(np.hypot(*mesh.vertices[:, :2].T) - LARGE, mesh.vertices[:, 2]) - SMALL
     assert np.abs(off).max() < 0.06
+
+
+def test_a_known_zero_level_gives_the_same_mesh(torus, mesh):
+    again = isosurface(torus, 0.9, level=zero_level(torus))
+    assert np.array_equal(again.vertices, mesh.vertices)
+    assert np.array_equal(again.faces, mesh.faces)
+
+
+def test_numbers_are_sorted_with_equal_ones_in_their_order():
+    values = np.random.default_rng(3).integers(-5, 6, size=1000) / 4.0
+    values[::50] = -0.0
+    assert np.array_equal(ascending(values), np.argsort(values, kind="stable"))
 
 
 def test_triangles_are_even(mesh):
