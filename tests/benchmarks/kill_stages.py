@@ -231,9 +231,13 @@ class Trial:
         elif kind.startswith("SIGTERM"):
             program.send(signal.SIGTERM)
         elif kind.startswith("full disk"):
-            with suppress(OSError), (self.disk / "filler").open("wb", buffering=0) as stream:
-                while True:
-                    stream.write(bytes(4096))
+            program.send(signal.SIGSTOP)
+            with (self.disk / "filler").open("wb", buffering=0) as stream:
+                for size in (1 << 20, 1 << 12):
+                    with suppress(OSError):
+                        while stream.write(bytes(size)) == size:
+                            pass
+            program.send(signal.SIGCONT)
         elif kind.endswith("Dask"):
             parts = self.cluster.parts
             (parts[0] if kind.startswith("scheduler") else random.choice(parts[1:])).kill()
@@ -244,14 +248,16 @@ class Trial:
     def one(self, kind: str, stage: str, *, joint: bool) -> Try | None:
         """Make a try; None if the stage was over before the fault."""
         dask = kind.endswith("Dask")
-        known = self.known[joint, dask]
+        known = self.known[joint, dask and not joint]
         self.restore(known.copies[stage])
         for item in self.programs.temporary.iterdir():
             shutil.rmtree(item) if item.is_dir() else item.unlink()
         figures = [] if stage == "pictures" else ["--no-figures"]
         executor = self.executor(dask=dask) if stage in SHARED else []
         program = self.analyze() if stage == "statistics" else self.run("--resume", *executor, *figures)
-        children = self.until_harmed(program, kind, stage, known.spans[stage] * random.random())
+        children = self.until_harmed(
+            program, kind, stage, self.known[joint and not dask, dask].spans[stage] * random.random()
+        )
         failed = wait_for(program)
         ended = {0: "finished", -signal.SIGKILL: "killed", -signal.SIGTERM: "killed"}.get(
             program.code or 0, "message"
@@ -265,8 +271,17 @@ class Trial:
         (self.disk / "filler").unlink(missing_ok=True)
         if not self.harmed:
             return None
-        readable = is_readable(self.project) and contents(self.project.folder) in (known.before, known.result)
+        readable = is_readable(self.project) and self.is_whole(known)
         return Try(ended, readable, self.completed(stage, known), remaining, litter)
+
+    def is_whole(self, known: Undisturbed) -> bool:
+        """Return whether the project has the whole result from before or the whole new one."""
+        found = contents(self.project.folder)
+        own = {name: data for name, data in found.items() if not name.startswith(".")}
+        begun = sorted(found.keys() - own.keys())
+        if begun:
+            print("begun:", len(begun), begun[0], flush=True)
+        return own in (known.before, known.result)
 
     def until_harmed(self, program: Program, kind: str, stage: str, after_s: float) -> set[psutil.Process]:
         """Wait for the stage and some processor time in it, and cause the fault; return the processes."""
@@ -319,6 +334,7 @@ def main() -> None:
     parser.add_argument("--tries", type=int, default=20, help="of each kind at each stage")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", default="", help="kinds with this word")
+    parser.add_argument("--stage", default="", help="stages with this word")
     parser.add_argument("folder", type=Path, help="folder of the undisturbed runs and the tries")
     parser.add_argument("--minutes", type=float, default=1e6, help="time after which no try is begun")
     options = parser.parse_args()
@@ -332,13 +348,13 @@ def main() -> None:
         try:
             trial.prepare()
             cells = [(kind, stage) for kind, stages in CASES.items() for stage in stages]
-            cells = [cell for cell in cells if options.only in cell[0]]
+            cells = [cell for cell in cells if options.only in cell[0] and options.stage in cell[1]]
             while time.monotonic() < until:
                 kind, stage = min(cells, key=lambda cell: len(rows[cell]))
                 number = len(rows[kind, stage])
                 if number >= options.tries:
                     break
-                joint = number % 4 > 0 and stage in JOINT and not kind.endswith("Dask")
+                joint = number % 4 > 0 and stage in JOINT
                 went = trial.one(kind, stage, joint=joint)
                 if went is None:  # the stage was over
                     continue

@@ -81,12 +81,11 @@ class Cluster:
         if self.parts and self.parts[0].poll() is not None:
             self.end()  # workers of a lost scheduler end too, some time
         if not self.parts:
-            self.parts = [self._started(command) for command in self._commands]
-        for number, part in enumerate(self.parts):
-            if part.poll() is not None:
-                self.parts[number] = self._started(self._commands[number])
-        with Client(self.address, timeout=60, set_as_default=False) as client:
-            client.wait_for_workers(2, timeout=60)
+            self.parts = [self._started(self._commands[0])]
+        with Client(self.address, timeout=300, set_as_default=False) as client:
+            running = [part for part in self.parts if part.poll() is None]
+            self.parts = running + [self._started(command) for command in self._commands[len(running) :]]
+            client.wait_for_workers(2, timeout=300)
 
     def end(self) -> None:
         """Kill all, with the processes that workers have started."""
