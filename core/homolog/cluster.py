@@ -8,7 +8,15 @@ subjects are started again.
 import logging
 import shutil
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import partial
 from itertools import islice
@@ -142,6 +150,9 @@ def each_in_workers(
 ) -> Iterator[tuple[str, Future[_T]]]:
     """Call a function of each job in workers; yield the futures as they end, and cancel the others on exit.
 
+    Local processes are ended by `worker_processes`, with the futures that are left: before Python 3.12.1, the
+    thread of an executor whose processes end fails at a cancelled one.
+
     Parameters
     ----------
     executor : Executor
@@ -170,8 +181,9 @@ def each_in_workers(
                 ended += 1
                 yield names.pop(future), future
     finally:
-        for future in names:
-            future.cancel()
+        if not isinstance(executor, ProcessPoolExecutor):
+            for future in names:
+                future.cancel()
 
 
 class SubjectWorkers:

@@ -1,11 +1,15 @@
 import importlib
+import os
+import signal
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from homolog.cluster import SubjectWorkers, each_in_workers, retried_on_workers
-from homolog.errors import InputError, NumericalError, WorkerDiedError
+from homolog.errors import Cancelled, InputError, NumericalError, WorkerDiedError
 from homolog.progress import no_tick
+from homolog.workers import worker_processes
 
 _WORK = """
 import os
@@ -56,6 +60,23 @@ def test_workers_are_kept_from_one_step_to_the_next(tmp_path, work):
     with SubjectWorkers(1) as workers:
         first, second = (dict(workers.each(work.process, {"a": tmp_path}, "testing")) for _ in range(2))
     assert first == second
+
+
+def test_no_thread_fails_when_workers_are_left_with_jobs_waiting():
+    ticks = []
+
+    def cancel(fraction, message):
+        ticks.append(fraction)
+        if len(ticks) > 4:  # after some 0.4 s
+            raise Cancelled
+
+    with worker_processes(2) as executor:
+        process = executor.submit(os.getpid).result(60)
+        jobs = {str(number): 1000.0 for number in range(20)}
+        with pytest.raises(Cancelled):
+            next(each_in_workers(executor, time.sleep, jobs, "waiting", cancel))
+        os.kill(process, signal.SIGTERM)  # as at the end of the block, where its thread may see this first
+        time.sleep(0.2)
 
 
 def test_few_jobs_wait_in_the_executor_at_a_time(monkeypatch):

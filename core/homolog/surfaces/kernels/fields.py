@@ -68,12 +68,12 @@ def project(
 ) -> None:
     """Move points [nodes] to the zero level of distances in units of the spacing, by Newton steps."""
     point = points[wp.tid()]
-    one = wp.float64(1.0)
+    farthest = wp.float64(1.0)
     for _ in range(steps):
         value = _value(grid, point) / spacing
         if wp.abs(value) < _ON_LEVEL:
             break
         slope = _slope(grid, point) / spacing
         squared = wp.max(wp.dot(slope, slope), wp.float64(0.25))
-        point -= wp.clamp(value / squared, -one, one) * slope
+        point -= wp.clamp(value / squared, -farthest, farthest) * slope
     points[wp.tid()] = point
