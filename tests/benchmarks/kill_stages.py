@@ -10,8 +10,9 @@ are compared with those of the undisturbed run. Before, the project has the resu
 be read whole until it is replaced. Faults while pictures are drawn are tried on the finished run, those in
 statistics by `homolog analyze`, whose tables are compared. The next try is one of the kind and stage with the
 fewest. The folder keeps undisturbed runs and all tries, which can be made in several calls; each prints a
-table of all. Programs are forked from a process that has imported Homolog, so that a try takes few seconds.
-Disks are full tmpfs; Linux only, as root; needs distributed.
+table of all: use a new folder for each version of Homolog. Programs are forked from a process that has
+imported Homolog, so that a try takes few seconds. Disks are full tmpfs; Linux only, as root; needs
+distributed.
 """
 
 import argparse
