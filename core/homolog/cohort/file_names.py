@@ -15,8 +15,8 @@ __all__ = [
     "best_label_maps",
     "copies_among",
     "corrected",
-    "derived_beside",
     "describe_files",
+    "files_beside",
     "is_mask",
     "is_picture",
     "is_site",
@@ -27,7 +27,6 @@ __all__ = [
     "numbered_part",
     "owner_of",
     "pictures_among",
-    "scans_beside",
     "structure_in",
     "structures_in_names",
     "times_among",
@@ -203,30 +202,33 @@ def is_mask(structure: str) -> bool:
     return bool(tokens) and _MASKS.issuperset(tokens)
 
 
-def scans_beside(files: Sequence[Path]) -> dict[Path, Path]:
-    """Return the scans next to label maps of the same subjects, each with its label map.
+def files_beside(files: Sequence[Path]) -> tuple[dict[Path, Path], list[Path]]:
+    """Return the files next to label maps of the same subjects, by their names.
 
-    ``case1.nii.gz`` next to ``case1_seg.nii.gz``, ``case1_ct.nii.gz`` next to ``case1.nii.gz``, ``ct_1.nrrd``
-    next to ``mask_1.nrrd``, nnU-Net's ``case1_0000.nii.gz`` next to ``case1.nii.gz``.
+    Parameters
+    ----------
+    files : sequence of Path
+
+    Returns
+    -------
+    dict of Path to Path
+        Scans, each with its label map: ``case1.nii.gz`` next to ``case1_seg.nii.gz``, ``case1_ct.nii.gz``
+        next to ``case1.nii.gz``, ``ct_1.nrrd`` next to ``mask_1.nrrd``, nnU-Net's ``case1_0000.nii.gz`` next
+        to ``case1.nii.gz``.
+    list of Path
+        Predictions and probabilities.
     """
-    scans: dict[Path, Path] = {}
+    scans, derived = dict[Path, Path](), list[Path]()
     for ranked in _ranked(files):
         highest, label_map = max(ranked, key=lambda item: item[0])
-        scans |= {
-            file: label_map
-            for rank, file in ranked
-            if rank in (_SCAN, _PLAIN) and rank < highest and suffix_of(file) in IMAGE_SUFFIXES
-        }
-    return scans
-
-
-def derived_beside(files: Sequence[Path]) -> list[Path]:
-    """Return predictions and probabilities next to label maps of the same subjects, by their names."""
-    derived = []
-    for ranked in _ranked(files):
-        highest = max(ranked, key=lambda item: item[0])[0]
-        derived += [file for rank, file in ranked if rank < highest and rank in (_PROBABILITY, _PREDICTION)]
-    return derived
+        for rank, file in ranked:
+            if rank == highest:
+                continue
+            if rank in (_PROBABILITY, _PREDICTION):
+                derived.append(file)
+            elif suffix_of(file) in IMAGE_SUFFIXES:
+                scans[file] = label_map
+    return scans, derived
 
 
 def _ranked(files: Sequence[Path]) -> list[list[tuple[int, Path]]]:
@@ -362,7 +364,8 @@ def kinds_before_numbers(stems: Sequence[str]) -> list[str]:
 def pictures_among(files: Sequence[Path]) -> dict[str, Path]:
     """Return the scans by subject: ``p1_ct``, if the other files are like ``p1_liver``."""
     scans = {owner_of(stem_of(file)): file for file in files if is_picture(structure_in(stem_of(file)))}
-    others = [stem_of(file) for file in files if file not in scans.values()]
+    pictures = set(scans.values())
+    others = [stem_of(file) for file in files if file not in pictures]
     masks = {owner_of(stem) for stem in others if structure_in(stem)}
     return scans if scans and scans.keys() <= masks and {owner_of(stem) for stem in others} <= masks else {}
 

@@ -12,7 +12,7 @@ from homolog.cohort.file_names import (
     are_times,
     copies_among,
     corrected,
-    derived_beside,
+    files_beside,
     is_picture,
     is_site,
     kinds_before_numbers,
@@ -21,7 +21,6 @@ from homolog.cohort.file_names import (
     numbered_part,
     owner_of,
     pictures_among,
-    scans_beside,
     structures_in_names,
 )
 from homolog.cohort.folder_names import (
@@ -117,13 +116,16 @@ def _holds_others(folder: Path) -> bool:
 
 def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[str]]:
     """Return the subjects of the files in one folder, and a note on skipped files."""
-    scans, copies, derived = scans_beside(files), copies_among(files), derived_beside(files)
-    labels = [file for file in files if file not in scans and file not in (*copies, *derived)]
+    scans, derived = files_beside(files)
+    copies = copies_among(files)
+    left_out = {*scans, *derived, *copies}
+    labels = [file for file in files if file not in left_out]
     templates = templates_among(labels)
-    labels = [file for file in labels if file not in templates]
+    labels = [file for file in labels if file not in templates]  # few
     chosen = maps_of_all(labels) or corrected(labels)
     pictures = pictures_among(chosen)
-    chosen = [file for file in chosen if file not in pictures.values()]
+    used, images = set(chosen), set(pictures.values())
+    chosen = [file for file in chosen if file not in images]
     several = structures_in_names([stem_of(file) for file in chosen])
     scan_of = {label: scan for scan, label in scans.items()}
     skipped = {
@@ -132,7 +134,7 @@ def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[
         _SAME_NAMES: copies,
         "templates, atlases or means by their names": templates,
         f"next to {'maps of all structures' if maps_of_all(labels) else 'corrected ones'}": [
-            file for file in labels if file not in chosen and file not in pictures.values()
+            file for file in labels if file not in used
         ],
     }
     notes = [_skipped(where, items) for where, items in skipped.items() if items]

@@ -12,14 +12,13 @@ from homolog.cohort.file_names import (
     are_times,
     best_label_maps,
     corrected,
-    derived_beside,
+    files_beside,
     is_mask,
     is_picture,
     known_files,
     maps_of_all,
     name_within,
     owner_of,
-    scans_beside,
     structure_in,
     times_among,
 )
@@ -119,8 +118,8 @@ def _masks(folder: Path) -> dict[str, Path]:
     known = [file for file in known_files(entries_of(folder)) if suffix_of(file) != ".dcm"]
     if not known:
         return _series_of_masks(folder)
-    left_out = {*scans_beside(known), *derived_beside(known)}
-    files, best = dict[str, Path](), corrected(known)
+    scans, derived = files_beside(known)
+    files, best, left_out = dict[str, Path](), corrected(known), {*scans, *derived}
     ending = "_corr" if len(best) < len(known) else ""
     for file in best:
         if file not in left_out:
@@ -137,7 +136,7 @@ def _masks_of_owner(folder: Path, owner: str) -> dict[str, Path]:
         return {}
     own = [file for file in entries_of(folder) if file.name.startswith(owner)]
     known = [file for file in known_files(own) if owner_of(stem_of(file)) == owner]
-    best, derived = corrected(known), derived_beside(known)
+    best, (_, derived) = corrected(known), files_beside(known)
     ending = "_corr" if len(best) < len(known) else ""
     best = [file for file in best if file not in derived]
     masks = {structure_in(stem_of(file)).removesuffix(ending): file for file in reversed(best)}
@@ -168,7 +167,7 @@ def owned_files(folder: Path) -> Mapping[str, Path]:
 def _owned_files(folder: Path, changed: int) -> Mapping[str, Path]:
     entries = entries_of(folder)
     known = known_files(entries)
-    scans = scans_beside(known)
+    scans, _ = files_beside(known)
     files = {file: stem_of(file) for file in reversed(known) if file not in scans}
     for entry in entries if not files else ():
         masks = mask_files(entry) if entry.is_dir() else {}
