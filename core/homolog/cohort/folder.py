@@ -305,7 +305,7 @@ def _of_parts(folder: Path, parts: Sequence[Path]) -> Cohort:
     if used := _without_results(parts):
         cohort = read_folder(used[0]) if len(used) == 1 else _of_parts(folder, used)
         unused = [item.name for item in parts if item not in used]
-        note = f"not used: {_listed(unused)}, by its name results of a program; to use it, give it alone"
+        note = f"not used: {_listed(unused)}, named like results; to use such a folder, give it alone"
         return replace(cohort, notes=(*cohort.notes, note))
     if sides := sides_among([item.name for item in parts]):
         return _of_sides(folder, {item: sides[item.name] for item in parts})
