@@ -108,11 +108,12 @@ _TIME = re.compile(
     r"|(19|20)\d\d[01]\d[0-3]\d|baseline|diastole|ed|es|followup|post|postop|pre|preop|systole"
 )
 _SITE = re.compile(
+    rf"(({'|'.join(sorted(_GROUPS))})[-_. ]+)?"
     r"(arm|batch|center|centre|cohort|fold|group|hospital|observer|part|rater|reader|scanner|set|site|study)"
     r"[-_. ]?(\d{1,3}|[a-z])",
     re.IGNORECASE,
 )
-"""Names of folders that are numbered parts of a cohort: ``siteA``, ``batch 2``."""
+"""Names of folders that are numbered parts of a cohort: ``siteA``, ``Training batch 2``."""
 _CHANNEL = re.compile(r"_000\d$")
 """Suffix of the names of nnU-Net's scans."""
 _DATE = re.compile(r"(?<!\d)((?:19|20)\d\d)[-_.]([01]\d)[-_.]([0-3]\d)(?!\d)")

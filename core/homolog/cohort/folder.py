@@ -1,5 +1,6 @@
 """A cohort from a folder: its files, or those of its subfolders."""
 
+import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -24,12 +25,13 @@ from homolog.cohort.file_names import (
     structures_in_names,
 )
 from homolog.cohort.folder_names import (
-    IMAGE_FOLDER,
-    LABEL_FOLDER,
-    MESH_FOLDER,
+    LABELS,
+    MESHES,
     PREDICTION_FOLDER,
+    SCANS,
     SOURCE_FOLDER,
     describe_contents,
+    folders_of,
 )
 from homolog.cohort.name_patterns import files_of_each, templates_among
 from homolog.cohort.pictures import picture_cohort
@@ -42,7 +44,7 @@ from homolog.cohort.subject import (
     stem_of,
     suffix_of,
 )
-from homolog.cohort.subject_folder import entries_of, holds_files, owned_files, subjects_in
+from homolog.cohort.subject_folder import entries_of, holds_files, only_scans, owned_files, subjects_in
 from homolog.cohort.unread import contents_of, remedy_for
 from homolog.errors import InputError
 
@@ -111,7 +113,7 @@ def _have_masks(folders: Iterable[Path]) -> bool:
 
 def _holds_others(folder: Path) -> bool:
     is_project = (folder / "project.json").is_file()
-    return not is_project and holds_files(folder) and not _only_scans(folder)
+    return not is_project and holds_files(folder) and not only_scans([folder])
 
 
 def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[str]]:
@@ -178,13 +180,17 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
     pipelines = [item for item in below if item.name.casefold() == DERIVATIVES]
     if pipelines and below != pipelines:
         return read_folder(pipelines[0])
-    below = [item for item in below if not _only_scans(item)] or below
+    scans = only_scans(below)
+    below = [item for item in below if item not in scans] or below
     templates = [item for item in below if _TEMPLATE.fullmatch(item.name)]
     by_place = _without_scans({item: subjects_in(item) for item in below if item not in templates})
     by_folder = {
         item: next(iter(subjects.values())) for item, subjects in by_place.items() if len(subjects) == 1
     }
     several = [item for item, files in by_folder.items() if len(files) > 1]
+    groups = [item for item in below if not (item in templates or subjects_in(item)) and holds_files(item)]
+    if several and groups:
+        return _of_parts(folder, [*by_place, *groups])
     if several and len(by_place) == 1:
         if any(file.is_dir() for file in by_folder[several[0]].values()):  # a single patient does not show
             raise _several_meant(folder, {several[0]: {}})
@@ -228,18 +234,11 @@ def _without_scans(by_place: Mapping[Path, Mapping[str, _Files]]) -> dict[Path, 
     return masks or filled
 
 
-def _only_scans(folder: Path) -> bool:
-    """Return whether all files are in folders of scans, by their names: ``imagesTs``."""
-    return holds_files(folder) and (
-        bool(IMAGE_FOLDER.fullmatch(folder.name)) or not holds_files(folder, IMAGE_FOLDER)
-    )
-
-
 def _subject_of(name: str, files: _Files, by_structure: bool) -> Subject:
     """Return a subject; its path is its folder if it has one file per structure."""
     first = next(iter(files.values()))
     if by_structure and "" not in files and (len(files) > 1 or first.parent.name != "mri"):
-        return Subject(name, first.parent)
+        return Subject(name, Path(os.path.commonpath([file.parent for file in files.values()])))
     return _subject(name, first)
 
 
@@ -249,10 +248,11 @@ def _subject(name: str, file: Path) -> Subject:
 
 def _label_folders(by_folder: Mapping[Path, _Files]) -> list[Path]:
     """Return the folders of label maps if all others contain files of the same names, or predictions."""
-    labels = [item for item in by_folder if LABEL_FOLDER.fullmatch(item.name)]
+    named, scans = (folders_of(kind, [item.name for item in by_folder]) for kind in (LABELS, SCANS))
+    labels = [item for item in by_folder if item.name in named]
     names = {name for item in labels for name in by_folder[item]}
     known = [
-        files.keys() <= names or PREDICTION_FOLDER.fullmatch(item.name)
+        files.keys() <= names or item.name in scans or PREDICTION_FOLDER.fullmatch(item.name)
         for item, files in by_folder.items()
         if item not in labels
     ]
@@ -261,8 +261,8 @@ def _label_folders(by_folder: Mapping[Path, _Files]) -> list[Path]:
 
 def _has_label_folder(folder: Path) -> bool:
     """Return whether a folder contains a folder of label maps of several subjects."""
-    inner = [item for item in entries_of(folder) if item.is_dir() and LABEL_FOLDER.fullmatch(item.name)]
-    return any(len(owned_files(item)) > 1 for item in inner)
+    inner = {item.name: item for item in entries_of(folder) if item.is_dir()}
+    return any(len(owned_files(inner[name])) > 1 for name in folders_of(LABELS, inner))
 
 
 def _of_label_folders(folder: Path, labels: Sequence[Path], others: Sequence[Path]) -> Cohort:
@@ -270,7 +270,7 @@ def _of_label_folders(folder: Path, labels: Sequence[Path], others: Sequence[Pat
     notes = [note for cohort in cohorts for note in cohort.notes]
     if len(labels) > 1:
         notes.append(f"the folders {_listed([item.name for item in labels])} were combined")
-    meshes = [item.name for item in others if MESH_FOLDER.fullmatch(item.name)]
+    meshes = list(folders_of(MESHES, [item.name for item in others]))
     if meshes:
         notes.append(f"skipped, {_SAME_NAMES}: {_listed(meshes)}")
     if unused := [item.name for item in others if item.name not in meshes]:
@@ -287,7 +287,7 @@ def _are_subjects(by_folder: Mapping[Path, _Files]) -> bool:
 
     If files are numbered and folders are not, or are time points, the files are the subjects.
     """
-    if describe_contents(item.name for item in by_folder):
+    if describe_contents([item.name for item in by_folder]):
         return False
     counts = Counter(name.casefold() for files in by_folder.values() for name in files)
     numbered = [bool(re.search(r"\d", name)) for name in counts]
@@ -323,7 +323,7 @@ def _of_parts(folder: Path, parts: Sequence[Path]) -> Cohort:
         for owner in {numbered_part(name.casefold()) or name.casefold() for name in files}
     )
     mixed = max(names.values(), default=2) > 1 or any(re.search(r"\d", item.name) for item in parts)
-    if mixed or describe_contents(item.name for item in parts):
+    if mixed or describe_contents([item.name for item in parts]):
         raise _several_meant(folder, owned)
     return _of_groups(folder, parts)
 
@@ -356,7 +356,7 @@ def _several_meant(folder: Path, owned: Mapping[Path, _Files]) -> InputError:
 
 def _are_structures(owned: Mapping[Path, Mapping[str, Path]]) -> bool:
     """Return whether each folder contains one structure, and most subjects are in two or more folders."""
-    if len(owned) < 2 or describe_contents(item.name for item in owned) or not all(owned.values()):
+    if len(owned) < 2 or describe_contents([item.name for item in owned]) or not all(owned.values()):
         return False
     counts = Counter(name for files in owned.values() for name in files)
     if describe_contents(counts):  # folders of patients, with images and masks

@@ -1,39 +1,75 @@
 """Names of folders that say what is in them rather than whose it is."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 __all__ = [
-    "IMAGE_FOLDER",
-    "LABEL_FOLDER",
-    "MESH_FOLDER",
+    "IMAGES",
+    "LABELS",
+    "MESHES",
     "PREDICTION_FOLDER",
+    "SCANS",
     "SOURCE_FOLDER",
     "describe_contents",
+    "folders_of",
 ]
 
-_PART = r"([-_.]?(tr|ts|va|train|training|test|testing|val|validation))?"
-LABEL_FOLDER = re.compile(
-    rf"((segmentation|seg|label|mask|structure|annotation|gt|ground[-_ ]?truth|masque|mascara)s?"
-    rf"|masken?|segmentierung(en)?|segmentacion(es)?|mascher[ae]|segmentazion[ei]){_PART}",
-    re.IGNORECASE,
+_GLUED = r"(tr|ts|va|train|training|test|testing|val|validation)?"
+LABELS = re.compile(
+    r"((segmentation|seg|label|mask|msk|structure|annotation|gt|ground ?truth|masque|mascara)s?"
+    rf"|masken?|segmentierung(en)?|segmentacion(es)?|mascher[ae]|segmentazion[ei]){_GLUED}"
 )
-IMAGE_FOLDER = re.compile(
-    rf"((image|img|scan|volume|picture)s?|bild(er)?|imagen(es)?|immagin[ei]){_PART}", re.IGNORECASE
-)
-MESH_FOLDER = re.compile(r"(mesh|meshe|surface|model)s?", re.IGNORECASE)
-"""Names of folders that are not subjects."""
+IMAGES = re.compile(rf"((image|img|scan|volume|picture)s?|bild(er)?|imagen(es)?|immagin[ei]){_GLUED}")
+MESHES = re.compile(r"(mesh|meshe|surface|model)s?")
+SCANS = re.compile(r"data|dicom|cbct|cta?|mr[ait]?|pet|t[12]w?|us|volumes?")
+"""Words for the contents of folders, of which each contains several subjects."""
+_PARTS = frozenset(["tr", "ts", "va", "train", "training", "test", "testing", "val", "valid", "validation"])
+"""Words in the names of such folders that divide the subjects."""
+_VERSIONS = frozenset(["anonymised", "anonymized", "corrected", "final", "manual", "nifti", "nii", "nrrd"])
+"""Words in the names of such folders that tell nothing."""
 PREDICTION_FOLDER = re.compile(
     r"(auto(matic)?|(nnu-?net[-_ .]?)?(pred|predict|prediction|infer|inference|output|result)s?"
-    r"|post[-_ ]?process(ed|ing)?|nnunet(v2)?|fold[-_ ]?\d)([-_. ].*|tr|ts|va)?",
+    r"|post[-_ ]?process(ed|ing)?|nnunet(v2)?(?![-_. ]*raw)|fold[-_ ]?\d)([-_. ].*|tr|ts|va)?",
     re.IGNORECASE,
 )
 """Names of folders with predictions of a network, ignored if there are label maps."""
 SOURCE_FOLDER = re.compile(r"(in|inputs?|raw|sources?|originals?|mri|surf)", re.IGNORECASE)
 """Names of folders of which files next to them were made, and of CAT12; never groups."""
+_CAPITAL = re.compile(r"(?<=[a-z])(?=[A-Z])")
+"""Boundary between the words of ``labelsTr``."""
 
 
-def describe_contents(names: Iterable[str]) -> bool:
+def folders_of(kind: re.Pattern[str], names: Iterable[str]) -> set[str]:
+    """Return the names of folders that contain files of one kind, by their names.
+
+    Words that all folders next to each other share, as the name of a data set, are disregarded.
+
+    Parameters
+    ----------
+    kind : re.Pattern
+        `LABELS`, `IMAGES` or `MESHES`; beside label maps, `SCANS`.
+    names : iterable of str
+        Names of the folders next to each other.
+    """
+    words = {name: _words(name) for name in names}
+    shared = set.intersection(*map(set, words.values())) if len(words) > 1 else set[str]()
+    shared = {word for word in shared if not _is_content(word)}
+    return {name for name, own in words.items() if kind.fullmatch(_told(own, shared))}
+
+
+def describe_contents(names: Collection[str]) -> bool:
     """Return whether a folder among several has a name for label maps, images or meshes."""
-    kinds = (LABEL_FOLDER, IMAGE_FOLDER, MESH_FOLDER)
-    return any(kind.fullmatch(name) for name in names for kind in kinds)
+    return any(folders_of(kind, names) for kind in (LABELS, IMAGES, MESHES))
+
+
+def _words(name: str) -> list[str]:
+    """Return the words of ``CT_masks``, ``labelsTr`` and ``ribfrac-val-labels-1``, without numbers."""
+    return [word.casefold() for word in re.findall(r"[^\W\d_]+", _CAPITAL.sub("_", name))]
+
+
+def _told(words: Iterable[str], shared: Collection[str]) -> str:
+    return " ".join(word for word in words if word not in shared and word not in _PARTS | _VERSIONS)
+
+
+def _is_content(word: str) -> bool:
+    return any(kind.fullmatch(word) for kind in (LABELS, IMAGES, MESHES))

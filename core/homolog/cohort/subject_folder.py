@@ -1,7 +1,7 @@
 """The files in a subject's folder: a single one, one per structure, or one per point in time."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
@@ -9,12 +9,14 @@ from types import MappingProxyType
 from homolog.cohort.dicom import holds_dicom
 from homolog.cohort.entries import readable_entries
 from homolog.cohort.file_names import (
+    are_groups,
     are_times,
     best_label_maps,
     corrected,
     files_beside,
     is_mask,
     is_picture,
+    is_site,
     known_files,
     maps_of_all,
     name_within,
@@ -22,10 +24,11 @@ from homolog.cohort.file_names import (
     structure_in,
     times_among,
 )
+from homolog.cohort.folder_names import IMAGES, describe_contents, folders_of
 from homolog.cohort.sides import sides_among
 from homolog.cohort.subject import IMAGE_ENDING, stem_of, suffix_of
 
-__all__ = ["entries_of", "holds_files", "mask_files", "owned_files", "subjects_in"]
+__all__ = ["entries_of", "holds_files", "mask_files", "only_scans", "owned_files", "subjects_in"]
 
 _FREESURFER = tuple(
     f"mri/{name}.{suffix}"
@@ -111,7 +114,7 @@ def mask_files(folder: Path) -> dict[str, Path]:
         entry for entry in entries_of(folder) if entry.is_dir() and entry.name.casefold().startswith(_LABELS)
     ]
     inner = [files for item in below if (files := _masks(item))]
-    return inner[0] if len(inner) == 1 else _masks(folder)
+    return inner[0] if len(inner) == 1 else _masks(folder) or _masks_by_folder(folder)
 
 
 def _masks(folder: Path) -> dict[str, Path]:
@@ -158,6 +161,22 @@ def _masks_in_folders(folder: Path, owner: str) -> dict[str, Path]:
     return {name: file for name, file in files.items() if file is not None}
 
 
+def _masks_by_folder(folder: Path) -> dict[str, Path]:
+    """Return the files in a numbered subject's folders of structures: ``S01/Tibia/tibia.nii.gz``."""
+    names = [entry.name for entry in entries_of(folder) if entry.is_dir()]
+    other = re.compile(r"\d|anat$|ses-", re.IGNORECASE)
+    are_kinds = not any(other.search(name) or is_picture(name) for name in names)
+    if len(names) < 2 or not are_kinds or not re.search(r"\d", folder.name) or is_site(folder.name):
+        return {}
+    if are_groups(names) or are_times(names) or sides_among(names) or describe_contents(names):
+        return {}
+    files = [_masks(folder / name) for name in names]
+    single = all(len(item) == 1 for item in files)
+    return (
+        {name: next(iter(item.values())) for name, item in zip(names, files, strict=True)} if single else {}
+    )
+
+
 def owned_files(folder: Path) -> Mapping[str, Path]:
     """Return the files in the folder of a structure, or in its subjects' folders, by subject."""
     return _owned_files(folder, folder.stat().st_mtime_ns)
@@ -186,15 +205,26 @@ def _structure(path: Path) -> str:
     return stem
 
 
-def holds_files(folder: Path, skipping: re.Pattern[str] | None = None, depth: int = _DEPTH) -> bool:
-    """Return whether a folder contains a segmentation or mesh at any level, outside skipped folders."""
+def holds_files(folder: Path, without: re.Pattern[str] | None = None, depth: int = _DEPTH) -> bool:
+    """Return whether a folder contains a segmentation or mesh at any level, outside folders of one kind."""
     entries = entries_of(folder)
     if known_files(entries) or holds_dicom(folder):
         return True
-    below = [
-        entry for entry in entries if entry.is_dir() and not (skipping and skipping.fullmatch(entry.name))
+    below = [entry for entry in entries if entry.is_dir()]
+    skipped = folders_of(without, [entry.name for entry in below]) if without else set[str]()
+    return depth > 0 and any(
+        holds_files(entry, without, depth - 1) for entry in below if entry.name not in skipped
+    )
+
+
+def only_scans(folders: Sequence[Path]) -> list[Path]:
+    """Return the folders whose files are all in folders of scans, by their names: ``imagesTs``."""
+    named = folders_of(IMAGES, [item.name for item in folders])
+    return [
+        item
+        for item in folders
+        if holds_files(item) and (item.name in named or not holds_files(item, without=IMAGES))
     ]
-    return depth > 0 and any(holds_files(entry, skipping, depth - 1) for entry in below)
 
 
 def entries_of(folder: Path) -> list[Path]:

@@ -72,8 +72,12 @@ def distance_field(level: Level, smoothing: float, tunnels: float = 0.0) -> Smoo
     notes = level.notes
     inside, filled = fill_tunnels(solid < 0.0, tunnels)
     if filled:
-        solid = np.where(inside & (solid > 0.0), _OF_PATCHES, solid)
-        notes = (*notes, f"tunnels narrower than {tunnels:g} nodes of the grid were filled: {filled}")
+        patched = np.where(inside & (solid > 0.0), _OF_PATCHES, solid)
+        # nodes along a sharp edge touch only at corners, which the surface between them does not show
+        filled = min(filled, (_euler_number(_zero(patched)) - _euler_number(_zero(solid))) // 2)
+        if filled > 0:
+            notes = (*notes, f"tunnels narrower than {tunnels:g} nodes of the grid were filled: {filled}")
+        solid = patched
     distances = redistanced(solid, reach=NEAR)
     values = smoothed(distances, _FINAL * smoothing)
     whole = _is_whole(values)
@@ -134,8 +138,13 @@ def _is_alike(surface: TriangleMesh, distances: Float32Array) -> bool:
     after = _euler_number(surface)
     if low == high:
         return after == low
-    before = _euler_number(zero_level(DistanceField(distances, np.eye(4))))
+    before = _euler_number(_zero(distances))
     return before <= after <= max(before, high)
+
+
+def _zero(values: Array) -> TriangleMesh:
+    """Return the zero level of values on a grid, in nodes."""
+    return zero_level(DistanceField(values.astype(np.float32, copy=False), np.eye(4)))
 
 
 def _euler_number(surface: TriangleMesh) -> int:

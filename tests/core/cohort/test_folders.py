@@ -428,3 +428,37 @@ def test_a_folder_with_nothing_but_unreadable_folders_is_refused_with_the_reason
     (tmp_path / "forbidden1").mkdir()
     with pytest.raises(InputError, match=r"no segmentation or mesh.*forbidden1"):
         read_cohort(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("masks", "scans"),
+    [
+        ("ribfrac-val-labels/RibFrac{}-label.nii.gz", "ribfrac-val-images/RibFrac{}-image.nii.gz"),
+        ("TrainingMask/{}.nii.gz", "TrainingImg/{}_0000.nii.gz"),
+        ("CT_masks/{}.nii.gz", "CT_volumes/{}.nii.gz"),
+        ("Pelvic_masks/{}.nii.gz", "Pelvic/{}.nii.gz"),
+        ("bones_Anonymized_mask/bones/b{}_mask.nii.gz", "bones_data/b{}_data.nii.gz"),
+        ("nnUNet_raw/D1/labelsTr/b{}.nii.gz", "nnUNet_preprocessed/D1/gt_segmentations/b{}.nii.gz"),
+        ("nnUNet_raw_data_base/raw/T1/labelsTr/b{}.nii.gz", "nnUNet_preprocessed/b{}.nii.gz"),
+    ],
+)
+def test_folders_of_a_named_data_set_are_told_by_the_other_words(tmp_path, masks, scans, cohort_of, files_of):
+    cohort = cohort_of(tmp_path, *(text.format(i) for i in (1, 2, 3) for text in (masks, scans)))
+    assert {(tmp_path / masks.format(i)) for i in (1, 2, 3)} == {item.path for item in cohort.subjects}
+
+
+def test_masks_of_several_structures_in_folders_named_like_them_stay_structures(tmp_path, cohort_of):
+    places = [f"{kind}_masks/p{i}.nii.gz" for kind in ("liver", "spleen") for i in (1, 2, 3)]
+    assert set(mask_files(cohort_of(tmp_path, *places).subjects[0].path)) == {"liver_masks", "spleen_masks"}
+
+
+def test_numbered_patients_have_folders_of_structures(tmp_path, cohort_of):
+    places = [f"S{i}/{kind}/{kind.lower()}.nii.gz" for i in (1, 2, 3) for kind in ("Femur", "Tibia")]
+    cohort = cohort_of(tmp_path, *places)
+    assert [item.name for item in cohort.subjects] == ["S1", "S2", "S3"]
+    assert set(mask_files(cohort.subjects[0].path)) == {"Femur", "Tibia"}
+
+
+def test_numbered_batches_of_training_and_testing_are_groups(tmp_path, cohort_of):
+    cohort = cohort_of(tmp_path, *(f"Training Batch {k}/seg-{i}{k}.nii" for i in (1, 2) for k in (1, 2)))
+    assert {item.group for item in cohort.subjects} == {"Training Batch 1", "Training Batch 2"}

@@ -3,7 +3,10 @@ import pytest
 from scipy import ndimage
 from skimage import measure
 
+from homolog.grooming.fields import distance_field
+from homolog.grooming.levels import Level, level_of_mesh
 from homolog.grooming.tunnels import euler_numbers, fill_tunnels
+from homolog.surfaces.mesh import TriangleMesh
 
 
 def euler_number(solid):
@@ -111,3 +114,15 @@ def test_patches_are_looked_at_while_that_is_little_work(monkeypatch):
     unchanged, filled = fill_tunnels(wall, 4.0)
     assert np.array_equal(unchanged, wall)
     assert filled == 0
+
+
+def test_a_sharp_edge_has_no_tunnels_and_a_bore_has_one():
+    corners = np.array([[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 12.0]])
+    sharp = TriangleMesh(corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
+    level = level_of_mesh(sharp, None)
+    assert fill_tunnels(level.values < 0.0, 3.0)[1] > 0
+    assert not distance_field(level, 1.0, 3.0).notes
+    values = np.pad(np.where(bored(2), -1.0, 1.0), 6, constant_values=1.0)
+    notes = distance_field(Level(values, np.eye(4), 1.0), 1.0, 3.0).notes
+    assert len(notes) == 1
+    assert notes[0].endswith(": 1")
