@@ -8,13 +8,17 @@ import numpy as np
 
 from homolog.arrays import Array, FloatArray, IntArray
 
-__all__ = ["MOST", "Cells", "Polygons", "numbers_of"]
+__all__ = ["MOST", "Cells", "Polygons", "TooLargeError", "numbers_of"]
 
-MOST = 10_000_000
+MOST = 60_000_000
 """Largest number of points or corners of a surface; a file of a few bytes may unpack to more."""
 _MOST_CORNERS = 1000
 """Largest number of corners of a face: the time to triangulate it is quadratic."""
 _ASTRAY = "refers to vertices that it does not contain"
+
+
+class TooLargeError(ValueError):
+    """A surface has more points or corners than can be read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +96,7 @@ class Polygons:
         """
         corners = [self.faces.corners, self.strips.corners]
         if max(len(self.points), *map(len, corners)) > MOST:
-            raise ValueError(f"more than {MOST} points or corners")
+            raise TooLargeError(f"more than {MOST} points or corners")
         if any(((corner < 0) | (corner >= len(self.points))).any() for corner in corners):
             raise ValueError(_ASTRAY)
         counts, starts = np.diff(self.faces.starts), self.faces.starts[:-1]

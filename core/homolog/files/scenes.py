@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.files.polygons import MOST, Cells, Polygons, numbers_of
+from homolog.files.polygons import MOST, Cells, Polygons, TooLargeError, numbers_of
 
 __all__ = ["read_3mf", "read_gltf"]
 
@@ -119,7 +119,7 @@ class _Scene:
             parts += self.placed(component, name, depth + 1)
         self._count += sum(len(points) for points, _ in parts)
         if self._count > MOST:
-            raise ValueError(f"more than {MOST} points")
+            raise TooLargeError(f"more than {MOST} points")
         if not (numbers := (use.get("transform") or "").split()):
             return parts
         matrix = numbers_of(numbers, whole=False).reshape(4, 3)

@@ -22,7 +22,7 @@ import numpy as np
 
 from homolog.arrays import Array
 from homolog.files.atomic import atomic_write
-from homolog.files.polygons import MOST, Cells, Polygons, numbers_of
+from homolog.files.polygons import MOST, Cells, Polygons, TooLargeError, numbers_of
 from homolog.files.volume_cells import surface_of_cells
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -80,7 +80,7 @@ def read_vtp(content: bytes) -> Polygons:
     for item in [] if whole is None else whole.findall("Piece"):
         pieces.append(_piece(file, item, len(content)))
         if sum(len(piece.points) + len(piece.faces.corners) for piece in pieces) > 2 * MOST:
-            raise ValueError(f"more than {MOST} points or corners")
+            raise TooLargeError(f"more than {MOST} points or corners")
     if whole is None or not pieces:
         raise ValueError("no points")
     shifts = np.cumsum([0, *(len(piece.points) for piece in pieces)])[:-1]
@@ -170,7 +170,7 @@ def _piece(file: "_File", piece: ElementTree.Element, size: int) -> Polygons:
         ends = file.values(piece.find(f"{name}/DataArray[@Name='offsets']"), count(name))
         starts = np.append(0, ends).astype(np.int64)
         if starts[-1] > MOST:
-            raise ValueError(f"more than {MOST} corners")
+            raise TooLargeError(f"more than {MOST} corners")
         corners = file.values(piece.find(f"{name}/DataArray[@Name='connectivity']"), int(starts[-1]))
         return Cells.of(corners, starts)
 

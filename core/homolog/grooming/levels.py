@@ -14,6 +14,7 @@ from homolog.grooming.slices import interpolated
 from homolog.surfaces.closest import thickness
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mesh_level import REACH, mesh_level, mesh_sides
+from homolog.surfaces.noise import without_noise
 from homolog.surfaces.redistance import redistanced
 from homolog.surfaces.solid import Solid
 
@@ -56,6 +57,8 @@ THIN_NODES = 2**22
 """Largest automatic grid for the thin parts of a mesh."""
 WALL_NODES = 1.8
 """Least number of nodes across the walls of a mesh; thinner walls are thickened to it."""
+SAMPLED_FACES = 400_000
+"""Largest number of faces at which the thickness of a mesh is measured; of larger meshes, each second …"""
 RIM_SHARE = 0.01
 """Largest share of thin walls in the surface for which no wall is thickened."""
 STACK_RATIO = 2.001
@@ -154,7 +157,7 @@ def level_of_mesh(mesh: TriangleMesh, spacing: float | None) -> Level:
         If the grid would be too large.
     """
     shape, start, step, affine = _grid_around(mesh, spacing)
-    thicker, notes = _thickened(mesh, WALL_NODES * step)
+    thicker, notes = _thickened(mesh, step)
     return Level(mesh_level(thicker, start, step, shape), affine, step, notes)
 
 
@@ -194,7 +197,7 @@ def _grid_around(
     step = spacing or float(np.clip(0.75 * mesh.mean_edge, diagonal / 250.0, diagonal / 120.0))
     if not spacing:
         finest = float(((high - low).prod() / THIN_NODES) ** (1 / 3))
-        step = min(step, max(_thin_part(mesh) / NODES_ACROSS_MESH, finest))
+        step = min(step, max(_thin_part(mesh, step) / NODES_ACROSS_MESH, finest))
     shape, start = _grid(high - low, np.zeros(3), step)
     affine = np.diag([step, step, step, 1.0])
     affine[:3, 3] = low + start
@@ -236,29 +239,33 @@ def _sparing_step(segmentation: Segmentation) -> float:
     return least
 
 
-def _thickened(mesh: TriangleMesh, least: float) -> tuple[TriangleMesh, tuple[str, ...]]:
-    """Return a mesh with walls of a minimum thickness [mm], and a note on the changes.
+def _thickened(mesh: TriangleMesh, step: float) -> tuple[TriangleMesh, tuple[str, ...]]:
+    """Return a mesh with walls of a minimum thickness, and a note on the changes.
 
     A wall thinner than the grid resolves would have holes. Rims, which are thin on every shape, are not
     changed.
     """
-    through = thickness(mesh)
-    if mesh.face_areas[through < least].sum() <= RIM_SHARE * mesh.area:
+    least = WALL_NODES * step
+    even = without_noise(mesh, 0.5 * step)
+    every = -(-len(mesh.faces) // SAMPLED_FACES)
+    areas = mesh.face_areas[::every]
+    if areas[thickness(even, every) < least].sum() <= RIM_SHARE * areas.sum():
         return mesh, ()
     thinnest = np.full(len(mesh.vertices), np.inf)
-    np.minimum.at(thinnest, mesh.faces.ravel(), np.repeat(through, 3))
+    np.minimum.at(thinnest, mesh.faces.ravel(), np.repeat(thickness(even), 3))
     shift = 0.5 * np.maximum(least - thinnest, 0.0)
     share = 100.0 * np.mean(shift > 0.0)
     note = (
         f"walls thinner than the grid resolves were made {least:.2g} mm thick: {share:.0f} % of the surface "
         f"moved outward by {shift[shift > 0.0].mean():.2g} mm on average and {shift.max():.2g} mm at most"
     )
-    return TriangleMesh(mesh.vertices + shift[:, None] * mesh.vertex_normals, mesh.faces), (note,)
+    return TriangleMesh(mesh.vertices + shift[:, None] * even.vertex_normals, mesh.faces), (note,)
 
 
-def _thin_part(mesh: TriangleMesh) -> float:
+def _thin_part(mesh: TriangleMesh, step: float) -> float:
     """Return the thickness [mm] that all but `THIN_SHARE` of the surface's area exceeds."""
-    through, areas = thickness(mesh), mesh.face_areas
+    every = -(-len(mesh.faces) // SAMPLED_FACES)
+    through, areas = thickness(without_noise(mesh, 0.5 * step), every), mesh.face_areas[::every]
     order = np.argsort(through)
     share = np.cumsum(areas[order]) / max(float(areas.sum()), 1e-300)
     return float(through[order[min(int(np.searchsorted(share, THIN_SHARE)), len(order) - 1)]])

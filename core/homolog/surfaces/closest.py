@@ -51,25 +51,28 @@ def signed_distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str =
     return _run_kernel(kernels.signed_distances_of_points, mesh, points, device)
 
 
-def thickness(mesh: TriangleMesh, *, device: str = "cpu") -> FloatArray:
-    """Return the thickness of the solid below each face: from its centroid inward to the next face.
+def thickness(mesh: TriangleMesh, every: int = 1, *, device: str = "cpu") -> FloatArray:
+    """Return the thickness of the solid below faces: from the centroid inward to the next face.
 
     Parameters
     ----------
     mesh : TriangleMesh
         Faces counter-clockwise seen from outside.
+    every : int
+        Only each such face is measured, beginning with the first.
     device : str
         ``"cpu"`` or a CUDA device.
 
     Returns
     -------
-    (F,) float64 array
+    (N,) float64 array
         Thickness [mm]; infinite without an opposite face.
     """
+    count = len(mesh.faces[::every])
     with wp.ScopedDevice(choose_device(device)):
         surface, _ = on_device(mesh)
-        thickness = wp.empty(len(mesh.faces), dtype=wp.float32)
-        wp.launch(kernels.thickness_of_faces, len(mesh.faces), [surface.id, thickness])
+        thickness = wp.empty(count, dtype=wp.float32)
+        wp.launch(kernels.thickness_of_faces, count, [surface.id, every, thickness])
         return np.asarray(thickness.numpy(), dtype=np.float64)
 
 

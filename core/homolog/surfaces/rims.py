@@ -145,8 +145,9 @@ def _rims(vertices: FloatArray, faces: IntArray, patches: IntArray) -> tuple[lis
                 continue
             rim = None
             if is_loop or (np.roll(sides[:, 0], -1) == sides[:, 1]).all():
-                whole = faces[members[first[owner] : first[owner + 1]]]
-                rim = _flat_rim(vertices, sides, whole, owner) or _notched_rim(vertices, sides, whole, owner)
+                whole = members[first[owner] : first[owner + 1]]
+                rim = _flat_rim(vertices, sides, faces, whole, owner)
+                rim = rim or _notched_rim(vertices, sides, faces, whole, owner)
             if rim is not None:
                 rims.append(rim)
             else:
@@ -162,8 +163,8 @@ def _is_crack(vertices: FloatArray, rim: IntArray) -> bool:
     return bool(0.5 * np.linalg.norm(across, axis=1).sum() <= _CRACK * length**2)
 
 
-def _flat_rim(vertices: FloatArray, rim: IntArray, own: IntArray, patch: int) -> _Rim | None:
-    """Return a loop of sides as an opening, if it is flat and the faces of its patch are not in its plane."""
+def _flat_rim(vertices: FloatArray, rim: IntArray, faces: IntArray, own: IntArray, patch: int) -> _Rim | None:
+    """Return a loop of sides as an opening, if it is flat and its patch's own faces are not in its plane."""
     middle = vertices[rim[:, 0]].mean(axis=0)
     spokes = vertices[rim] - middle
     across = np.cross(spokes[:, 1], spokes[:, 0])
@@ -175,18 +176,20 @@ def _flat_rim(vertices: FloatArray, rim: IntArray, own: IntArray, patch: int) ->
     most = max(_FLAT * width, min(_JAGGED * width, float(np.median(lengths))))
     is_flat = off <= most or len(rim) <= 4
     if is_flat and len(own) <= _FEW * len(rim):
-        is_flat = bool(np.abs((vertices[own] - middle) @ normal).max() > _FLAT * width)
+        is_flat = bool(np.abs((vertices[faces[own]] - middle) @ normal).max() > _FLAT * width)
     return _Rim(rim, patch, middle, normal, width, bool((across @ normal > 0.0).all())) if is_flat else None
 
 
-def _notched_rim(vertices: FloatArray, rim: IntArray, own: IntArray, patch: int) -> _Rim | None:
+def _notched_rim(
+    vertices: FloatArray, rim: IntArray, faces: IntArray, own: IntArray, patch: int
+) -> _Rim | None:
     """Return a loop of sides as a flat opening with notches, if only notches and spikes are not flat."""
     loop = rim[loops(rim, np.zeros(len(rim), np.int64))[0], 0]
     near = straightened(vertices[loop], _FLAT, _JAGGED)
     if near is None:
         return None
     ends = loop[near]
-    flat = _flat_rim(vertices, np.column_stack([ends, np.roll(ends, -1)]), own, patch)
+    flat = _flat_rim(vertices, np.column_stack([ends, np.roll(ends, -1)]), faces, own, patch)
     return None if flat is None else replace(flat, notches=tuple(apart(loop, near)))
 
 
@@ -233,12 +236,15 @@ def _plane(normal: FloatArray) -> FloatArray:
 
 def _within(points: FloatArray, ends: FloatArray) -> BoolArray:
     """Return which points (P, 2) lie in the region whose border has these sides (S, 2, 2)."""
-    x, y = points.T[..., None]
-    a, b = ends[:, 0], ends[:, 1]
-    crosses = (a[:, 1] > y) != (b[:, 1] > y)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = a[:, 0] + (y - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
-    return np.asarray(np.count_nonzero(crosses & (at > x), axis=1) % 2 == 1)
+    order = np.argsort(points[:, 1])
+    (ax, ay), (bx, by) = ends[:, 0].T, ends[:, 1].T
+    first, last = (np.searchsorted(points[order, 1], find(ay, by)) for find in (np.minimum, np.maximum))
+    counts = last - first  # of the points at the heights of each side
+    sides = np.repeat(np.arange(len(ends)), counts)
+    near = order[np.arange(len(sides)) + np.repeat(first - np.cumsum(counts) + counts, counts)]
+    x, y = points[near].T
+    at = ax[sides] + (y - ay[sides]) / (by - ay)[sides] * (bx - ax)[sides]
+    return np.asarray(np.bincount(near[at > x], minlength=len(points)) % 2 == 1)
 
 
 def _filled(vertices: FloatArray, rim: IntArray, normal: FloatArray) -> IntArray:
@@ -277,26 +283,33 @@ def _is_border(triangles: IntArray, rim: IntArray) -> bool:
 
 def _ears(points: FloatArray) -> IntArray | None:
     """Triangulate a polygon (n, 2) that runs counter-clockwise by cutting ears; None if it crosses itself."""
-    left, ears, at, tried = list(range(len(points))), [], 0, 0
-    while len(left) > 3:
-        ear = [left[at - 1], left[at], left[(at + 1) % len(left)]]
-        if _is_ear(points[ear], points[[index for index in left if index not in ear]]):
+    count = len(points)
+    before, after = (np.roll(np.arange(count), shift).tolist() for shift in (1, -1))
+    tree, is_left = KDTree(points), np.ones(count, dtype=bool)
+    ears, at, left, tried = [], 0, count, 0
+    while left > 3:
+        ear = [before[at], at, after[at]]
+        if _is_ear(tree, is_left, ear):
             ears.append(ear)
-            del left[at]
-            at, tried = at % len(left), 0
-        elif (tried := tried + 1) > len(left):
+            after[ear[0]], before[ear[2]], is_left[at] = ear[2], ear[0], False
+            left, tried = left - 1, 0
+        elif (tried := tried + 1) > left:
             return None
-        else:
-            at = (at + 1) % len(left)
-    return np.array([*ears, left])
+        at = after[at]
+    return np.array([*ears, [before[at], at, after[at]]])
 
 
-def _is_ear(corners: FloatArray, others: FloatArray) -> bool:
+def _is_ear(tree: KDTree, is_left: BoolArray, ear: list[int]) -> bool:
     """Return whether a triangle runs counter-clockwise and no other corner of its polygon is in it."""
-    along = np.roll(corners, -1, axis=0) - corners
-    if along[0, 0] * along[1, 1] <= along[0, 1] * along[1, 0]:
+    corners = tree.data[ear]
+    (ax, ay), (bx, by), (cx, cy) = corners.tolist()
+    if (bx - ax) * (cy - by) <= (by - ay) * (cx - bx):
         return False
-    across = others[:, None] - corners
+    middle = corners.mean(axis=0)
+    reach = 1.001 * float(np.linalg.norm(corners - middle, axis=1).max())
+    others = [near for near in tree.query_ball_point(middle, reach) if is_left[near] and near not in ear]
+    along = np.roll(corners, -1, axis=0) - corners
+    across = tree.data[others][:, None] - corners
     beside = along[:, 0] * across[..., 1] - along[:, 1] * across[..., 0]
     return not (beside >= 0.0).all(axis=1).any()
 

@@ -160,7 +160,8 @@ def _bounding(mesh: TriangleMesh, patches: IntArray) -> BoolArray:
     """Return which faces have, at least partly, the solid behind them and the outside in front."""
     corners = mesh.vertices[mesh.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    aside = _ASIDE * mesh.mean_edge * across / np.linalg.norm(across, axis=1, keepdims=True)
+    lengths = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)  # caps may have no area
+    aside = _ASIDE * mesh.mean_edge * across / lengths
     met = np.ones(len(mesh.vertices), dtype=bool)
     winds_around = winding_around(mesh)
 

@@ -15,6 +15,7 @@ __all__ = [
     "edges",
     "euler_number",
     "face_components",
+    "first_of_twins",
     "is_sound",
     "longest_edge",
     "may_have_twins",
@@ -83,9 +84,28 @@ def check_arrays(mesh: TriangleMesh, name: str) -> None:
 
 def may_have_twins(vertices: FloatArray) -> bool:
     """Return whether some of the vertices (V, 3) may coincide; False if none do."""
-    x, y, z = vertices.T
-    keys = np.sort(x + 0.618034 * y + 0.381966 * z)  # equal for coinciding points
+    keys = np.sort(_keys_of_places(vertices))
     return bool((keys[1:] == keys[:-1]).any())
+
+
+def first_of_twins(vertices: FloatArray) -> IntArray:
+    """Return the first vertex at the place of each of the vertices (V, 3)."""
+    keys = _keys_of_places(vertices)
+    order = np.argsort(keys, kind="stable")
+    alike = keys[order[1:]] == keys[order[:-1]]
+    if not (vertices[order[1:][alike]] == vertices[order[:-1][alike]]).all():  # two places with one key
+        _, first, same = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
+        return np.asarray(first[same.ravel()])
+    begins = np.append(True, ~alike)[: len(order)]  # sorting rows is ten times slower
+    result = np.empty(len(order), np.int64)
+    result[order] = order[begins][np.cumsum(begins) - 1]
+    return result
+
+
+def _keys_of_places(vertices: FloatArray) -> FloatArray:
+    """Return a number for each vertex that is equal for coinciding ones, shape (V,)."""
+    x, y, z = vertices.T
+    return np.asarray(x + 0.7548776662466927 * y + 0.5698402909980532 * z)  # few others on a grid coincide
 
 
 def is_sound(mesh: TriangleMesh) -> bool:
@@ -198,7 +218,9 @@ def _side_fault(mesh: TriangleMesh) -> str:
 
 
 def _edge_fault(sides: IntArray) -> str:
-    uses = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)[1]
+    low, high = sides.min(axis=1).astype(np.int64), sides.max(axis=1)
+    keys = np.sort(low * (int(high.max()) + 1) + high)  # np.unique of rows is ten times slower
+    uses = np.diff(np.flatnonzero(np.r_[True, keys[1:] != keys[:-1], True]))
     if (uses > 2).any():
         return f"is not manifold: {np.count_nonzero(uses > 2)} edges have more than two faces; repair it"
     if (uses < 2).any():

@@ -412,3 +412,11 @@ def test_meshes_compressed_by_gzip_are_read_if_they_are_whole(mesh, tmp_path, su
     assert read_mesh(tmp_path / f"a{suffix}.gz").volume == pytest.approx(mesh.volume)
     with pytest.raises(InputError, match="unpacked"):
         read_mesh(tmp_path / f"b{suffix}.gz")
+
+
+def test_a_surface_of_too_many_corners_is_not_called_damaged(mesh, tmp_path, monkeypatch):
+    write_mesh(tmp_path / "a.stl", mesh)
+    monkeypatch.setattr("homolog.files.polygons.MOST", 11)
+    with pytest.raises(InputError, match="simplify the surface") as caught:
+        read_mesh(tmp_path / "a.stl")
+    assert "damaged" not in str(caught.value)

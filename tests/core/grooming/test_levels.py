@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
+import trimesh
 from scipy import ndimage
 
 from homolog.grooming import levels
 from homolog.grooming.fields import distance_field
-from homolog.grooming.levels import edges_crossed, level_of_voxels
+from homolog.grooming.levels import edges_crossed, level_of_mesh, level_of_voxels
 from homolog.grooming.volumes import Segmentation
 from homolog.surfaces.isosurface import marching_cubes
 from homolog.surfaces.mesh import TriangleMesh
@@ -67,3 +68,19 @@ def test_slices_twice_as_far_apart_as_pixels_are_treated_alike_however_files_rou
     assert exact.notes == rounded.notes == ()
     inside, other = (np.count_nonzero(level.values < 0.0) for level in (exact, rounded))
     assert inside == pytest.approx(other, rel=1e-3)
+
+
+def test_noise_of_faces_far_below_the_grid_makes_no_thin_walls():
+    ball = trimesh.creation.icosphere(subdivisions=6, radius=10.0)
+    edge = ball.edges_unique_length.mean()
+    noise = np.random.default_rng(0).normal(scale=0.3 * edge, size=ball.vertices.shape)
+    rough = TriangleMesh(ball.vertices + noise, ball.faces)
+    level = level_of_mesh(rough, 5.0 * edge)
+    assert not level.notes
+    assert np.count_nonzero(level.values < 0.0) * level.step**3 == pytest.approx(ball.volume, rel=0.01)
+
+
+def test_a_thin_wall_of_faces_far_below_the_grid_is_thickened():
+    hull = trimesh.creation.box((10.0, 10.0, 0.4)).subdivide_to_size(0.15)
+    (note,) = level_of_mesh(TriangleMesh(hull.vertices, hull.faces), 0.4).notes
+    assert "0.72 mm thick" in note

@@ -17,7 +17,7 @@ from homolog.grooming.triangles import level_of_triangles
 from homolog.settings import GroomSettings, Pieces
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.solid import solid_of
-from homolog.surfaces.topology import check_mesh
+from homolog.surfaces.topology import check_mesh, is_sound
 
 SETTINGS = GroomSettings(mesh_edge=2.5, spacing=0.8)
 VOLUME = 4.0 / 3.0 * np.pi * 20.0 * 14.0 * 10.0
@@ -415,3 +415,21 @@ def test_a_mesh_cut_along_its_faces_is_closed_at_every_side_of_its_rim(height):
     uses = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)[1]
     assert (uses % 2 == 0).all()  # four where an edge of the mesh also divides the cap
     assert 0.3 < closed.volume / abs(whole.volume) < 0.9
+
+
+def test_jagged_ends_of_thousands_of_corners_are_closed_flat():
+    turn = np.linspace(0.0, 2.0 * np.pi, 3000, endpoint=False)
+    radius = 20.0 + 2.0 * np.sin(9 * turn) + np.random.default_rng(0).uniform(-0.05, 0.05, len(turn))
+    swirl = turn + 0.5 * np.sin(18 * turn) / radius  # rays from the middle cross the rim several times
+    ring = np.column_stack([radius * np.cos(swirl), radius * np.sin(swirl)])
+    vertices = np.concatenate([np.insert(ring, 2, height, axis=1) for height in (0.0, 30.0)])
+    low = np.arange(len(turn))
+    high, after = low + len(turn), np.roll(low, -1)
+    sides = np.concatenate([np.stack([low, after, high], 1), np.stack([after, after + len(turn), high], 1)])
+    solid = solid_of(TriangleMesh(vertices, sides))
+    x, y = ring.T
+    area = 0.5 * abs(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    assert len(solid.rims) == 2
+    assert solid.is_closed
+    assert is_sound(solid.mesh)
+    assert solid.mesh.volume == pytest.approx(30.0 * area)

@@ -4,9 +4,17 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from homolog.errors import InputError
+from homolog.surfaces import topology
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.sides import MeshSides
-from homolog.surfaces.topology import check_mesh, edges, euler_number, face_components, longest_edge
+from homolog.surfaces.topology import (
+    check_mesh,
+    edges,
+    euler_number,
+    face_components,
+    first_of_twins,
+    longest_edge,
+)
 
 VERTICES = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)
 FACES = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
@@ -114,3 +122,12 @@ def test_the_reach_along_edges_is_that_of_shortest_paths(unit_sphere):
         graph = coo_array((lengths, (a, b)), shape=(len(mesh.vertices),) * 2)
         expected.append(dijkstra(graph.tocsr(), directed=False, indices=0).max())
     assert MeshSides.of(meshes).reach().tolist() == expected
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_coinciding_vertices_have_the_first_at_their_place(exact, monkeypatch):
+    places = np.random.default_rng(0).integers(0, 6, size=(600, 3)).astype(float)
+    if not exact:  # two places with one key
+        monkeypatch.setattr(topology, "_keys_of_places", lambda vertices: vertices.sum(axis=1))
+    expected = [int(np.flatnonzero((places == place).all(axis=1))[0]) for place in places]
+    assert first_of_twins(places).tolist() == expected

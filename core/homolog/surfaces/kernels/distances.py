@@ -291,15 +291,15 @@ def count_escaping(
 
 
 @wp.kernel
-def thickness_of_faces(mesh: wp.uint64, thickness: wp.array(dtype=wp.float32)) -> None:
-    """Distance from the middle of each face, against its normal, to the next face."""
-    face = wp.tid()
+def thickness_of_faces(mesh: wp.uint64, every: int, thickness: wp.array(dtype=wp.float32)) -> None:
+    """Distance from the middle of every so many-th face, against its normal, to the next face."""
+    face = wp.tid() * every
     middle = wp.mesh_eval_position(mesh, face, 1.0 / 3.0, 1.0 / 3.0)
     inward = -wp.mesh_eval_face_normal(mesh, face)
     a = wp.mesh_eval_position(mesh, face, 1.0, 0.0)
     start = 1.0e-4 * wp.length(a - middle)  # beyond the face itself
     query = wp.mesh_query_ray(mesh, middle + start * inward, inward, 1.0e30)
-    thickness[face] = wp.where(query.result, query.t + start, wp.inf)
+    thickness[wp.tid()] = wp.where(query.result, query.t + start, wp.inf)
 
 
 @wp.kernel
