@@ -1,12 +1,16 @@
-"""Kinds of faults, stages of a run, and tries with their table; the processes of a program."""
+"""Kinds of faults, stages of a run, tries with their table; processes of programs and clusters."""
 
 import json
+import socket
+import subprocess
+import sys
 from collections import defaultdict
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
+from distributed import Client
 
 RUN = ("grooming", "tables", "optimizing", "fitting", "passes", "writing", "pictures")
 STAGES = (*RUN, "statistics")
@@ -27,6 +31,47 @@ class Try:
     equal: bool
     left_over: int
     litter: int
+
+
+class Cluster:
+    """A scheduler and two workers, of which those that were killed are started again."""
+
+    def __init__(self) -> None:
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        self.address = f"tcp://127.0.0.1:{port}"
+        scheduler = [sys.executable, "-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", str(port)]
+        worker = [sys.executable, "-m", "homolog_app", "worker", self.address]
+        self._commands = [[*scheduler, "--no-dashboard"], worker, worker]
+        self.parts: list[subprocess.Popen[bytes]] = []
+
+    def start(self) -> None:
+        """Start what does not run, and wait for both workers."""
+        if self.parts and all(part.poll() is None for part in self.parts):
+            return
+        if self.parts and self.parts[0].poll() is not None:
+            self.end()  # workers of a lost scheduler end too, some time
+        if not self.parts:
+            self.parts = [self._started(self._commands[0])]
+        with Client(self.address, timeout=300, set_as_default=False) as client:
+            running = [part for part in self.parts if part.poll() is None]
+            self.parts = running + [self._started(command) for command in self._commands[len(running) :]]
+            client.wait_for_workers(2, timeout=300)
+
+    def end(self) -> None:
+        """Kill all, with the processes that workers have started."""
+        for part in self.parts:
+            with suppress(psutil.Error):
+                for child in psutil.Process(part.pid).children(recursive=True):
+                    child.kill()
+            part.kill()
+            part.wait()
+        self.parts = []
+
+    @staticmethod
+    def _started(command: list[str]) -> subprocess.Popen[bytes]:
+        return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
 def family(pid: int) -> set[psutil.Process]:

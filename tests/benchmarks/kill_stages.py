@@ -33,10 +33,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import psutil
-from fault_tries import CASES, SHARED, Try, family, is_worker, left_over, print_table, read_log
+from fault_tries import CASES, SHARED, Cluster, Try, family, is_worker, left_over, print_table, read_log
 from forked_programs import Program, Programs
 from kill import contents, is_readable, write_cohort
-from kill_workers import Cluster
 
 from homolog.files.project import ProjectFolder
 
