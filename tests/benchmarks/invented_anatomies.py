@@ -10,7 +10,8 @@ noisy label maps or as meshes, clean or damaged. FOLDER/COHORT gets the files an
 result. Printed is a row a cohort: how the run ended, suspects of `homolog check`, the errors of particles
 against the known correspondence (in spacings), and processor time. With --poses the undamaged surfaces are
 registered only: printed is by what angles shapes are turned against the true correspondence [degrees], and
-how many get the note that they do not look like the others.
+how many get the notes that they fit about as well after a further rotation, and that they do not look like
+the others.
 """
 
 import argparse
@@ -210,7 +211,7 @@ def command(*words):
 
 
 def wrong_turns(name, seed):
-    """Return by what angles registration alone turns shapes against most others [degrees], and odd ones."""
+    """Return angles by which registration alone turns shapes against most others [degrees], and its notes."""
     kind, rng = COHORTS[name], np.random.default_rng([seed, zlib.crc32(name.encode())])
     meshes = [
         solids.flipped(TriangleMesh(mesh.vertices * [-1.0, 1.0, 1.0], mesh.faces))
@@ -220,12 +221,11 @@ def wrong_turns(name, seed):
     ]
     groomed = [SimpleNamespace(name="", coarse_mesh=simplified(mesh, 1500)) for mesh in meshes]
     registered = register(groomed, GroomSettings())
-    odd = sum("does not look like" in (note or "") for note in registered.notes)
     poses = registered.alignments
     placed = [mesh.vertices[::7] @ rotation_of(pose).T for mesh, pose in zip(meshes, poses, strict=True)]
     placed = [points - points.mean(axis=0) for points in placed]
     turns = np.degrees([[Rotation.align_vectors(a, b)[0].magnitude() for a in placed] for b in placed])
-    return turns[np.argmin(np.median(turns, axis=1))], odd
+    return turns[np.argmin(np.median(turns, axis=1))], [note or "" for note in registered.notes]
 
 
 def main():
@@ -241,9 +241,13 @@ def main():
     options = parser.parse_args()
     for name in options.cohorts:
         if options.poses:
-            turns, odd = wrong_turns(name, options.seed)
-            print(f"{name}: {np.sum(turns > 40.0)} turned by more than 40°;", *turns.round(), end="; ")
-            print(f"{odd} unlike the others", flush=True)
+            turns, notes = wrong_turns(name, options.seed)
+            named, wrong = np.array(["a further rotation" in note for note in notes]), turns > 40.0
+            print(f"{name}: {wrong.sum()} turned by more than 40°;", *turns.round(), end="; ")
+            print(
+                f"{(named & wrong).sum()} of them and {(named & ~wrong).sum()} others may be turned", end="; "
+            )
+            print(f"{sum('does not look like' in note for note in notes)} unlike the others", flush=True)
             continue
         folder = options.folder / name
         make(name, folder, options.seed)

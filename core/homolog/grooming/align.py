@@ -1,7 +1,7 @@
 """Alignment of groomed shapes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Protocol
 
@@ -11,7 +11,8 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from homolog.arrays import BoolArray, FloatArray
 from homolog.errors import InputError
-from homolog.geometry import scale_of
+from homolog.geometry import rotation_of, scale_of
+from homolog.grooming.doubtful import other_turns
 from homolog.grooming.icp import (
     Fit,
     OrientedPoints,
@@ -23,6 +24,7 @@ from homolog.grooming.icp import (
     registered,
 )
 from homolog.grooming.orientation import agree, are_soft, better_turned
+from homolog.grooming.registration_notes import DOUBTFUL, MIN_SUBJECTS, Findings, notes_on
 from homolog.grooming.subject import GroomedSubject
 from homolog.grooming.typicality import (
     EPSILON,
@@ -50,10 +52,7 @@ class RegisterPair(Protocol):
         """Return the registration of `moving` to `fixed`; see `registered`."""
 
 
-_OTHER_UNIT, _OTHER_SIZE, _RARE_SIZE = 100.0, 5.0, 2.2
-"""Limits of size ratios: another unit, a size off by a factor such as ten, and one rare for one structure."""
-_MIN_SUBJECTS = 3  # fewer subjects do not show which of them is unusual
-_TURNED, _DOUBTFUL = 60.0, 40.0  # degrees: larger rotations get a note; are checked against the others
+_OTHER_UNIT = 100.0  # ratio of sizes
 _NEIGHBOURS, _SIMILAR = 3, 40
 """Shapes with which a rotated shape is compared; shapes of similar radii among which they are sought."""
 _CLEARLY_BETTER, _UNLIKE = 0.6, 1.5
@@ -61,14 +60,6 @@ _CLEARLY_BETTER, _UNLIKE = 0.6, 1.5
 distance exceeds the second factor times the median."""
 _CLOSER = 0.75
 """Inconsistent orientations of files are ignored if the sum of distances then falls below this fraction."""
-_KEPT = (
-    "the shapes are nearly round or symmetric, so rotations are those of the files, which roughly agree; if "
-    "files are rotated against each other by more than about 15°, rotate them to one orientation first"
-)
-_UNSURE = (
-    "the shapes are nearly round or symmetric, and the files may have different orientations: its rotation "
-    "is uncertain; check it, or give all files one orientation"
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,8 +172,30 @@ def register(
             pose[:3, 3] += unit.centre
         result[index] = pose
     freely = partial(register_pair, free=True)
-    odd = odd_ones(units, distances, freely, tick) if len(units) >= _MIN_SUBJECTS else set()
-    return Registration(result, _notes(result, distances, odd, sizes, registrations))
+    odd = odd_ones(units, distances, freely, tick) if len(units) >= MIN_SUBJECTS else set()
+    findings = Findings(
+        sizes, distances, _turns(result), odd,
+        held=registrations.held, unsure=registrations.unsure, better=registrations.turns, others={},
+    )  # fmt: skip
+    if settings.alignment is Alignment.ICP:
+        findings = replace(findings, others=_others(units, registrations, findings, tick))
+    return Registration(result, notes_on(findings))
+
+
+def _others(
+    units: Sequence[OrientedPoints], registrations: _Fits, findings: Findings, tick: Tick
+) -> dict[int, float]:
+    """Return further rotations [degrees] of rotated shapes that fit about as well, by index.
+
+    Where the files agree, only shapes that were rotated against most others may be turned wrongly.
+    """
+    asked = np.flatnonzero(findings.angles > DOUBTFUL).tolist()
+    if findings.differ or findings.unsure:
+        asked = list(range(len(units)))
+    if not asked:
+        return {}
+    rotations = rotation_of(np.array([fit.pose for fit in registrations.fits]))
+    return other_turns(units, rotations, by_typicality(units).tolist(), asked, tick)
 
 
 def _fits(
@@ -203,7 +216,7 @@ def _fits(
         return register_pair(unit, reference)
 
     fits = run_in_threads([partial(fit, unit) for unit in units], tick, "aligning", cores())
-    if len(units) < _MIN_SUBJECTS:
+    if len(units) < MIN_SUBJECTS:
         return _Fits(fits)
     is_soft, doubtful, turns = are_soft(units, reference, fits), _doubtful(fits), {}
     alike = agree(units) if is_soft or doubtful.any() else True  # no registration rotated a shape far
@@ -228,7 +241,7 @@ def _fits(
 
 def _doubtful(fits: Sequence[Fit]) -> BoolArray:
     """Return which shapes are rotated far relative to most others."""
-    return _turns(np.array([fit.pose for fit in fits])) > _DOUBTFUL
+    return _turns(np.array([fit.pose for fit in fits])) > DOUBTFUL
 
 
 def _distance(fits: Sequence[Fit]) -> float:
@@ -289,7 +302,7 @@ def _reconsidered(
             inner(0.0, "aligning")
             fit = register_pair(units[index], units[neighbour])
             pose = poses[neighbour] @ fit.pose
-            if fit.distance < best and angles_from(pose[None], typical)[0] <= _DOUBTFUL:
+            if fit.distance < best and angles_from(pose[None], typical)[0] <= DOUBTFUL:
                 best, result = fit.distance, fit_at(units[index], reference, pose)
         return result
 
@@ -330,47 +343,6 @@ def _by_neighbours(
 def _turns(alignments: FloatArray) -> FloatArray:
     """Return the rotation angle of each similarity (M, 4, 4) relative to the most typical one [degrees]."""
     return angles_from(alignments, typical_rotation(alignments))
-
-
-def _notes(
-    alignments: FloatArray, distances: FloatArray, odd: set[int], sizes: FloatArray, registrations: _Fits
-) -> tuple[str | None, ...]:
-    """Return notes on the registrations, by subject."""
-    if len(distances) < _MIN_SUBJECTS:
-        return (None,) * len(distances)
-    typical = float(np.median(distances))
-    angles = _turns(alignments)
-    many = 2 * np.count_nonzero(angles > _DOUBTFUL) >= len(angles)
-    notes: list[str | None] = []
-    ratios = sizes / np.median(sizes)
-    for index, (distance, angle, ratio) in enumerate(
-        zip(distances.tolist(), angles.tolist(), ratios.tolist(), strict=True)
-    ):
-        note = _KEPT if registrations.held else _UNSURE if registrations.unsure else None
-        if not 1.0 / _OTHER_SIZE < ratio < _OTHER_SIZE:
-            times, word = (ratio, "large") if ratio > 1.0 else (1.0 / ratio, "small")
-            note = f"is {times:.0f} times as {word} as most others; check that its unit is mm"
-        elif index in registrations.turns:
-            note = (
-                f"fits the others clearly better after a rotation by {registrations.turns[index]:.0f}°, but "
-                "the file's orientation was kept: check it and the side, and correct the file or exclude it"
-            )
-        elif index in odd:
-            note = (
-                f"does not look like the others: {100.0 * distance:.0f} % of its size away from the most "
-                f"typical subject, usually {100.0 * typical:.0f} %; check that it shows the same structure"
-            )
-        elif many and not registrations.unsure:
-            note = (
-                "the files have different orientations; each shape was rotated to match the others: check it"
-            )
-        elif np.median(angles) < _TURNED < angle:
-            note = f"was rotated by {angle:.0f}° to match most others; check it and its side"
-        elif not 1.0 / _RARE_SIZE < ratio < _RARE_SIZE:
-            times, word = (ratio, "large") if ratio > 1.0 else (1.0 / ratio, "small")
-            note = f"is {times:.1f} times as {word} as most others; check that it shows the same structure"
-        notes.append(note)
-    return tuple(notes)
 
 
 def of_other_units(names: Sequence[str], sizes: Sequence[float]) -> dict[str, str]:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.geometry import fit_rotation, scale_of
+from homolog.geometry import fit_rotation, rotation_of, scale_of, transform_points
 from homolog.surfaces.orientation import prior_weights
 
 __all__ = [
@@ -49,6 +49,11 @@ class OrientedPoints:
     def scaled(self, factor: float) -> "OrientedPoints":
         """Return the points scaled about their centre."""
         return replace(self, points=self.points * factor, scale=self.scale * factor)
+
+    def placed(self, pose: FloatArray) -> "OrientedPoints":
+        """Return the points moved by a similarity (4, 4), which leaves centre and scale as they are."""
+        rotation = rotation_of(pose)
+        return replace(self, points=transform_points(pose, self.points), normals=self.normals @ rotation.T)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,8 +26,8 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.orientation import softness
 
 __all__ = [
-    "Fit", "OrientedPoints", "axes_rotation", "fit_at", "held", "oriented_points", "refined",
-    "refined_each", "registered", "softness_of_fit",
+    "Bending", "Fit", "OrientedPoints", "axes_rotation", "candidates", "fit_at", "held", "oriented_points",
+    "refined", "refined_each", "registered", "softness_of_fit",
 ]  # fmt: skip
 
 _SCREENING_POINTS, _TRIAL_POINTS, _FIT_POINTS = 100, 300, 1000  # of each surface
@@ -49,7 +49,7 @@ def oriented_points(mesh: TriangleMesh) -> OrientedPoints:
 
 def axes_rotation(moving: OrientedPoints, fixed: OrientedPoints) -> FloatArray:
     """Return the best-fitting of the four rotations that align the principal axes."""
-    own, other = _axes(moving), _axes(fixed)
+    own, other = _axes(moving.points), _axes(fixed.points)
     turns = [other @ np.diag(signs) @ own.T for signs in product((1.0, -1.0), repeat=3)]
     turns = [turn for turn in turns if np.linalg.det(turn) > 0.0]
     tree = KDTree(fixed.points)
@@ -78,8 +78,7 @@ def registered(
         surface.
     """
     own, other = SearchedPoints(moving), SearchedPoints(fixed)
-    screened = iterated(own, other, np.array(_starts(moving, fixed)), _SCREENING_POINTS, _SCREENING_ROUNDS)
-    screened.sort(key=lambda fit: fit.distance)
+    screened = _screened(own, other)
     starts = np.array([np.eye(4), *(fit.pose for fit in screened[:_TRIALS])])
     given, *trials = iterated(own, other, starts, _TRIAL_POINTS, _TRIAL_ROUNDS)
     best = min(trials, key=lambda fit: fit.distance)
@@ -94,14 +93,33 @@ def registered(
     return replace(fit, distance=best.distance) if bends else fit
 
 
-def _nearest_bent(own: SearchedPoints, other: SearchedPoints, closest: Fit, screened: list[Fit]) -> Fit:
-    """Return the candidate from which the bent surface comes nearest, with the distance after bending."""
+def candidates(own: SearchedPoints, other: SearchedPoints) -> list[Fit]:
+    """Return registrations of different orientations that fit about equally well, the given one first."""
+    given = iterated(own, other, np.eye(4)[None], _TRIAL_POINTS, _TRIAL_ROUNDS)[0]
+    return _candidates(own, other, given, _screened(own, other))
+
+
+def _screened(own: SearchedPoints, other: SearchedPoints) -> list[Fit]:
+    """Return the first rounds of registrations from all starts, the closest first."""
+    fits = iterated(
+        own, other, np.array(_starts(own.points, other.points)), _SCREENING_POINTS, _SCREENING_ROUNDS
+    )
+    return sorted(fits, key=lambda fit: fit.distance)
+
+
+def _candidates(own: SearchedPoints, other: SearchedPoints, first: Fit, screened: list[Fit]) -> list[Fit]:
+    """Return fits of different orientations, the first one and others that are about as close."""
     starts = np.array([fit.pose for fit in _different(screened)[:_MAX_CANDIDATES]])
     trials = sorted(iterated(own, other, starts, _TRIAL_POINTS, _TRIAL_ROUNDS), key=lambda fit: fit.distance)
-    limit = _CANDIDATE_RATIO * closest.distance
-    candidates = [fit for fit in _different([closest, *trials]) if fit.distance <= limit]
-    surface = _Bending(own)
-    bent = [Fit(fit.pose, surface.distance(other, fit.pose)) for fit in candidates]
+    limit = _CANDIDATE_RATIO * first.distance
+    return [fit for fit in _different([first, *trials]) if fit.distance <= limit]
+
+
+def _nearest_bent(own: SearchedPoints, other: SearchedPoints, closest: Fit, screened: list[Fit]) -> Fit:
+    """Return the candidate from which the bent surface comes nearest, with the distance after bending."""
+    surface = Bending(own)
+    tried = _candidates(own, other, closest, screened)
+    bent = [Fit(fit.pose, surface.distance(other, fit.pose)) for fit in tried]
     return min(bent, key=lambda fit: fit.distance)
 
 
@@ -166,7 +184,7 @@ def fit_at(moving: OrientedPoints, fixed: OrientedPoints, pose: FloatArray) -> F
     )
 
 
-class _Bending:
+class Bending:
     """A surface deformed by a sum of Gaussians and a linear map; the stiffness penalizes the deformation."""
 
     def __init__(self, half: SearchedPoints) -> None:
@@ -185,6 +203,11 @@ class _Bending:
 
     def distance(self, other: SearchedPoints, pose: FloatArray) -> float:
         """Return the mean distance of the matches, in both directions, after bending from a pose (4, 4)."""
+        points, normals = self.bent(other, pose)
+        return float(self._matches(other, other.some(_TRIAL_POINTS), points, normals)[0].mean())
+
+    def bent(self, other: SearchedPoints, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points and normals of the surface, bent onto another one from a pose (4, 4)."""
         theirs, linear = other.some(_TRIAL_POINTS), np.full(3, _LINEAR_STIFFNESS)
         placed = self._points @ pose[:3, :3].T + pose[:3, 3]
         points, normals = placed, self._normals @ rotation_of(pose).T
@@ -200,7 +223,7 @@ class _Bending:
             slopes = pose[:3, :3] + np.einsum("nfi,fj->nji", self._slopes, by)
             normals = np.linalg.solve(slopes.transpose(0, 2, 1), self._normals[..., None])[..., 0]
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        return float(self._matches(other, theirs, points, normals)[0].mean())
+        return points, normals
 
     @staticmethod
     def _matches(
@@ -214,12 +237,12 @@ class _Bending:
         return np.concatenate([there, back]), onto, np.asarray(from_)
 
 
-def _axes(shape: OrientedPoints) -> FloatArray:
-    axes: FloatArray = np.linalg.eigh(shape.points.T @ shape.points)[1]
+def _axes(points: FloatArray) -> FloatArray:
+    axes: FloatArray = np.linalg.eigh(points.T @ points)[1]
     return axes
 
 
-def _starts(moving: OrientedPoints, fixed: OrientedPoints) -> list[FloatArray]:
+def _starts(moving: FloatArray, fixed: FloatArray) -> list[FloatArray]:
     """Return the initial rotations as (4, 4) matrices."""
     own, other = _axes(moving), _axes(fixed)
     flips = [np.diag(signs) for signs in product((1.0, -1.0), repeat=3)]

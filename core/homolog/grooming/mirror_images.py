@@ -1,7 +1,7 @@
 """Subjects that fit the others better as mirror images, tested relative to the variation of the cohort."""
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
 
@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from homolog.arrays import FloatArray
-from homolog.geometry import rotation_of, transform_points
+from homolog.geometry import transform_points
 from homolog.grooming.align import RegisterPair, by_typicality
 from homolog.grooming.closest_points import SearchedPoints
 from homolog.grooming.icp import OrientedPoints, oriented_points, refined_each, sought
@@ -48,6 +48,9 @@ _RARE, _DISTINCT = 0.25, 0.5
 and mixed sides have larger preferences."""
 
 
+_MESSAGE = "comparing with mirror images"
+
+
 class _Surface:
     """The surface of a point set, with search trees."""
 
@@ -79,7 +82,7 @@ class _Pair:
         """Return the pair, registered again if evenly spaced orientations lead to a closer fit."""
 
         def nearer(shape: OrientedPoints) -> OrientedPoints:
-            placed = [shape, _moved(shape, sought(shape, surface.shape).pose)]
+            placed = [shape, shape.placed(sought(shape, surface.shape).pose)]
             return placed[_nearest(placed, surface)]
 
         return replace(self, own=nearer(self.own), image=nearer(self.image))
@@ -113,54 +116,22 @@ def better_mirrored(
     tick : Tick
         Progress and cancellation.
     """
-    placed = [
+    clouds = [
         oriented_points(item.coarse_mesh.placed(alignment))
         for item, alignment in zip(groomed, alignments, strict=True)
     ]
-    units = [cloud.scaled(1.0 / cloud.size) for cloud in placed]
+    units = [cloud.scaled(1.0 / cloud.size) for cloud in clouds]
     order = by_typicality(units).tolist()
     tested, references = _tested_and_references(order, {k for k in order if groomed[k].name in known})
     if len(tested) <= _FEWEST:
         return set()
-    middle = references[0]
-    fixed = _thinned(units[middle], _FIXED)
-    surface = _Surface(fixed)
-
-    def pair_of(k: int, inner: Tick) -> _Pair:
-        inner(0.0, "comparing with mirror images")
-        cloud = _thinned(units[k], _MOVING)
-        pose = np.eye(4)
-        if not registered_already:
-            pose = register_pair(cloud, fixed).pose
-        else:
-            pose[:3, 3] = (placed[k].centre - placed[middle].centre) / placed[k].size
-        image = _turned(cloud, MIRROR[:3, :3])
-        image = _moved(image, register_pair(image, fixed, free=True).pose)  # its orientation is arbitrary
-        # In cohorts of both sides a registration from any orientation may be closer.
-        poses = pose, register_pair(cloud, fixed, free=True).pose
-        pose = poses[_nearest([_moved(cloud, item) for item in poses], surface)]
-        return _Pair(_moved(cloud, pose), image, _moved(_thinned(units[k], _FIXED), pose))
-
-    tasks = [partial(pair_of, k) for k in references]
-    made = run_in_threads(tasks, part_of(tick, 0.0, 0.1), "comparing with mirror images", cores())
-    surfaces, known_pairs = [_Surface(pair.fixed) for pair in made], dict(zip(references, made, strict=True))
-
-    def known_pair_of(k: int, inner: Tick) -> _Pair:
-        return known_pairs[k] if k in known_pairs else pair_of(k, inner)
-
-    def preferences_of(k: int, pair: _Pair) -> FloatArray:
-        others = [position for position, j in enumerate(references) if j != k]
-        result = np.zeros(len(references))
-        result[others] = pair.preferences([surfaces[position] for position in others])
-        return result
-
-    def row_of(k: int, inner: Tick) -> FloatArray:
-        return preferences_of(k, known_pair_of(k, inner))
-
+    pairing = _Pairing(clouds, units, references[0], registered_already, register_pair)
+    tasks = [partial(pairing.pair, k) for k in references]
+    made = run_in_threads(tasks, part_of(tick, 0.0, 0.1), _MESSAGE, cores())
+    compared = _References(dict(zip(references, made, strict=True)))
     involved = sorted({*tested, *references})
-    works = [partial(row_of, k) for k in involved]
-    further = part_of(tick, 0.1, 1.0)
-    rows = np.array(run_in_threads(works, further, "comparing with mirror images", cores()))
+    works = [partial(compared.preferences, k, pairing) for k in involved]
+    rows = np.array(run_in_threads(works, part_of(tick, 0.1, 1.0), _MESSAGE, cores()))
     sides = _sides(rows[np.searchsorted(involved, references)])
     others = len(references) - np.isin(involved, references)
     preferences = (rows @ sides / others)[np.searchsorted(involved, tested)]
@@ -169,11 +140,75 @@ def better_mirrored(
         k for k, is_image in zip(tested, are_images, strict=True) if is_image and groomed[k].name not in known
     ]
     for k in flagged:  # failed registrations resemble mirror images
-        tick(1.0, "comparing with mirror images")
-        row = preferences_of(k, known_pair_of(k, tick).searched(surface))
+        row = compared.preferences(k, pairing, part_of(tick, 1.0, 1.0), searches=True)
         preferences[tested.index(k)] = row @ sides / (len(references) - (k in references))
     are_images = reversed_ones(preferences, majority=not known) if flagged else are_images
     return {groomed[k].name for k in flagged if are_images[tested.index(k)]}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pairing:
+    """Registrations of subjects and their mirror images to the most typical subject.
+
+    Attributes
+    ----------
+    clouds, units : sequence of M OrientedPoints
+        Aligned subjects, and the same at size 1.
+    middle : int
+        Index of the most typical one.
+    registered_already : bool
+        Whether alignments register shapes to it.
+    register_pair : callable
+    """
+
+    clouds: Sequence[OrientedPoints]
+    units: Sequence[OrientedPoints]
+    middle: int
+    registered_already: bool
+    register_pair: RegisterPair
+    surface: "_Surface" = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Make the search trees of the most typical subject."""
+        object.__setattr__(self, "surface", _Surface(_thinned(self.units[self.middle], _FIXED)))
+
+    def pair(self, k: int, tick: Tick) -> _Pair:
+        """Return a subject and its mirror image, both registered."""
+        tick(0.0, _MESSAGE)
+        cloud, fixed = _thinned(self.units[k], _MOVING), self.surface.shape
+        pose = np.eye(4)
+        if not self.registered_already:
+            pose = self.register_pair(cloud, fixed).pose
+        else:
+            pose[:3, 3] = (self.clouds[k].centre - self.clouds[self.middle].centre) / self.clouds[k].size
+        image = _turned(cloud, MIRROR[:3, :3])
+        image = image.placed(self.register_pair(image, fixed, free=True).pose)  # its orientation is arbitrary
+        # In cohorts of both sides a registration from any orientation may be closer.
+        poses = pose, self.register_pair(cloud, fixed, free=True).pose
+        pose = poses[_nearest([cloud.placed(item) for item in poses], self.surface)]
+        return _Pair(cloud.placed(pose), image, _thinned(self.units[k], _FIXED).placed(pose))
+
+
+class _References:
+    """The most typical subjects, by index, with which all are compared."""
+
+    def __init__(self, pairs: Mapping[int, _Pair]) -> None:
+        self._pairs = pairs
+        self._surfaces = [_Surface(pair.fixed) for pair in pairs.values()]
+
+    def preferences(self, k: int, pairing: _Pairing, tick: Tick, *, searches: bool = False) -> FloatArray:
+        """Return a subject's preferences among the references, 0 for itself.
+
+        `searches` says whether it is registered again from evenly spaced orientations.
+        """
+        tick(0.0, _MESSAGE)
+        pair = self._pairs[k] if k in self._pairs else pairing.pair(k, tick)
+        if searches:
+            pair = pair.searched(pairing.surface)
+        others = [position for position, j in enumerate(self._pairs) if j != k]
+        result = np.zeros(len(self._surfaces))
+        result[others] = pair.preferences([self._surfaces[position] for position in others])
+        return result
 
 
 def _tested_and_references(order: list[int], known: set[int]) -> tuple[list[int], list[int]]:
@@ -235,11 +270,6 @@ def reversed_ones(preferences: FloatArray, *, majority: bool = True) -> list[boo
 
 def _turned(cloud: OrientedPoints, rotation: FloatArray) -> OrientedPoints:
     return replace(cloud, points=cloud.points @ rotation.T, normals=cloud.normals @ rotation.T)
-
-
-def _moved(cloud: OrientedPoints, pose: FloatArray) -> OrientedPoints:
-    rotation = rotation_of(pose)
-    return replace(cloud, points=transform_points(pose, cloud.points), normals=cloud.normals @ rotation.T)
 
 
 def _thinned(cloud: OrientedPoints, points: int) -> OrientedPoints:

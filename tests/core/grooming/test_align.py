@@ -11,8 +11,10 @@ from homolog.errors import Cancelled, InputError
 from homolog.geometry import rotation_of
 from homolog.grooming import align, groom_subject
 from homolog.grooming.align import register
+from homolog.grooming.doubtful import other_turns, unclear
 from homolog.grooming.icp import Fit, OrientedPoints, fit_at, oriented_points, registered
 from homolog.grooming.orientation import agree
+from homolog.grooming.registration_notes import Findings, notes_on
 from homolog.grooming.typicality import odd_ones
 from homolog.progress import no_tick
 from homolog.settings import Alignment, GroomSettings
@@ -252,6 +254,44 @@ def test_shapes_whose_files_lie_in_any_orientation_are_matched_by_the_little_tha
     back = Rotation.from_matrix(registration.alignments[:, :3, :3]) * turns
     assert np.degrees((back * back[0].inv()).magnitude()).max() < 25.0
     assert all("orientations" in note for note in registration.notes)
+    assert not any("further rotation" in note for note in registration.notes)
+
+
+def test_of_rotated_shapes_the_one_that_fits_as_well_turned_over_is_named(coarse_egg):
+    random = np.random.default_rng(0)
+    bump = np.exp(-np.square(np.linalg.norm(coarse_egg.vertices - [15.0, 7.0, 4.0], axis=1) / 6.0) / 2.0)
+    units = []
+    for height in (2.5, 2.5, 2.5, 2.5, 0.0):
+        shape = coarse_egg.vertices + height * bump[:, None] * coarse_egg.vertex_normals
+        own = TriangleMesh(shape * np.exp(random.normal(scale=0.05, size=3)), coarse_egg.faces)
+        points = oriented_points(own)
+        units.append(points.scaled(1.0 / points.size))
+    rotations = np.tile(np.eye(3), (5, 1, 1))
+    turns = other_turns(units, rotations, range(5), range(5), no_tick)
+    assert turns == {4: pytest.approx(180.0, abs=5.0)}
+    assert other_turns(units, rotations, range(5), [0, 1], no_tick) == {}
+    assert (
+        other_turns(units[1:], rotations, range(4), range(4), no_tick) == {}
+    )  # too few to know how they vary
+
+
+@pytest.mark.parametrize(
+    ("margins", "expected"),
+    [([0.2, 0.5, 1.0, 2.0], [True, False, False, False]), ([0.2, 0.5, 0.5, 2.0], [True, True, True, False])],
+)
+def test_where_most_orientations_are_hardly_clear_more_of_them_are_uncertain(margins, expected):
+    assert unclear(margins) == expected
+
+
+@pytest.mark.parametrize("angles", [[90.0, 120.0, 150.0, 0.0], [0.0, 1.0, 2.0, 50.0]])
+def test_a_note_names_the_shape_whose_rotation_is_uncertain_and_by_how_much(angles):
+    findings = Findings(
+        np.ones(4), np.full(4, 0.1), np.array(angles), set(),
+        held=False, unsure=False, better={}, others={3: 177.6},
+    )  # fmt: skip
+    notes = notes_on(findings)
+    assert "178°" in (notes[3] or "")
+    assert not any("178" in (note or "") for note in notes[:3])
 
 
 def _round_organs(paw, egg, turns):
