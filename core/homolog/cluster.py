@@ -6,7 +6,6 @@ subjects are started again.
 """
 
 import logging
-import shutil
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -25,6 +24,7 @@ from typing import Any, Self, TypeVar
 from homolog import __version__
 from homolog.errors import InputError, NumericalError, WorkerDiedError
 from homolog.progress import Tick, no_tick, part_of
+from homolog.slurm import slurm_jobs
 from homolog.workers import worker_processes
 
 _J = TypeVar("_J")
@@ -40,8 +40,6 @@ LOCAL = "local"
 SLURM = "slurm"
 """A Dask cluster of jobs that this machine submits to Slurm."""
 
-_JOB_MEMORY = "8 GB"
-"""Resources of a Slurm job, unless Dask's configuration sets others."""
 _PATIENCE_S = 0.1  # s between ticks
 _AHEAD = 1024
 """Largest number of jobs that wait in an executor: a scheduler need not hold those of all subjects."""
@@ -86,6 +84,7 @@ def subject_executor(
     distributed = _distributed()
     with ExitStack() as stack:
         where: Any = cluster
+        awaited: Callable[[], str] = str
         if cluster == LOCAL:
             where = stack.enter_context(
                 distributed.LocalCluster(
@@ -96,7 +95,8 @@ def subject_executor(
                 )
             )
         elif cluster == SLURM:
-            where = stack.enter_context(_slurm_jobs(workers))
+            jobs = stack.enter_context(slurm_jobs(workers))
+            where, awaited = jobs.cluster, jobs.awaited
         try:
             client = stack.enter_context(distributed.Client(where, timeout=ANSWER_S, set_as_default=False))
         except (OSError, ValueError) as error:
@@ -107,7 +107,7 @@ def subject_executor(
         if cluster != SLURM:  # its jobs use this installation, and may be queued
             _check_workers(client, cluster)
         announce(f"Dask cluster {client.scheduler.address}, dashboard {client.dashboard_link}")
-        yield _ClusterExecutor(stack.enter_context(client.get_executor(pure=False)))
+        yield _ClusterExecutor(stack.enter_context(client.get_executor(pure=False)), awaited)
 
 
 def retried_on_workers(
@@ -175,7 +175,8 @@ def each_in_workers(
         while ended < len(jobs):
             for name, job in islice(following, _AHEAD - len(names)):
                 names[executor.submit(function, job)] = name
-            tick(ended / len(jobs), f"{doing} {next(iter(names.values()))}")
+            awaited = executor.awaited() if isinstance(executor, _ClusterExecutor) else ""
+            tick(ended / len(jobs), awaited or f"{doing} {next(iter(names.values()))}")
             done = wait(names, _PATIENCE_S, FIRST_COMPLETED).done
             for future in [item for item in names if item in done]:  # in the order of submission
                 ended += 1
@@ -270,10 +271,17 @@ class SubjectWorkers:
 
 
 class _ClusterExecutor(Executor):
-    """Dask's executor; a lost cluster breaks it like a dead process breaks a process pool."""
+    """Dask's executor; a lost cluster breaks it like a dead process breaks a process pool.
 
-    def __init__(self, dask: Executor) -> None:
-        self._dask = dask
+    Parameters
+    ----------
+    dask : Executor
+    awaited : callable
+        Returns what the work waits for, or raises `InputError`.
+    """
+
+    def __init__(self, dask: Executor, awaited: Callable[[], str]) -> None:
+        self._dask, self.awaited = dask, awaited
 
     def submit(self, function: Callable[..., _T], /, *args: Any, **kwargs: Any) -> Future[_T]:  # noqa: ANN401
         """Submit a call; Dask repeats it on another worker if one dies."""
@@ -328,30 +336,6 @@ def serve_as_worker(address: str) -> None:
         raise InputError(
             f"{address}: no Dask scheduler answers there; give its address, such as tcp://node1:8786"
         ) from error
-
-
-def _slurm_jobs(number: int) -> Any:  # noqa: ANN401 - an optional library without types
-    """Return a cluster with this number of Slurm jobs as workers; jobs that end are submitted again.
-
-    Queue, account, time and memory are those of Dask's configuration (jobqueue.slurm).
-    """
-    if shutil.which("sbatch") is None:
-        raise InputError(
-            "cluster slurm: this machine has no command sbatch; run on a node that submits jobs, or start "
-            "dask scheduler and homolog worker in jobs of your own and give the scheduler's address"
-        )
-    try:
-        import dask
-        from dask_jobqueue import SLURMCluster
-    except ImportError as error:
-        raise InputError(
-            "cluster slurm needs dask-jobqueue, which is not installed; install it with: "
-            'pip install "homolog[cluster]"'
-        ) from error
-    memory = dask.config.get("jobqueue.slurm.memory", None) or _JOB_MEMORY
-    cluster = SLURMCluster(cores=1, processes=1, memory=memory, scheduler_options={"dashboard_address": ":0"})
-    cluster.adapt(minimum_jobs=number, maximum_jobs=number)
-    return cluster
 
 
 def _distributed() -> Any:  # noqa: ANN401 - an optional library without types

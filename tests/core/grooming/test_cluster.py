@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from homolog.cluster import serve_as_worker, subject_executor
+from homolog.cluster import each_in_workers, serve_as_worker, subject_executor
 from homolog.cohort import read_cohort
 from homolog.errors import InputError
 from homolog.grooming import groom_cohort
@@ -72,6 +72,21 @@ def test_jobs_of_slurm_are_submitted_and_cancelled(monkeypatch, tmp_path):
     assert "dashboard http" in lines[0]
     assert list(tmp_path.glob("scancel.*"))
     assert "--mem=8G" in (tmp_path / "sbatch.job").read_text()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_jobs_that_slurm_refuses_end_the_work_with_its_reason(monkeypatch, tmp_path):
+    pytest.importorskip("dask_jobqueue")
+    (tmp_path / "sbatch").write_text("#!/bin/bash\necho 'sbatch: error: invalid partition' >&2; exit 1\n")
+    (tmp_path / "sbatch").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    messages = set()
+    with (
+        pytest.raises(InputError, match=r"refused the jobs \(invalid partition\)"),
+        subject_executor(1, "slurm") as executor,
+    ):
+        list(each_in_workers(executor, str, {"one": 1}, "grooming", lambda _, message: messages.add(message)))
+    assert "waiting for Slurm to start a job" in messages
 
 
 @pytest.mark.filterwarnings("ignore")
