@@ -26,6 +26,7 @@ __all__ = [
     "read_volume",
 ]
 
+_NRRD = (".nrrd", ".nhdr")
 _NO_FRAME = "its header gives no patient orientation (no LPS or RAS space); LPS axes were assumed"
 
 
@@ -142,6 +143,8 @@ def _itk_image(path: Path) -> tuple[Any, FloatArray, tuple[Segment, ...], tuple[
     SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
     reader = SimpleITK.ImageFileReader()
     reader.SetFileName(os.fspath(path))
+    is_nrrd = path.suffix.lower() in _NRRD
+    reader.SetImageIO("NrrdImageIO" if is_nrrd else "MetaImageIO")  # ITK knows suffixes in lower case only
     try:
         reader.ReadImageInformation()
     except RuntimeError as error:
@@ -172,7 +175,7 @@ def _itk_image(path: Path) -> tuple[Any, FloatArray, tuple[Segment, ...], tuple[
 
 
 def _notes(path: Path, header: dict[str, str]) -> tuple[str, ...]:
-    is_nrrd = path.suffix.lower() in (".nrrd", ".nhdr")
+    is_nrrd = path.suffix.lower() in _NRRD
     return (_NO_FRAME,) if is_nrrd and header.get("NRRD_space") != "left-posterior-superior" else ()
 
 

@@ -61,13 +61,16 @@ def _stack(path: Path) -> tuple[Array, FloatArray]:
         _check_numbers(path, files)
     pages: list[Array] = []
     size: FloatArray | None = None
+    colours: set[tuple[int, ...]] = set()
     for file in files:
         try:
             with Image.open(file) as picture:
                 count = len(files) * getattr(picture, "n_frames", 1)
                 check_size(path, (*picture.size, count), 4.0)
                 size = _noted_size(picture) if size is None else size
-                pages += [_grey(file, frame) for frame in ImageSequence.Iterator(picture)]
+                pages += [_grey(file, frame, colours) for frame in ImageSequence.Iterator(picture)]
+        except InputError:
+            raise
         except (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError) as error:
             raise InputError(
                 f"{file}: can't be read as an image ({error}); copy or export it again"
@@ -102,16 +105,24 @@ def _check_numbers(folder: Path, files: Sequence[Path]) -> None:
         raise InputError(f"{folder}: slices are missing after number {after}; copy it again, or exclude it")
 
 
-def _grey(file: Path, picture: Image.Image) -> Array:
-    """Return the values of a picture (rows, columns); colour pictures must have equal channels."""
+def _grey(file: Path, picture: Image.Image, seen: set[tuple[int, ...]]) -> Array:
+    """Return the values of a picture (rows, columns).
+
+    Colour pictures must have equal channels, or a single colour on black in the whole stack; `seen` contains
+    it, or will.
+    """
     values = np.array(picture)
     if picture.mode == "LA":
         values = values[..., 0]
     if values.ndim == 3:
         colours = values[..., :3]
         if (colours != colours[..., :1]).any():
-            raise InputError(f"{file}: is a colour image; save masks as grey values, one for each structure")
-        values = colours[..., 0]
+            seen |= set(map(tuple, np.unique(colours[colours.any(axis=-1)], axis=0).tolist()))
+            if len(seen) > 1:
+                raise InputError(
+                    f"{file}: has several colours; save masks as grey values, one for each structure"
+                )
+        values = colours.max(axis=-1)
     if values.ndim != 2:
         raise InputError(f"{file}: has several values per pixel; save masks as grey values")
     return values.astype(np.uint8) if values.dtype == np.bool_ else values

@@ -258,3 +258,11 @@ def test_bzip2_is_refused_with_the_remedy(blocks, write_nrrd):
     path = write_nrrd("a.nrrd", blocks, encoding="bzip2")
     with pytest.raises(InputError, match=r"bzip2.*gzip"):
         read_segmentation(path, None)
+
+
+@pytest.mark.parametrize("name", ["a.NRRD", "a.MHA", "a.Mha"])
+def test_suffixes_in_capitals_are_known(blocks, tmp_path, name):
+    image = SimpleITK.GetImageFromArray(np.ascontiguousarray(blocks.transpose()).astype(np.uint8))
+    SimpleITK.WriteImage(image, tmp_path / name.lower())
+    (tmp_path / name.lower()).rename(tmp_path / name)
+    assert read_segmentation(tmp_path / name, None).mask.sum() == np.count_nonzero(blocks)

@@ -144,6 +144,20 @@ def test_stacks_with_gaps_of_several_kinds_or_sizes_or_in_colours_are_refused(tm
             read_segmentation(tmp_path / name, None)
 
 
+def test_masks_in_one_colour_are_read_and_in_two_refused(tmp_path, ball):
+    size_file(tmp_path)
+    red, green = np.array([200, 0, 0]), np.array([0, 90, 0])
+    for name, other in (("one", red), ("two", green)):
+        (tmp_path / name).mkdir()
+        for number, rows in enumerate(ball.transpose()):
+            colour = other if number == 5 else red
+            pixels = (rows[..., None] * colour).astype(np.uint8)
+            Image.fromarray(pixels).save(tmp_path / name / f"mask_{number}.png")
+    assert read_segmentation(tmp_path / "one", None).mask.sum() == np.count_nonzero(ball)
+    with pytest.raises(InputError, match="has several colours"):
+        read_segmentation(tmp_path / "two", None)
+
+
 def test_the_folder_of_one_stack_is_no_cohort(tmp_path, ball):
     write_slices(tmp_path, ball)
     with pytest.raises(InputError, match="the slices of one stack"):
