@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -23,8 +23,8 @@ from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = [
-    "RegistrationCache", "content_key", "is_outdated", "load_groomed", "load_report", "read_groomed",
-    "save_groomed",
+    "RegistrationCache", "check_names", "content_key", "is_outdated", "load_groomed", "load_report",
+    "read_groomed", "save_groomed",
 ]  # fmt: skip
 
 _VERSION = "12"
@@ -46,6 +46,19 @@ def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) ->
         content.update(f"{array.dtype}{array.shape}".encode())
         content.update(np.ascontiguousarray(array).tobytes())
     return f"{_VERSION}.{content.hexdigest()} {rest.hexdigest()}"
+
+
+def check_names(names: Sequence[str]) -> None:
+    """Raise InputError if two subjects would be stored in the same file."""
+    owners: dict[str, str] = {}
+    for name in names:
+        stem = file_stems([name])[0]
+        if stem in owners:
+            raise InputError(
+                f"the names {owners[stem]} and {name} differ only by special characters, and their files "
+                f"would both be named {stem}; rename one"
+            )
+        owners[stem] = name
 
 
 def is_outdated(folder: Path, name: str, key: str) -> bool:

@@ -15,7 +15,7 @@ from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError, NumericalError, WorkerDiedError
 from homolog.files.markups import read_markups
 from homolog.grooming.align import of_other_units
-from homolog.grooming.cache import content_key, is_outdated, load_groomed, save_groomed
+from homolog.grooming.cache import check_names, content_key, is_outdated, load_groomed, save_groomed
 from homolog.grooming.clean import is_pair
 from homolog.grooming.images import Segmentation
 from homolog.grooming.missing_slices import with_missing_slices
@@ -164,6 +164,8 @@ def groom_cohort(
         From the tick. Own processes end at once; a given executor finishes pending work.
     """
     taken = reduced or _whole
+    if cache:
+        check_names([subject.name for subject in cohort.subjects])
     groomed, cached = _from_cache(cohort, settings, cache, part_of(tick, 0.0, 0.1), taken)
     missing = [subject for subject in cohort.subjects if subject.name not in groomed]
     if missing:

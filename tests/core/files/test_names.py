@@ -14,6 +14,14 @@ def test_names_that_differ_in_case_only_get_numbers():
     assert file_stems(["a", "A", "a_2", "á"]) == ["a", "A_2", "a_2_2", "á"]
 
 
+def test_long_names_keep_their_files_apart_also_one_by_one():
+    names = [f"{'hospital_' * 20}{number}" for number in range(3)]
+    stems = file_stems(names)
+    assert len(set(stems)) == 3
+    assert stems == [file_stems([name])[0] for name in names]
+    assert all(len(stem) == 100 for stem in stems)
+
+
 def test_paths_and_device_names_lose_their_meaning():
     assert file_stems(["../../etc/passwd", "/root", "C:\\x", "con", "NUL.txt", "..", ".hidden"]) == [
         "_.._etc_passwd", "_root", "C__x", "_con", "_NUL.txt", "_", "hidden",

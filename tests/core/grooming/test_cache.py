@@ -3,6 +3,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from homolog.cohort import Cohort, Subject
+from homolog.errors import InputError
+from homolog.grooming import groom_cohort
 from homolog.grooming.cache import content_key, load_groomed
 from homolog.grooming.images import Segmentation
 from homolog.settings import Alignment, GroomSettings
@@ -49,3 +52,9 @@ def test_voxels_their_arrangement_and_their_place_change_the_key():
 
 def test_what_is_not_there_is_not_found(tmp_path):
     assert load_groomed(Path(tmp_path), "a", "key") is None
+
+
+def test_names_that_would_share_a_file_are_refused_before_grooming(tmp_path):
+    subjects = tuple(Subject(name, tmp_path / "missing.nii") for name in ("p 1", "P 1", "p:1"))
+    with pytest.raises(InputError, match="p 1 and p:1 .* rename one"):
+        groom_cohort(Cohort(subjects, tmp_path), GroomSettings(), cache=tmp_path)
