@@ -56,5 +56,5 @@ def test_what_is_not_there_is_not_found(tmp_path):
 
 def test_names_that_would_share_a_file_are_refused_before_grooming(tmp_path):
     subjects = tuple(Subject(name, tmp_path / "missing.nii") for name in ("p 1", "P 1", "p:1"))
-    with pytest.raises(InputError, match="p 1 and p:1 .* rename one"):
+    with pytest.raises(InputError, match=r"p 1 and p:1 .* rename one"):
         groom_cohort(Cohort(subjects, tmp_path), GroomSettings(), cache=tmp_path)
