@@ -13,7 +13,6 @@ __all__ = [
     "are_groups",
     "are_times",
     "best_label_maps",
-    "copies_among",
     "corrected",
     "describe_files",
     "files_beside",
@@ -145,15 +144,6 @@ def known_files(entries: Sequence[Path]) -> list[Path]:
     ]
 
 
-def copies_among(files: Sequence[Path]) -> list[Path]:
-    """Return the meshes named like a segmentation, or like a mesh in another format, next to them."""
-    order = (*IMAGE_SUFFIXES, *MESH_SUFFIXES)
-    first: dict[str, Path] = {}
-    for file in sorted(files, key=lambda file: order.index(suffix_of(file))):
-        first.setdefault(stem_of(file), file)
-    return [file for file in files if suffix_of(file) in MESH_SUFFIXES and first[stem_of(file)] != file]
-
-
 def _is_group(name: str) -> bool:
     """Return whether a folder's name denotes a group: ``patients``, ``train``, ``pre``."""
     tokens = _words(name)
@@ -240,9 +230,16 @@ def _ranked(files: Sequence[Path]) -> list[list[tuple[int, Path]]]:
         stem = stem_of(file)
         without_channel = _CHANNEL.sub("", stem)
         is_channel = stem != without_channel and without_channel in stems
-        tokens = _words(without_channel if is_channel else stem)
+        tokens = [part for word in _words(without_channel if is_channel else stem) for part in _unglued(word)]
         by_subject[_whose(tokens)].append((_SCAN if is_channel else _rank(tokens, file), file))
     return list(by_subject.values())
+
+
+def _unglued(word: str) -> list[str]:
+    """Return a word for label maps or scans and the number that follows it: ``mask`` and ``01``."""
+    parts = re.fullmatch(r"([a-z]+)(\d+)", word)
+    is_kind = parts and word not in _PICTURES and parts[1] in _MASKS | (_PICTURES - _MODALITIES)
+    return [parts[1], parts[2]] if parts and is_kind else [word]
 
 
 def _rank(tokens: Sequence[str], file: Path) -> int:

@@ -11,7 +11,6 @@ from homolog.cohort.dicom import dicom_segmentations, holds_dicom, scan_beside, 
 from homolog.cohort.file_names import (
     are_groups,
     are_times,
-    copies_among,
     corrected,
     files_beside,
     is_picture,
@@ -33,7 +32,7 @@ from homolog.cohort.folder_names import (
     describe_contents,
     folders_of,
 )
-from homolog.cohort.name_patterns import files_of_each, templates_among
+from homolog.cohort.name_patterns import copies_among, files_of_each, templates_among
 from homolog.cohort.pictures import picture_cohort
 from homolog.cohort.sides import SIDE_COLUMN, sides_among
 from homolog.cohort.subject import (
@@ -44,7 +43,16 @@ from homolog.cohort.subject import (
     stem_of,
     suffix_of,
 )
-from homolog.cohort.subject_folder import entries_of, holds_files, only_scans, owned_files, subjects_in
+from homolog.cohort.subject_folder import (
+    entries_of,
+    has_label_folder,
+    holds_files,
+    holds_others,
+    labels_of_scans,
+    only_scans,
+    owned_files,
+    subjects_in,
+)
 from homolog.cohort.unread import contents_of, remedy_for
 from homolog.errors import InputError
 
@@ -88,9 +96,13 @@ def read_folder(folder: Path) -> Cohort:
         if not below or max(map(len, below.values())) > 1 or _have_masks(below):
             return _read_folders(folder, folders)
         series = {item: places[0] for item, places in below.items()}
+    if labels := labels_of_scans(files, folders):
+        cohort = _of_label_folders(folder, labels, [])
+        note = f"used: {_listed([item.name for item in labels])}, with the files above as scans"
+        return replace(cohort, notes=(*cohort.notes, note))
     subjects, notes = _of_files(folder, files)
     stems = {stem_of(file) for file in files}
-    unused = [item for item in folders if item not in series and files and _holds_others(item)]
+    unused = [item for item in folders if item not in series and files and holds_others(item)]
     if unused:
         notes.append(
             f"not used: the folders {_listed([item.name for item in unused])}, which contain segmentations "
@@ -109,11 +121,6 @@ def _have_masks(folders: Iterable[Path]) -> bool:
     return any(
         file.is_file() for item in folders for files in subjects_in(item).values() for file in files.values()
     )
-
-
-def _holds_others(folder: Path) -> bool:
-    is_project = (folder / "project.json").is_file()
-    return not is_project and holds_files(folder) and not only_scans([folder])
 
 
 def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[str]]:
@@ -259,14 +266,11 @@ def _label_folders(by_folder: Mapping[Path, _Files]) -> list[Path]:
     return labels if all(known) else []
 
 
-def _has_label_folder(folder: Path) -> bool:
-    """Return whether a folder contains a folder of label maps of several subjects."""
-    inner = {item.name: item for item in entries_of(folder) if item.is_dir()}
-    return any(len(owned_files(inner[name])) > 1 for name in folders_of(LABELS, inner))
-
-
 def _of_label_folders(folder: Path, labels: Sequence[Path], others: Sequence[Path]) -> Cohort:
     cohorts = [read_folder(item) for item in labels]
+    names = Counter(subject.name for item in cohorts for subject in item.subjects)
+    if max(names.values()) > 1:
+        raise _several_meant(folder, {item: owned_files(item) for item in labels})
     notes = [note for cohort in cohorts for note in cohort.notes]
     if len(labels) > 1:
         notes.append(f"the folders {_listed([item.name for item in labels])} were combined")
@@ -309,7 +313,7 @@ def _of_parts(folder: Path, parts: Sequence[Path]) -> Cohort:
         return replace(cohort, notes=(*cohort.notes, note))
     if sides := sides_among([item.name for item in parts]):
         return _of_sides(folder, {item: sides[item.name] for item in parts})
-    if are_groups([item.name for item in parts]) or all(map(_has_label_folder, parts)):
+    if are_groups([item.name for item in parts]) or all(map(has_label_folder, parts)):
         return _of_groups(folder, parts)
     owned = {item: owned_files(item) for item in parts}
     if _are_structures(owned):

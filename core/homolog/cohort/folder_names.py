@@ -25,7 +25,9 @@ SCANS = re.compile(r"data|dicom|cbct|cta?|mr[ait]?|pet|t[12]w?|us|volumes?")
 """Words for the contents of folders, of which each contains several subjects."""
 _PARTS = frozenset(["tr", "ts", "va", "train", "training", "test", "testing", "val", "valid", "validation"])
 """Words in the names of such folders that divide the subjects."""
-_VERSIONS = frozenset(["anonymised", "anonymized", "corrected", "final", "manual", "nifti", "nii", "nrrd"])
+_VERSIONS = frozenset(
+    ["anonymised", "anonymized", "corrected", "final", "manual", "new", "nifti", "nii", "nrrd", "old", "v"]
+)
 """Words in the names of such folders that tell nothing."""
 PREDICTION_FOLDER = re.compile(
     r"(auto(matic)?|(nnu-?net[-_ .]?)?(pred|predict|prediction|infer|inference|output|result)s?"

@@ -1,13 +1,13 @@
-"""File names of a whole folder: templates among subjects, and several files of each subject."""
+"""File names of a whole folder: copies and templates among subjects, and several files of each subject."""
 
 import re
 from collections.abc import Sequence
 from pathlib import Path
 
 from homolog.cohort.file_names import describe_files, words_but_times
-from homolog.cohort.subject import stem_of
+from homolog.cohort.subject import IMAGE_SUFFIXES, MESH_SUFFIXES, stem_of, suffix_of
 
-__all__ = ["files_of_each", "templates_among"]
+__all__ = ["copies_among", "files_of_each", "templates_among"]
 
 _TEMPLATES = frozenset(["atlas", "average", "avg", "mean", "meanshape", "reference", "template"])
 _TISSUE = re.compile(r"([a-z]*[cp][0-6])(.+)")
@@ -17,6 +17,23 @@ _FULL = 0.75
 """Least share of the subjects with a file of each kind."""
 _NUMBERED = 3
 """Numbers that are at most this many times as large as their count number the subjects."""
+
+
+def copies_among(files: Sequence[Path]) -> list[Path]:
+    """Return the meshes named like a segmentation, or like a mesh in another format, next to them.
+
+    Files that are not compressed, next to the same ones compressed (``a.nii`` and ``a.nii.gz``), are copies.
+    """
+    order = (*IMAGE_SUFFIXES, *MESH_SUFFIXES)
+    first: dict[str, Path] = {}
+    for file in sorted(files, key=lambda file: order.index(suffix_of(file))):
+        first.setdefault(stem_of(file), file)
+    names = {file.name for file in files}
+    return [
+        file
+        for file in files
+        if (suffix_of(file) in MESH_SUFFIXES and first[stem_of(file)] != file) or f"{file.name}.gz" in names
+    ]
 
 
 def templates_among(files: Sequence[Path]) -> list[Path]:

@@ -24,11 +24,14 @@ from homolog.cohort.file_names import (
     structure_in,
     times_among,
 )
-from homolog.cohort.folder_names import IMAGES, describe_contents, folders_of
+from homolog.cohort.folder_names import IMAGES, LABELS, describe_contents, folders_of
 from homolog.cohort.sides import sides_among
-from homolog.cohort.subject import IMAGE_ENDING, stem_of, suffix_of
+from homolog.cohort.subject import IMAGE_ENDING, IMAGE_SUFFIXES, stem_of, suffix_of
 
-__all__ = ["entries_of", "holds_files", "mask_files", "only_scans", "owned_files", "subjects_in"]
+__all__ = [
+    "entries_of", "has_label_folder", "holds_files", "holds_others", "labels_of_scans", "mask_files",
+    "only_scans", "owned_files", "subjects_in",
+]  # fmt: skip
 
 _FREESURFER = tuple(
     f"mri/{name}.{suffix}"
@@ -41,6 +44,9 @@ _LABELS = ("annotation", "contour", "ground", "label", "mask", "segmentation", "
 _KINDS_OF_SCAN = ("anat", "ct", "dwi", "func", "perf", "t1", "t1w")
 _SESSION = re.compile(r"ses-.+", re.IGNORECASE)
 """Names of folders within a subject's folder in BIDS."""
+_VISIT = re.compile(r"(m|t|tp|v|w|y)[-_]?\d{1,3}|bl", re.IGNORECASE)
+_FIRST_VISIT = re.compile(r"(m|t|tp|v|w|y)[-_]?0+|bl", re.IGNORECASE)
+"""Names of the folders of a subject's visits from zero or baseline: ``m00``, ``T0``, ``bl``."""
 _OWNERS = 3
 """Number of parent folders with whose names a file's name may begin."""
 _DEPTH = 5
@@ -77,16 +83,26 @@ def subjects_in(folder: Path, name: str = "") -> dict[str, dict[str, Path]]:
     if files:
         return {name: files}
     subjects: dict[str, dict[str, Path]] = {}
-    parts = times_among(item.name for item in below) or list(sides_among([item.name for item in below]))
+    names = [item.name for item in below]
+    visits = _visits_among(names) if re.search(r"\d", folder.name) else []
+    parts = times_among(names) or list(sides_among(names)) or visits
     for item in below:
-        if item.name.casefold() in _KINDS_OF_SCAN:
-            subjects |= subjects_in(item, name)
-        elif _SESSION.fullmatch(item.name) or item.name in parts:
+        if _SESSION.fullmatch(item.name) or item.name in parts:
             subjects |= subjects_in(item, f"{name}_{item.name}")
+        elif item.name.casefold() in _KINDS_OF_SCAN:
+            subjects |= subjects_in(item, name)
     if subjects:
         return subjects
     deeper = [nested for item in below if (nested := subjects_in(item, name))]
     return deeper[0] if len(deeper) == 1 else {}
+
+
+def _visits_among(names: Sequence[str]) -> list[str]:
+    """Return the folders of visits, if one of them is the first; ``T1`` and ``T2`` alone are scans."""
+    visits = [name for name in names if _VISIT.fullmatch(name)]
+    letters = {name[0].casefold() for name in visits if name.casefold() != "bl"}
+    is_from_first = any(map(_FIRST_VISIT.fullmatch, visits))
+    return visits if len(visits) > 1 and len(letters) < 2 and is_from_first else []
 
 
 def mask_files(folder: Path) -> dict[str, Path]:
@@ -225,6 +241,27 @@ def only_scans(folders: Sequence[Path]) -> list[Path]:
         for item in folders
         if holds_files(item) and (item.name in named or not holds_files(item, without=IMAGES))
     ]
+
+
+def labels_of_scans(files: Sequence[Path], folders: Sequence[Path]) -> list[Path]:
+    """Return the folders of label maps of the same names as the files above them, which are scans."""
+    named = folders_of(LABELS, [item.name for item in folders])
+    labels = [item for item in folders if item.name in named]
+    owners = {name for item in labels for name in owned_files(item)}
+    scans = {stem_of(file) for file in files if suffix_of(file) in IMAGE_SUFFIXES}
+    return labels if owners and len(scans) == len(files) and owners <= scans else []
+
+
+def has_label_folder(folder: Path) -> bool:
+    """Return whether a folder contains a folder of label maps of several subjects."""
+    inner = {item.name: item for item in entries_of(folder) if item.is_dir()}
+    return any(len(owned_files(inner[name])) > 1 for name in folders_of(LABELS, inner))
+
+
+def holds_others(folder: Path) -> bool:
+    """Return whether a folder next to a cohort's files contains segmentations or meshes, too."""
+    is_project = (folder / "project.json").is_file()
+    return not is_project and holds_files(folder) and not only_scans([folder])
 
 
 def entries_of(folder: Path) -> list[Path]:

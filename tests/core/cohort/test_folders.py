@@ -462,3 +462,34 @@ def test_numbered_patients_have_folders_of_structures(tmp_path, cohort_of):
 def test_numbered_batches_of_training_and_testing_are_groups(tmp_path, cohort_of):
     cohort = cohort_of(tmp_path, *(f"Training Batch {k}/seg-{i}{k}.nii" for i in (1, 2) for k in (1, 2)))
     assert {item.group for item in cohort.subjects} == {"Training Batch 1", "Training Batch 2"}
+
+
+@pytest.mark.parametrize("visits", [("T0", "T1", "T2"), ("m00", "m12"), ("bl", "m06")])
+def test_visits_from_the_first_on_are_subjects_and_no_scans_or_structures(tmp_path, cohort_of, visits):
+    cohort = cohort_of(tmp_path, *(f"P{i}/{visit}/lh.nii.gz" for i in (1, 2, 3) for visit in visits))
+    assert [item.name for item in cohort.subjects] == [f"P{i}_{visit}" for i in (1, 2, 3) for visit in visits]
+
+
+def test_label_maps_below_scans_of_the_same_names_are_the_subjects(tmp_path, cohort_of, files_of):
+    cohort = cohort_of(tmp_path, *(f"{place}p{i}.nii.gz" for i in (1, 2) for place in ("", "labels/")))
+    assert files_of(cohort) == {f"p{i}": f"p{i}.nii.gz" for i in (1, 2)}
+    assert cohort.folder == tmp_path / "labels"
+    assert "labels" in cohort.notes[0]
+
+
+def test_numbers_that_follow_mask_and_image_at_once_are_of_the_subject(tmp_path, cohort_of):
+    cohort = cohort_of(tmp_path, *(f"liver-{kind}{i:03d}.nrrd" for i in (1, 2) for kind in ("orig", "seg")))
+    assert [item.path.name for item in cohort.subjects] == ["liver-seg001.nrrd", "liver-seg002.nrrd"]
+    assert cohort.subjects[0].image.name == "liver-orig001.nrrd"
+
+
+def test_two_versions_of_the_label_maps_are_not_combined(tmp_path, cohort_of):
+    places = [f"masks_{kind}/p{i}.nrrd" for i in (1, 2, 3) for kind in ("final", "old")]
+    with pytest.raises(InputError, match=r"masks_final \(3\), masks_old \(3\); give one"):
+        cohort_of(tmp_path, *places)
+
+
+def test_files_are_read_once_if_they_are_also_compressed(tmp_path, cohort_of, files_of):
+    cohort = cohort_of(tmp_path, *(f"p{i}.nii{end}" for i in (1, 2) for end in ("", ".gz")))
+    assert files_of(cohort) == {f"p{i}": f"p{i}.nii.gz" for i in (1, 2)}
+    assert "p1.nii" in cohort.notes[0]
