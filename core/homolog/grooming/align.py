@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from homolog.arrays import BoolArray, FloatArray
 from homolog.errors import InputError
 from homolog.geometry import rotation_of, scale_of
-from homolog.grooming.doubtful import other_turns
+from homolog.grooming.doubtful import OtherTurn, other_turns
 from homolog.grooming.icp import (
     Fit,
     OrientedPoints,
@@ -184,8 +184,8 @@ def register(
 
 def _others(
     units: Sequence[OrientedPoints], registrations: _Fits, findings: Findings, tick: Tick
-) -> dict[int, float]:
-    """Return further rotations [degrees] of rotated shapes that fit about as well, by index.
+) -> dict[int, OtherTurn]:
+    """Return further rotations after which rotated shapes fit about as well, or better, by index.
 
     Where the files agree, only shapes that were rotated against most others may be turned wrongly.
     """

@@ -21,7 +21,7 @@ from homolog.grooming.icp import Bending, OrientedPoints, candidates
 from homolog.progress import Tick, run_in_threads
 from homolog.threads import cores
 
-__all__ = ["other_turns", "unclear"]
+__all__ = ["OtherTurn", "other_turns", "unclear"]
 
 _FEWEST, _COMPARED = 5, 40
 """Fewest shapes that show how they vary; largest number of others with which a shape is compared."""
@@ -34,7 +34,16 @@ _ANOTHER = 30.0
 """Smallest rotation that counts as another orientation [degrees]."""
 _CLEAR, _USUALLY_CLEAR = 0.3, 0.6
 """Least margin of a clear orientation. If the median is below the second, shapes of this kind hardly tell
-orientations, and some of the others may be turned, too: then margins below the second are not clear."""
+orientations, and some of the others may be turned, too: then margins below the second are not clear. Below
+minus the first the other orientation fits better."""
+
+
+@dataclass(frozen=True, slots=True)
+class OtherTurn:
+    """A rotation by an angle [degrees] after which a shape fits the others about as well, or better."""
+
+    angle: float
+    is_better: bool = False
 
 
 def other_turns(
@@ -43,8 +52,8 @@ def other_turns(
     order: Sequence[int],
     asked: Sequence[int],
     tick: Tick,
-) -> dict[int, float]:
-    """Return by what angle [degrees] shapes can be rotated and fit the others about as well, by index.
+) -> dict[int, OtherTurn]:
+    """Return rotations after which shapes fit the others about as well, or better, by index of the shape.
 
     Parameters
     ----------
@@ -86,7 +95,11 @@ def other_turns(
 
     found = run_in_threads([partial(margin, k) for k in asked], tick, "aligning", cores())
     are_unclear = unclear([item for item, _ in found])
-    return {k: angle for k, (_, angle), is_one in zip(asked, found, are_unclear, strict=True) if is_one}
+    return {
+        k: OtherTurn(angle, is_better=own_margin < -_CLEAR)
+        for k, (own_margin, angle), is_one in zip(asked, found, are_unclear, strict=True)
+        if is_one
+    }
 
 
 def unclear(margins: Sequence[float]) -> list[bool]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from homolog.arrays import FloatArray
+from homolog.grooming.doubtful import OtherTurn
 
 __all__ = ["DOUBTFUL", "MIN_SUBJECTS", "OTHER_SIZE", "Findings", "notes_on"]
 
@@ -38,8 +39,8 @@ class Findings:
         Whether the orientations of the files were kept, and whether neither shapes nor files determine them.
     better : mapping of int to float
         Rotations [degrees] that would improve the fit clearly, by index; the file's orientation was kept.
-    others : mapping of int to float
-        Further rotations [degrees] in which a rotated subject fits about as well, by index.
+    others : mapping of int to OtherTurn
+        Further rotations after which rotated subjects fit about as well, or better, by index.
     """
 
     sizes: FloatArray
@@ -49,7 +50,7 @@ class Findings:
     held: bool
     unsure: bool
     better: Mapping[int, float]
-    others: Mapping[int, float]
+    others: Mapping[int, OtherTurn]
 
     @property
     def differ(self) -> bool:
@@ -82,9 +83,10 @@ def _note(findings: Findings, index: int, ratio: float) -> str | None:
             f"typical subject, usually {usual:.0f} %; check that it shows the same structure"
         )
     if index in findings.others:
+        other = findings.others[index]
         return (
-            f"its rotation is uncertain: after a further rotation by {findings.others[index]:.0f}° it fits "
-            "the others about as well; check it, or give all files one orientation"
+            f"its rotation is uncertain: after a further rotation by {other.angle:.0f}° it fits the others "
+            f"{'better' if other.is_better else 'about as well'}; check it, or give all files one orientation"
         )
     if findings.differ and not findings.unsure:
         return "the files have different orientations; each shape was rotated to match the others: check it"

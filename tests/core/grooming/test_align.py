@@ -11,7 +11,7 @@ from homolog.errors import Cancelled, InputError
 from homolog.geometry import rotation_of
 from homolog.grooming import align, groom_subject
 from homolog.grooming.align import register
-from homolog.grooming.doubtful import other_turns, unclear
+from homolog.grooming.doubtful import OtherTurn, other_turns, unclear
 from homolog.grooming.icp import Fit, OrientedPoints, fit_at, oriented_points, registered
 from homolog.grooming.orientation import agree
 from homolog.grooming.registration_notes import Findings, notes_on
@@ -268,7 +268,14 @@ def test_of_rotated_shapes_the_one_that_fits_as_well_turned_over_is_named(coarse
         units.append(points.scaled(1.0 / points.size))
     rotations = np.tile(np.eye(3), (5, 1, 1))
     turns = other_turns(units, rotations, range(5), range(5), no_tick)
-    assert turns == {4: pytest.approx(180.0, abs=5.0)}
+    assert list(turns) == [4]
+    assert turns[4].angle == pytest.approx(180.0, abs=5.0)
+    assert not turns[4].is_better
+    rotations[0] = np.diag([-1.0, -1.0, 1.0])
+    turned_over = other_turns(units, rotations, [1, 2, 3, 0, 4], [0, 1], no_tick)
+    assert turned_over[0].angle == pytest.approx(180.0, abs=10.0)
+    assert turned_over[0].is_better
+    rotations[0] = np.eye(3)
     assert other_turns(units, rotations, range(5), [0, 1], no_tick) == {}
     assert (
         other_turns(units[1:], rotations, range(4), range(4), no_tick) == {}
@@ -287,7 +294,7 @@ def test_where_most_orientations_are_hardly_clear_more_of_them_are_uncertain(mar
 def test_a_note_names_the_shape_whose_rotation_is_uncertain_and_by_how_much(angles):
     findings = Findings(
         np.ones(4), np.full(4, 0.1), np.array(angles), set(),
-        held=False, unsure=False, better={}, others={3: 177.6},
+        held=False, unsure=False, better={}, others={3: OtherTurn(177.6)},
     )  # fmt: skip
     notes = notes_on(findings)
     assert "178°" in (notes[3] or "")
