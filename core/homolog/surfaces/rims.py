@@ -23,6 +23,8 @@ _CRACK = 1e-4
 """Least area of an opening relative to the squared length of its rim; a smaller one is a crack."""
 _GAP = 1e-3
 """Largest distance of an open side from a coinciding one, relative to its length."""
+_SEAM = 0.9
+"""Least share of a rim's sides that coincide with those of another rim, if both are a seam."""
 _NEIGHBOURS = 12
 _FEW = 4
 """Number of faces per side of the rim; patches with fewer may be as flat as the rim."""
@@ -55,7 +57,7 @@ class Capped:
     caps, patches : (C, 3), (C,) int arrays
         Faces of the caps, and the patch of each.
     widths : (R,) float64 array
-        Widths of the rims that were closed.
+        Widths of the rims that were closed, without seams at which two patches meet.
     notches : int
         Number of notches and spikes in these rims.
     left : (B, 3) int array
@@ -113,7 +115,7 @@ def capped(vertices: FloatArray, faces: IntArray, patches: IntArray) -> Capped:
         np.concatenate([vertices, np.reshape(middles, (-1, 3))]),
         np.concatenate(caps),
         np.concatenate(cap_patches),
-        np.array([rim.width for rim in rims]),
+        _widths(vertices, rims),
         sum(len(rim.notches) for rim in rims),
         left[~_covered(vertices, left[:, :2])],
         joined,
@@ -226,6 +228,16 @@ def _covered(vertices: FloatArray, sides: IntArray) -> BoolArray:
         gap = np.linalg.norm(a[other] + np.clip(share, 0.0, 1.0)[:, None] * along[other] - middle, axis=1)
         covered |= is_there & (gap <= _GAP * np.minimum(length, length[other]))
     return covered
+
+
+def _widths(vertices: FloatArray, rims: Sequence[_Rim]) -> FloatArray:
+    """Return the widths of rims, without those that coincide with others: seams with T-junctions."""
+    if not rims:
+        return np.empty(0)
+    covered = _covered(vertices, np.concatenate([rim.sides for rim in rims]))
+    owners = np.repeat(np.arange(len(rims)), [len(rim.sides) for rim in rims])
+    is_seam = np.bincount(owners, covered) >= _SEAM * np.bincount(owners)
+    return np.array([rim.width for rim in rims])[~is_seam]
 
 
 def _plane(normal: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+import trimesh
 from skimage import measure
 
 from homolog.cohort import Cohort, Subject
@@ -433,3 +434,16 @@ def test_jagged_ends_of_thousands_of_corners_are_closed_flat():
     assert solid.is_closed
     assert is_sound(solid.mesh)
     assert solid.mesh.volume == pytest.approx(30.0 * area)
+
+
+def test_a_seam_between_coarse_and_fine_faces_is_no_open_end():
+    box = trimesh.creation.box((20.0, 12.0, 12.0)).subdivide_to_size(4.0)
+    fine = box.triangles_center[:, 0] > 0.0
+    other = trimesh.Trimesh(box.vertices, box.faces[fine]).subdivide()
+    vertices = np.concatenate([box.vertices, other.vertices])
+    solid = solid_of(
+        TriangleMesh(vertices, np.concatenate([box.faces[~fine], other.faces + len(box.vertices)]))
+    )
+    assert len(solid.rims) == 0
+    assert solid.is_closed
+    assert solid.mesh.volume == pytest.approx(box.volume)
