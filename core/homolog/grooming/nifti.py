@@ -41,6 +41,7 @@ logger.setLevel(logging.CRITICAL + 1)  # faults that nibabel logs are reported a
 _TO_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 _UNITS = {"meter": 1000.0, "mm": 1.0, "micron": 0.001, "unknown": 1.0}
 _NO_PLACE = "its header gives no patient orientation (no qform or sform); RAS axes were assumed"
+_SIZES_OF_SFORM = "its voxel sizes are zero or negative; those of its sform were used"
 _HEADER, _FARTHEST, _PART = 348, 2**28, 2**22  # bytes
 _MGH_HEADER = 284
 _NO_MGH_PLACE = "its header gives no patient orientation; FreeSurfer's coronal axes were assumed"
@@ -116,7 +117,7 @@ def _nifti_header(
 ) -> tuple[Any, list[int], FloatArray, tuple[str, ...]]:
     """Return nibabel's image, unread; its size (with channels, if wanted), matrix to LPS and notes."""
     try:
-        image: Any = _opened(path)
+        image, sizes = _opened(path)
     except _FAULTS as error:
         raise InputError(
             f"{path}: is not a readable image; export it again, or exclude it ({_first_line(error)})"
@@ -141,7 +142,7 @@ def _nifti_header(
         path, shape[:3] if count > 1 else shape, count * (kind.itemsize + (8.0 if scaled else kind.itemsize))
     )
     matrix, notes = placement(path, header, shape[:3])
-    notes = (*notes, *_misnamed(path))
+    notes = (*sizes, *notes, *_misnamed(path))
     return image, shape, _TO_LPS @ matrix, notes
 
 
@@ -248,15 +249,37 @@ def _misnamed(path: Path) -> tuple[str, ...]:
     return (f"is {'' if packed else 'not '}compressed, although its name says otherwise; it was read anyway",)
 
 
-def _opened(path: Path) -> Any:  # noqa: ANN401 - half of nibabel is untyped
-    """Return an image with a valid header; refuse invalid headers, which nibabel would correct silently."""
+def _opened(path: Path) -> tuple[Any, tuple[str, ...]]:
+    """Return an image with a valid header, and notes; nibabel would correct invalid headers silently."""
     with ErrorLevel(DUBIOUS):  # type: ignore[no-untyped-call]
-        if not _misnamed(path):
-            return nibabel.load(path, mmap=False)
-        stream = io.BytesIO(_unpacked(path, _FARTHEST))
-        kind: Any = nibabel.Nifti2Image if stream.read(2) in _NIFTI_2 else nibabel.Nifti1Image
-        stream.seek(0)
-        return kind.from_file_map({"image": nibabel.FileHolder(fileobj=stream)}, mmap=False)
+        try:
+            if not _misnamed(path):
+                return nibabel.load(path, mmap=False), ()
+            return _image_of(_unpacked(path, _FARTHEST)), ()
+        except HeaderDataError as error:
+            of_sizes = str(error).startswith("pixdim[1,2,3]")
+            content = _with_voxel_sizes(_unpacked(path, _FARTHEST)) if of_sizes else b""
+            if not content:
+                raise
+            return _image_of(content), (_SIZES_OF_SFORM,)
+
+
+def _image_of(content: bytes) -> Any:  # noqa: ANN401 - half of nibabel is untyped
+    kind: Any = nibabel.Nifti2Image if content[:2] in _NIFTI_2 else nibabel.Nifti1Image
+    return kind.from_file_map({"image": nibabel.FileHolder(fileobj=io.BytesIO(content))}, mmap=False)
+
+
+def _with_voxel_sizes(content: bytes) -> bytes:
+    """Return a file's content with the voxel sizes of its sform; empty if it has none."""
+    kind: Any = nibabel.Nifti2Header if content[:2] in _NIFTI_2 else nibabel.Nifti1Header
+    size = int(kind.template_dtype.itemsize)
+    header = kind(content[:size], check=False)
+    matrix, code = header.get_sform(coded=True)
+    sizes = np.linalg.norm(matrix[:3, :3], axis=0) if code > 0 else np.zeros(3)
+    if not (np.isfinite(sizes).all() and sizes.min() > 0.0):
+        return b""
+    header["pixdim"][1:4] = sizes
+    return bytes(header.binaryblock) + content[size:]
 
 
 def _content(path: Path, begin: int, end: int) -> bytes:

@@ -226,6 +226,19 @@ def test_a_header_that_makes_no_sense_is_refused_and_nothing_printed(
     assert "".join(capfd.readouterr()) == ""
 
 
+@pytest.mark.parametrize("name", ["a.nii", "a.nii.gz"])
+@pytest.mark.parametrize("value", [-1.5, 0.0])
+@pytest.mark.parametrize("qform", [RAS, None])
+def test_voxel_sizes_of_zero_or_below_are_those_of_the_sform(write, blocks, points, name, value, qform):
+    path = write(qform, RAS, name)
+    content = path.read_bytes() if name == "a.nii" else gzip.decompress(path.read_bytes())
+    content = content[:80] + floats(value) + content[84:]
+    path.write_bytes(content if name == "a.nii" else gzip.compress(content))
+    result = read_segmentation(path, None)
+    assert np.allclose(points(result), expected(blocks), atol=1e-4)
+    assert "those of its sform" in said(result)[0]
+
+
 @pytest.mark.parametrize(("cut", "end"), [(slice(-20), b""), (slice(-8), bytes(8))])
 def test_packed_voxels_that_are_damaged_are_refused(write, cut, end):
     path = write(RAS, None, "a.nii.gz")
