@@ -53,10 +53,10 @@ def folders_of(kind: re.Pattern[str], names: Iterable[str]) -> set[str]:
     names : iterable of str
         Names of the folders next to each other.
     """
-    words = {name: _words(name) for name in names}
-    shared = set.intersection(*map(set, words.values())) if len(words) > 1 else set[str]()
+    by_name = {name: _words(name) for name in names}
+    shared = set.intersection(*map(set, by_name.values())) if len(by_name) > 1 else set[str]()
     shared = {word for word in shared if not _is_content(word)}
-    return {name for name, own in words.items() if kind.fullmatch(_told(own, shared))}
+    return {name for name, own in by_name.items() if kind.fullmatch(_told(own, shared))}
 
 
 def describe_contents(names: Collection[str]) -> bool:
@@ -69,8 +69,8 @@ def _words(name: str) -> list[str]:
     return [word.casefold() for word in re.findall(r"[^\W\d_]+", _CAPITAL.sub("_", name))]
 
 
-def _told(words: Iterable[str], shared: Collection[str]) -> str:
-    return " ".join(word for word in words if word not in shared and word not in _PARTS | _VERSIONS)
+def _told(own: Iterable[str], shared: Collection[str]) -> str:
+    return " ".join(word for word in own if word not in shared and word not in _PARTS | _VERSIONS)
 
 
 def _is_content(word: str) -> bool:

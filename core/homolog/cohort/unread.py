@@ -23,6 +23,8 @@ _REMEDIES = {
     **dict.fromkeys((".vti", ".vts", ".vtr"), "save label maps as .mhd in ParaView or as .nrrd in 3D Slicer"),
     **dict.fromkeys((".vtm", ".vtmb"), "keep them with the folders of their parts, or save .vtp in ParaView"),
     **dict.fromkeys((".jpg", ".jpeg", ".gif"), "export label maps, or slices as PNG or TIFF"),
+    ".img": "put their headers (.hdr) next to them",
+    **dict.fromkeys((".raw", ".zraw"), "put their headers (.mhd or .nhdr) next to them"),
     ".swproj": "import the ShapeWorks project: homolog import",
     ".itksnap": "save the segmentation as NIfTI in ITK-SNAP",
     ".particles": "import the particles: homolog import",

@@ -54,6 +54,8 @@ _MOST_LOST = 0.01
 """Largest fraction of faces with vertices that are not finite; with more the file counts as damaged."""
 _DECIMAL_COMMA = re.compile(rb"(?<=\d),(?=\d)")
 """As some programs write numbers of text on computers set to German or French."""
+_OWN_REMEDY = re.compile(r"; (save|export) ")
+"""In messages of readers that say themselves what to do."""
 _LPS_HEADER = "SPACE=LPS"  # 3D Slicer's mark for the patient frame used here
 
 
@@ -108,11 +110,7 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     except TooLargeError as error:
         raise InputError(f"{path}: has {error}; simplify the surface") from error
     except Exception as error:  # parsers raise many kinds of errors on damaged files
-        raise InputError(
-            f"{path}: can't be read as a mesh (truncated, damaged or of another type: "
-            f"{_parser_message(error)}); "
-            "copy or export it again"
-        ) from error
+        raise InputError(f"{path}: can't be read as a mesh{_fault(error)}") from error
     faces = every[np.isfinite(surface.points[every]).all(axis=(1, 2))]
     if len(every) - len(faces) > _MOST_LOST * len(every):
         raise InputError(f"{path}: contains coordinates that aren't numbers; export the surface again")
@@ -256,7 +254,10 @@ def _as_polydata(mesh: TriangleMesh, point_data: Mapping[str, Array]) -> Any:  #
     return polydata
 
 
-def _parser_message(error: Exception) -> str:
-    """Return a parser's message, without the bytes that it could not parse."""
+def _fault(error: Exception) -> str:
+    """Return a parser's message, without the bytes that it could not parse, and what to do."""
     text = str(error) or type(error).__name__
-    return "".join(sign if sign.isascii() and sign.isprintable() else "?" for sign in text[:80])
+    plain = "".join(sign if sign.isascii() and sign.isprintable() else "?" for sign in text[:80])
+    if _OWN_REMEDY.search(plain):
+        return f": {plain}"
+    return f" (truncated, damaged or of another type: {plain}); copy or export it again"

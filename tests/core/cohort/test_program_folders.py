@@ -229,6 +229,8 @@ def test_a_folder_of_results_beside_data_is_no_group(tmp_path, cohort_of, files_
         ("a.am", "export"),
         ("a.mnc", "mnc2nii"),
         ("a.vti", "ParaView"),
+        ("a.img", r"\.hdr"),
+        ("a.zraw", r"\.mhd"),
         ("a.swproj", "homolog import"),
     ],
 )
