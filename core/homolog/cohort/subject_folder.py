@@ -244,12 +244,14 @@ def only_scans(folders: Sequence[Path]) -> list[Path]:
 
 
 def labels_of_scans(files: Sequence[Path], folders: Sequence[Path]) -> list[Path]:
-    """Return the folders of label maps of the same names as the files above them, which are scans."""
+    """Return the folders of label maps of the files above them, if most of these are their scans by name."""
     named = folders_of(LABELS, [item.name for item in folders])
     labels = [item for item in folders if item.name in named]
-    owners = {name for item in labels for name in owned_files(item)}
-    scans = {stem_of(file) for file in files if suffix_of(file) in IMAGE_SUFFIXES}
-    return labels if owners and len(scans) == len(files) and owners <= scans else []
+    owned = {name: file for item in labels for name, file in owned_files(item).items()}
+    scans, _ = files_beside([*files, *owned.values()])
+    known = [file for file in files if stem_of(file) in owned or scans.get(file) in owned.values()]
+    are_images = all(suffix_of(file) in IMAGE_SUFFIXES for file in files)
+    return labels if known and are_images and 2 * len(known) >= len(files) else []
 
 
 def has_label_folder(folder: Path) -> bool:

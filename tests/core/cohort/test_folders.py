@@ -470,11 +470,19 @@ def test_visits_from_the_first_on_are_subjects_and_no_scans_or_structures(tmp_pa
     assert [item.name for item in cohort.subjects] == [f"P{i}_{visit}" for i in (1, 2, 3) for visit in visits]
 
 
-def test_label_maps_below_scans_of_the_same_names_are_the_subjects(tmp_path, cohort_of, files_of):
-    cohort = cohort_of(tmp_path, *(f"{place}p{i}.nii.gz" for i in (1, 2) for place in ("", "labels/")))
-    assert files_of(cohort) == {f"p{i}": f"p{i}.nii.gz" for i in (1, 2)}
-    assert cohort.folder == tmp_path / "labels"
-    assert "labels" in cohort.notes[0]
+@pytest.mark.parametrize(
+    ("scan", "mask"), [("p{}.nii", "labels/p{}.nii"), ("scan_{}.nii", "masks/seg_{}.nii")]
+)
+def test_label_maps_below_their_scans_are_the_subjects(tmp_path, cohort_of, scan, mask):
+    cohort = cohort_of(tmp_path, *(text.format(i) for i in (1, 2) for text in (scan, mask)))
+    assert [item.path for item in cohort.subjects] == [tmp_path / mask.format(i) for i in (1, 2)]
+    assert mask.partition("/")[0] in cohort.notes[0]
+
+
+def test_one_more_mask_below_many_label_maps_does_not_replace_them(tmp_path, cohort_of):
+    cohort = cohort_of(tmp_path, *(f"p{i}.nii" for i in (1, 2, 3)), "masks/p1.nii")
+    assert len(cohort.subjects) == 3
+    assert "masks" in cohort.notes[0]
 
 
 def test_numbers_that_follow_mask_and_image_at_once_are_of_the_subject(tmp_path, cohort_of):
