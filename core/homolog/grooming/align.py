@@ -189,13 +189,13 @@ def _others(
 
     Where the files agree, only shapes that were rotated against most others may be turned wrongly.
     """
-    asked = np.flatnonzero(findings.angles > DOUBTFUL).tolist()
+    tested = np.flatnonzero(findings.angles > DOUBTFUL).tolist()
     if findings.differ or findings.unsure:
-        asked = list(range(len(units)))
-    if not asked:
+        tested = list(range(len(units)))
+    if not tested:
         return {}
     rotations = rotation_of(np.array([fit.pose for fit in registrations.fits]))
-    return other_turns(units, rotations, by_typicality(units).tolist(), asked, tick)
+    return other_turns(units, rotations, by_typicality(units).tolist(), tested, tick)
 
 
 def _fits(

@@ -50,7 +50,7 @@ def other_turns(
     units: Sequence[OrientedPoints],
     rotations: FloatArray,
     order: Sequence[int],
-    asked: Sequence[int],
+    tested: Sequence[int],
     tick: Tick,
 ) -> dict[int, OtherTurn]:
     """Return rotations after which shapes fit the others about as well, or better, by index of the shape.
@@ -63,12 +63,12 @@ def other_turns(
         Rotations that register them to each other.
     order : sequence of int
         Their indices, the most typical first.
-    asked : sequence of int
+    tested : sequence of int
         Indices of the shapes whose orientation may be wrong.
     tick : Tick
         Progress and cancellation.
     """
-    if len(units) < _FEWEST or not asked:
+    if len(units) < _FEWEST or not tested:
         return {}
 
     def surface(index: int) -> SearchedPoints:  # not kept: memory for thousands
@@ -84,20 +84,20 @@ def other_turns(
         return _nearest(target, *template.bent(target, np.eye(4)))
 
     compared = order[: _COMPARED + 1]
-    involved = sorted({*compared, *asked})
-    works = [partial(carried, k) for k in involved]
-    points = dict(zip(involved, run_in_threads(works, tick, "aligning", cores()), strict=True))
+    works = [partial(carried, k) for k in compared]
+    points = dict(zip(compared, run_in_threads(works, tick, "aligning", cores()), strict=True))
 
     def margin(index: int, inner: Tick) -> tuple[float, float]:
         inner(0.0, "aligning")
         others = _Others.of(np.array([points[k] for k in compared if k != index][:_COMPARED]))
-        return others.margin(surface(index), points[index])
+        own = points[index] if index in points else carried(index, inner)
+        return others.margin(surface(index), own)
 
-    found = run_in_threads([partial(margin, k) for k in asked], tick, "aligning", cores())
-    are_unclear = unclear([item for item, _ in found])
+    margins = run_in_threads([partial(margin, k) for k in tested], tick, "aligning", cores())
+    are_unclear = unclear([item for item, _ in margins])
     return {
         k: OtherTurn(angle, is_better=own_margin < -_CLEAR)
-        for k, (own_margin, angle), is_one in zip(asked, found, are_unclear, strict=True)
+        for k, (own_margin, angle), is_one in zip(tested, margins, are_unclear, strict=True)
         if is_one
     }
 
