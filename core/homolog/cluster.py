@@ -346,7 +346,8 @@ def _distributed() -> Any:  # noqa: ANN401 - an optional library without types
             'clusters need Dask, which is not installed; install it with: pip install "homolog[cluster]"'
         ) from error
     logging.getLogger("distributed").setLevel(logging.ERROR)  # its reports would fill the window's log
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # its errors are raised
+    for name in ("distributed.client", "tornado.application", "asyncio"):  # errors that Dask raises as well
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     return distributed
 
 

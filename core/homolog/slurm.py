@@ -1,6 +1,5 @@
 """Jobs of Slurm as the workers of a Dask cluster."""
 
-import logging
 import re
 import shutil
 from collections.abc import Iterator
@@ -76,7 +75,6 @@ def slurm_jobs(number: int) -> Iterator[SlurmJobs]:
             "cluster slurm needs dask-jobqueue, which is not installed; install it with: "
             'pip install "homolog[cluster]"'
         ) from error
-    logging.getLogger("tornado.application").setLevel(logging.CRITICAL)  # tracebacks of refused jobs
     jobs = SlurmJobs()
 
     class RecordedJob(SLURMJob):  # type: ignore[misc]  # a library without types
