@@ -261,7 +261,7 @@ class Work(QObject):
     @Slot(object)
     def _progressed(self, status: Status) -> None:
         self._drain()
-        if self.session.job.is_busy and self._next is None:
+        if self._kind not in BACKGROUND and self._next is None:
             self._status = status
         self._update_job(status.message if self._kind not in ("groom", "run") else "")
         state = (self.runner.job, self._status is None, status.paused, self.session.preliminary)
