@@ -247,9 +247,12 @@ def labels_of_scans(files: Sequence[Path], folders: Sequence[Path]) -> list[Path
     """Return the folders of label maps of the files above them, if most of these are their scans by name."""
     named = folders_of(LABELS, [item.name for item in folders])
     labels = [item for item in folders if item.name in named]
+    if not labels:
+        return []
     owned = {name: file for item in labels for name, file in owned_files(item).items()}
-    scans, _ = files_beside([*files, *owned.values()])
-    known = [file for file in files if stem_of(file) in owned or scans.get(file) in owned.values()]
+    label_maps = set(owned.values())
+    scans, _ = files_beside([*files, *label_maps])
+    known = [file for file in files if stem_of(file) in owned or scans.get(file) in label_maps]
     are_images = all(suffix_of(file) in IMAGE_SUFFIXES for file in files)
     return labels if known and are_images and 2 * len(known) >= len(files) else []
 

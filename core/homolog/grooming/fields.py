@@ -71,12 +71,13 @@ def distance_field(level: Level, smoothing: float, tunnels: float = 0.0) -> Smoo
     solid, loose = _one_solid(level.values)
     notes = level.notes
     inside, filled = fill_tunnels(solid < 0.0, tunnels)
-    if filled:
+    if max(filled) > 0:
         patched = np.where(inside & (solid > 0.0), _OF_PATCHES, solid)
-        # nodes along a sharp edge touch only at corners, which the surface between them does not show
-        filled = min(filled, (_euler_number(_zero(patched)) - _euler_number(_zero(solid))) // 2)
-        if filled > 0:
-            notes = (*notes, f"tunnels narrower than {tunnels:g} nodes of the grid were filled: {filled}")
+        number = min(filled)
+        if number <= 0:  # nodes along a sharp edge touch only at corners; the surface between them is closed
+            number = min(max(filled), (_euler_number(_zero(patched)) - _euler_number(_zero(solid))) // 2)
+        if number > 0:
+            notes = (*notes, f"tunnels narrower than {tunnels:g} nodes of the grid were filled: {number}")
         solid = patched
     distances = redistanced(solid, reach=NEAR)
     values = smoothed(distances, _FINAL * smoothing)

@@ -58,7 +58,7 @@ THIN_NODES = 2**22
 WALL_NODES = 1.8
 """Least number of nodes across the walls of a mesh; thinner walls are thickened to it."""
 SAMPLED_FACES = 400_000
-"""Largest number of faces at which the thickness of a mesh is measured; of larger meshes, each second …"""
+"""Largest number of faces at which the thickness of a mesh is measured; larger meshes are sampled evenly."""
 RIM_SHARE = 0.01
 """Largest share of thin walls in the surface for which no wall is thickened."""
 STACK_RATIO = 2.001
@@ -248,11 +248,11 @@ def _thickened(mesh: TriangleMesh, step: float) -> tuple[TriangleMesh, tuple[str
     least = WALL_NODES * step
     even = without_noise(mesh, 0.5 * step)
     every = -(-len(mesh.faces) // SAMPLED_FACES)
-    areas = mesh.face_areas[::every]
-    if areas[thickness(even, every) < least].sum() <= RIM_SHARE * areas.sum():
+    areas, through = mesh.face_areas[::every], thickness(even, every)
+    if areas[through < least].sum() <= RIM_SHARE * areas.sum():
         return mesh, ()
     thinnest = np.full(len(mesh.vertices), np.inf)
-    np.minimum.at(thinnest, mesh.faces.ravel(), np.repeat(thickness(even), 3))
+    np.minimum.at(thinnest, mesh.faces.ravel(), np.repeat(through if every == 1 else thickness(even), 3))
     shift = 0.5 * np.maximum(least - thinnest, 0.0)
     share = 100.0 * np.mean(shift > 0.0)
     note = (

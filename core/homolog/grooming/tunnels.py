@@ -67,7 +67,7 @@ def euler_numbers(solid: BoolArray) -> tuple[int, int]:
     return int(counts @ _BY_FACES) // 8, int(counts @ _BY_CORNERS) // 8
 
 
-def fill_tunnels(solid: BoolArray, width: float) -> tuple[BoolArray, int]:
+def fill_tunnels(solid: BoolArray, width: float) -> tuple[BoolArray, tuple[int, int]]:
     """Fill tunnels narrower than a width: those between thick parts and holes in thin walls.
 
     The voxels added by a closing of the solid form patches. A patch is added only if it reduces the number of
@@ -84,14 +84,14 @@ def fill_tunnels(solid: BoolArray, width: float) -> tuple[BoolArray, int]:
     -------
     (I, J, K) bool array
         A single piece without cavities.
-    int
-        Number of tunnels that were filled.
+    (int, int)
+        Number of tunnels that were filled, by each of the `euler_numbers`.
     """
     box = tuple(slice(max(side.start - 1, 0) // 2 * 2, side.stop + 1) for side in box_of(solid))
     part = solid[box]
     before = euler_numbers(part)
     if sum(before) == 2 or width <= 0.0:
-        return solid, 0
+        return solid, (0, 0)
     part = without_cavities(_plugged(part))
     after = euler_numbers(part)
     for radius in _RADII:
@@ -101,7 +101,7 @@ def fill_tunnels(solid: BoolArray, width: float) -> tuple[BoolArray, int]:
         after = euler_numbers(part)
     result = solid.copy()
     result[box] = part
-    return result, max(np.subtract(after, before).tolist())
+    return result, (after[0] - before[0], after[1] - before[1])
 
 
 def _plugged(solid: BoolArray) -> BoolArray:

@@ -46,8 +46,8 @@ def test_a_filled_solid_has_no_more_tunnels_by_faces_and_corners_together(seed):
 
 @pytest.mark.parametrize("width", [1, 2])
 def test_a_narrow_tunnel_is_filled_and_nothing_else_is_changed(width):
-    filled, count = fill_tunnels(bored(width), 3.0)
-    assert count == 1
+    filled, counts = fill_tunnels(bored(width), 3.0)
+    assert counts == (1, 1)
     assert euler_number(filled) == 1
     assert not (filled & ~block(20, 20, 6)).any()
     assert (filled | ~bored(width)).all()
@@ -56,24 +56,24 @@ def test_a_narrow_tunnel_is_filled_and_nothing_else_is_changed(width):
 def test_a_hole_whose_rim_touches_at_an_edge_only_is_filled():
     solid = block(8, 8, 1)
     solid[2, 2] = solid[3, 3] = False  # a corner, and the voxel across from it
-    filled, count = fill_tunnels(solid, 3.0)
-    assert count == 1
+    filled, counts = fill_tunnels(solid, 3.0)
+    assert max(counts) == 1
     assert filled[3, 3, 2]
     assert not filled[2, 2, 2]
 
 
 def test_a_wide_tunnel_stays():
     solid = bored(8)
-    filled, count = fill_tunnels(solid, 3.0)
-    assert count == 0
+    filled, counts = fill_tunnels(solid, 3.0)
+    assert counts == (0, 0)
     assert np.array_equal(filled, solid)
 
 
 def test_a_gap_between_parts_that_makes_no_tunnel_stays():
     solid = block(20, 20, 6)
     solid[9:11, :15] = False  # a slot, open at one end
-    filled, count = fill_tunnels(solid, 3.0)
-    assert count == 0
+    filled, counts = fill_tunnels(solid, 3.0)
+    assert counts == (0, 0)
     assert np.array_equal(filled, solid)
 
 
@@ -92,17 +92,17 @@ def test_noise_of_labels_leaves_few_tunnels_and_one_piece():
     solid = x**2 / 300 + y**2 / 300 + z**2 / 60 + 0.45 * rng.normal(size=x.shape) < 1.0
     labels, _ = ndimage.label(solid)
     solid = ndimage.binary_fill_holes(labels == 1 + np.argmax(np.bincount(labels.ravel())[1:]))
-    filled, count = fill_tunnels(solid, 3.0)
+    filled, counts = fill_tunnels(solid, 3.0)
     assert 1 - euler_number(solid) > 100
     assert 1 - euler_number(filled) < 0.2 * (1 - euler_number(solid))
-    assert count == euler_number(filled) - euler_number(solid)
+    assert max(counts) == euler_number(filled) - euler_number(solid)
     assert ndimage.label(filled)[1] == 1
     assert not (solid & ~filled).any()
 
 
 def test_no_width_keeps_all():
-    filled, count = fill_tunnels(bored(1), 0.0)
-    assert count == 0
+    filled, counts = fill_tunnels(bored(1), 0.0)
+    assert counts == (0, 0)
     assert np.array_equal(filled, bored(1))
 
 
@@ -113,14 +113,15 @@ def test_patches_are_looked_at_while_that_is_little_work(monkeypatch):
     monkeypatch.setattr("homolog.grooming.tunnels.MAX_LOOKS", 0)
     unchanged, filled = fill_tunnels(wall, 4.0)
     assert np.array_equal(unchanged, wall)
-    assert filled == 0
+    assert filled == (0, 0)
 
 
 def test_a_sharp_edge_has_no_tunnels_and_a_bore_has_one():
     corners = np.array([[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 12.0]])
     sharp = TriangleMesh(corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
     level = level_of_mesh(sharp, None)
-    assert fill_tunnels(level.values < 0.0, 3.0)[1] > 0
+    fewest, most = sorted(fill_tunnels(level.values < 0.0, 3.0)[1])
+    assert fewest <= 0 < most
     assert not distance_field(level, 1.0, 3.0).notes
     values = np.pad(np.where(bored(2), -1.0, 1.0), 6, constant_values=1.0)
     notes = distance_field(Level(values, np.eye(4), 1.0), 1.0, 3.0).notes
