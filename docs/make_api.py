@@ -9,16 +9,16 @@ from typing import Any
 
 import homolog as hl
 import homolog_app.api as of_projects
-from homolog.analysis.assumptions import Dispersion
-from homolog.analysis.comparison import Comparison
-from homolog.analysis.discriminant import Discriminant
-from homolog.analysis.effects import Effect
-from homolog.analysis.mode_test import ModeTest
-from homolog.analysis.pointwise_test import PointwiseTest
 from homolog.cohort import Subject
 from homolog.parameters import parameters
 from homolog.patient import Percentile, Region
 from homolog.settings import GroomSettings, OptimizeSettings
+from homolog.statistics.assumptions import Dispersion
+from homolog.statistics.comparison import Comparison
+from homolog.statistics.discriminant import Discriminant
+from homolog.statistics.effects import Effect
+from homolog.statistics.mode_test import ModeTest
+from homolog.statistics.pointwise_test import PointwiseTest
 
 PAGE = Path(__file__).with_name("api.md")
 

@@ -17,13 +17,13 @@ from typing import Literal
 from pydantic import ValidationError
 
 from homolog import Comparison, Project
-from homolog.analysis.design import reference_first
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.files.report_details import read_details
 from homolog.files.results import Result, read_result
 from homolog.parameters import fault_text
 from homolog.progress import Tick, no_tick, part_of, tick_of
+from homolog.statistics.design import reference_first
 from homolog_app.report.findings import Finding, cautions, findings
 from homolog_app.report.request import StudyRequest, column_of
 from homolog_app.report.seeds import SeedAnswer, answer_by_seed, spread_text, stored_seeds, write_spread

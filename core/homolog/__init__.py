@@ -17,8 +17,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from homolog.analysis.comparison import Comparison
-    from homolog.analysis.shape_model import ShapeModel
     from homolog.api.compare import compare_groups, regress
     from homolog.api.correspond import Correspondence, correspond
     from homolog.api.patient import compare_patient, make_reference
@@ -29,6 +27,8 @@ if TYPE_CHECKING:
     from homolog.geodesics import geodesic_distances
     from homolog.patient.compare import PatientComparison
     from homolog.patient.reference import Reference
+    from homolog.statistics.comparison import Comparison
+    from homolog.statistics.shape_model import ShapeModel
     from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = [
@@ -59,14 +59,14 @@ __version__ = "0.2.0"
 _HOMES = {
     "Cancelled": "errors",
     "Cohort": "cohort",
-    "Comparison": "analysis.comparison",
+    "Comparison": "statistics.comparison",
     "Correspondence": "api.correspond",
     "InputError": "errors",
     "NumericalError": "errors",
     "PatientComparison": "patient.compare",
     "Project": "api.project",
     "Reference": "patient.reference",
-    "ShapeModel": "analysis.shape_model",
+    "ShapeModel": "statistics.shape_model",
     "TriangleMesh": "surfaces.mesh",
     "compare_groups": "api.compare",
     "compare_patient": "api.patient",

@@ -13,7 +13,6 @@ import pytest
 import trimesh
 from PIL import Image
 
-from homolog.analysis.shape_model import ShapeModel
 from homolog.files.meshes import read_mesh, write_mesh
 from homolog.files.particles import read_particles, write_particles
 from homolog.files.project import ProjectFolder
@@ -21,6 +20,7 @@ from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
 from homolog.files.results import mean_file, particle_file, read_result, read_surfaces, surface_file
 from homolog.files.tables import write_table
 from homolog.settings import RunSettings
+from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.cli import main
 

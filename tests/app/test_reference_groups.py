@@ -2,7 +2,7 @@
 
 import pytest
 
-from homolog.analysis.design import reference_first
+from homolog.statistics.design import reference_first
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import SimpleITK
 
-from homolog.analysis.effects import Effect
 from homolog.cohort import Cohort, Subject
 from homolog.files.project import ProjectFolder
 from homolog.run import Run
+from homolog.statistics.effects import Effect
 from homolog_app.cli import main
 from homolog_app.report.seeds import SeedAnswer, median_answer, read_spread, spread_text, write_spread
 from homolog_app.report.study_section import interval_cell

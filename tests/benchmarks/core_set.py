@@ -18,9 +18,6 @@ import numpy as np
 import pyvista
 from dense_truth import bean_mesh, truth_errors
 
-from homolog.analysis.evaluation import generalization
-from homolog.analysis.parallel import parallel_analysis
-from homolog.analysis.procrustes import align
 from homolog.arrays import FloatArray
 from homolog.beans.evaluate import evaluate
 from homolog.beans.files import write_beans
@@ -30,6 +27,9 @@ from homolog.files.project import ProjectFolder
 from homolog.files.results import Result, read_result
 from homolog.run import Run
 from homolog.settings import Alignment, GroomSettings, OptimizeSettings, Procrustes, RunSettings
+from homolog.statistics.evaluation import generalization
+from homolog.statistics.parallel import parallel_analysis
+from homolog.statistics.procrustes import align
 
 
 def scores(particles: FloatArray, modes: int) -> FloatArray:

@@ -28,7 +28,6 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "anatomy"))
 
 from cohort import carried
 
-from homolog.analysis.thin_plate import landmark_errors
 from homolog.beans.evaluate import evaluate
 from homolog.beans.generate import NARROW, WIDE, draw_beans
 from homolog.cohort import read_cohort
@@ -40,6 +39,7 @@ from homolog.geodesics.kernels.lookup import LANES, MISSING
 from homolog.geodesics.table import ARRAYS
 from homolog.inspection import inspect
 from homolog.settings import GroomSettings, Method, OptimizeSettings, RunSettings
+from homolog.statistics.thin_plate import landmark_errors
 from homolog.surfaces.snapping import snapping
 
 BEANS = {f"wide{seed}": (WIDE, seed) for seed in (1, 2, 3, 5, 12)} | {"narrow5": (NARROW, 5)}

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from optimizer import expert_landmarks, load
 
-from homolog.analysis.thin_plate import landmark_errors
 from homolog.correspondence import Shape, optimize
 from homolog.device import choose_device
 from homolog.settings import OptimizeSettings
+from homolog.statistics.thin_plate import landmark_errors
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.snapping import snapping

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.thin_plate import landmark_errors
 from homolog.cohort import read_cohort
 from homolog.correspondence import Shape, optimize
 from homolog.device import choose_device
@@ -23,6 +22,7 @@ from homolog.geometry import transform_points
 from homolog.grooming import align, groom_cohort
 from homolog.grooming.icp import oriented_points, registered
 from homolog.settings import OptimizeSettings, RunSettings
+from homolog.statistics.thin_plate import landmark_errors
 from homolog.surfaces.snapping import snapping
 
 DATA = Path(os.environ.get("HOMOLOG_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))

@@ -28,7 +28,6 @@ import numpy as np
 from growth_plot import draw_growth
 from ventricle_walls import wall_swaps
 
-from homolog.analysis.thin_plate import landmark_errors as errors_of_landmarks
 from homolog.beans.evaluate import evaluate
 from homolog.beans.generate import NARROW, WIDE, draw_beans
 from homolog.correspondence import Shape, optimize
@@ -41,6 +40,7 @@ from homolog.device import choose_device, describe_device
 from homolog.geometry import farthest_point_sampling
 from homolog.progress import no_tick
 from homolog.settings import GroomSettings, Method, OptimizeSettings
+from homolog.statistics.thin_plate import landmark_errors as errors_of_landmarks
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.snapping import snapping

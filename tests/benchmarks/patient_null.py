@@ -39,7 +39,6 @@ from scipy import stats
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from homolog.analysis.procrustes import align
 from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result
 from homolog.geometry import farthest_point_sampling
@@ -53,6 +52,7 @@ from homolog.patient.reference import Reference
 from homolog.samples.hearts import make_hearts
 from homolog.samples.study import Waves
 from homolog.settings import GroomSettings
+from homolog.statistics.procrustes import align
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import MIRROR

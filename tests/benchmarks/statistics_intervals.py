@@ -14,11 +14,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy import stats
 
-from homolog.analysis.assumptions import dispersion_test
-from homolog.analysis.design import group_design
-from homolog.analysis.discriminant import discriminant
-from homolog.analysis.effects import Effect, distance_of_several, explained_variance
-from homolog.analysis.held_out import auc_bounds
+from homolog.statistics.assumptions import dispersion_test
+from homolog.statistics.design import group_design
+from homolog.statistics.discriminant import discriminant
+from homolog.statistics.effects import Effect, distance_of_several, explained_variance
+from homolog.statistics.held_out import auc_bounds
 
 Draw = Callable[[tuple[int, ...]], np.ndarray]
 

@@ -15,17 +15,17 @@ from collections.abc import Callable
 
 import numpy as np
 
-from homolog.analysis.assumptions import dispersion_test
-from homolog.analysis.comparison import Options
-from homolog.analysis.design import covariate_columns, group_design
-from homolog.analysis.discriminant import discriminant
-from homolog.analysis.mode_test import mode_test
-from homolog.analysis.parallel import parallel_analysis
-from homolog.analysis.pointwise_test import pointwise_test
-from homolog.analysis.procrustes import align
-from homolog.analysis.shape_model import ShapeModel
-from homolog.analysis.studies import compare_two_groups
 from homolog.arrays import FloatArray
+from homolog.statistics.assumptions import dispersion_test
+from homolog.statistics.comparison import Options
+from homolog.statistics.design import covariate_columns, group_design
+from homolog.statistics.discriminant import discriminant
+from homolog.statistics.mode_test import mode_test
+from homolog.statistics.parallel import parallel_analysis
+from homolog.statistics.pointwise_test import pointwise_test
+from homolog.statistics.procrustes import align
+from homolog.statistics.shape_model import ShapeModel
+from homolog.statistics.studies import compare_two_groups
 
 MODES = 8
 

@@ -12,13 +12,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from homolog.analysis.design import covariate_columns, group_design
-from homolog.analysis.discriminant import discriminant
-from homolog.analysis.mode_test import mode_test
-from homolog.analysis.null_simulation import null_simulation
-from homolog.analysis.parallel import parallel_analysis
-from homolog.analysis.pointwise_test import pointwise_test
-from homolog.analysis.shape_model import ShapeModel
+from homolog.statistics.design import covariate_columns, group_design
+from homolog.statistics.discriminant import discriminant
+from homolog.statistics.mode_test import mode_test
+from homolog.statistics.null_simulation import null_simulation
+from homolog.statistics.parallel import parallel_analysis
+from homolog.statistics.pointwise_test import pointwise_test
+from homolog.statistics.shape_model import ShapeModel
 
 
 def timed(name: str, work: Callable[[], object]) -> None:

@@ -34,15 +34,21 @@ from scipy import stats
 from scipy.spatial.distance import cdist
 
 from homolog import __version__
-from homolog.analysis.assumptions import dispersion_test, outliers_by, relative_distances, size_skewness
-from homolog.analysis.cautions import dispersion_caution, outlier_caution, size_caution
-from homolog.analysis.design import Design, covariate_columns, group_design, paired_design, regression_design
-from homolog.analysis.discriminant import discriminant
-from homolog.analysis.effects import size_effect
-from homolog.analysis.mode_test import ModeStatistic
-from homolog.analysis.permutation import null_distribution, permutation_count, permutation_p_value
-from homolog.analysis.pointwise_test import PointwiseStatistic
-from homolog.analysis.statistics import observed_design
+from homolog.statistics.assumptions import dispersion_test, outliers_by, relative_distances, size_skewness
+from homolog.statistics.cautions import dispersion_caution, outlier_caution, size_caution
+from homolog.statistics.design import (
+    Design,
+    covariate_columns,
+    group_design,
+    paired_design,
+    regression_design,
+)
+from homolog.statistics.discriminant import discriminant
+from homolog.statistics.effects import size_effect
+from homolog.statistics.mode_test import ModeStatistic
+from homolog.statistics.permutation import null_distribution, permutation_count, permutation_p_value
+from homolog.statistics.pointwise_test import PointwiseStatistic
+from homolog.statistics.statistics import observed_design
 from homolog.threads import blas_threads
 
 PARTICLES = 128

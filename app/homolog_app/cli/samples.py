@@ -212,9 +212,9 @@ def _run_method(
 
 
 def _draw(out: Path, projects: dict[str, "ProjectFolder"], tick: Tick) -> None:
-    from homolog.analysis.shape_model import ShapeModel
     from homolog.files.atomic import atomic_write
     from homolog.files.results import read_modes, read_result
+    from homolog.statistics.shape_model import ShapeModel
     from homolog_app.pictures import ModeSurfaces, draw_modes, write_picture
     from homolog_app.pictures.figures import draw_figures
 
@@ -326,10 +326,10 @@ def write_comparison(
 
 
 def _figures_of(project: "ProjectFolder", beans: Sequence["Bean"], tick: Tick) -> dict[str, float]:
-    from homolog.analysis.evaluation import generalization, specificity
-    from homolog.analysis.shape_model import ShapeModel
     from homolog.beans.evaluate import evaluate
     from homolog.files.results import read_result
+    from homolog.statistics.evaluation import generalization, specificity
+    from homolog.statistics.shape_model import ShapeModel
 
     result, record = read_result(project), project.read().result
     assert record is not None

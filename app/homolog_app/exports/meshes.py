@@ -9,8 +9,6 @@ import numpy as np
 import trimesh
 from trimesh.exchange.gltf import export_glb
 
-from homolog.analysis.procrustes import Alignment
-from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
 from homolog.files.atomic import atomic_write
@@ -20,6 +18,8 @@ from homolog.files.project import ProjectFolder
 from homolog.files.results import Result, read_result, read_surfaces
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
+from homolog.statistics.procrustes import Alignment
+from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import mirrors
 from homolog.surfaces.nearest import nearest_particles

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from homolog.analysis.reconstruction import warp_surface
-from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.files.results import Result
+from homolog.statistics.reconstruction import warp_surface
+from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.camera import Frame, View, frame_around
 

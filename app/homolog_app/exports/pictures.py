@@ -12,13 +12,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from homolog.analysis.parallel import parallel_analysis
-from homolog.analysis.shape_model import ShapeModel
 from homolog.errors import InputError, NumericalError
 from homolog.files.atomic import atomic_write, replace_folder
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result, read_result
 from homolog.progress import Tick, no_tick
+from homolog.statistics.parallel import parallel_analysis
+from homolog.statistics.shape_model import ShapeModel
 from homolog_app.exports.motion import mode_motions
 from homolog_app.exports.settings import Background, Plot, PlotSettings
 from homolog_app.exports.tables import compare

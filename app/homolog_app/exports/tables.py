@@ -7,12 +7,6 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from homolog.analysis.assumptions import shape_outliers
-from homolog.analysis.cautions import p_text
-from homolog.analysis.parallel import parallel_analysis
-from homolog.analysis.procrustes import Alignment
-from homolog.analysis.shape_model import ShapeModel
-from homolog.analysis.welch import compare_measure
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
 from homolog.errors import InputError
@@ -23,6 +17,12 @@ from homolog.files.report_details import read_details
 from homolog.files.results import Result, read_result, read_surface
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
+from homolog.statistics.assumptions import shape_outliers
+from homolog.statistics.cautions import p_text
+from homolog.statistics.parallel import parallel_analysis
+from homolog.statistics.procrustes import Alignment
+from homolog.statistics.shape_model import ShapeModel
+from homolog.statistics.welch import compare_measure
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.exports.settings import TableSettings
 from homolog_app.report.request import StudyRequest

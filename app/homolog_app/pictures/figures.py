@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.files.project import ProjectFolder
 from homolog.files.results import read_modes, read_result, read_surfaces
 from homolog.progress import Tick, no_tick
+from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.pictures.layout import Panel, arrange, write_picture
 from homolog_app.rendering.camera import (

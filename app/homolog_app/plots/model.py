@@ -12,8 +12,8 @@ from matplotlib.patches import Ellipse
 from matplotlib.textpath import text_to_path
 from matplotlib.ticker import MaxNLocator
 
-from homolog.analysis.design import names_reference
 from homolog.arrays import FloatArray
+from homolog.statistics.design import names_reference
 from homolog_app.rendering.colours import Colours
 from homolog_app.rendering.text import shortened
 

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 
-from homolog.analysis.procrustes import Alignment
+from homolog.statistics.procrustes import Alignment
 from homolog_app.report.findings import LEVEL
 from homolog_app.report.request import SHAPE_SIZE
 from homolog_app.report.study import Study

@@ -7,16 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from homolog.analysis.comparison import Comparison
-from homolog.analysis.evaluation import compactness, generalization, specificity
-from homolog.analysis.parallel import ParallelAnalysis, parallel_analysis
-from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.progress import Tick
+from homolog.statistics.comparison import Comparison
+from homolog.statistics.evaluation import compactness, generalization, specificity
+from homolog.statistics.parallel import ParallelAnalysis, parallel_analysis
+from homolog.statistics.shape_model import ShapeModel
 from homolog_app.pictures import (
     LIGHT,
     ModeSurfaces,

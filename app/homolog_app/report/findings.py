@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from homolog.analysis.assumptions import Dispersion, shape_outliers
-from homolog.analysis.cautions import LEVEL, cautions_of, dispersion_caution, p_text
-from homolog.analysis.comparison import Comparison
-from homolog.analysis.effects import Effect, SizeVariance
-from homolog.analysis.procrustes import Alignment
 from homolog.files.results import Result
+from homolog.statistics.assumptions import Dispersion, shape_outliers
+from homolog.statistics.cautions import LEVEL, cautions_of, dispersion_caution, p_text
+from homolog.statistics.comparison import Comparison
+from homolog.statistics.effects import Effect, SizeVariance
+from homolog.statistics.procrustes import Alignment
 from homolog_app.report.study import Study
 
 __all__ = [

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from homolog.analysis.cautions import cautions_of, dispersion_caution, outlier_caution, p_number, p_text
-from homolog.analysis.comparison import Comparison
-from homolog.analysis.procrustes import Alignment
+from homolog.statistics.cautions import cautions_of, dispersion_caution, outlier_caution, p_number, p_text
+from homolog.statistics.comparison import Comparison
+from homolog.statistics.procrustes import Alignment
 from homolog_app.report.findings import (
     LEVEL,
     NOUNS,

@@ -4,9 +4,9 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from math import factorial, prod
 
-from homolog.analysis.cautions import LOOSE, f_excess
-from homolog.analysis.procrustes import Alignment
 from homolog.files.records import ResultRecord
+from homolog.statistics.cautions import LOOSE, f_excess
+from homolog.statistics.procrustes import Alignment
 from homolog_app.report.findings import LEVEL, correction_text
 from homolog_app.report.model_section import model_methods
 from homolog_app.report.study import Study

@@ -7,14 +7,14 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from homolog.analysis.design import is_missing
-from homolog.analysis.procrustes import Alignment, rms_radii
 from homolog.arrays import FloatArray
 from homolog.cohort.column_types import CATEGORY, plain_name
 from homolog.errors import InputError
 from homolog.files.results import Result
 from homolog.geometry import scale_of
 from homolog.parameters import parameters
+from homolog.statistics.design import is_missing
+from homolog.statistics.procrustes import Alignment, rms_radii
 from homolog_app.report.study_settings import StudySettings
 
 __all__ = [

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.cautions import p_text
-from homolog.analysis.design import lookalikes, numbers
-from homolog.analysis.effects import Effect
-from homolog.analysis.welch import mean_difference
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.files.records import ResultRecord
 from homolog.files.report_details import ReportDetails
 from homolog.files.results import Result
 from homolog.files.tables import write_table
+from homolog.statistics.cautions import p_text
+from homolog.statistics.design import lookalikes, numbers
+from homolog.statistics.effects import Effect
+from homolog.statistics.welch import mean_difference
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.report.page import Page
 from homolog_app.report.request import SHAPE_SIZE, SIZE, category_of, column_of

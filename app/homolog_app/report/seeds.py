@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from homolog.analysis.cautions import p_number
-from homolog.analysis.effects import Effect
 from homolog.cohort import Cohort
 from homolog.errors import Cancelled, InputError
 from homolog.files.project import ProjectFolder
@@ -20,6 +18,8 @@ from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run import FinishReason, Run
 from homolog.settings import RunSettings
+from homolog.statistics.cautions import p_number
+from homolog.statistics.effects import Effect
 from homolog_app.report.findings import LEVEL, p_text
 from homolog_app.report.request import StudyRequest
 from homolog_app.report.study import Study, run_study

@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 from pydantic import BaseModel, ConfigDict
 
-from homolog.analysis.effects import Effect
-from homolog.analysis.procrustes import Alignment
 from homolog.errors import InputError
 from homolog.files.atomic import write_text
 from homolog.files.project import OUT_OF_DATE, ProjectFolder
 from homolog.files.tables import write_table
+from homolog.statistics.effects import Effect
+from homolog.statistics.procrustes import Alignment
 from homolog_app.report.request import StudyRequest
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Answers to questions: the statistics of `homolog.analysis` on a project's result."""
+"""Answers to questions: the statistics of `homolog.statistics` on a project's result."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -7,17 +7,23 @@ from typing import TypedDict
 
 import numpy as np
 
-from homolog.analysis.comparison import Comparison, Options
-from homolog.analysis.covariates import with_covariate_effects, with_unadjusted
-from homolog.analysis.data_notes import PARTNER_MISSING, exclusion_notes, repeated_notes, spelling_notes
-from homolog.analysis.design import covariate_columns, numbers
-from homolog.analysis.studies import compare_groups, compare_pairs, compare_two_groups, pair_members, regress
 from homolog.arrays import FloatArray, IntArray, frozen
 from homolog.cohort.column_types import CATEGORY
 from homolog.cohort.file_names import words_of_individual
 from homolog.errors import InputError
 from homolog.files.results import Result
 from homolog.progress import Tick, no_tick, part_of
+from homolog.statistics.comparison import Comparison, Options
+from homolog.statistics.covariates import with_covariate_effects, with_unadjusted
+from homolog.statistics.data_notes import PARTNER_MISSING, exclusion_notes, repeated_notes, spelling_notes
+from homolog.statistics.design import covariate_columns, numbers
+from homolog.statistics.studies import (
+    compare_groups,
+    compare_pairs,
+    compare_two_groups,
+    pair_members,
+    regress,
+)
 from homolog.surfaces.nearest import areas_of_particles, nearest_particles
 from homolog_app.report.request import (
     SHAPE_SIZE,

@@ -5,10 +5,10 @@ from math import floor, isfinite, log10
 
 import numpy as np
 
-from homolog.analysis.assumptions import Dispersion
-from homolog.analysis.cautions import p_number
-from homolog.analysis.comparison import Comparison
-from homolog.analysis.effects import Effect
+from homolog.statistics.assumptions import Dispersion
+from homolog.statistics.cautions import p_number
+from homolog.statistics.comparison import Comparison
+from homolog.statistics.effects import Effect
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.findings import (
     LEVEL,

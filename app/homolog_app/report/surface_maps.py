@@ -8,14 +8,14 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from homolog.analysis.cautions import LEVEL
-from homolog.analysis.comparison import Comparison
-from homolog.analysis.effects import Effect
-from homolog.analysis.thin_plate import MOST_CENTRES, farthest_points, thin_plate_operator
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.files.records import ResultRecord
 from homolog.files.report_details import Axes, ReportDetails
 from homolog.files.results import Result
+from homolog.statistics.cautions import LEVEL
+from homolog.statistics.comparison import Comparison
+from homolog.statistics.effects import Effect
+from homolog.statistics.thin_plate import MOST_CENTRES, farthest_points, thin_plate_operator
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import nearest_particles
 from homolog_app.rendering.camera import VIEWS, View

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.comparison import Comparison, prepare_shapes
-from homolog.analysis.effects import Effect
-from homolog.analysis.welch import WelchMap, welch_map
 from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
 from homolog.files.report_details import read_details
 from homolog.files.results import Result
 from homolog.files.tables import write_table
+from homolog.statistics.comparison import Comparison, prepare_shapes
+from homolog.statistics.effects import Effect
+from homolog.statistics.welch import WelchMap, welch_map
 from homolog_app.report.findings import LEVEL, covariate_unit
 from homolog_app.report.request import SHAPE_SIZE, StudyRequest, column_of, compared_shapes
 from homolog_app.report.sample import sample_rows

@@ -5,8 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.design import reference_first
-from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import FloatArray
 from homolog.errors import InputError, NumericalError
 from homolog.exchange import project_landmark_errors
@@ -18,6 +16,8 @@ from homolog.files.results import Result, read_result, read_surface
 from homolog.files.tables import write_table
 from homolog.inspection import inspect
 from homolog.progress import Tick, no_tick, part_of
+from homolog.statistics.design import reference_first
+from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh
 from homolog.threads import cores

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.comparison import Comparison, prepare_shapes
-from homolog.analysis.studies import pair_members
 from homolog.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.progress import Tick, part_of
+from homolog.statistics.comparison import Comparison, prepare_shapes
+from homolog.statistics.studies import pair_members
 from homolog.surfaces.nearest import nearest_particles
 from homolog_app.rendering.colours import common_limit
 from homolog_app.rendering.text import short

@@ -225,12 +225,12 @@ def write_from_memory(
     InputError
         If the folder can't be written to.
     """
-    from homolog.analysis.shape_model import ShapeModel
     from homolog.files.meshes import write_mesh
     from homolog.files.particle_array import write_all_particles
     from homolog.files.results import surface_file
     from homolog.files.tables import write_table
     from homolog.run.shape_files import surface_of_model, write_model, write_surfaces
+    from homolog.statistics.shape_model import ShapeModel
 
     result, record = loaded.result, loaded.record
     model = ShapeModel.fit(result.world, names=result.names)

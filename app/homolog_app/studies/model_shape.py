@@ -11,10 +11,6 @@ from scipy import sparse
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from homolog.analysis.parallel import ParallelAnalysis, parallel_analysis
-from homolog.analysis.reconstruction import warp_surface
-from homolog.analysis.shape_model import ShapeModel
-from homolog.analysis.thin_plate import farthest_points
 from homolog.arrays import Array, BoolArray, Float32Array, FloatArray, IntArray, frozen
 from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.files.project import ProjectFolder
@@ -22,6 +18,10 @@ from homolog.files.results import Result, read_result
 from homolog.geometry import scale_of
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import Method
+from homolog.statistics.parallel import ParallelAnalysis, parallel_analysis
+from homolog.statistics.reconstruction import warp_surface
+from homolog.statistics.shape_model import ShapeModel
+from homolog.statistics.thin_plate import farthest_points
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.colours import common_limit
 

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from homolog.analysis.data_notes import PARTNER_MISSING
-from homolog.analysis.design import is_missing, numbers
 from homolog.cohort.column_types import CATEGORY
 from homolog.errors import InputError
+from homolog.statistics.data_notes import PARTNER_MISSING
+from homolog.statistics.design import is_missing, numbers
 from homolog_app.rendering.text import short
 from homolog_app.report.findings import (
     LEVEL,
@@ -202,7 +202,7 @@ def number_rows(answers: "list[GroupAnswer]") -> list[tuple[str, ...]]:
 
 
 def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
-    from homolog.analysis.null_simulation import WHOLE_SHAPE_F
+    from homolog.statistics.null_simulation import WHOLE_SHAPE_F
 
     pair, study = answer.pair, answer.study
     slope = answer.values is not None

@@ -8,9 +8,9 @@ from pathlib import Path
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
-from homolog.analysis.procrustes import Alignment as ShapeAlignment
 from homolog.progress import Tick
 from homolog.settings import Alignment, GroomSettings
+from homolog.statistics.procrustes import Alignment as ShapeAlignment
 from homolog_app.studies.study import Study
 from homolog_app.window.actions import Actions
 from homolog_app.window.commands import command

@@ -9,14 +9,6 @@ from typing import Any, Literal, overload
 
 import numpy as np
 
-from homolog.analysis.checks import checked_particles
-from homolog.analysis.comparison import Comparison, Options
-from homolog.analysis.covariates import with_covariate_effects, with_unadjusted
-from homolog.analysis.design import is_missing, numbers
-from homolog.analysis.procrustes import Alignment
-from homolog.analysis.studies import compare_groups as compare_several
-from homolog.analysis.studies import compare_pairs, compare_two_groups
-from homolog.analysis.studies import regress as regress_shapes
 from homolog.api.comparison_arguments import (
     Covariates,
     check_options,
@@ -32,6 +24,14 @@ from homolog.arrays import Array, ArrayLike, FloatArray, IntArray
 from homolog.cohort.column_types import CATEGORY
 from homolog.errors import InputError
 from homolog.progress import Tick, part_of, tick_of
+from homolog.statistics.checks import checked_particles
+from homolog.statistics.comparison import Comparison, Options
+from homolog.statistics.covariates import with_covariate_effects, with_unadjusted
+from homolog.statistics.design import is_missing, numbers
+from homolog.statistics.procrustes import Alignment
+from homolog.statistics.studies import compare_groups as compare_several
+from homolog.statistics.studies import compare_pairs, compare_two_groups
+from homolog.statistics.studies import regress as regress_shapes
 
 __all__ = ["compare_groups", "regress"]
 

@@ -4,13 +4,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from homolog.analysis.data_notes import PARTNER_MISSING, exclusion_notes, spelling_notes
-from homolog.analysis.design import covariate_columns, is_missing, numbers
-from homolog.analysis.procrustes import Alignment
-from homolog.analysis.studies import pair_members
 from homolog.arrays import Array, BoolArray, FloatArray, IntArray
 from homolog.cohort.column_types import CATEGORY
 from homolog.errors import InputError
+from homolog.statistics.data_notes import PARTNER_MISSING, exclusion_notes, spelling_notes
+from homolog.statistics.design import covariate_columns, is_missing, numbers
+from homolog.statistics.procrustes import Alignment
+from homolog.statistics.studies import pair_members
 
 __all__ = [
     "Covariates",

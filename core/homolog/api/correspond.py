@@ -15,8 +15,6 @@ from typing import Any, Literal, TypedDict, Unpack
 import numpy as np
 from pydantic import ValidationError
 
-from homolog.analysis.reconstruction import MeanSurface
-from homolog.analysis.shape_model import ShapeModel
 from homolog.api.inputs import cohort_of
 from homolog.api.mean_shape import HasMeanShape, MeanShape
 from homolog.api.project import Project
@@ -40,6 +38,8 @@ from homolog.run.grow import grow
 from homolog.run.result import OptimizationOutcome, model_of, write_result
 from homolog.run.steps import prepare_inputs, run_optimization
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
+from homolog.statistics.reconstruction import MeanSurface
+from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.workers import worker_processes
 

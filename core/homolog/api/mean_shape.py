@@ -3,10 +3,10 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-from homolog.analysis.checks import finite_numbers
-from homolog.analysis.reconstruction import warp_surface
 from homolog.arrays import ArrayLike, FloatArray
 from homolog.errors import InputError
+from homolog.statistics.checks import finite_numbers
+from homolog.statistics.reconstruction import warp_surface
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["HasMeanShape", "MeanShape"]
@@ -24,7 +24,7 @@ class MeanShape:
         The mean surface in the same frame.
     smoothing : (N,) float64 array
         Smoothing of the spline that warps the surface, at each particle [mm]; see
-        `homolog.analysis.reconstruction.warp_surface`.
+        `homolog.statistics.reconstruction.warp_surface`.
     """
 
     particles: FloatArray

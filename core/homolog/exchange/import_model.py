@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.reconstruction import MeanSurface
-from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import Array, FloatArray
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError, NumericalError
@@ -30,6 +28,8 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.run.fingerprints import versions
 from homolog.run.shape_files import surface_of_model, write_model, write_surfaces
 from homolog.settings import Method, OptimizeSettings, RunSettings
+from homolog.statistics.reconstruction import MeanSurface
+from homolog.statistics.shape_model import ShapeModel
 
 __all__ = ["domains_of", "import_model"]
 

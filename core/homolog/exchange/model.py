@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.procrustes import align
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.files.particles import read_particles
 from homolog.geometry import fit_similarity, rms_radius, transform_points
+from homolog.statistics.procrustes import align
 
 __all__ = ["ForeignModel", "ForeignSubject", "particles_of", "with_alignments"]
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import KDTree
 
-from homolog.analysis.reconstruction import mean_surface, medoid
 from homolog.arrays import FloatArray
 from homolog.cohort import MESH_SUFFIXES, Subject, suffix_of
 from homolog.errors import InputError, NumericalError
@@ -19,6 +18,7 @@ from homolog.grooming import groom_subject
 from homolog.grooming.distance_maps import read_distance_map
 from homolog.progress import Tick, no_tick
 from homolog.settings import GroomSettings
+from homolog.statistics.reconstruction import mean_surface, medoid
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.simplify import simplified
 from homolog.surfaces.topology import check_mesh

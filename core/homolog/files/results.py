@@ -58,7 +58,7 @@ class Result:
         The mean shape, in world coordinates.
     smoothing : (N,) float64 array
         Smoothing at each particle of the spline by which the mean surface follows the particles [mm]: 0
-        except where the surface or a mode would fold. See `homolog.analysis.reconstruction.warp_surface`.
+        except where the surface or a mode would fold. See `homolog.statistics.reconstruction.warp_surface`.
     voxels : tuple of tuples of float
         Edges of the voxels of each subject's file [mm], the shortest first; empty for surfaces and if
         unknown.

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from homolog.analysis.parallel import parallel_analysis
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
@@ -25,6 +24,7 @@ from homolog.patient.surface_model import SurfaceModel
 from homolog.patient.times import seen_twice
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.fingerprints import versions
+from homolog.statistics.parallel import parallel_analysis
 
 __all__ = ["FEWEST", "make_reference", "reference_of", "scores_of_points"]
 

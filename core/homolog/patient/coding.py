@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from homolog.analysis.design import covariate_columns, is_missing, numbers
 from homolog.arrays import FloatArray, frozen
 from homolog.errors import InputError
+from homolog.statistics.design import covariate_columns, is_missing, numbers
 
 __all__ = ["Coding"]
 

@@ -5,8 +5,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from homolog.analysis.procrustes import align
-from homolog.analysis.reconstruction import warp_surface
 from homolog.arrays import FloatArray, frozen
 from homolog.correspondence import Shape
 from homolog.correspondence.ensemble import Ensemble, ShapeState
@@ -20,6 +18,8 @@ from homolog.patient.target import Target
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.core_set import joint_ensemble
 from homolog.settings import OptimizeSettings
+from homolog.statistics.procrustes import align
+from homolog.statistics.reconstruction import warp_surface
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import MIRROR, mirrors
 from homolog.surfaces.simplify import simplified

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from homolog.analysis.shape_model import principal_components
 from homolog.arrays import FloatArray, IntArray, frozen
+from homolog.statistics.shape_model import principal_components
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["SurfaceModel"]

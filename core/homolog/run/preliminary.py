@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import frozen
 from homolog.correspondence import Frame
 from homolog.files.results import Result
@@ -10,6 +9,7 @@ from homolog.geometry import inverse_matrices, transform_points
 from homolog.progress import Tick, no_tick
 from homolog.run.result import OptimizationInput
 from homolog.run.shape_files import surface_of_model
+from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["preliminary_result"]

@@ -7,8 +7,6 @@ from typing import Any, TypeVar, overload
 
 import numpy as np
 
-from homolog.analysis.reconstruction import MeanSurface
-from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort, sides_of
 from homolog.correspondence import OptimizedParticles, Shape
@@ -25,6 +23,8 @@ from homolog.progress import Tick, part_of
 from homolog.run.fingerprints import surface_hash, versions
 from homolog.run.shape_files import surface_of_model, write_model, write_surfaces
 from homolog.settings import Mirror, RunSettings
+from homolog.statistics.reconstruction import MeanSurface
+from homolog.statistics.shape_model import ShapeModel
 from homolog.threads import blas_threads, cores, in_threads
 
 __all__ = [

@@ -5,8 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.reconstruction import MeanSurface, mean_surface, medoid, warp_surface
-from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
 from homolog.files.meshes import write_mesh
@@ -15,6 +13,8 @@ from homolog.files.project import ProjectFolder
 from homolog.files.results import MODE_DEVIATIONS, mean_file, mode_file, write_smoothing
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick
+from homolog.statistics.reconstruction import MeanSurface, mean_surface, medoid, warp_surface
+from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import cores, in_threads
 

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from homolog.analysis.effects import Effect
 from homolog.files.particles import read_particles, write_particles
 from homolog.files.records import ProjectRecord
 from homolog.files.report_details import Axes, ReportDetails, write_details
 from homolog.files.results import particle_file, read_result
+from homolog.statistics.effects import Effect
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.exports.settings import TableSettings
 from homolog_app.exports.tables import write_tables

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import homolog as hl
-from homolog.analysis.effects import Effect
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord
 from homolog.files.report_details import Axes, ReportDetails, read_details
+from homolog.statistics.effects import Effect
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app import api
 from homolog_app.cli import main

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import homolog as hl
-from homolog.analysis.comparison import Options
-from homolog.analysis.design import covariate_columns
-from homolog.analysis.studies import compare_two_groups, regress
+from homolog.statistics.comparison import Options
+from homolog.statistics.design import covariate_columns
+from homolog.statistics.studies import compare_two_groups, regress
 
 QUICK = {"permutations": 199}
 FORM = {**QUICK, "alignment": "rigid"}
@@ -72,8 +72,8 @@ def test_form_and_shape_are_answered_by_default_and_corrected_for_both(shapes):
 
 
 def test_pairs_name_the_pair_of_each_subject_as_on_the_command_line(shapes):
-    from homolog.analysis.comparison import Options
-    from homolog.analysis.studies import compare_pairs
+    from homolog.statistics.comparison import Options
+    from homolog.statistics.studies import compare_pairs
 
     names = [*(6 * [None]), *"uvwxyz", *"zyxwvu"]
     result = hl.compare_groups(shapes, GROUPS, ("b", "c"), pairs=names, **FORM)

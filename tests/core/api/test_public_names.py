@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 import homolog as hl
-from homolog.analysis.comparison import Options
 from homolog.api import correspond as api
 from homolog.correspondence import optimize, repair
 from homolog.geodesics import each_table, solve_tables
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
+from homolog.statistics.comparison import Options
 from homolog_app.report.request import StudyRequest
 
 CORE = Path(hl.__file__).parents[1]

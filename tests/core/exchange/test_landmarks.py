@@ -5,7 +5,6 @@ import shutil
 import numpy as np
 import pytest
 
-from homolog.analysis.thin_plate import landmark_errors
 from homolog.cohort import read_cohort
 from homolog.correspondence import Shape
 from homolog.errors import InputError
@@ -16,6 +15,7 @@ from homolog.files.results import read_result, surface_file
 from homolog.grooming import check_cohort
 from homolog.run.landmarks import with_landmarks
 from homolog.settings import GroomSettings
+from homolog.statistics.thin_plate import landmark_errors
 
 
 @pytest.fixture

@@ -9,12 +9,12 @@ import pytest
 import SimpleITK
 from scipy.spatial.transform import Rotation
 
-from homolog.analysis.shape_model import ShapeModel
 from homolog.cohort import Subject
 from homolog.correspondence import Shape, optimize
 from homolog.files.meshes import write_mesh
 from homolog.grooming import align, groom_subject
 from homolog.settings import Alignment, GroomSettings, OptimizeSettings
+from homolog.statistics.shape_model import ShapeModel
 
 CENTRE = np.array([40.0, -25.0, 60.0])
 OFF_CENTRE = np.array([0.3, -0.2, 0.1])

@@ -5,12 +5,12 @@ import shutil
 import numpy as np
 import pytest
 
-from homolog.analysis.shape_model import ShapeModel
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result
 from homolog.run.repair import read_inputs, write_repaired
 from homolog.run.shape_files import surface_of_model
+from homolog.statistics.shape_model import ShapeModel
 
 
 @pytest.fixture

@@ -86,10 +86,10 @@ class InspectionState(QObject):
         better: list[str] = []
 
         def work(tick: Tick) -> _Version:
-            from homolog.analysis.shape_model import ShapeModel
             from homolog.progress import part_of
             from homolog.run.repair import repaired
             from homolog.run.shape_files import surface_of_model
+            from homolog.statistics.shape_model import ShapeModel
             from homolog.surfaces.mesh import TriangleMesh
 
             after = inspection

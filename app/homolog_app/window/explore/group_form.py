@@ -4,8 +4,8 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction, QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QMenu, QWidget
 
-from homolog.analysis.design import reference_first
-from homolog.analysis.procrustes import Alignment
+from homolog.statistics.design import reference_first
+from homolog.statistics.procrustes import Alignment
 from homolog_app.report.request import StudyRequest
 from homolog_app.report.study_settings import AnalysisSettings, StudySettings
 from homolog_app.studies.questions import (

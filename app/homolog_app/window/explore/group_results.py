@@ -7,7 +7,7 @@ import numpy as np
 from PySide6.QtCore import QMargins, QRect, Qt, QTimer, Signal
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QTreeWidget, QTreeWidgetItem, QWidget
 
-from homolog.analysis.cautions import p_number
+from homolog.statistics.cautions import p_number
 from homolog_app.rendering.text import short, signed, typeset
 from homolog_app.report.findings import LEVEL, correction_text, p_text
 from homolog_app.report.request import SIZE_TEXTS, StudyRequest
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
-    from homolog.analysis.comparison import Comparison
-    from homolog.analysis.effects import Effect
+    from homolog.statistics.comparison import Comparison
+    from homolog.statistics.effects import Effect
     from homolog_app.report.study import Study
     from homolog_app.studies.answers import Answers, GroupAnswer
 

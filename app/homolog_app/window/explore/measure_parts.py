@@ -18,11 +18,11 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from homolog.analysis.cautions import p_text
-from homolog.analysis.welch import GroupMeasure, compare_measure
 from homolog.arrays import FloatArray
 from homolog.cohort import MESH_SUFFIXES
 from homolog.errors import InputError
+from homolog.statistics.cautions import p_text
+from homolog.statistics.welch import GroupMeasure, compare_measure
 from homolog_app.rendering.text import short
 from homolog_app.views.contents import MEAN_OF, mesh_file
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot

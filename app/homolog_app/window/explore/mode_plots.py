@@ -8,8 +8,8 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QHBoxLayout, QMenu, QToolTip, QWidget
 
-from homolog.analysis.parallel import ParallelAnalysis
 from homolog.arrays import FloatArray
+from homolog.statistics.parallel import ParallelAnalysis
 from homolog_app.rendering.text import signed
 from homolog_app.window.explore.plot import Plot
 from homolog_app.window.theme import Theme

@@ -18,10 +18,10 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from homolog.analysis.design import names_reference, reference_first
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.progress import Tick
+from homolog.statistics.design import names_reference, reference_first
 from homolog_app.studies.study import with_current_table
 from homolog_app.views.content import SubjectContents, ViewContents
 from homolog_app.views.follow_up import CHANGE, change_regions, change_scene

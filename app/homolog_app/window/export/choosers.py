@@ -8,9 +8,9 @@ from pydantic import BaseModel
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
-from homolog.analysis.design import reference_first
 from homolog.files.project import ProjectFolder
 from homolog.files.report_details import read_details
+from homolog.statistics.design import reference_first
 from homolog_app.exports.settings import (
     SIGHTS,
     CutAway,

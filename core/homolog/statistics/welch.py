@@ -1,0 +1,201 @@
+"""Welch's tests of a number for groups of unequal variances: at each particle, and per subject."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from homolog.arrays import BoolArray, FloatArray, frozen
+from homolog.errors import InputError
+from homolog.progress import Tick, no_tick
+from homolog.statistics.design import group_design
+from homolog.statistics.effects import CONFIDENCE, Effect
+from homolog.statistics.permutation import null_distribution, permutation_count, permutation_p_value
+from homolog.statistics.statistics import WelchStatistic, equalize_groups, observed_design
+from homolog.threads import on_one_thread
+
+__all__ = ["GroupMeasure", "WelchMap", "compare_measure", "mean_difference", "welch_map"]
+
+_CHUNK_VALUES = 200_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WelchMap:
+    """A signed test at each particle. Arrays are read-only.
+
+    Attributes
+    ----------
+    difference : (N,) array
+        Mean of the second group minus that of the first.
+    t : (N,) array
+        Welch's t; 0 where nothing varies.
+    p : (N,) array
+        Parametric, two-sided p at each particle, not corrected.
+    p_fwe : (N,) array
+        p corrected by the permutation distribution of the largest magnitude of t over the surface; t is
+        expressed as a normal deviate to make different degrees of freedom comparable.
+    q : (N,) array
+        Benjamini-Hochberg false discovery rate.
+    """
+
+    difference: FloatArray
+    t: FloatArray
+    p: FloatArray
+    p_fwe: FloatArray
+    q: FloatArray
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in self.__dataclass_fields__:
+            object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
+
+
+@on_one_thread
+def welch_map(
+    values: FloatArray,
+    second: BoolArray,
+    *,
+    permutations: int = 10_000,
+    seed: int = 0,
+    tick: Tick = no_tick,
+) -> WelchMap:
+    """Compare two groups at every particle (Welch 1947).
+
+    Parameters
+    ----------
+    values : (M, N) array
+        A number for each subject and particle, such as displacement along the mean's outward normals [mm].
+    second : (M,) bool array
+        Members of the second group; the others are the first.
+    permutations : int
+        Number of permutations for the correction over the surface.
+    seed : int
+        Same seed, same result.
+    tick : Tick
+        Progress and cancellation.
+
+    Returns
+    -------
+    WelchMap
+
+    Raises
+    ------
+    InputError
+        If a group has fewer than two subjects, or values are not finite.
+    """
+    if min(np.count_nonzero(second), np.count_nonzero(~second)) < 2 or not np.isfinite(values).all():
+        raise InputError("a pointwise comparison needs finite values and at least two subjects in each group")
+    design = group_design(np.where(second, "b", "a").tolist(), ["a", "b"])
+    centred = values - values.mean(axis=0)
+    floor = np.sqrt(np.square(centred).mean(axis=0))
+    centred = centred / np.where(floor > 0.0, floor, 1.0)
+    groups = equalize_groups(centred, design)
+    assert groups is not None
+    welch = WelchStatistic(groups.values[None], np.ones(values.shape[1]), groups, design)
+    original = observed_design(design)
+    (f,), (dof,) = welch.f(original)
+    difference = values[second].mean(axis=0) - values[~second].mean(axis=0)
+    largest = null_distribution(
+        lambda draws: welch.deviate(draws).max(axis=1),
+        design,
+        permutations,
+        chunk=max(1, _CHUNK_VALUES // values.shape[1]),
+        seed=seed,
+        means=welch.restores_mean,
+        tick=tick,
+        message="permutations of the outward map",
+    )
+    t = np.copysign(np.sqrt(f), difference)
+    p = np.asarray(2.0 * stats.t.sf(np.abs(t), dof), np.float64)
+    count, _ = permutation_count(design, permutations)
+    p_fwe = permutation_p_value(welch.deviate(original)[0], largest, count)
+    return WelchMap(difference, t, p, p_fwe, stats.false_discovery_control(p))
+
+
+@dataclass(frozen=True, slots=True)
+class GroupMeasure:
+    """A measure by group.
+
+    Attributes
+    ----------
+    groups : tuple of str
+        Names of the groups, sorted.
+    counts : tuple of int
+        Numbers of subjects with a value.
+    means, deviations : tuple of float
+        Mean and standard deviation of each group, in the measure's unit; the deviation of a single subject is
+        NaN.
+    p : float or None
+        Two-sided p-value of equal means; None if it can't be tested.
+    """
+
+    groups: tuple[str, ...]
+    counts: tuple[int, ...]
+    means: tuple[float, ...]
+    deviations: tuple[float, ...]
+    p: float | None
+
+
+def compare_measure(values: FloatArray, groups: Sequence[str]) -> GroupMeasure:
+    """Return mean and standard deviation of each group, and the p-value of Welch's test.
+
+    Welch's t-test for two groups, and his analysis of variance for more, are valid for unequal variances
+    (Welch 1951).
+    The p-value is not corrected for the number of measures.
+
+    Parameters
+    ----------
+    values : (M,) array
+        Value of each subject; NaN is excluded.
+    groups : sequence of str
+        The group of each subject; those without a name are excluded.
+
+    Raises
+    ------
+    InputError
+        If the numbers of groups and values differ.
+    """
+    if len(values) != len(groups):
+        raise InputError(
+            f"{len(values)} values and {len(groups)} groups: give each subject one value and one group"
+        )
+    labels = np.array(groups, dtype=object)
+    used = np.isfinite(values) & (labels != "")
+    names = tuple(sorted(set(labels[used].tolist())))
+    values_by_group = [np.asarray(values[used & (labels == name)], np.float64) for name in names]
+    return GroupMeasure(
+        names,
+        tuple(len(part) for part in values_by_group),
+        tuple(float(part.mean()) for part in values_by_group),
+        tuple(float(part.std(ddof=1)) if len(part) > 1 else float("nan") for part in values_by_group),
+        _welch_p(values_by_group),
+    )
+
+
+def mean_difference(first: FloatArray, second: FloatArray) -> Effect | None:
+    """Return the mean of the second group minus that of the first, with Welch's interval and p.
+
+    Parameters
+    ----------
+    first, second : (n,) arrays
+        Values; NaN is excluded.
+
+    Returns
+    -------
+    Effect or None
+        The p-value is that of Welch's t-test. None if a group has fewer than two values, or neither varies.
+    """
+    own = [values[np.isfinite(values)] for values in (first, second)]
+    if min(map(len, own)) < 2 or not sum(values.var() for values in own) > 0.0:
+        return None
+    test = stats.ttest_ind(own[1], own[0], equal_var=False)
+    low, high = test.confidence_interval(CONFIDENCE)
+    return Effect(float(own[1].mean() - own[0].mean()), float(low), float(high), float(test.pvalue))
+
+
+def _welch_p(values_by_group: Sequence[FloatArray]) -> float | None:
+    """Return the p-value of Welch's analysis of variance; None where a group has no variance."""
+    if len(values_by_group) < 2 or any(len(part) < 2 or part.var() <= 0.0 for part in values_by_group):
+        return None
+    return float(stats.f_oneway(*values_by_group, equal_var=False).pvalue)
