@@ -2,7 +2,14 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.statistics.evaluation import compactness, generalization, specificity
+from homolog.statistics.evaluation import (
+    compactness,
+    description_length,
+    generalization,
+    leave_one_out_residual,
+    modes_above_chance,
+    specificity,
+)
 from homolog.statistics.shape_model import ShapeModel
 
 
@@ -47,3 +54,48 @@ def test_generalization_of_two_subjects_and_specificity_of_too_many_modes_are_re
         generalization(particles)
     with pytest.raises(InputError, match="the model has"):
         specificity(ShapeModel.fit(particles), particles, [5])
+
+
+def test_the_leave_one_out_residual_is_the_distance_from_the_flat_through_the_others(ellipsoids):
+    particles = ellipsoids(subjects=7, particles=10, noise=0.4)
+    shares = np.arange(1.0, 11.0) / 55.0
+    result = leave_one_out_residual(particles, weights=shares)
+    scaled = (particles * np.sqrt(shares)[:, None]).reshape(7, -1)
+    for left_out in range(7):
+        others = np.delete(scaled, left_out, axis=0)
+        rest = scaled[left_out] - others.mean(axis=0)
+        basis = np.linalg.svd(others - others.mean(axis=0))[2][:5]
+        assert result.spreads[left_out] == pytest.approx(np.linalg.norm(rest), rel=1e-9)
+        assert result.residuals[left_out] == pytest.approx(
+            np.linalg.norm(rest - basis.T @ (basis @ rest)), rel=1e-9
+        )
+
+
+def test_the_residual_is_near_the_spread_for_noise_and_near_none_for_one_mode():
+    generator = np.random.default_rng(1)
+    noise = generator.standard_normal((12, 400, 3))
+    one_mode = generator.standard_normal((12, 1, 1)) * noise[:1]
+    assert leave_one_out_residual(noise).share == pytest.approx(1.0, abs=0.02)
+    assert leave_one_out_residual(one_mode).share == pytest.approx(0.0, abs=1e-6)
+    assert modes_above_chance(noise) == 0
+    assert modes_above_chance(one_mode + 0.1 * noise) == 1
+
+
+def test_a_description_length_counts_modes_above_the_precision_logarithmically():
+    generator = np.random.default_rng(2)
+    axes = np.linalg.qr(generator.standard_normal((300, 2)))[0].T * np.sqrt(100)  # 1 mm RMS a particle
+    scores = generator.standard_normal((9, 2))
+    scores = np.linalg.qr(scores - scores.mean(axis=0))[0] * 3.0  # of variance 1
+    particles = (scores * [2.0, 0.05] @ axes).reshape(9, 100, 3)
+    expected = 1.0 + np.log((2.0 / 0.1) ** 2) + (0.05 / 0.1) ** 2
+    assert description_length(particles, 0.1) == pytest.approx(expected, rel=1e-9)
+
+
+def test_weights_and_precisions_that_are_none_are_refused(ellipsoids):
+    particles = ellipsoids(subjects=4, particles=5)
+    with pytest.raises(InputError, match="precision"):
+        description_length(particles, 0.0)
+    with pytest.raises(InputError, match="weights need one number"):
+        leave_one_out_residual(particles, weights=np.ones(4))
+    with pytest.raises(InputError, match="needs three"):
+        leave_one_out_residual(particles[:2])
