@@ -116,7 +116,7 @@ def short_settings():
 def finished_run(made_once, ellipsoids, short_settings):
     """Return a project beside the ellipsoids, with a result of theirs; not to be written to."""
     from homolog.cohort import read_cohort
-    from homolog.files.project import ProjectFolder
+    from homolog.io.project import ProjectFolder
     from homolog.run import Run
 
     def fill(folder):

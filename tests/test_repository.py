@@ -49,7 +49,7 @@ def test_layers_import_downwards_only():
     run("-c", "from importlinter.cli import lint_imports_command; lint_imports_command()")
 
 
-@pytest.mark.parametrize("package", ["homolog.run", "homolog.statistics", "homolog.files.results"])
+@pytest.mark.parametrize("package", ["homolog.run", "homolog.statistics", "homolog.io.results"])
 def test_the_core_loads_neither_qt_nor_a_renderer(package):
     loaded = run("-c", f"import sys, {package}; print(*sys.modules)").split()
     heads = {name.split(".")[0] for name in loaded}

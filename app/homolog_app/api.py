@@ -18,9 +18,9 @@ from pydantic import ValidationError
 
 from homolog import Comparison, Project
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
-from homolog.files.report_details import read_details
-from homolog.files.results import Result, read_result
+from homolog.io.project import ProjectFolder
+from homolog.io.report_details import read_details
+from homolog.io.results import Result, read_result
 from homolog.parameters import fault_text
 from homolog.progress import Tick, no_tick, part_of, tick_of
 from homolog.statistics.design import reference_first

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from homolog.api.project import Project
     from homolog.cohort import Cohort, read_cohort
     from homolog.errors import Cancelled, InputError, NumericalError
-    from homolog.files.meshes import read_mesh, write_mesh
     from homolog.geodesics import geodesic_distances
+    from homolog.io.meshes import read_mesh, write_mesh
     from homolog.patient.compare import PatientComparison
     from homolog.patient.reference import Reference
     from homolog.statistics.comparison import Comparison
@@ -74,9 +74,9 @@ _HOMES = {
     "geodesic_distances": "geodesics",
     "make_reference": "api.patient",
     "read_cohort": "cohort",
-    "read_mesh": "files.meshes",
+    "read_mesh": "io.meshes",
     "regress": "api.compare",
-    "write_mesh": "files.meshes",
+    "write_mesh": "io.meshes",
 }
 
 

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 from skimage import measure
 
-from homolog.files.meshes import write_mesh
+from homolog.io.meshes import write_mesh
 from homolog.surfaces.isosurface import marching_cubes
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mesh_level import mesh_level

@@ -14,8 +14,8 @@ import numpy as np
 from anatomy import LABEL_MAPS, label_map, random_mesh, write_label_map
 from homolog.cohort import Subject
 from homolog.errors import InputError
-from homolog.files.meshes import write_mesh
 from homolog.grooming.subject import GroomedSubject, groom_subject
+from homolog.io.meshes import write_mesh
 from homolog.settings import GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh, euler_number

@@ -6,8 +6,8 @@ import pytest
 
 from homolog import __version__
 from homolog.errors import Cancelled, InputError, NumericalError
-from homolog.files.project import ProjectFolder
-from homolog.files.records import ProjectRecord, SubjectRecord
+from homolog.io.project import ProjectFolder
+from homolog.io.records import ProjectRecord, SubjectRecord
 from homolog_app.cli import main
 
 

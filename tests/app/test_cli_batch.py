@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import SimpleITK
 
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog.settings import GroomSettings, RunSettings
 from homolog_app.cli import main
 from homolog_app.cli.options import with_all_options

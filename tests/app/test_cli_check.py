@@ -7,9 +7,9 @@ import shutil
 import numpy as np
 import pytest
 
-from homolog.files.particles import write_particles
-from homolog.files.project import ProjectFolder
-from homolog.files.results import particle_file, read_result
+from homolog.io.particles import write_particles
+from homolog.io.project import ProjectFolder
+from homolog.io.results import particle_file, read_result
 from homolog.run.repair import COLUMNS
 from homolog_app.cli import INPUT_ERROR, OK, main
 
@@ -90,8 +90,8 @@ def test_a_project_without_result_is_refused(tmp_path, capsys):
 
 
 def test_a_result_whose_surface_was_groomed_anew_is_refused_by_name(swapped, capsys):
-    from homolog.files.meshes import read_mesh, write_mesh
-    from homolog.files.results import surface_file
+    from homolog.io.meshes import read_mesh, write_mesh
+    from homolog.io.results import surface_file
     from homolog.surfaces.mesh import TriangleMesh
 
     path = surface_file(swapped, swapped.read().result.subjects[2].file)

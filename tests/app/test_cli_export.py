@@ -13,12 +13,12 @@ import pytest
 import trimesh
 from PIL import Image
 
-from homolog.files.meshes import read_mesh, write_mesh
-from homolog.files.particles import read_particles, write_particles
-from homolog.files.project import ProjectFolder
-from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
-from homolog.files.results import mean_file, particle_file, read_result, read_surfaces, surface_file
-from homolog.files.tables import write_table
+from homolog.io.meshes import read_mesh, write_mesh
+from homolog.io.particles import read_particles, write_particles
+from homolog.io.project import ProjectFolder
+from homolog.io.records import ProjectRecord, ResultRecord, ResultSubject
+from homolog.io.results import mean_file, particle_file, read_result, read_surfaces, surface_file
+from homolog.io.tables import write_table
 from homolog.settings import RunSettings
 from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh

@@ -1,7 +1,7 @@
 import pytest
 import scipy.sparse
 
-from homolog.files.meshes import write_mesh
+from homolog.io.meshes import write_mesh
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.cli import main
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from homolog.exchange import write_markups, write_shapeworks
-from homolog.files.particles import read_particles, write_particles
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result
+from homolog.io.particles import read_particles, write_particles
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result
 from homolog_app.cli import main
 
 

@@ -35,7 +35,7 @@ def rows(path):
 
 
 def test_a_patient_gets_a_report_tables_and_surfaces(report):
-    from homolog.files.meshes import read_mesh
+    from homolog.io.meshes import read_mesh
 
     assert {path.name for path in report.iterdir()} == {
         "report.html", "report.pdf", "patients.csv", "regions.csv", "map.vtp", "patient.vtp",
@@ -62,8 +62,8 @@ def test_a_comparison_that_is_terminated_leaves_nothing(reference, ellipsoids, t
 
 
 def test_particles_of_a_patient_lie_where_the_run_puts_them(report, reference, finished_run):
-    from homolog.files.particles import read_particles
-    from homolog.files.results import read_result
+    from homolog.io.particles import read_particles
+    from homolog.io.results import read_result
     from homolog.patient import Reference
 
     known = Reference.load(reference)

@@ -10,9 +10,9 @@ import nibabel
 import numpy as np
 import pytest
 
-from homolog.files.markups import write_markups
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result
+from homolog.io.markups import write_markups
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result
 from homolog_app.cli import main
 
 LONG = ["--anneal-iterations", "600", "--settle-iterations", "5"]

@@ -4,8 +4,8 @@ import shutil
 
 import pytest
 
-from homolog.files.project import ProjectFolder
-from homolog.files.results import particle_file, read_result
+from homolog.io.project import ProjectFolder
+from homolog.io.results import particle_file, read_result
 from homolog_app.cli import main
 
 QUIET = ["--progress", "none", "--no-figures", "--workers", "1", "--device", "cpu"]

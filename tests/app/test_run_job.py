@@ -1,7 +1,7 @@
 from dataclasses import replace
 
 from homolog.cohort import Cohort
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog.settings import RunSettings
 from homolog_app.studies.jobs import RunJob
 

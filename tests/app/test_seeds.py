@@ -9,7 +9,7 @@ import pytest
 import SimpleITK
 
 from homolog.cohort import Cohort, Subject
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog.run import Run
 from homolog.statistics.effects import Effect
 from homolog_app.cli import main

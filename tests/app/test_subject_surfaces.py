@@ -4,8 +4,8 @@ import shutil
 
 import pytest
 
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result
 from homolog_app.studies import loaded_result
 from homolog_app.studies.loaded_result import load_result
 from homolog_app.views.contents import subject_contents
@@ -61,7 +61,7 @@ def test_an_older_project_gets_its_array_when_the_program_that_holds_it_reads_it
     folder = shutil.copytree(finished_run.folder, tmp_path / "older")
     project, array = ProjectFolder(folder), folder / "particles.npy"
     array.unlink()
-    monkeypatch.setattr("homolog.files.results._MANY_FILES", 2)
+    monkeypatch.setattr("homolog.io.results._MANY_FILES", 2)
     text = read_result(project)
     assert not array.exists()
     with project.locked():

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from homolog.beans.files import write_beans
 from homolog.beans.generate import draw_beans
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog.run import FinishReason, Phase, Run
 from homolog.run.control import Control
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings

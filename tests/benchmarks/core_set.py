@@ -23,8 +23,8 @@ from homolog.beans.evaluate import evaluate
 from homolog.beans.files import write_beans
 from homolog.beans.generate import Bean, draw_beans
 from homolog.cohort import read_cohort
-from homolog.files.project import ProjectFolder
-from homolog.files.results import Result, read_result
+from homolog.io.project import ProjectFolder
+from homolog.io.results import Result, read_result
 from homolog.run import Run
 from homolog.settings import Alignment, GroomSettings, OptimizeSettings, Procrustes, RunSettings
 from homolog.statistics.evaluation import generalization

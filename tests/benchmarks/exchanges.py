@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from homolog.correspondence.exchanges import Exchanges
-from homolog.files.project import ProjectFolder
 from homolog.inspection import Kind, assess, inspect
 from homolog.inspection.energies import rows_of
+from homolog.io.project import ProjectFolder
 from homolog.run.repair import inspect_project
 
 

@@ -33,11 +33,11 @@ from homolog.beans.generate import NARROW, WIDE, draw_beans
 from homolog.cohort import read_cohort
 from homolog.correspondence import load_kernels, optimize
 from homolog.device import choose_device
-from homolog.files.meshes import read_mesh
 from homolog.geodesics import solve_tables
 from homolog.geodesics.kernels.lookup import LANES, MISSING
 from homolog.geodesics.table import ARRAYS
 from homolog.inspection import inspect
+from homolog.io.meshes import read_mesh
 from homolog.settings import GroomSettings, Method, OptimizeSettings, RunSettings
 from homolog.statistics.thin_plate import landmark_errors
 from homolog.surfaces.snapping import snapping

@@ -18,8 +18,8 @@ from geodesics_peers import PEERS, WHOLE, exact_rows
 from scipy import ndimage
 from skimage.measure import marching_cubes
 
-from homolog.files.meshes import read_mesh
 from homolog.geodesics import solve_tables
+from homolog.io.meshes import read_mesh
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.simplify import simplified
 

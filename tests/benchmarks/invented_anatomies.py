@@ -36,9 +36,9 @@ import invented as solids
 from cohort import carried
 
 from anatomy import LabelMap, write_label_map
-from homolog.files.meshes import write_mesh
 from homolog.geometry import rotation_of
 from homolog.grooming.align import register
+from homolog.io.meshes import write_mesh
 from homolog.settings import GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mesh_level import mesh_level

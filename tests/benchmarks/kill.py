@@ -28,8 +28,8 @@ from pathlib import Path
 import numpy as np
 
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result
 
 PHASES = ("reading", "grooming", "aligning", "geodesics", "splitting", "optimizing", "modeling", "writing")
 LATE_S = {"optimizing": 30.0, "geodesics": 2.0}  # of the long runs: when they are killed at the earliest

@@ -37,7 +37,7 @@ from fault_tries import CASES, SHARED, Cluster, Try, family, is_worker, left_ove
 from forked_programs import Program, Programs
 from kill import contents, is_readable, write_cohort
 
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 
 SETTINGS = (
     "--device cpu --alignment center --particles 16 --mesh-edge 4 --split-iterations 8 "

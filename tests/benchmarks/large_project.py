@@ -28,10 +28,10 @@ import numpy as np
 from homolog.beans.files import write_beans
 from homolog.beans.generate import draw_beans
 from homolog.cohort import Cohort, Subject, read_cohort
-from homolog.files.arrays import read_arrays
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result, read_surface, surface_file
 from homolog.geometry import inverse_matrices, transform_points
+from homolog.io.arrays import read_arrays
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result, read_surface, surface_file
 from homolog.run import Run
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog.surfaces.mesh import TriangleMesh
@@ -124,7 +124,7 @@ def make(folder, subjects, particles):
 OPENING = """
 import sys
 from pathlib import Path
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog_app.studies.loaded_result import load_result
 loaded = load_result(ProjectFolder(Path(sys.argv[1])))
 """

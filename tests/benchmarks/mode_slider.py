@@ -40,7 +40,7 @@ def lumpy_model(subjects: int, particles: int, vertices: int):
     """Return the model of ellipsoids with lumps, on a mean surface with so many vertices."""
     from scipy.spatial import ConvexHull
 
-    from homolog.files.results import Result
+    from homolog.io.results import Result
     from homolog.settings import Method
     from homolog.surfaces.mesh import TriangleMesh
     from homolog_app.studies.model_shape import fit_model_shape

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from homolog.correspondence.initialization.registration import snap_to_mesh
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result, read_surface
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result, read_surface
 from homolog.statistics.thin_plate import warp_displacements
 from homolog.surfaces.mesh import TriangleMesh
 

@@ -20,7 +20,7 @@ from homolog.cohort import read_cohort
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject
 from homolog.grooming.subject import groom, read_source
-from homolog.grooming.volumes import Segmentation
+from homolog.io.volumes import Segmentation
 from homolog.patient import Reference, compare_groomed
 
 

@@ -20,9 +20,9 @@ import numpy as np
 from homolog.correspondence import Shape
 from homolog.correspondence.shape_fit import _FitLoop, _prepared, _stages
 from homolog.correspondence.types import InitialParticles
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result
 from homolog.geometry import fit_similarity, inverse_matrices, transform_points
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result
 from homolog.patient.build import _modes
 from homolog.patient.controls import COARSE_VERTICES, read_controls
 from homolog.patient.fit import fit_surface

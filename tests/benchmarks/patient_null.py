@@ -39,10 +39,10 @@ from scipy import stats
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result
 from homolog.geometry import farthest_point_sampling
 from homolog.grooming import GroomedSubject, GroomReport
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result
 from homolog.patient import compare_groomed
 from homolog.patient.build import reference_of
 from homolog.patient.coding import Coding

@@ -23,8 +23,8 @@ from homolog.beans.files import write_beans
 from homolog.beans.generate import draw_beans
 from homolog.cohort import Cohort, Subject, read_cohort
 from homolog.correspondence.ensemble import ShapeState
-from homolog.files.project import ProjectFolder
 from homolog.geometry import inverse_matrices, transform_points
+from homolog.io.project import ProjectFolder
 from homolog.run import Run
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 

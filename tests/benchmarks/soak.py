@@ -30,7 +30,7 @@ import warp as wp
 from homolog.beans.files import write_beans
 from homolog.beans.generate import draw_beans
 from homolog.cohort import read_cohort
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog.run import Run
 from homolog.settings import OptimizeSettings, RunSettings
 

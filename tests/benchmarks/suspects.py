@@ -26,11 +26,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.files.meshes import read_mesh
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result, surface_file
 from homolog.geodesics import distances_from
 from homolog.inspection import Inspection, assess, inspect, locate_particles
+from homolog.io.meshes import read_mesh
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result, surface_file
 
 Plant = Callable[[Inspection, int, np.random.Generator], tuple[FloatArray, IntArray]]
 

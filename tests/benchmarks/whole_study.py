@@ -82,8 +82,8 @@ def _processor_seconds():
 def one_run(folder, particles, device, pictures):
     """Run a groomed project, draw its pictures if wanted and read it again; print the times as JSON."""
     times = StepTimes()
-    from homolog.files.project import ProjectFolder
-    from homolog.files.results import read_modes, read_result, read_surfaces
+    from homolog.io.project import ProjectFolder
+    from homolog.io.results import read_modes, read_result, read_surfaces
     from homolog.run import Run
 
     project = ProjectFolder(folder)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from homolog.cohort import read_cohort
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog.run import Run
 
 ROOT = Path(__file__).parents[2]
@@ -125,7 +125,7 @@ def search_path():
 HOLD = """
 import sys, time
 from pathlib import Path
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 with ProjectFolder(Path(sys.argv[1])).locked():
     print("held", flush=True)
     time.sleep(60)

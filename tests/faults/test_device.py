@@ -8,7 +8,7 @@ import pytest
 from homolog.correspondence.engine import Engine
 from homolog.device import device_faults
 from homolog.errors import InputError
-from homolog.files.particles import read_particles
+from homolog.io.particles import read_particles
 from homolog.run.repair import read_inputs, repair_result
 
 LOST = "Warp CUDA error 719: unspecified launch failure (in function wp_cuda_launch_kernel)"

@@ -9,15 +9,15 @@ import pytest
 from homolog.cohort import read_cohort
 from homolog.errors import InputError
 from homolog.exchange import write_markups, write_shapeworks
-from homolog.files.mapped import mapped_within
-from homolog.files.meshes import read_mesh, write_mesh
-from homolog.files.particles import write_particles
-from homolog.files.project import ProjectFolder
-from homolog.files.records import ProjectRecord
-from homolog.files.results import surface_file
-from homolog.files.tables import write_table
 from homolog.geodesics import solve_tables
 from homolog.grooming import groom_cohort
+from homolog.io.mapped import mapped_within
+from homolog.io.meshes import read_mesh, write_mesh
+from homolog.io.particles import write_particles
+from homolog.io.project import ProjectFolder
+from homolog.io.records import ProjectRecord
+from homolog.io.results import surface_file
+from homolog.io.tables import write_table
 from homolog.run import Phase, Run
 from homolog.run.table_files import save_table
 from homolog.surfaces.mesh import TriangleMesh

@@ -9,15 +9,15 @@ import time
 import pytest
 
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result
 from homolog.run import table_cache
 
 RUN = """
 import os, signal, sys
 from pathlib import Path
 from homolog.cohort import read_cohort
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog.run import Run, table_cache
 from homolog.settings import RunSettings
 

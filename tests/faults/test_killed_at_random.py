@@ -12,8 +12,8 @@ PROGRAM = """
 import json, os, random, shutil, signal, sys, threading, time
 from pathlib import Path
 from homolog.cohort import read_cohort
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result
 from homolog.run import Run, table_cache
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 

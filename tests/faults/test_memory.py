@@ -9,8 +9,8 @@ import psutil
 import pytest
 
 from homolog.errors import InputError
-from homolog.files.arrays import read_arrays
-from homolog.grooming.images import read_segmentation
+from homolog.io.arrays import read_arrays
+from homolog.io.images import read_segmentation
 
 TOO_LARGE = r"20000 x 20000 x 20000 voxels\): needs [\d,]+ GB of memory, but only [\d.,]+ GB are free; crop "
 

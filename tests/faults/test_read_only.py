@@ -3,8 +3,8 @@
 import pytest
 
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result
 from homolog.run import Run
 from homolog_app.cli import INPUT_ERROR, OK, main
 

@@ -14,11 +14,11 @@ from harness import Target
 from homolog.cohort import Subject, read_cohort
 from homolog.errors import InputError
 from homolog.exchange import import_model, read_markups, write_markups, write_shapeworks
-from homolog.files.arrays import read_arrays, write_arrays
-from homolog.files.meshes import read_mesh, write_mesh
-from homolog.files.particles import read_particles, write_particles
-from homolog.files.project import ProjectFolder
-from homolog.grooming.images import read_segmentation
+from homolog.io.arrays import read_arrays, write_arrays
+from homolog.io.images import read_segmentation
+from homolog.io.meshes import read_mesh, write_mesh
+from homolog.io.particles import read_particles, write_particles
+from homolog.io.project import ProjectFolder
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
 from homolog.surfaces.mesh import TriangleMesh
 

@@ -15,8 +15,8 @@ from targets import good_project, good_xlsx, octahedron
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError
 from homolog.exchange import import_model, write_markups
-from homolog.files.project import ProjectFolder
-from homolog.files.tables import write_table
+from homolog.io.project import ProjectFolder
+from homolog.io.tables import write_table
 from homolog_app.rendering import draw
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.page import Page

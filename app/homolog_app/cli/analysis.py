@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
-from homolog.files.report_details import ReportDetails, read_details, write_details
+from homolog.io.project import ProjectFolder
+from homolog.io.report_details import ReportDetails, read_details, write_details
 from homolog_app.cli.options import (
     add_former_name,
     add_options,
@@ -21,8 +21,8 @@ from homolog_app.exports.settings import CutSettings
 from homolog_app.report.study_settings import AnalysisSettings
 
 if TYPE_CHECKING:
-    from homolog.files.results import Result
     from homolog.inspection import Inspection
+    from homolog.io.results import Result
     from homolog.progress import Tick
 
 __all__ = [
@@ -109,7 +109,7 @@ def _add_question(parser: argparse.ArgumentParser) -> None:
 
 def run_analyze(arguments: argparse.Namespace) -> int:
     """Run the tests; return the exit code."""
-    from homolog.files.results import read_result
+    from homolog.io.results import read_result
     from homolog_app.api import answer_requests, primary_of, requests_of
     from homolog_app.report.stored_studies import name_primary
 
@@ -305,8 +305,8 @@ def add_geodesics(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the
 def run_geodesics(arguments: argparse.Namespace) -> int:
     """Compute, write and verify as requested; return the exit code."""
     from homolog.device import choose_device, describe_device, device_faults
-    from homolog.files.meshes import read_mesh
     from homolog.geodesics import each_table, measure_accuracy, plan_tables
+    from homolog.io.meshes import read_mesh
 
     if arguments.out is not None and arguments.out.suffix != ".npz":
         raise InputError(f"{arguments.out}: the matrix is written as .npz; use that suffix")
@@ -344,7 +344,7 @@ def _write(path: Path, table: Any) -> int:  # noqa: ANN401 - a GeodesicTable, sl
     """Write the matrix atomically; return its number of entries."""
     import scipy.sparse
 
-    from homolog.files.atomic import atomic_write
+    from homolog.io.atomic import atomic_write
 
     matrix = table.to_csr()
     with atomic_write(path) as part:

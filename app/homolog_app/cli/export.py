@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog_app.cli.analysis import add_report, run_report
 from homolog_app.cli.export_pictures import (
     add_film,
@@ -73,7 +73,7 @@ def add_table(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pri
 def run_table(arguments: argparse.Namespace) -> int:
     """Write the tables; return the exit code."""
     settings = with_options(TableSettings(), arguments)
-    from homolog.files.atomic import replace_folder
+    from homolog.io.atomic import replace_folder
     from homolog_app.exports.tables import write_tables
 
     groups = tuple(arguments.group) if arguments.group else None
@@ -106,7 +106,7 @@ def add_measures(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
 
 def run_measures(arguments: argparse.Namespace) -> int:
     """Write the table; return the exit code."""
-    from homolog.files.results import read_result, read_surface
+    from homolog.io.results import read_result, read_surface
     from homolog_app.exports.tables import distances_from_mean, group_lines, measure_meshes, write_measures
 
     project = ProjectFolder(arguments.project)
@@ -185,7 +185,7 @@ def add_meshes(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
 def run_meshes(arguments: argparse.Namespace) -> int:
     """Write the meshes; return the exit code."""
     settings = with_options(MeshSettings(), arguments)
-    from homolog.files.atomic import replace_folder
+    from homolog.io.atomic import replace_folder
     from homolog_app.exports.meshes import write_meshes
 
     groups = tuple(arguments.group) if arguments.group else None
@@ -232,7 +232,7 @@ def add_shapeworks(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
 
 def run_points(arguments: argparse.Namespace) -> int:
     """Write the points; return the exit code."""
-    from homolog.files.atomic import replace_folder
+    from homolog.io.atomic import replace_folder
 
     with exporting(arguments) as tick, replace_folder(arguments.out) as folder:
         if arguments.what == "shapeworks":
@@ -247,9 +247,9 @@ def run_points(arguments: argparse.Namespace) -> int:
 
 def _write_points(arguments: argparse.Namespace, folder: Path, tick: "Tick") -> None:
     from homolog.exchange import write_markups, write_morphometrics
-    from homolog.files.names import file_stems
-    from homolog.files.particles import write_particles
-    from homolog.files.results import read_result
+    from homolog.io.names import file_stems
+    from homolog.io.particles import write_particles
+    from homolog.io.results import read_result
 
     settings = with_options(ParticleSettings(), arguments)
     result = read_result(ProjectFolder(arguments.project))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog.progress import Tick
 from homolog_app.cli.options import (
     add_former_name,
@@ -106,7 +106,7 @@ def chosen_motions(arguments: argparse.Namespace, deviations: float) -> "Sequenc
     InputError
         If the project has no result, or no such mode or group.
     """
-    from homolog.files.results import read_result
+    from homolog.io.results import read_result
     from homolog_app.exports.motion import group_motion, mode_motions, static_motion
 
     result = read_result(ProjectFolder(arguments.project))
@@ -284,7 +284,7 @@ def run_plot(arguments: argparse.Namespace) -> int:
     settings = with_options(PlotSettings(), arguments)
     if arguments.out.suffix.lower() not in _PLOT_SUFFIXES:
         raise InputError(f"--out {arguments.out}: must end in {', '.join(_PLOT_SUFFIXES)}")
-    from homolog.files.atomic import atomic_write
+    from homolog.io.atomic import atomic_write
     from homolog_app.exports.pictures import draw_plot
     from homolog_app.pictures import write_picture
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog_app.cli.export_pictures import exporting
 from homolog_app.cli.options import add_progress_option, show_progress
 
@@ -174,7 +174,7 @@ def given_covariates(arguments: argparse.Namespace) -> dict[str, str]:
 
 def run_patient(arguments: argparse.Namespace) -> int:
     """Compare; return the exit code."""
-    from homolog.files.atomic import replace_folder
+    from homolog.io.atomic import replace_folder
     from homolog.patient.reference import Reference
     from homolog_app.report.patient import PatientRequest, write_patients
 

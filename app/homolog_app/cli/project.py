@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from homolog.cohort import with_table
 from homolog.errors import InputError, NumericalError
-from homolog.files.project import ProjectFolder
-from homolog.files.records import ProjectRecord, ResultRecord, note_lines
+from homolog.io.project import ProjectFolder
+from homolog.io.records import ProjectRecord, ResultRecord, note_lines
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog_app.cli.options import (
     Progress,
@@ -23,7 +23,7 @@ from homolog_app.cli.options import (
 from homolog_app.cli.run import cohort_of, interrupt_cancels
 
 if TYPE_CHECKING:
-    from homolog.grooming.structures import Structure, Structures
+    from homolog.io.structures import Structure, Structures
     from homolog.run.batch import BatchItem
     from homolog.run.events import RunStatus
 
@@ -135,7 +135,7 @@ def add_table(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
 
 def run_table(arguments: argparse.Namespace) -> int:
     """Print the changes and write them; return the exit code."""
-    from homolog.files.project_table import update_table
+    from homolog.io.project_table import update_table
 
     project = ProjectFolder(arguments.project)
     with project.locked(new=False):
@@ -198,7 +198,7 @@ def add_labels(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 
 def run_labels(arguments: argparse.Namespace) -> int:
     """List the structures; return the exit code."""
-    from homolog.grooming.structures import list_structures
+    from homolog.io.structures import list_structures
     from homolog.progress import run_in_background
 
     cohort = cohort_of(arguments.cohort)
@@ -287,7 +287,7 @@ def add_batch(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
 
 def run_batch(arguments: argparse.Namespace) -> int:
     """Run the batch; return the exit code."""
-    from homolog.grooming.structures import chosen_structures, list_structures
+    from homolog.io.structures import chosen_structures, list_structures
     from homolog.progress import run_in_background
     from homolog.run.batch import Batch, ItemState
     from homolog.run.events import FinishReason

@@ -28,7 +28,7 @@ from homolog.cohort import (
     with_values_of,
 )
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog_app.cli.options import (
     add_former_name,
@@ -155,7 +155,7 @@ def _check_structure(source: Path, cohort: Cohort, settings: GroomSettings) -> N
     """Refuse files of several structures if none is chosen, in one message for all subjects."""
     if settings.label is not None or settings.segment is not None:
         return
-    from homolog.grooming.structures import structures_of_files
+    from homolog.io.structures import structures_of_files
 
     files = structures_of_files(cohort)
     if structures := files.structures:
@@ -205,7 +205,7 @@ def _has_requested_result(
 
 def _update_table(arguments: argparse.Namespace, project: ProjectFolder, cohort: Cohort) -> int:
     """Update groups and columns of the project that has the result; return the exit code."""
-    from homolog.files.project_table import update_table
+    from homolog.io.project_table import update_table
 
     with project.locked(new=False):
         changes = with_values_of(project.cohort().subjects, cohort.subjects)
@@ -298,7 +298,7 @@ def _with_new(cohort: Cohort, paths: Sequence[Path], segment: str | None) -> Coh
 
 def _subjects_of(path: Path, segment: str | None) -> tuple[Subject, ...]:
     if path.is_dir() and segment:
-        from homolog.grooming.names import matching
+        from homolog.io.label_names import matching
 
         if masks := matching(mask_files(path).items(), segment):  # one subject with a file per structure
             return (Subject(path.name, masks[0].parent.resolve()),)

@@ -20,7 +20,7 @@ from homolog_app.cli.options import add_progress_option, remaining_seconds, show
 if TYPE_CHECKING:
     from homolog.beans.generate import Bean
     from homolog.cohort import Cohort
-    from homolog.files.project import ProjectFolder
+    from homolog.io.project import ProjectFolder
 
 __all__ = [
     "ComparisonRow",
@@ -154,7 +154,7 @@ def run_demo(arguments: argparse.Namespace) -> int:
     """Run the experiment; return the exit code."""
     from homolog.beans.files import write_beans
     from homolog.beans.generate import draw_beans, draw_moments
-    from homolog.files.atomic import report_os_errors
+    from homolog.io.atomic import report_os_errors
 
     out = arguments.out
     optimize = with_options(OptimizeSettings(), arguments)
@@ -201,7 +201,7 @@ def _run_method(
     folder: Path, name: str, cohort: "Cohort", optimize: OptimizeSettings, tick: Tick
 ) -> "ProjectFolder":
     """Run one method on the cohort, whose shapes share a frame and need no alignment."""
-    from homolog.files.project import ProjectFolder
+    from homolog.io.project import ProjectFolder
     from homolog.run import Run
 
     project = ProjectFolder(folder)
@@ -212,8 +212,8 @@ def _run_method(
 
 
 def _draw(out: Path, projects: dict[str, "ProjectFolder"], tick: Tick) -> None:
-    from homolog.files.atomic import atomic_write
-    from homolog.files.results import read_modes, read_result
+    from homolog.io.atomic import atomic_write
+    from homolog.io.results import read_modes, read_result
     from homolog.statistics.shape_model import ShapeModel
     from homolog_app.pictures import ModeSurfaces, draw_modes, write_picture
     from homolog_app.pictures.figures import draw_figures
@@ -303,7 +303,7 @@ def write_comparison(
         The true shapes of the cohort.
     tick : Tick
     """
-    from homolog.files.tables import write_table
+    from homolog.io.tables import write_table
 
     by_method = {}
     for index, (name, project) in enumerate(projects.items()):
@@ -327,7 +327,7 @@ def write_comparison(
 
 def _figures_of(project: "ProjectFolder", beans: Sequence["Bean"], tick: Tick) -> dict[str, float]:
     from homolog.beans.evaluate import evaluate
-    from homolog.files.results import read_result
+    from homolog.io.results import read_result
     from homolog.statistics.evaluation import generalization, specificity
     from homolog.statistics.shape_model import ShapeModel
 

@@ -11,12 +11,12 @@ from trimesh.exchange.gltf import export_glb
 
 from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
-from homolog.files.atomic import atomic_write
-from homolog.files.meshes import write_mesh
-from homolog.files.names import file_stems
-from homolog.files.project import ProjectFolder
-from homolog.files.results import Result, read_result, read_surfaces
-from homolog.files.tables import write_table
+from homolog.io.atomic import atomic_write
+from homolog.io.meshes import write_mesh
+from homolog.io.names import file_stems
+from homolog.io.project import ProjectFolder
+from homolog.io.results import Result, read_result, read_surfaces
+from homolog.io.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.statistics.procrustes import Alignment
 from homolog.statistics.shape_model import ShapeModel

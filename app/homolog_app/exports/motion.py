@@ -7,7 +7,7 @@ import numpy as np
 
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
-from homolog.files.results import Result
+from homolog.io.results import Result
 from homolog.statistics.reconstruction import warp_surface
 from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from homolog.errors import InputError, NumericalError
-from homolog.files.atomic import atomic_write, replace_folder
-from homolog.files.project import ProjectFolder
-from homolog.files.results import Result, read_result
+from homolog.io.atomic import atomic_write, replace_folder
+from homolog.io.project import ProjectFolder
+from homolog.io.results import Result, read_result
 from homolog.progress import Tick, no_tick
 from homolog.statistics.parallel import parallel_analysis
 from homolog.statistics.shape_model import ShapeModel

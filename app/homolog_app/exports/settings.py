@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from homolog.files.report_details import Axes, ReportDetails
+from homolog.io.report_details import Axes, ReportDetails
 from homolog_app.rendering.camera import Clip, ClipPlane, View
 
 __all__ = [

@@ -10,12 +10,12 @@ from scipy.spatial import cKDTree
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
 from homolog.errors import InputError
-from homolog.files.atomic import write_text
-from homolog.files.names import file_stems
-from homolog.files.project import ProjectFolder
-from homolog.files.report_details import read_details
-from homolog.files.results import Result, read_result, read_surface
-from homolog.files.tables import write_table
+from homolog.io.atomic import write_text
+from homolog.io.names import file_stems
+from homolog.io.project import ProjectFolder
+from homolog.io.report_details import read_details
+from homolog.io.results import Result, read_result, read_surface
+from homolog.io.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.statistics.assumptions import shape_outliers
 from homolog.statistics.cautions import p_text

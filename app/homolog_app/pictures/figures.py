@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from homolog.arrays import Array, BoolArray, FloatArray
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_modes, read_result, read_surfaces
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_modes, read_result, read_surfaces
 from homolog.progress import Tick, no_tick
 from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh

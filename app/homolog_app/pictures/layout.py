@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
 from homolog.arrays import Array, FloatArray, IntArray
-from homolog.files.atomic import atomic_write
+from homolog.io.atomic import atomic_write
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.pictures.png import png_of
 from homolog_app.rendering.camera import View, frame_around

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
-from homolog.files.names import file_stems
-from homolog.files.project import ProjectFolder
-from homolog.files.results import Result
+from homolog.io.names import file_stems
+from homolog.io.project import ProjectFolder
+from homolog.io.results import Result
 from homolog.progress import Tick
 from homolog.statistics.comparison import Comparison
 from homolog.statistics.evaluation import compactness, generalization, specificity

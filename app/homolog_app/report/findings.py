@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from homolog.files.results import Result
+from homolog.io.results import Result
 from homolog.statistics.assumptions import Dispersion, shape_outliers
 from homolog.statistics.cautions import LEVEL, cautions_of, dispersion_caution, p_text
 from homolog.statistics.comparison import Comparison

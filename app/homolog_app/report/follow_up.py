@@ -8,10 +8,10 @@ import numpy as np
 from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.cohort import Subject
 from homolog.errors import InputError
-from homolog.files.atomic import write_text
-from homolog.files.meshes import write_mesh
-from homolog.files.tables import write_table
 from homolog.geometry import inverse_matrices, transform_points
+from homolog.io.atomic import write_text
+from homolog.io.meshes import write_mesh
+from homolog.io.tables import write_table
 from homolog.patient import Change, FollowUp, Reference
 from homolog.progress import Tick, no_tick
 from homolog_app.pictures.layout import Panel, arrange

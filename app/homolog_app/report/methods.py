@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from math import factorial, prod
 
-from homolog.files.records import ResultRecord
+from homolog.io.records import ResultRecord
 from homolog.statistics.cautions import LOOSE, f_excess
 from homolog.statistics.procrustes import Alignment
 from homolog_app.report.findings import LEVEL, correction_text

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import BaseModel
 
-from homolog.files.records import ResultRecord
-from homolog.files.results import Result
-from homolog.files.tables import write_table
 from homolog.inspection.located_particles import closest_points_on
+from homolog.io.records import ResultRecord
+from homolog.io.results import Result
+from homolog.io.tables import write_table
 from homolog.settings import Procrustes
 from homolog.surfaces.comparison import distances_both_ways
 from homolog.surfaces.mesh import TriangleMesh

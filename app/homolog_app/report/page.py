@@ -13,8 +13,8 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup, escape
 
 from homolog.cohort import Cohort
-from homolog.files.atomic import write_text
-from homolog.files.records import ResultRecord
+from homolog.io.atomic import write_text
+from homolog.io.records import ResultRecord
 from homolog.run.batch import Batch, BatchItem, ItemState
 from homolog_app.rendering.text import complete_texts, typeset
 from homolog_app.report import NOTICE

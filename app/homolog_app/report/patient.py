@@ -19,12 +19,12 @@ from homolog.cohort import (
     suffix_of,
 )
 from homolog.errors import InputError, NumericalError
-from homolog.files.atomic import write_text
-from homolog.files.meshes import write_mesh
-from homolog.files.names import file_stems
-from homolog.files.particles import write_particles
-from homolog.files.tables import write_table
 from homolog.geometry import inverse_matrices
+from homolog.io.atomic import write_text
+from homolog.io.meshes import write_mesh
+from homolog.io.names import file_stems
+from homolog.io.particles import write_particles
+from homolog.io.tables import write_table
 from homolog.patient import FollowUp, PatientComparison, Reference, compare_patient, compare_times
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import GroomSettings

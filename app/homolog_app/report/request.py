@@ -10,8 +10,8 @@ from pydantic import Field, model_validator
 from homolog.arrays import FloatArray
 from homolog.cohort.column_types import CATEGORY, plain_name
 from homolog.errors import InputError
-from homolog.files.results import Result
 from homolog.geometry import scale_of
+from homolog.io.results import Result
 from homolog.parameters import parameters
 from homolog.statistics.design import is_missing
 from homolog.statistics.procrustes import Alignment, rms_radii

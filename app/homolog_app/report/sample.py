@@ -9,10 +9,10 @@ import numpy as np
 
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
-from homolog.files.records import ResultRecord
-from homolog.files.report_details import ReportDetails
-from homolog.files.results import Result
-from homolog.files.tables import write_table
+from homolog.io.records import ResultRecord
+from homolog.io.report_details import ReportDetails
+from homolog.io.results import Result
+from homolog.io.tables import write_table
 from homolog.statistics.cautions import p_text
 from homolog.statistics.design import lookalikes, numbers
 from homolog.statistics.effects import Effect

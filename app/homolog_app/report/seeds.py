@@ -11,10 +11,10 @@ import numpy as np
 
 from homolog.cohort import Cohort
 from homolog.errors import Cancelled, InputError
-from homolog.files.project import ProjectFolder
-from homolog.files.records import ResultRecord
-from homolog.files.results import Result, read_result
-from homolog.files.tables import write_table
+from homolog.io.project import ProjectFolder
+from homolog.io.records import ResultRecord
+from homolog.io.results import Result, read_result
+from homolog.io.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run import FinishReason, Run
 from homolog.settings import RunSettings

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from homolog import __version__
 from homolog.arrays import Array
-from homolog.files.atomic import atomic_write
+from homolog.io.atomic import atomic_write
 from homolog_app.pictures.layout import Panel, draw_displacement_bar
 from homolog_app.rendering.colours import LIGHT
 from homolog_app.rendering.text import complete_texts, shortened, typeset

@@ -11,9 +11,9 @@ from typing import NamedTuple
 from pydantic import BaseModel, ConfigDict
 
 from homolog.errors import InputError
-from homolog.files.atomic import write_text
-from homolog.files.project import OUT_OF_DATE, ProjectFolder
-from homolog.files.tables import write_table
+from homolog.io.atomic import write_text
+from homolog.io.project import OUT_OF_DATE, ProjectFolder
+from homolog.io.tables import write_table
 from homolog.statistics.effects import Effect
 from homolog.statistics.procrustes import Alignment
 from homolog_app.report.request import StudyRequest

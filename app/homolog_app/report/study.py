@@ -11,7 +11,7 @@ from homolog.arrays import FloatArray, IntArray, frozen
 from homolog.cohort.column_types import CATEGORY
 from homolog.cohort.file_names import words_of_individual
 from homolog.errors import InputError
-from homolog.files.results import Result
+from homolog.io.results import Result
 from homolog.progress import Tick, no_tick, part_of
 from homolog.statistics.comparison import Comparison, Options
 from homolog.statistics.covariates import with_covariate_effects, with_unadjusted

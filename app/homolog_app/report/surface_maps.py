@@ -9,9 +9,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
-from homolog.files.records import ResultRecord
-from homolog.files.report_details import Axes, ReportDetails
-from homolog.files.results import Result
+from homolog.io.records import ResultRecord
+from homolog.io.report_details import Axes, ReportDetails
+from homolog.io.results import Result
 from homolog.statistics.cautions import LEVEL
 from homolog.statistics.comparison import Comparison
 from homolog.statistics.effects import Effect

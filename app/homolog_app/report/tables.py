@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.files.names import file_stems
-from homolog.files.project import ProjectFolder
-from homolog.files.report_details import read_details
-from homolog.files.results import Result
-from homolog.files.tables import write_table
+from homolog.io.names import file_stems
+from homolog.io.project import ProjectFolder
+from homolog.io.report_details import read_details
+from homolog.io.results import Result
+from homolog.io.tables import write_table
 from homolog.statistics.comparison import Comparison, prepare_shapes
 from homolog.statistics.effects import Effect
 from homolog.statistics.welch import WelchMap, welch_map

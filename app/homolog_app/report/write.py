@@ -8,13 +8,13 @@ import numpy as np
 from homolog.arrays import FloatArray
 from homolog.errors import InputError, NumericalError
 from homolog.exchange import project_landmark_errors
-from homolog.files.atomic import atomic_write, write_text
-from homolog.files.project import ProjectFolder
-from homolog.files.records import ResultRecord
-from homolog.files.report_details import Axes, ReportDetails, read_details
-from homolog.files.results import Result, read_result, read_surface
-from homolog.files.tables import write_table
 from homolog.inspection import inspect
+from homolog.io.atomic import atomic_write, write_text
+from homolog.io.project import ProjectFolder
+from homolog.io.records import ResultRecord
+from homolog.io.report_details import Axes, ReportDetails, read_details
+from homolog.io.results import Result, read_result, read_surface
+from homolog.io.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.statistics.design import reference_first
 from homolog.statistics.shape_model import ShapeModel

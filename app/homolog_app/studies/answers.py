@@ -8,8 +8,8 @@ import numpy as np
 
 from homolog.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
-from homolog.files.results import Result
+from homolog.io.project import ProjectFolder
+from homolog.io.results import Result
 from homolog.progress import Tick, part_of
 from homolog.statistics.comparison import Comparison, prepare_shapes
 from homolog.statistics.studies import pair_members

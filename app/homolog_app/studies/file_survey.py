@@ -9,8 +9,8 @@ import numpy as np
 from homolog.arrays import Array, BoolArray, FloatArray, frozen
 from homolog.cohort import Subject
 from homolog.errors import InputError
-from homolog.grooming.images import Segmentation, Volume, read_volume
-from homolog.grooming.structures import mask_of, masks_of, structures_of
+from homolog.io.images import Segmentation, Volume, read_volume
+from homolog.io.structures import mask_of, masks_of, structures_of
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["FileSurvey", "LabelSummary", "survey_subject"]
@@ -124,7 +124,7 @@ def _with_mask(survey: FileSurvey, path: Path) -> FileSurvey:
 
 
 def _with_mesh(survey: FileSurvey, path: Path) -> FileSurvey:
-    from homolog.files.meshes import read_mesh
+    from homolog.io.meshes import read_mesh
 
     mesh = read_mesh(path)
     return replace(survey, volume_ml=_volume(mesh) / 1000.0, thumbnail=_mesh_thumbnail(mesh), surface=mesh)

@@ -12,10 +12,10 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from homolog.cohort import Subject, checked_path
 from homolog.errors import InputError
-from homolog.files.atomic import replace_folder, write_text
-from homolog.files.project import ProjectFolder
-from homolog.files.project_table import update_table
-from homolog.files.records import ProjectRecord, SubjectRecord
+from homolog.io.atomic import replace_folder, write_text
+from homolog.io.project import ProjectFolder
+from homolog.io.project_table import update_table
+from homolog.io.records import ProjectRecord, SubjectRecord
 from homolog.settings import RunSettings
 from homolog_app.rendering.camera import CameraState, Canvas
 from homolog_app.studies.study import Member, Study
@@ -297,7 +297,7 @@ def interrupted_text(checkpoint: Path, particles: int) -> str:
 @lru_cache(maxsize=1)
 def _read(checkpoint: Path, _changed: int) -> tuple[int, int, float | None]:
     """Return particles, iterations and fraction done; read again only if the file has changed."""
-    from homolog.files.arrays import read_arrays
+    from homolog.io.arrays import read_arrays
 
     stored = read_arrays(checkpoint, names=("means", "iteration", "fraction"))
     fraction = float(stored["fraction"]) if "fraction" in stored else None  # versions before 0.3 lack it

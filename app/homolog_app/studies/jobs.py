@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort, Subject
 from homolog.errors import Cancelled, InputError
-from homolog.files.names import file_stems
-from homolog.files.project import ProjectFolder
+from homolog.io.names import file_stems
+from homolog.io.project import ProjectFolder
 from homolog.progress import Tick, part_of
 from homolog.settings import GroomSettings, RunSettings
 from homolog_app.studies.loaded_result import LoadedResult, Recorder, load_result

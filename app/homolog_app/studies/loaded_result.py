@@ -11,10 +11,10 @@ import numpy as np
 from homolog.arrays import FloatArray, frozen
 from homolog.cohort import Cohort
 from homolog.errors import InputError
-from homolog.files.arrays import read_arrays, write_arrays
-from homolog.files.project import ProjectFolder
-from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
-from homolog.files.results import Result, read_result, read_surface
+from homolog.io.arrays import read_arrays, write_arrays
+from homolog.io.project import ProjectFolder
+from homolog.io.records import ProjectRecord, ResultRecord, ResultSubject
+from homolog.io.results import Result, read_result, read_surface
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import Method
 from homolog.surfaces.mesh import TriangleMesh
@@ -225,10 +225,10 @@ def write_from_memory(
     InputError
         If the folder can't be written to.
     """
-    from homolog.files.meshes import write_mesh
-    from homolog.files.particle_array import write_all_particles
-    from homolog.files.results import surface_file
-    from homolog.files.tables import write_table
+    from homolog.io.meshes import write_mesh
+    from homolog.io.particle_array import write_all_particles
+    from homolog.io.results import surface_file
+    from homolog.io.tables import write_table
     from homolog.run.shape_files import surface_of_model, write_model, write_surfaces
     from homolog.statistics.shape_model import ShapeModel
 

@@ -13,9 +13,9 @@ from scipy.sparse.csgraph import connected_components
 
 from homolog.arrays import Array, BoolArray, Float32Array, FloatArray, IntArray, frozen
 from homolog.errors import Cancelled, InputError, NumericalError
-from homolog.files.project import ProjectFolder
-from homolog.files.results import Result, read_result
 from homolog.geometry import scale_of
+from homolog.io.project import ProjectFolder
+from homolog.io.results import Result, read_result
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import Method
 from homolog.statistics.parallel import ParallelAnalysis, parallel_analysis

@@ -22,8 +22,8 @@ from homolog.cohort import (
     with_both_sides,
 )
 from homolog.errors import InputError
-from homolog.files.records import ResultRecord
-from homolog.files.results import Result
+from homolog.io.records import ResultRecord
+from homolog.io.results import Result
 from homolog.settings import RunSettings
 
 __all__ = [

@@ -8,8 +8,8 @@ import numpy as np
 
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
 from homolog.geometry import scale_of
+from homolog.io.project import ProjectFolder
 from homolog.progress import Tick
 from homolog_app.rendering.colours import ColourScale, viridis
 from homolog_app.views.content import Numbers, SubjectContents, ViewContents

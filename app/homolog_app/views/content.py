@@ -10,7 +10,7 @@ from pydantic import AliasChoices, BaseModel, ConfigDict, Field
 
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import InputError
-from homolog.files.arrays import read_arrays, write_arrays
+from homolog.io.arrays import read_arrays, write_arrays
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.camera import Canvas
 from homolog_app.rendering.colours import ColourScale

@@ -19,7 +19,7 @@ from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.contents import region_border
 
 if TYPE_CHECKING:
-    from homolog.grooming.images import Segmentation
+    from homolog.io.images import Segmentation
     from homolog.patient import PatientComparison, Reference, Region
     from homolog_app.views.slices import SliceScene
 

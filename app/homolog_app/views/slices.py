@@ -10,8 +10,8 @@ from scipy import ndimage
 
 from homolog.arrays import Array, Float32Array, FloatArray
 from homolog.geometry import transform_points
-from homolog.grooming.images import Segmentation
-from homolog.grooming.scans import Scan
+from homolog.io.images import Segmentation
+from homolog.io.scans import Scan
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.text import edge_letters
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from homolog.cohort import Subject
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog.progress import Tick, part_of
 from homolog_app.studies.file_survey import survey_subject
 from homolog_app.studies.jobs import groomed_before

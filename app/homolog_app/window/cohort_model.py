@@ -7,7 +7,7 @@ from PySide6.QtCore import QAbstractTableModel, QModelIndex, QObject, QPersisten
 from PySide6.QtGui import QColor, QImage, QPixmap
 
 from homolog.arrays import Array
-from homolog.files.records import note_kinds
+from homolog.io.records import note_kinds
 from homolog_app.rendering.colours import rgb
 from homolog_app.rendering.text import millilitres
 from homolog_app.studies.study import Member

@@ -29,7 +29,7 @@ from homolog_app.window.theme import Theme, scaled
 from homolog_app.window.widgets import GRID, Panel, button, dress_table, label
 
 if TYPE_CHECKING:
-    from homolog.grooming.structures import Structure
+    from homolog.io.structures import Structure
 
 __all__ = ["CohortPanel", "CohortTools", "LabelPicker"]
 
@@ -278,8 +278,8 @@ class LabelPicker(QFrame):
         if not any(survey.labels for survey in surveys.values()):
             self.hide()
             return
-        from homolog.grooming.names import same_name
-        from homolog.grooming.structures import (
+        from homolog.io.label_names import same_name
+        from homolog.io.structures import (
             SubjectStructure,
             joined,
         )  # slow to import; loaded anyway once files are read

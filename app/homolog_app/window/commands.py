@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog_app.window.session import Session
 
 __all__ = ["COMMANDS", "LAYOUTS", "MENUS", "Command", "WindowState", "command", "obstacles"]

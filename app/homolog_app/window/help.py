@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QDialog, QFrame, QHBoxLayout, QMainWindow, QMessag
 
 from homolog import __version__
 from homolog.errors import user_message
-from homolog.files.atomic import write_text
+from homolog.io.atomic import write_text
 from homolog_app.window.actions import Actions, CommandPalette, ShortcutSheet
 from homolog_app.window.commands import command
 from homolog_app.window.dialogs import ErrorDialog, problem_report

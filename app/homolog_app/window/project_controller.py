@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from PySide6.QtWidgets import QInputDialog, QWidget
 
 from homolog.errors import InputError, InUseError
-from homolog.files.atomic import replace_folder
-from homolog.files.project import ProjectFolder
+from homolog.io.atomic import replace_folder
+from homolog.io.project import ProjectFolder
 from homolog_app.studies.files import (
     InterruptedSession,
     ViewRecord,

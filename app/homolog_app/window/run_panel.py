@@ -14,8 +14,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from homolog.files.project import ProjectFolder
-from homolog.files.records import note_kinds
+from homolog.io.project import ProjectFolder
+from homolog.io.records import note_kinds
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog.surfaces.mirroring import mirrors
 from homolog_app.rendering.text import millilitres, signed

@@ -24,7 +24,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
-from homolog.grooming.scans import Scan, check_frame, read_scan
+from homolog.io.scans import Scan, check_frame, read_scan
 from homolog.progress import Tick
 from homolog_app.rendering.camera import round_length
 from homolog_app.rendering.text import short

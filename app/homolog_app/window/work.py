@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from PySide6.QtCore import QObject, Slot
 
 from homolog.cohort import Cohort, Subject
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog.progress import Tick
 from homolog.settings import GroomSettings
 from homolog_app.studies.jobs import (

@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 )
 
 from homolog.errors import HomologError, InputError
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog.settings import RunSettings
 from homolog_app.studies.files import Journal, JournalRecord, ViewRecord, record_of, save_view
 from homolog_app.window.dialogs import LogMemory

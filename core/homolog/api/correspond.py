@@ -23,12 +23,12 @@ from homolog.cohort import Cohort
 from homolog.correspondence import Reason
 from homolog.device import choose_device
 from homolog.errors import InputError
-from homolog.files.atomic import report_os_errors
-from homolog.files.names import file_stems
-from homolog.files.project import ProjectFolder
-from homolog.files.results import surface_file
 from homolog.grooming import GroomedSubject, check_cohort, check_sides, groom_cohort
 from homolog.grooming.cache import content_key, save_groomed
+from homolog.io.atomic import report_os_errors
+from homolog.io.names import file_stems
+from homolog.io.project import ProjectFolder
+from homolog.io.results import surface_file
 from homolog.parameters import fault_text
 from homolog.progress import no_tick
 from homolog.run.choose_core import outline

@@ -19,7 +19,7 @@ from homolog.cohort import (
 )
 from homolog.errors import InputError
 from homolog.grooming.subject import Source
-from homolog.grooming.volumes import Volume
+from homolog.io.volumes import Volume
 from homolog.settings import GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from homolog.api.inputs import cohort_of
 from homolog.api.project import Project
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
 from homolog.grooming import GroomedSubject, groom_subject
 from homolog.grooming.subject import check_source, groom
+from homolog.io.project import ProjectFolder
 from homolog.patient import PatientComparison, Reference, compare_groomed
 from homolog.patient.build import make_reference as _make
 from homolog.progress import Tick, part_of, run_in_background, tick_of

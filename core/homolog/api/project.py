@@ -10,10 +10,10 @@ from pydantic import ValidationError
 from homolog.api.mean_shape import HasMeanShape, MeanShape
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
-from homolog.files.records import ResultRecord
-from homolog.files.report_details import Axes, ReportDetails, read_details, write_details
-from homolog.files.results import read_result, read_surface
+from homolog.io.project import ProjectFolder
+from homolog.io.records import ResultRecord
+from homolog.io.report_details import Axes, ReportDetails, read_details, write_details
+from homolog.io.results import read_result, read_surface
 from homolog.parameters import fault_text
 from homolog.settings import RunSettings
 from homolog.surfaces.mesh import TriangleMesh

@@ -4,7 +4,7 @@ from homolog.exchange.import_model import domains_of, import_model
 from homolog.exchange.landmarks import LandmarkErrors, project_landmark_errors
 from homolog.exchange.morphometrics import write_morphometrics
 from homolog.exchange.shapeworks_export import write_shapeworks
-from homolog.files.markups import Markups, read_markups, write_markups
+from homolog.io.markups import Markups, read_markups, write_markups
 
 __all__ = [
     "LandmarkErrors",

@@ -15,15 +15,15 @@ from homolog.exchange.shapes import SubjectSurface, surfaces_of
 from homolog.exchange.shapeworks_files import ShapeWorksProject, read_shapeworks_file
 from homolog.exchange.shapeworks_metadata import save_source_metadata
 from homolog.exchange.shapeworks_model import model_of_folder, model_of_project
-from homolog.files.markups import write_markups
-from homolog.files.meshes import write_mesh
-from homolog.files.names import file_stems
-from homolog.files.particle_array import particle_file, write_all_particles
-from homolog.files.particles import read_particles
-from homolog.files.project import ProjectFolder
-from homolog.files.records import IMPORTED, ProjectRecord, ResultRecord, ResultSubject
-from homolog.files.results import surface_file
-from homolog.files.tables import write_table
+from homolog.io.markups import write_markups
+from homolog.io.meshes import write_mesh
+from homolog.io.names import file_stems
+from homolog.io.particle_array import particle_file, write_all_particles
+from homolog.io.particles import read_particles
+from homolog.io.project import ProjectFolder
+from homolog.io.records import IMPORTED, ProjectRecord, ResultRecord, ResultSubject
+from homolog.io.results import surface_file
+from homolog.io.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.fingerprints import versions
 from homolog.run.shape_files import surface_of_model, write_model, write_surfaces

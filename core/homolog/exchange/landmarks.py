@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from homolog.arrays import FloatArray, frozen
-from homolog.files.markups import landmark_table, read_markups
-from homolog.files.meshes import read_mesh
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result, surface_file
+from homolog.io.markups import landmark_table, read_markups
+from homolog.io.meshes import read_mesh
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result, surface_file
 from homolog.run.landmarks import check_landmarks
 from homolog.statistics.thin_plate import landmark_errors
 from homolog.surfaces.snapping import snapping

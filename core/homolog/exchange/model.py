@@ -8,8 +8,8 @@ import numpy as np
 
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
-from homolog.files.particles import read_particles
 from homolog.geometry import fit_similarity, rms_radius, transform_points
+from homolog.io.particles import read_particles
 from homolog.statistics.procrustes import align
 
 __all__ = ["ForeignModel", "ForeignSubject", "particles_of", "with_alignments"]

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from homolog.arrays import FloatArray
-from homolog.files.atomic import write_text
+from homolog.io.atomic import write_text
 
 __all__ = ["write_morphometrics"]
 

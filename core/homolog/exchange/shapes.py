@@ -12,10 +12,10 @@ from homolog.cohort import MESH_SUFFIXES, Subject, suffix_of
 from homolog.errors import InputError, NumericalError
 from homolog.exchange.model import ForeignSubject
 from homolog.exchange.surfels import surfels
-from homolog.files.meshes import read_mesh
 from homolog.geometry import rms_radius
 from homolog.grooming import groom_subject
 from homolog.grooming.distance_maps import read_distance_map
+from homolog.io.meshes import read_mesh
 from homolog.progress import Tick, no_tick
 from homolog.settings import GroomSettings
 from homolog.statistics.reconstruction import mean_surface, medoid

@@ -11,12 +11,12 @@ from homolog.arrays import FloatArray
 from homolog.exchange.shapeworks_files import INPUTS, Row, ShapeWorksProject
 from homolog.exchange.shapeworks_metadata import load_source_metadata, moved_paths
 from homolog.exchange.shapeworks_rules import complete_row, escape_column, tables_of
-from homolog.files.atomic import atomic_write, write_text
-from homolog.files.names import file_stems
-from homolog.files.particles import write_particles
-from homolog.files.project import ProjectFolder
-from homolog.files.records import ResultRecord, ResultSubject
-from homolog.files.results import read_result, surface_file
+from homolog.io.atomic import atomic_write, write_text
+from homolog.io.names import file_stems
+from homolog.io.particles import write_particles
+from homolog.io.project import ProjectFolder
+from homolog.io.records import ResultRecord, ResultSubject
+from homolog.io.results import read_result, surface_file
 from homolog.progress import Tick, no_tick
 
 __all__ = ["write_shapeworks"]

@@ -11,13 +11,13 @@ import numpy as np
 
 from homolog.arrays import Array
 from homolog.errors import InputError
-from homolog.files.arrays import read_arrays, write_arrays
-from homolog.files.atomic import atomic_write
-from homolog.files.meshes import write_mesh
-from homolog.files.names import file_stems
 from homolog.grooming.icp import Fit, OrientedPoints, registered
-from homolog.grooming.images import Segmentation
 from homolog.grooming.subject import GroomedSubject, GroomReport
+from homolog.io.arrays import read_arrays, write_arrays
+from homolog.io.atomic import atomic_write
+from homolog.io.images import Segmentation
+from homolog.io.meshes import write_mesh
+from homolog.io.names import file_stems
 from homolog.settings import GroomSettings
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh

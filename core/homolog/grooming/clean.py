@@ -7,8 +7,8 @@ from scipy import ndimage
 
 from homolog.arrays import BoolArray
 from homolog.errors import InputError
-from homolog.grooming.images import Segmentation
-from homolog.grooming.values import box_of
+from homolog.io.images import Segmentation
+from homolog.io.values import box_of
 from homolog.settings import Pieces
 from homolog.surfaces.topology import without_cavities
 

@@ -7,7 +7,7 @@ import numpy as np
 from homolog.arrays import Array
 from homolog.errors import InputError
 from homolog.geometry import transform_points
-from homolog.grooming.images import read_volume
+from homolog.io.images import read_volume
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.simplify import simplified
 from homolog.surfaces.topology import check_mesh, face_components

@@ -9,8 +9,8 @@ from homolog.arrays import Array, BoolArray, Float32Array, FloatArray
 from homolog.errors import InputError
 from homolog.grooming.antialias import antialiased
 from homolog.grooming.bands import along_axis
-from homolog.grooming.images import Segmentation
 from homolog.grooming.slices import interpolated
+from homolog.io.images import Segmentation
 from homolog.surfaces.closest import thickness
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mesh_level import REACH, mesh_level, mesh_sides

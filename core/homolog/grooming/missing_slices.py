@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from homolog.arrays import Array, BoolArray, IntArray
-from homolog.grooming.images import Segmentation
+from homolog.io.images import Segmentation
 
 __all__ = ["with_missing_slices"]
 

@@ -7,14 +7,14 @@ import numpy as np
 
 from homolog.cohort import Subject
 from homolog.errors import InputError, NumericalError
-from homolog.files.meshes import read_mesh
 from homolog.grooming.clean import cleaned
 from homolog.grooming.fields import ENOUGH, SmoothField, distance_field, restored
-from homolog.grooming.images import Segmentation, read_segmentation
 from homolog.grooming.levels import AUTOMATIC_NODES, MANY_CROSSED, edges_crossed, level_of_voxels
 from homolog.grooming.missing_slices import with_missing_slices
-from homolog.grooming.structures import mask_of, masks_of
 from homolog.grooming.triangles import check_triangles, level_of_triangles, notes_on_groomed
+from homolog.io.images import Segmentation, read_segmentation
+from homolog.io.meshes import read_mesh
+from homolog.io.structures import mask_of, masks_of
 from homolog.memory import Store
 from homolog.settings import GroomSettings
 from homolog.surfaces.distance_field import DistanceField

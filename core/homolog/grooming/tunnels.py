@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from homolog.arrays import Array, BoolArray, IntArray
 from homolog.grooming.antialias import near_squared
-from homolog.grooming.values import box_of
+from homolog.io.values import box_of
 from homolog.surfaces.topology import without_cavities
 
 __all__ = ["euler_numbers", "fill_tunnels"]

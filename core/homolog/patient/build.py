@@ -9,9 +9,9 @@ import numpy as np
 
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
-from homolog.files.records import IMPORTED, ResultRecord
-from homolog.files.results import Result, read_result
+from homolog.io.project import ProjectFolder
+from homolog.io.records import IMPORTED, ResultRecord
+from homolog.io.results import Result, read_result
 from homolog.patient.change import ExpectedChange
 from homolog.patient.coding import Coding
 from homolog.patient.controls import Controls, read_controls

@@ -9,11 +9,11 @@ from homolog.arrays import FloatArray, frozen
 from homolog.correspondence import Shape
 from homolog.correspondence.ensemble import Ensemble, ShapeState
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
-from homolog.files.records import ResultRecord
-from homolog.files.results import Result, read_surface
 from homolog.geometry import fit_similarity, inverse_matrices, rotation_of, scale_of, transform_points
 from homolog.grooming.cache import read_groomed
+from homolog.io.project import ProjectFolder
+from homolog.io.records import ResultRecord
+from homolog.io.results import Result, read_surface
 from homolog.patient.target import Target
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.core_set import joint_ensemble

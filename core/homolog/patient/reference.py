@@ -14,7 +14,7 @@ from scipy import stats
 from homolog import __version__
 from homolog.arrays import FloatArray, frozen
 from homolog.errors import InputError
-from homolog.files.arrays import read_arrays, write_arrays
+from homolog.io.arrays import read_arrays, write_arrays
 from homolog.patient.change import ExpectedChange
 from homolog.patient.coding import Coding
 from homolog.patient.local import BANDS, LocalNorm

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
-from homolog.files.results import Result
+from homolog.io.project import ProjectFolder
+from homolog.io.results import Result
 
 __all__ = ["FEWEST_PAIRS", "SeenTwice", "seen_twice"]
 

@@ -12,11 +12,11 @@ from typing import Any
 
 from homolog.cohort import Cohort
 from homolog.errors import InputError, user_message
-from homolog.files.atomic import write_text
-from homolog.files.names import file_stems
-from homolog.files.project import ProjectFolder
 from homolog.grooming.cache import load_report
-from homolog.grooming.structures import Structure
+from homolog.io.atomic import write_text
+from homolog.io.names import file_stems
+from homolog.io.project import ProjectFolder
+from homolog.io.structures import Structure
 from homolog.run.events import FinishReason, RunStatus
 from homolog.run.run import Run
 from homolog.settings import RunSettings

@@ -9,7 +9,7 @@ import numpy as np
 from homolog.arrays import Array
 from homolog.correspondence import Checkpoint
 from homolog.errors import InputError
-from homolog.files.arrays import read_arrays, write_arrays
+from homolog.io.arrays import read_arrays, write_arrays
 
 __all__ = ["read_checkpoint", "write_checkpoint"]
 

@@ -32,10 +32,10 @@ from homolog.correspondence.passes import EXTRAPOLATION, plan_passes
 from homolog.correspondence.poses import align_to_mean, entropy_step, generalized_procrustes
 from homolog.correspondence.shape_fit import shape_state
 from homolog.correspondence.surface_sets import Similarity, length_unit, normalize_size
-from homolog.files.arrays import read_arrays, write_arrays
-from homolog.files.atomic import report_os_errors
 from homolog.geometry import scale_of, transform_points
 from homolog.grooming import GroomedSubject
+from homolog.io.arrays import read_arrays, write_arrays
+from homolog.io.atomic import report_os_errors
 from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.result import OnDemand, OptimizationInput, OptimizationOutcome

@@ -11,8 +11,8 @@ from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
 from homolog.correspondence import Shape
 from homolog.errors import InputError
-from homolog.files.markups import landmark_table, read_markups
 from homolog.geometry import rms_radius
+from homolog.io.markups import landmark_table, read_markups
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["check_landmarks", "with_landmarks"]

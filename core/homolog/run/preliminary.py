@@ -4,8 +4,8 @@ import numpy as np
 
 from homolog.arrays import frozen
 from homolog.correspondence import Frame
-from homolog.files.results import Result
 from homolog.geometry import inverse_matrices, transform_points
+from homolog.io.results import Result
 from homolog.progress import Tick, no_tick
 from homolog.run.result import OptimizationInput
 from homolog.run.shape_files import surface_of_model

@@ -9,10 +9,10 @@ from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
 from homolog.correspondence import InitialParticles, Shape, initialize_fit
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
-from homolog.files.records import ResultRecord
-from homolog.files.results import read_result
 from homolog.geometry import fit_similarity, transform_points
+from homolog.io.project import ProjectFolder
+from homolog.io.records import ResultRecord
+from homolog.io.results import read_result
 from homolog.progress import Tick
 from homolog.run.fingerprints import surface_hash
 from homolog.run.result import CANCELLED

@@ -12,16 +12,16 @@ from homolog.cohort import Cohort, Subject
 from homolog.correspondence import Shape, repair
 from homolog.device import choose_device, device_faults
 from homolog.errors import InputError
-from homolog.files.arrays import read_arrays
-from homolog.files.atomic import write_text
-from homolog.files.project import ProjectFolder
-from homolog.files.records import IMPORTED, ResultRecord, ResultSubject
-from homolog.files.results import Result, read_result, read_surface
-from homolog.files.tables import write_table
 from homolog.geometry import transform_points
 from homolog.grooming import GroomedSubject
 from homolog.grooming.cache import load_groomed
 from homolog.inspection import Inspection, Kind, Suspect, assess, inspect, locate_particles
+from homolog.io.arrays import read_arrays
+from homolog.io.atomic import write_text
+from homolog.io.project import ProjectFolder
+from homolog.io.records import IMPORTED, ResultRecord, ResultSubject
+from homolog.io.results import Result, read_result, read_surface
+from homolog.io.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.result import OptimizationInput, OptimizationOutcome, add_note, model_of, write_result
 from homolog.surfaces.mesh import TriangleMesh

@@ -11,14 +11,14 @@ from homolog.arrays import FloatArray
 from homolog.cohort import Cohort, sides_of
 from homolog.correspondence import OptimizedParticles, Shape
 from homolog.device import describe_device
-from homolog.files.meshes import write_mesh
-from homolog.files.names import file_stems
-from homolog.files.particle_array import write_all_particles
-from homolog.files.project import ProjectFolder
-from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
-from homolog.files.results import surface_file
-from homolog.files.tables import write_table
 from homolog.grooming import GroomedSubject
+from homolog.io.meshes import write_mesh
+from homolog.io.names import file_stems
+from homolog.io.particle_array import write_all_particles
+from homolog.io.project import ProjectFolder
+from homolog.io.records import ProjectRecord, ResultRecord, ResultSubject
+from homolog.io.results import surface_file
+from homolog.io.tables import write_table
 from homolog.progress import Tick, part_of
 from homolog.run.fingerprints import surface_hash, versions
 from homolog.run.shape_files import surface_of_model, write_model, write_surfaces

@@ -2,10 +2,10 @@
 
 from homolog.cohort import Cohort, sides_of
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
-from homolog.files.records import IMPORTED, ResultRecord
 from homolog.grooming.cache import content_key, load_groomed
 from homolog.grooming.subject import read_source
+from homolog.io.project import ProjectFolder
+from homolog.io.records import IMPORTED, ResultRecord
 from homolog.progress import Tick, no_tick
 from homolog.run.result import CANCELLED
 from homolog.settings import Mirror, RunSettings

@@ -12,13 +12,13 @@ from homolog.cohort import Cohort
 from homolog.correspondence import Checkpoint, Frame
 from homolog.device import choose_device, device_faults
 from homolog.errors import Cancelled, InputError
-from homolog.files.atomic import report_os_errors
-from homolog.files.mapped import mapped_within
-from homolog.files.project import ProjectFolder
-from homolog.files.records import ProjectRecord
-from homolog.files.results import Result
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject, Problem, check_cohort, check_sides, groom_cohort
+from homolog.io.atomic import report_os_errors
+from homolog.io.mapped import mapped_within
+from homolog.io.project import ProjectFolder
+from homolog.io.records import ProjectRecord
+from homolog.io.results import Result
 from homolog.memory import Store, in_memory, large_arrays_apart
 from homolog.progress import Tick, no_tick, run_in_background
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint

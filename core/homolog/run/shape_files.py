@@ -7,11 +7,11 @@ import numpy as np
 
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
-from homolog.files.meshes import write_mesh
-from homolog.files.particles import write_particles
-from homolog.files.project import ProjectFolder
-from homolog.files.results import MODE_DEVIATIONS, mean_file, mode_file, write_smoothing
-from homolog.files.tables import write_table
+from homolog.io.meshes import write_mesh
+from homolog.io.particles import write_particles
+from homolog.io.project import ProjectFolder
+from homolog.io.results import MODE_DEVIATIONS, mean_file, mode_file, write_smoothing
+from homolog.io.tables import write_table
 from homolog.progress import Tick, no_tick
 from homolog.statistics.reconstruction import MeanSurface, mean_surface, medoid, warp_surface
 from homolog.statistics.shape_model import ShapeModel

@@ -21,10 +21,10 @@ from homolog.correspondence.shape_fit import (
     nearest_template,
 )
 from homolog.errors import InputError
-from homolog.files.arrays import read_arrays, write_arrays
-from homolog.files.atomic import report_os_errors
-from homolog.files.names import file_stems
 from homolog.grooming.cache import read_groomed
+from homolog.io.arrays import read_arrays, write_arrays
+from homolog.io.atomic import report_os_errors
+from homolog.io.names import file_stems
 from homolog.progress import Tick
 from homolog.run.fingerprints import surface_hash
 from homolog.settings import OptimizeSettings, Procrustes

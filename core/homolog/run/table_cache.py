@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from homolog.files.atomic import report_os_errors
 from homolog.geodesics import GeodesicTable, check_room, each_table, plan_tables
+from homolog.io.atomic import report_os_errors
 from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.table_files import load_table, save_table, table_path

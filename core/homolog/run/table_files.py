@@ -9,11 +9,11 @@ import warp as wp
 
 from homolog.arrays import Array, DeviceArray
 from homolog.errors import InputError
-from homolog.files.arrays import read_arrays
-from homolog.files.atomic import atomic_write
 from homolog.geodesics.kernels.lookup import LANES, MISSING
 from homolog.geodesics.plan import Task
 from homolog.geodesics.table import ARRAYS, GeodesicTable
+from homolog.io.arrays import read_arrays
+from homolog.io.atomic import atomic_write
 
 __all__ = ["load_table", "save_table", "table_path"]
 

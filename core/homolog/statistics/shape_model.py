@@ -13,7 +13,7 @@ from scipy.sparse.linalg import eigsh
 
 from homolog.arrays import ArrayLike, FloatArray, frozen
 from homolog.errors import InputError
-from homolog.files.arrays import read_arrays, write_arrays
+from homolog.io.arrays import read_arrays, write_arrays
 from homolog.statistics.checks import checked_particles, finite_numbers
 from homolog.statistics.procrustes import align, rms_radii
 

@@ -9,8 +9,8 @@ import numpy as np
 from homolog.arrays import frozen
 
 if TYPE_CHECKING:
-    from homolog.files.results import Result
     from homolog.inspection import Inspection
+    from homolog.io.results import Result
     from homolog_app.window.main_window import MainWindow
 
 SUBJECT, NEAR = 2, 8  # the exchanged particles are seen together

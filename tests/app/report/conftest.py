@@ -5,12 +5,12 @@ import csv
 import numpy as np
 import pytest
 
-from homolog.files.meshes import write_mesh
-from homolog.files.particles import write_particles
-from homolog.files.project import ProjectFolder
-from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
-from homolog.files.results import mean_file, particle_file
-from homolog.files.tables import write_table
+from homolog.io.meshes import write_mesh
+from homolog.io.particles import write_particles
+from homolog.io.project import ProjectFolder
+from homolog.io.records import ProjectRecord, ResultRecord, ResultSubject
+from homolog.io.results import mean_file, particle_file
+from homolog.io.tables import write_table
 from homolog.settings import RunSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.cli import main

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from homolog.files.particles import read_particles, write_particles
-from homolog.files.records import ProjectRecord
-from homolog.files.report_details import Axes, ReportDetails, write_details
-from homolog.files.results import particle_file, read_result
+from homolog.io.particles import read_particles, write_particles
+from homolog.io.records import ProjectRecord
+from homolog.io.report_details import Axes, ReportDetails, write_details
+from homolog.io.results import particle_file, read_result
 from homolog.statistics.effects import Effect
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.exports.settings import TableSettings

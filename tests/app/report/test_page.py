@@ -11,9 +11,9 @@ import pytest
 
 import homolog as hl
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
-from homolog.files.records import ProjectRecord
-from homolog.files.report_details import Axes, ReportDetails, read_details
+from homolog.io.project import ProjectFolder
+from homolog.io.records import ProjectRecord
+from homolog.io.report_details import Axes, ReportDetails, read_details
 from homolog.statistics.effects import Effect
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app import api

@@ -2,7 +2,7 @@
 
 import pytest
 
-from homolog.files.records import ProjectRecord
+from homolog.io.records import ProjectRecord
 from homolog_app.report.request import StudyRequest
 from homolog_app.report.stored_studies import Answered, read_requests, study_folder, write_request
 

@@ -210,7 +210,7 @@ def groomed_cache(ellipsoids, tmp_path_factory):
 def finished(ellipsoids, groomed_cache, tmp_path_factory):
     """Return a project with a result and the frames of its run; not to be written to."""
     from homolog.cohort import read_cohort
-    from homolog.files.project import ProjectFolder
+    from homolog.io.project import ProjectFolder
     from homolog.settings import RunSettings
     from homolog_app.studies.jobs import RunJob
 
@@ -272,8 +272,8 @@ def run():
 def run_quickly(folder, cohort, mesh_edge=3.0, **groom):
     from concurrent.futures import ThreadPoolExecutor
 
-    from homolog.files.project import ProjectFolder
     from homolog.grooming import groom_cohort
+    from homolog.io.project import ProjectFolder
     from homolog.run import Run
     from homolog.settings import GroomSettings, RunSettings
 

@@ -17,7 +17,7 @@ SUBJECT = 2
 def converged(ellipsoids, groomed_cache, coarse, tmp_path_factory):
     """Return a project whose particles are in place; not to be written to."""
     from homolog.cohort import read_cohort
-    from homolog.files.project import ProjectFolder
+    from homolog.io.project import ProjectFolder
     from homolog.settings import OptimizeSettings, RunSettings
     from homolog_app.studies.jobs import RunJob
 
@@ -36,9 +36,9 @@ def converged(ellipsoids, groomed_cache, coarse, tmp_path_factory):
 @pytest.fixture
 def swapped(converged, tmp_path):
     """Return a copy of the project in which two particles of one subject are exchanged."""
-    from homolog.files.particles import write_particles
-    from homolog.files.project import ProjectFolder
-    from homolog.files.results import particle_file, read_result
+    from homolog.io.particles import write_particles
+    from homolog.io.project import ProjectFolder
+    from homolog.io.results import particle_file, read_result
 
     folder = tmp_path / "swapped"
     shutil.copytree(converged, folder)
@@ -81,8 +81,8 @@ def show(window, wait, what):
 def test_a_planted_swap_heads_the_list_and_is_mended_undone_and_kept(
     checking, swapped, converged, errors, wait, monkeypatch
 ):
-    from homolog.files.project import ProjectFolder
-    from homolog.files.results import read_result
+    from homolog.io.project import ProjectFolder
+    from homolog.io.results import read_result
 
     page, session = page_of(checking), checking.workspace.session
     first = page.rows.suspects[0]

@@ -22,7 +22,7 @@ def changed(explored, monkeypatch):
 
 
 def particles_of(window):
-    from homolog.files.results import read_result
+    from homolog.io.results import read_result
 
     return read_result(window.workspace.project).local
 

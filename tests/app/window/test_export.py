@@ -5,8 +5,8 @@ import shlex
 import pytest
 from filelock import FileLock, Timeout
 
-from homolog.files.project import ProjectFolder
-from homolog.files.report_details import read_details
+from homolog.io.project import ProjectFolder
+from homolog.io.report_details import read_details
 
 pytestmark = pytest.mark.window
 

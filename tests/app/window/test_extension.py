@@ -81,8 +81,8 @@ def test_a_cancelled_addition_leaves_the_result_and_offers_no_particles_to_keep(
 
 
 def test_a_run_is_undone_and_the_result_before_it_is_saved(explored, wait):
-    from homolog.files.project import ProjectFolder
-    from homolog.files.results import read_result
+    from homolog.io.project import ProjectFolder
+    from homolog.io.results import read_result
 
     session, commands = explored.workspace.session, explored.commands
     before, project = session.result, ProjectFolder(session.folder)

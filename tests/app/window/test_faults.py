@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog_app.window.commands import COMMANDS
 
 pytestmark = pytest.mark.window
@@ -21,7 +21,7 @@ PROGRAM = """
 import sys, time
 from pathlib import Path
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 try:
     with ProjectFolder(Path(sys.argv[1])).locked():
         print("held", flush=True)
@@ -121,8 +121,8 @@ def test_a_save_to_a_full_disk_is_told_and_leaves_the_project_as_it_was(explored
 def test_a_project_deleted_while_it_is_open_is_told_and_saved_from_memory_elsewhere(
     explored, errors, tmp_path, monkeypatch
 ):
-    from homolog.files.project import ProjectFolder
-    from homolog.files.results import read_result
+    from homolog.io.project import ProjectFolder
+    from homolog.io.results import read_result
 
     folder = explored.workspace.session.folder
     shutil.rmtree(folder)

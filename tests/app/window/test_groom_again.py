@@ -3,7 +3,7 @@
 import shutil
 
 from homolog.cohort import read_cohort
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog.progress import no_tick
 from homolog.settings import GroomSettings, RunSettings
 from homolog_app.studies.jobs import groom, groom_again

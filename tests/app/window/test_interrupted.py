@@ -4,7 +4,7 @@ import os
 
 import numpy as np
 
-from homolog.files.arrays import write_arrays
+from homolog.io.arrays import write_arrays
 from homolog_app.studies.files import interrupted_text
 
 

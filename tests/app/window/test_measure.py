@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from homolog.files.meshes import write_mesh
+from homolog.io.meshes import write_mesh
 from homolog.surfaces.closest import distances_to
 from homolog.surfaces.comparison import surface_distances
 from homolog.surfaces.mesh import TriangleMesh

@@ -501,7 +501,7 @@ def test_buttons_can_be_pressed_only_when_their_command_can(groomed, wait):
 
 @pytest.mark.window
 def test_stored_answers_are_listed_those_of_an_earlier_result_apart_and_one_is_primary(explored, wait):
-    from homolog.files.project import OUT_OF_DATE
+    from homolog.io.project import OUT_OF_DATE
     from homolog_app.report.request import StudyRequest
     from homolog_app.report.stored_studies import Answered, kept_studies, study_folder, write_request
 

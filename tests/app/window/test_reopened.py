@@ -10,7 +10,7 @@ pytestmark = pytest.mark.window
 @pytest.fixture
 def answered(bean_project, tmp_path):
     """Return a project in which the answer to a question about its groups is stored."""
-    from homolog.files.project import ProjectFolder
+    from homolog.io.project import ProjectFolder
     from homolog_app.report.request import StudyRequest
     from homolog_app.report.stored_studies import Answered, study_folder, write_request
 

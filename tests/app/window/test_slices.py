@@ -5,7 +5,7 @@ import pytest
 import SimpleITK
 
 from homolog.geometry import transform_points
-from homolog.grooming.images import Segmentation, read_volume
+from homolog.io.images import Segmentation, read_volume
 from homolog_app.views.slices import PRESETS, GreyWindow, Grid, mask_contour, planes_of, section_of
 
 pytestmark = pytest.mark.window

@@ -11,8 +11,8 @@ import homolog as hl
 from homolog.api.correspond import run_settings
 from homolog.api.inputs import as_mesh, cohort_of
 from homolog.cohort import MESH_SUFFIXES
-from homolog.files.project import ProjectFolder
-from homolog.grooming.images import read_segmentation
+from homolog.io.images import read_segmentation
+from homolog.io.project import ProjectFolder
 from homolog.run import Run
 from homolog.settings import GroomSettings
 from homolog.surfaces.closest import distances_to

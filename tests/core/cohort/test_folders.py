@@ -7,7 +7,7 @@ import pytest
 
 from homolog.cohort import mask_files, read_cohort, sides_of, with_both_sides
 from homolog.errors import InputError
-from homolog.grooming.structures import structures_of_files
+from homolog.io.structures import structures_of_files
 
 ENDS = ("first", "corr", "flirt")
 KINDS = (("labels", ".nrrd"), ("meshes", ".ply"))

@@ -6,10 +6,10 @@ import pytest
 
 from homolog.errors import InputError
 from homolog.exchange import import_model, write_shapeworks
-from homolog.files.meshes import read_mesh, write_mesh
-from homolog.files.particles import read_particles, write_particles
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_modes, read_result, read_surfaces
+from homolog.io.meshes import read_mesh, write_mesh
+from homolog.io.particles import read_particles, write_particles
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_modes, read_result, read_surfaces
 from homolog.surfaces.mesh import TriangleMesh
 
 

@@ -9,10 +9,10 @@ from homolog.cohort import read_cohort
 from homolog.correspondence import Shape
 from homolog.errors import InputError
 from homolog.exchange import project_landmark_errors, write_markups
-from homolog.files.meshes import read_mesh
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result, surface_file
 from homolog.grooming import check_cohort
+from homolog.io.meshes import read_mesh
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result, surface_file
 from homolog.run.landmarks import with_landmarks
 from homolog.settings import GroomSettings
 from homolog.statistics.thin_plate import landmark_errors

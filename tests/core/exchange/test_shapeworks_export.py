@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from homolog.files.meshes import read_mesh
-from homolog.files.particles import read_particles
-from homolog.files.results import read_result, read_surfaces
+from homolog.io.meshes import read_mesh
+from homolog.io.particles import read_particles
+from homolog.io.results import read_result, read_surfaces
 
 
 def as_shapeworks_reads(text):

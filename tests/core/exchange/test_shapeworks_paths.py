@@ -9,8 +9,8 @@ import pytest
 from homolog.errors import InputError
 from homolog.exchange import import_model, write_shapeworks
 from homolog.exchange.shapeworks_paths import leads_out, place_of
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ import pytest
 from homolog.exchange import import_model, write_shapeworks
 from homolog.exchange.shapeworks_files import read_shapeworks_file
 from homolog.exchange.shapeworks_rules import complete_row, escape_column
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result
 
 KINDS = [
     ["segmentation_", "shape_", "mesh_", "contour_"],

@@ -7,7 +7,7 @@ import pytest
 
 from homolog.cohort import read_cohort
 from homolog.errors import InputError
-from homolog.grooming.images import read_segmentation
+from homolog.io.images import read_segmentation
 
 RLE, DEFLATED = "1.2.840.10008.1.2.5", "1.2.840.10008.1.2.1.99"
 

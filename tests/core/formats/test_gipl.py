@@ -9,8 +9,8 @@ import SimpleITK
 
 from homolog.cohort import read_cohort
 from homolog.errors import InputError
-from homolog.grooming.images import read_segmentation, read_volume
-from homolog.grooming.scans import read_scan
+from homolog.io.images import read_segmentation, read_volume
+from homolog.io.scans import read_scan
 
 SPACING, ORIGIN = (1.5, 0.5, 2.0), (-10.0, 20.0, 30.0)
 

@@ -8,8 +8,8 @@ import pytest
 
 from homolog.cohort import read_cohort
 from homolog.errors import InputError
-from homolog.grooming.images import read_volume
-from homolog.grooming.scans import read_scan
+from homolog.io.images import read_volume
+from homolog.io.scans import read_scan
 
 VALUES = np.zeros((5, 6, 7), np.int16)
 VALUES[1:3, 2:5, 3:6] = 2

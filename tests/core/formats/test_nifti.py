@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.grooming.images import read_segmentation, read_volume
+from homolog.io.images import read_segmentation, read_volume
 
 RAS = np.array([[0.0, -2.0, 0.0, 10.0], [1.5, 0.0, 0.0, 20.0], [0.0, 0.0, 3.0, 30.0], [0.0, 0.0, 0.0, 1.0]])
 MOVED = RAS + np.array([[0, 0, 0, 4.0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]])

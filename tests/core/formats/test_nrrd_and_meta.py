@@ -8,7 +8,7 @@ import pytest
 import SimpleITK
 
 from homolog.errors import InputError
-from homolog.grooming.images import read_segmentation
+from homolog.io.images import read_segmentation
 
 
 def said(result):

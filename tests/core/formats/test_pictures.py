@@ -6,7 +6,7 @@ from PIL import Image, TiffImagePlugin
 
 from homolog.cohort import read_cohort
 from homolog.errors import InputError
-from homolog.grooming.images import read_segmentation
+from homolog.io.images import read_segmentation
 
 SIZE = (12, 10, 8)
 

@@ -7,8 +7,8 @@ from pydicom.uid import ExplicitVRLittleEndian
 
 from homolog.cohort import Cohort, Subject, read_cohort
 from homolog.errors import InputError
-from homolog.grooming.images import read_segmentation, read_volume
-from homolog.grooming.structures import list_structures
+from homolog.io.images import read_segmentation, read_volume
+from homolog.io.structures import list_structures
 
 RTSTRUCT = "1.2.840.10008.5.1.4.1.1.481.3"
 OBLIQUE = np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])[:, [2, 0, 1]]

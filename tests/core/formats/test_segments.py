@@ -6,7 +6,7 @@ import pytest
 from homolog.cohort import read_cohort
 from homolog.errors import InputError
 from homolog.grooming import check_cohort
-from homolog.grooming.images import read_segmentation, read_volume
+from homolog.io.images import read_segmentation, read_volume
 from homolog.settings import GroomSettings
 
 

@@ -115,7 +115,7 @@ def test_errors_against_the_exact_solver_are_within_the_goal(slotted):
 
 
 def test_real_surfaces_are_as_accurate(data):
-    from homolog.files.meshes import read_mesh
+    from homolog.io.meshes import read_mesh
 
     mesh = read_mesh(sorted((data / "vertebra_l1_verse" / "meshes").glob("*.ply"))[0])
     accuracy = measure_accuracy(mesh, solve_tables([mesh], 2.5)[0], 4)

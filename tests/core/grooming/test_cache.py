@@ -7,7 +7,7 @@ from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError
 from homolog.grooming import groom_cohort
 from homolog.grooming.cache import content_key, load_groomed
-from homolog.grooming.images import Segmentation
+from homolog.io.images import Segmentation
 from homolog.settings import Alignment, GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
 

@@ -3,7 +3,7 @@ import pytest
 from scipy import ndimage
 
 from homolog.grooming.clean import cleaned
-from homolog.grooming.images import Segmentation
+from homolog.io.images import Segmentation
 from homolog.surfaces.topology import without_cavities
 
 

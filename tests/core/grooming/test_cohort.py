@@ -9,9 +9,9 @@ import pytest
 
 from homolog.cohort import Cohort, Subject, read_cohort
 from homolog.errors import Cancelled, InputError, NumericalError
-from homolog.files.meshes import read_mesh
 from homolog.grooming import check_cohort, groom_cohort
-from homolog.grooming.images import Segmentation
+from homolog.io.images import Segmentation
+from homolog.io.meshes import read_mesh
 from homolog.settings import GroomSettings
 
 SETTINGS = GroomSettings(mesh_edge=2.0)

@@ -4,7 +4,7 @@ import SimpleITK
 from scipy import ndimage
 
 from homolog.errors import InputError
-from homolog.grooming.images import read_segmentation, read_volume
+from homolog.io.images import read_segmentation, read_volume
 
 
 def world_points(segmentation):

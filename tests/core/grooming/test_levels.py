@@ -6,7 +6,7 @@ from scipy import ndimage
 from homolog.grooming import levels
 from homolog.grooming.fields import distance_field
 from homolog.grooming.levels import edges_crossed, level_of_mesh, level_of_voxels
-from homolog.grooming.volumes import Segmentation
+from homolog.io.volumes import Segmentation
 from homolog.surfaces.isosurface import marching_cubes
 from homolog.surfaces.mesh import TriangleMesh
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from homolog.grooming.images import Segmentation
 from homolog.grooming.missing_slices import with_missing_slices
+from homolog.io.images import Segmentation
 
 AXES = pytest.mark.parametrize("axis", [0, 1, 2])
 

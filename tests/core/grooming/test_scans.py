@@ -9,7 +9,7 @@ import SimpleITK
 
 from homolog.errors import InputError
 from homolog.geometry import transform_points
-from homolog.grooming.scans import Scan, check_frame, read_scan
+from homolog.io.scans import Scan, check_frame, read_scan
 
 SPACING, ORIGIN = (0.5, 1.0, 2.0), (10.0, -20.0, 30.0)
 

@@ -11,11 +11,11 @@ import pytest
 from homolog.cohort import Subject, read_cohort
 from homolog.errors import InputError
 from homolog.grooming import check_cohort
-from homolog.grooming import empty_masks as module
-from homolog.grooming.empty_masks import empty_masks
-from homolog.grooming.images import read_volume
-from homolog.grooming.structures import chosen_structures, list_structures, structures_of, structures_of_files
 from homolog.grooming.subject import read_source
+from homolog.io import empty_masks as module
+from homolog.io.empty_masks import empty_masks
+from homolog.io.images import read_volume
+from homolog.io.structures import chosen_structures, list_structures, structures_of, structures_of_files
 from homolog.settings import GroomSettings
 
 BRAIN = {17: "Left-Hippocampus", 53: "Right-Hippocampus", 4: "Left-Lateral-Ventricle"}

@@ -9,8 +9,8 @@ from homolog.beans.generate import WIDE, Bean, voxelize
 from homolog.beans.surface import closest_on_bean
 from homolog.cohort import Subject
 from homolog.errors import InputError
-from homolog.files.meshes import write_mesh
 from homolog.grooming import groom_subject
+from homolog.io.meshes import write_mesh
 from homolog.settings import GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh

@@ -10,11 +10,11 @@ from skimage import measure
 
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError
-from homolog.files.meshes import write_mesh
 from homolog.grooming import groom_cohort, groom_subject
 from homolog.grooming.levels import level_of_mesh
 from homolog.grooming.subject import read_source
 from homolog.grooming.triangles import level_of_triangles
+from homolog.io.meshes import write_mesh
 from homolog.settings import GroomSettings, Pieces
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.solid import solid_of

@@ -3,7 +3,7 @@ import shutil
 import pytest
 
 from homolog.cohort import read_cohort
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog.run import Run
 
 

@@ -7,8 +7,8 @@ import pyvista
 from scipy.spatial.transform import Rotation
 
 from homolog.errors import InputError
-from homolog.files.results import read_result
 from homolog.grooming.cache import read_groomed
+from homolog.io.results import read_result
 from homolog.run import FinishReason, Phase
 from homolog.run.choose_core import choose_core, outline
 from homolog.surfaces.mesh import TriangleMesh

@@ -7,8 +7,8 @@ import pytest
 
 from homolog.cohort import Cohort, read_cohort
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result, read_surfaces
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result, read_surfaces
 from homolog.run import FinishReason, Phase, Run, adds_particles
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_result
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result
 from homolog.run.repair import read_inputs, write_repaired
 from homolog.run.shape_files import surface_of_model
 from homolog.statistics.shape_model import ShapeModel

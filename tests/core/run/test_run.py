@@ -6,10 +6,10 @@ import pytest
 
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError, NumericalError, WorkerDiedError
-from homolog.files.arrays import read_arrays
-from homolog.files.meshes import read_mesh
-from homolog.files.results import read_modes, read_result, read_surfaces
 from homolog.grooming import Problem, groom_cohort
+from homolog.io.arrays import read_arrays
+from homolog.io.meshes import read_mesh
+from homolog.io.results import read_modes, read_result, read_surfaces
 from homolog.run import FinishReason, Phase
 from homolog.settings import Method
 

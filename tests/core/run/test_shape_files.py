@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.files.arrays import write_arrays
-from homolog.files.project import ProjectFolder
-from homolog.files.results import read_modes, read_result, write_smoothing
+from homolog.io.arrays import write_arrays
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_modes, read_result, write_smoothing
 from homolog.run.repair import write_repaired
 
 

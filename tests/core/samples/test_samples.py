@@ -5,8 +5,8 @@ import pytest
 
 from homolog.cohort import read_cohort
 from homolog.errors import InputError
-from homolog.files.meshes import read_mesh
 from homolog.grooming.subject import groom_subject
+from homolog.io.meshes import read_mesh
 from homolog.samples import KINDS, make_study, write_study
 from homolog.settings import GroomSettings
 from homolog.surfaces.closest import distances_to

@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject, Qt, Signal, Slot
 from PySide6.QtWidgets import QComboBox, QWidget
 
 from homolog.errors import InputError
-from homolog.files.project import ProjectFolder
+from homolog.io.project import ProjectFolder
 from homolog.progress import Tick
 from homolog_app.report.stored_studies import kept_studies, name_primary
 from homolog_app.studies.loaded_result import LoadedResult

@@ -305,7 +305,7 @@ class PatientPage(ExplorePage):
         follow_up = times.follow_up if times is not None else None
 
         def write(tick: Tick) -> None:
-            from homolog.files.atomic import replace_folder
+            from homolog.io.atomic import replace_folder
             from homolog_app.report.patient import write_patient, write_times
 
             with replace_folder(folder) as part:

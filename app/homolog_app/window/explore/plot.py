@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
 )
 
 from homolog.errors import InputError
-from homolog.files.names import file_stems
+from homolog.io.names import file_stems
 from homolog_app.window.theme import Theme
 from homolog_app.window.widgets import label
 

@@ -8,8 +8,8 @@ from pydantic import BaseModel
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
-from homolog.files.project import ProjectFolder
-from homolog.files.report_details import read_details
+from homolog.io.project import ProjectFolder
+from homolog.io.report_details import read_details
 from homolog.statistics.design import reference_first
 from homolog_app.exports.settings import (
     SIGHTS,

@@ -10,7 +10,7 @@ import numpy as np
 from PySide6.QtWidgets import QWidget
 
 from homolog.errors import InputError
-from homolog.files.names import file_stems
+from homolog.io.names import file_stems
 from homolog_app.studies.files import ViewRecord, save_project
 from homolog_app.studies.study import with_current_table
 from homolog_app.window.dialogs import ask

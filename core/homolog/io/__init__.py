@@ -1,0 +1,1 @@
+"""Files of others and ours: images, label maps, meshes, particles, tables, the project folder."""

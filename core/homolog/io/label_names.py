@@ -1,0 +1,299 @@
+"""Names of structures: tables next to the files, and matching of a user's input."""
+
+import difflib
+import json
+import re
+import unicodedata
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import TypeVar
+
+from homolog.cohort import IMAGE_SUFFIXES, suffix_of
+from homolog.errors import InputError
+from homolog.io.known_labels import FREESURFER, known_list
+from homolog.spreadsheets import lists_labels, read_rows
+
+__all__ = ["LabelTable", "label_table", "matching", "near", "read_label_table", "same_name", "together"]
+
+_LARGEST = 2**20
+"""Largest table of labels in bytes; larger files are ignored."""
+_KINDS = (".txt", ".ctbl", ".label", ".labels", ".lut", ".json", ".tsv", ".csv")
+_INHERITED = 5
+"""Number of parent folders that are searched for BIDS tables."""
+_NEAR = 6
+"""Largest number of names in a message."""
+
+_Named = TypeVar("_Named")
+
+
+@dataclass(frozen=True, slots=True)
+class LabelTable:
+    """Names of label values.
+
+    Attributes
+    ----------
+    source : str
+        Name of the file or public list, for messages.
+    names : mapping of int to str
+        Names by value; values are above 0.
+    is_known_list : bool
+        Whether it is a public list inferred from the file's values, rather than a table next to the file.
+    """
+
+    source: str
+    names: Mapping[int, str]
+    is_known_list: bool = False
+
+
+def same_name(name: str, other: str) -> bool:
+    """Return whether two names denote the same structure.
+
+    Case, blanks, dashes, underscores and the order of words are ignored; ``L`` and ``lh`` mean left.
+    """
+    return not _keys(name).isdisjoint(_keys(other))
+
+
+def matching(items: Iterable[tuple[str, _Named]], wanted: str) -> list[_Named]:
+    """Return the items that match a name: exact matches, if there are any."""
+    items = list(items)
+    exact = [item for name, item in items if name.strip().casefold() == wanted.strip().casefold()]
+    return exact or [item for name, item in items if name and same_name(name, wanted)]
+
+
+def near(names: Iterable[str], wanted: str) -> list[str]:
+    """Return similar names, best first."""
+    tokens = {name: set(_tokens(name)) for name in names if name}
+    wanted_tokens = set(_tokens(wanted))
+    inside = [name for name, own in tokens.items() if wanted_tokens <= own or own <= wanted_tokens]
+    plain = {" ".join(sorted(own)): name for name, own in tokens.items()}
+    alike = [
+        plain[get_close_match]
+        for get_close_match in difflib.get_close_matches(" ".join(sorted(wanted_tokens)), plain, 3, 0.75)
+    ]
+    telling = {word for word in wanted_tokens - {"left", "right"} if len(word) > 3}
+    partly = [name for name, own in tokens.items() if telling & own]
+    return list(dict.fromkeys([*inside, *alike, *partly]))[:_NEAR]
+
+
+@lru_cache(maxsize=4096)
+def _keys(name: str) -> frozenset[str]:
+    """Return the comparison key of a name."""
+    split = _tokens(re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name))
+    plain = _tokens(name)
+    return frozenset({" ".join(sorted(split)), " ".join(sorted(plain)), "".join(plain)} - {""})
+
+
+def _tokens(name: str) -> list[str]:
+    tokens = re.findall(r"[^\W_]+", unicodedata.normalize("NFKC", name).casefold())
+    return [_SYNONYMS.get(word, word) for word in tokens if word != "hemi"]  # of BIDS' hemi-L
+
+
+_SYNONYMS = {
+    "l": "left", "lh": "left", "lt": "left", "r": "right", "rh": "right", "rt": "right",
+    "links": "left", "gauche": "left", "rechts": "right", "droit": "right", "droite": "right",
+    "third": "3rd", "fourth": "4th", "fifth": "5th",
+}  # fmt: skip
+
+
+def label_table(path: Path, values: Iterable[int], wanted: str | None = None) -> LabelTable | None:
+    """Return the names of the values of a file without names.
+
+    Parameters
+    ----------
+    path : Path
+        The label map. Tables are searched for under its own name, then in its folder, then in the folder
+        above; the first ones found are used.
+    values : iterable of int
+        The values that have voxels.
+    wanted : str, optional
+        The structure that the user requests. If it is a FreeSurfer name and the values allow it, FreeSurfer's
+        list is used even for files with few labels.
+
+    Returns
+    -------
+    LabelTable or None
+        A table next to the file; otherwise the public list that matches the values, or None.
+
+    Raises
+    ------
+    InputError
+        If two tables of the same precedence contradict each other.
+    """
+    for tables in _places(path):
+        if tables:
+            return _joined(tables)
+    present = frozenset(values)
+    known = known_list(path, present)
+    if known is None and wanted and present and present <= FREESURFER.common:
+        known = FREESURFER if any(same_name(name, wanted) for name in FREESURFER.names.values()) else None
+    return LabelTable(known.source, known.names, is_known_list=True) if known else None
+
+
+def _places(path: Path) -> Iterable[list[LabelTable]]:
+    stem = path.name[: len(path.name) - len(suffix_of(path))]
+    for folder in path.parents[:2]:
+        entries = _entries(str(folder), folder.stat().st_mtime_ns if folder.is_dir() else 0)
+        images = {
+            entry[: -len(suffix_of(Path(entry)))]
+            for entry in entries
+            if suffix_of(Path(entry)) in IMAGE_SUFFIXES
+        }
+        tables = [Path(entry) for entry in entries if Path(entry).suffix.lower() in _KINDS]
+        yield _read(folder / table for table in tables if table.stem == stem)
+        yield _read(folder / table for table in tables if table.stem not in images)
+    for folder in path.parents[
+        2:_INHERITED
+    ]:  # BIDS: a table in a parent folder applies to files with the same suffix
+        yield _read(table for table in sorted(folder.glob("*dseg.tsv")) if stem.endswith(table.stem))
+
+
+@lru_cache(maxsize=64)
+def _entries(folder: str, changed: int) -> tuple[str, ...]:
+    try:
+        return tuple(sorted(path.name for path in Path(folder).iterdir() if not path.name.startswith(".")))
+    except OSError:
+        return ()
+
+
+def _read(paths: Iterable[Path]) -> list[LabelTable]:
+    return [table for path in paths if (table := read_label_table(path)) is not None]
+
+
+def _joined(tables: Sequence[LabelTable]) -> LabelTable:
+    """Return several tables as one; raises InputError if they give a value different names."""
+    names: dict[int, tuple[str, str]] = {}
+    for table in tables:
+        for value, name in table.names.items():
+            before, source = names.setdefault(value, (name, table.source))
+            if not same_name(before, name):
+                raise InputError(
+                    f"{table.source}: names label {value} {name!r}, and {source} names it {before!r}; keep "
+                    "the correct table next to the files, and move the other one"
+                )
+    joined = {value: name for value, (name, _) in names.items()}
+    return LabelTable(", ".join(item.source for item in tables), MappingProxyType(joined))
+
+
+def together(path: Path, labels: Sequence[tuple[int, str]], *, numbered: bool = True) -> str:
+    """Return a note that labels (value and name of each) were combined, named by the file or a table.
+
+    Without `numbered`, the values of labels with names are not given.
+    """
+    beside: Mapping[int, str] = {}
+    with suppress(InputError):  # tables that contradict each other matter only where a name is asked for
+        table = label_table(path, ())
+        beside = table.names if table else beside
+    names = [(own or beside.get(value, ""), value) for value, own in labels]
+    called = [(f"{name} ({value})" if numbered else name) if name else str(value) for name, value in names]
+    more = f" and {len(called) - _NEAR} more" if len(called) > _NEAR else ""
+    listed = ", ".join(called[:_NEAR])
+    return f"labels {listed}{more} were combined into one structure; choose a label to study one of them"
+
+
+def read_label_table(path: Path) -> LabelTable | None:
+    """Read a table of labels; return None for other files.
+
+    FreeSurfer's colour tables, ITK-SNAP's label descriptions, 3D Slicer's colour tables (``.ctbl``,
+    ``.csv``), BIDS' (``_dseg.tsv``), lists of numbers and names as text, JSON of numbers and names in either
+    order (also nnU-Net's ``dataset.json`` and TotalSegmentator's class maps).
+    """
+    try:
+        if not path.is_file() or path.stat().st_size > _LARGEST:
+            return None
+        kind = path.suffix.lower()
+        if kind in (".tsv", ".csv"):
+            names = _of_columns(path)
+        else:
+            text = path.read_text(encoding="utf-8-sig", errors="replace")
+            names = _of_json(text) if kind == ".json" else _of_lines(text)
+            if not names and kind == ".txt" and _OF_LABELS.search(path.stem):
+                names = _of_list(text)
+    except OSError as error:
+        raise InputError(f"{path}: can't be read: {error.strerror}; check its permissions") from error
+    names = {value: name.strip() for value, name in names.items() if value > 0 and name.strip()}
+    return LabelTable(str(path), MappingProxyType(names)) if names else None
+
+
+_COLOURED = re.compile(r"(\d{1,9})\s+(\S.*?)((?:\s+\d{1,3}){3,4})")
+_PLAIN = re.compile(r"(\d{1,9})\s*[:=,;\t ]\s*([^\W\d_].*)")
+_OF_LABELS = re.compile(r"label|legend|lut|class|struct|segment", re.IGNORECASE)
+"""In names of lists of labels; a list of another name may number subjects or groups."""
+_SNAP = re.compile(r'(\d{1,9})((?:\s+\d{1,3}){3})\s+[\d.]+\s+[01]\s+[01]\s+"(.*)"')
+
+
+def _of_lines(text: str) -> dict[int, str]:
+    """Return the names of a FreeSurfer, ITK-SNAP or Slicer table; all lines must have the same format."""
+    lines = _lines(text)
+    for pattern, name in ((_SNAP, 3), (_COLOURED, 2)):
+        matches = [pattern.fullmatch(line) for line in lines]
+        if all(matches):
+            return {int(item[1]): item[name].strip('"') for item in matches if item}
+    return {}
+
+
+def _of_list(text: str) -> dict[int, str]:
+    """Return the names of a list with a number and a name in each line, if no number is repeated."""
+    lines = _lines(text)
+    listed = {int(item[1]): item[2] for line in lines if (item := _PLAIN.fullmatch(line))}
+    return listed if len(listed) == len(lines) > 1 else {}
+
+
+def _lines(text: str) -> list[str]:
+    lines = [line.strip() for line in text.splitlines()]
+    return [line for line in lines if line and not line.startswith("#")]
+
+
+def _of_columns(path: Path) -> dict[int, str]:
+    """Return the names of a table with headings, as BIDS and 3D Slicer write them."""
+    if not lists_labels(path):
+        return {}
+    columns, rows = read_rows(path)
+    value, name = columns[:2]
+    return {int(row[value]): row[name] for _, row in rows if row[value].isdecimal()}
+
+
+def _of_json(text: str) -> dict[int, str]:
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError):
+        return {}
+    if not isinstance(content, dict):
+        return _of_entries(content)
+    for key in ("labels", "total", "class_map", "names"):
+        if isinstance(inner := content.get(key), dict | list):
+            return _of_mapping(inner) if isinstance(inner, dict) else _of_entries(inner)
+    return _of_mapping(content)
+
+
+def _of_mapping(content: Mapping[str, object]) -> dict[int, str]:
+    """Return the names of ``{"1": "spleen"}`` or ``{"spleen": 1}``."""
+    numbers = {key: value for key, value in content.items() if type(value) is int}
+    if all(key.isdecimal() and isinstance(value, str) for key, value in content.items()):
+        return {int(key): str(value) for key, value in content.items()}
+    if len(numbers) == len(content) == len(set(numbers.values())):
+        return {value: key for key, value in numbers.items()}
+    return {}
+
+
+def _of_entries(content: object) -> dict[int, str]:
+    """Return the names of ``[{"value": 1, "name": "spleen"}]``, with any names of the two keys."""
+    names: dict[int, str] = {}
+    for entry in content if isinstance(content, list) else ():
+        if not isinstance(entry, dict):
+            return {}
+        keys = {str(key).casefold(): value for key, value in entry.items()}
+        value = next(
+            (keys[key] for key in ("value", "id", "index", "label", "number") if type(keys.get(key)) is int),
+            None,
+        )
+        name = next(
+            (keys[key] for key in ("name", "label", "structure") if isinstance(keys.get(key), str)), None
+        )
+        if value is None or name is None:
+            return {}
+        names[value] = name
+    return names

@@ -1,0 +1,349 @@
+"""Label volumes in one frame (LPS, mm), and the voxels of a structure."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from homolog.arrays import Array, BoolArray, FloatArray, frozen
+from homolog.cohort.subject import stem_of
+from homolog.errors import InputError
+from homolog.io.label_names import label_table, matching, near, same_name, together
+from homolog.io.values import hardened, labels_apart, labels_from, labels_seen
+from homolog.io.voxels import counted, cropped, sides_of
+from homolog.memory import check_fits
+
+__all__ = ["Extent", "Segment", "Segmentation", "Volume", "check_size"]
+
+_MASKS = 2
+"""Additional bytes per voxel while the structure is extracted."""
+
+_NAMED = 10
+"""Largest number of structures in a message."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segmentation:
+    """The voxels of one structure.
+
+    Attributes
+    ----------
+    mask : (I, J, K) bool array
+        True inside, read-only. Cropped to the structure and one voxel around it where the image extends
+        beyond it: a structure at the border of the mask is at the border of the image.
+    rotation : (3, 3) float64 array
+        Proper rotation; its columns are the directions of the three grid axes in LPS.
+    spacing : (3,) float64 array
+        Distance of neighbouring voxel centres along the grid axes [mm].
+    origin : (3,) float64 array
+        Centre of voxel (0, 0, 0) [mm, LPS].
+    notes : tuple of str
+        Notes for the user.
+    name : str
+        Name of the structure in the file; may be empty.
+    """
+
+    mask: BoolArray
+    rotation: FloatArray
+    spacing: FloatArray
+    origin: FloatArray
+    notes: tuple[str, ...] = ()
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        object.__setattr__(self, "mask", frozen(self.mask, np.bool_))
+        for name in ("rotation", "spacing", "origin"):
+            object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
+
+    @property
+    def volume(self) -> float:
+        """Volume of the voxels inside [mm³]."""
+        return float(np.count_nonzero(self.mask) * self.spacing.prod())
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A structure of a file: its name ("" if the file has none), and its value in one of the layers."""
+
+    name: str
+    value: int
+    layer: int = 0
+
+    @property
+    def title(self) -> str:
+        """Name in messages."""
+        return f"{self.name} ({self.value})" if self.name else str(self.value)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Volume:
+    """A file of labels.
+
+    Attributes
+    ----------
+    path : Path
+        The file, for messages.
+    layers : sequence of (I, J, K) arrays
+        Label values; several layers if structures overlap. A layer may be read on access.
+    index_to_world : (4, 4) float64 array
+        From voxel indices to LPS [mm].
+    named : tuple of Segment
+        The structures that the file names.
+    notes : tuple of str
+        Notes for the user.
+    unavailable : mapping of str to str
+        Structures that the file names and that can't be read, each with the message that says why.
+    """
+
+    path: Path
+    layers: Sequence[Array]
+    index_to_world: FloatArray
+    named: tuple[Segment, ...] = ()
+    notes: tuple[str, ...] = ()
+    unavailable: Mapping[str, str] = field(default_factory=dict)
+
+    def as_labels(self) -> "Volume":
+        """Return the volume with whole numbers, and a note if its values are probabilities or distances.
+
+        Raises
+        ------
+        InputError
+            If its values are fractions of another kind.
+        """
+        if len(self.layers) > 1 or not np.issubdtype(self.layers[0].dtype, np.floating):
+            return self
+        labels, note = labels_from(self.path, self.layers[0], self._spacing)
+        return replace(self, layers=[labels], notes=(*self.notes, note) if note else self.notes)
+
+    def segments(self) -> list[Segment]:
+        """Return the structures that have voxels: named ones in the file's order, then other values."""
+        return [extent.segment for extent in self.extents()]
+
+    def extents(self) -> list["Extent"]:
+        """Return the extents of the structures in `segments`, reading each layer once."""
+        if (volume := self.as_labels()) is not self:
+            return volume.extents()
+        voxel = abs(float(np.linalg.det(self.index_to_world[:3, :3])))
+        known = {(item.layer, item.value): item for item in self.named}
+        contents = []
+        for number in range(len(self.layers)):
+            layer = self._labels(number)
+            if not self.named:
+                labels_seen(self.path, np.maximum(layer, 0))
+            border = {value for side in sides_of(layer) for value in counted(side)}
+            contents += [
+                Extent(known.get((number, value), Segment("", value, number)), count * voxel, value in border)
+                for value, count in sorted(counted(layer).items())
+            ]
+        order = {item: index for index, item in enumerate(self.named)}
+        return sorted(contents, key=lambda item: (order.get(item.segment, len(order)), item.segment.value))
+
+    def with_names(self, wanted: str | None = None) -> "Volume":
+        """Return the volume with names from a table next to its file, or from a public list.
+
+        It is unchanged if the file names its structures itself, or no names are known.
+
+        Parameters
+        ----------
+        wanted : str, optional
+            The structure that the user requests.
+
+        Raises
+        ------
+        InputError
+            If two tables next to the file contradict each other.
+        """
+        if self.named or len(self.layers) > 1:
+            return self
+        if (volume := self.as_labels()) is not self:
+            return volume.with_names(wanted)
+        table = label_table(self.path, counted(self._labels(0)), wanted)
+        if table is None:
+            return self
+        named = tuple(Segment(name, value) for value, name in sorted(table.names.items()))
+        if not table.is_known_list:
+            return replace(self, named=named)
+        note = (
+            f"neither the file nor a table next to it names its labels; {table.source}'s numbers were taken"
+        )
+        return replace(self, named=named, notes=(*self.notes, note))
+
+    def segmentation(self, label: int | None, segment: str | None = None) -> Segmentation:
+        """Return the voxels of a structure.
+
+        Parameters
+        ----------
+        label : int or None
+            Value of the structure; every value above 0 if neither value nor name is given.
+        segment : str or None
+            Name of the structure; case, dashes and order of words are ignored. It has precedence over the
+            value if the structures have names, from the file, a table next to it, or the public list that it
+            follows. A single structure may have the name of its file.
+
+        Raises
+        ------
+        InputError
+            If there is no such structure, it has no voxels, the name is ambiguous, or overlapping structures
+            would be combined.
+        """
+        if (volume := self.as_labels()) is not self:
+            return volume.segmentation(label, segment)
+        if segment is not None and not self.named and len(self.layers) == 1:
+            named = self.with_names(segment)
+            if named.named:
+                return named.segmentation(label, segment)
+            if same_name(stem_of(self.path), segment) and len(self.segments()) <= 1:
+                return self._everything()
+        if segment is not None and (self.named or label is None):
+            return self._one(
+                matching(((item.name, item) for item in self.named), segment), repr(segment), segment
+            )
+        if label is not None:
+            same = [item for item in self.named if item.value == label]
+            plain = [Segment("", label)] if len(self.layers) == 1 else []
+            return self._one(same or plain, f"label {label}")
+        return self._everything()
+
+    def _one(self, segments: Sequence[Segment], wanted: str, name: str = "") -> Segmentation:
+        if len(segments) > 1:
+            raise InputError(
+                f"{self.path}: {wanted} matches {' and '.join(self._titles(segments))}; choose one by its "
+                "name or number, and give each its own name"
+            )
+        for item in segments:
+            if (voxels := self.placed(item)) is not None:
+                return voxels
+        if name and (faults := matching(self.unavailable.items(), name)):
+            raise InputError(faults[0])
+        lacks = "has no voxel of" if segments or not name else "has no structure named"
+        raise InputError(f"{self.path}: {lacks} {wanted}; {self._alternatives(name)}")
+
+    def _alternatives(self, name: str) -> str:
+        """Return similar names of a missing structure, and the content of the file."""
+        if not (there := self.segments()):
+            return "segment the structure or exclude the subject"
+        listed = ", ".join(self._titles(there[:_NAMED]))
+        more = f" and {len(there) - _NAMED} more" if len(there) > _NAMED else ""
+        alike = near([item.name for item in there], name) if name else []
+        nearest = f"similar names: {', '.join(alike)}; " if alike else ""
+        nameless = name and not any(item.name for item in there)
+        remedy = "; put a table of the labels' names next to the files, or give a number" if nameless else ""
+        return f"{nearest}it contains {listed}{more}{remedy}"
+
+    def _everything(self) -> Segmentation:
+        notes = (*self.notes, *(fault.removeprefix(f"{self.path}: ") for fault in self.unavailable.values()))
+        if len(self.layers) == 1:
+            layer, note = (self._labels(0), "") if self.named else hardened(self._labels(0), self._spacing)
+            notes = (*notes, note) if note else notes
+            several = labels_seen(self.path, layer) > 1
+            crop = cropped(layer, lambda values: values > 0)
+        else:
+            several = True
+            crop = cropped(self._union(), lambda values: values)
+        if crop is None:
+            raise InputError(
+                f"{self.path}: has no voxel above 0; segment the structure or exclude the subject"
+            )
+        if several and len(self.layers) == 1:
+            mask, start = crop
+            box = tuple(slice(low, low + size) for low, size in zip(start, mask.shape, strict=True))
+            self._check_together(labels_apart(layer[box]))
+        placed = self._placed(*crop)  # refuses impossible matrices
+        if several:
+            labels = [(item.value, item.name) for item in self.segments()]
+            notes = (*notes, together(self.path, labels, numbered=self._is_numbered))
+        return replace(placed, notes=notes)
+
+    def _check_together(self, apart: list[int]) -> None:
+        if not apart:
+            return
+        names = {item.value: item.name for item in self.with_names().named}
+        called = [names.get(value) or str(value) for value in apart]
+        more = f" and {len(called) - _NAMED} more" if len(called) > _NAMED else ""
+        raise InputError(
+            f"{self.path}: its labels are structures that do not touch; choose one (label: {called[0]}), or "
+            f"run a batch of all; available: {', '.join(called[:_NAMED])}{more}"
+        )
+
+    def _union(self) -> BoolArray:
+        mask: BoolArray = np.array(False)
+        overlap = False
+        for number in range(len(self.layers)):
+            layer = self._labels(number)
+            labels_seen(self.path, layer)
+            overlap |= bool((mask & (layer > 0)).any())
+            mask = mask | (layer > 0)
+        if overlap:
+            listed = ", ".join(self._titles(self.segments()))
+            raise InputError(
+                f"{self.path}: its segments overlap ({listed}), so that they are not one structure; "
+                "choose one by its name"
+            )
+        return mask
+
+    def placed(self, segment: Segment) -> Segmentation | None:
+        """Return the voxels of a structure; None if there are none."""
+        crop = cropped(self._labels(segment.layer), lambda values: values == segment.value)
+        return None if crop is None else self._placed(*crop, segment.name)
+
+    def _labels(self, number: int) -> Array:
+        """Return the whole-number values of a layer; raises InputError for other values."""
+        return labels_from(self.path, self.layers[number], self._spacing)[0]
+
+    def _titles(self, segments: Sequence[Segment]) -> list[str]:
+        """Return names for messages, with the values where these differ."""
+        return [item.title if self._is_numbered else item.name for item in segments]
+
+    @property
+    def _is_numbered(self) -> bool:
+        return len(self.named) < 2 or len({item.value for item in self.named}) > 1
+
+    @property
+    def _spacing(self) -> FloatArray:
+        return np.asarray(np.linalg.norm(self.index_to_world[:3, :3], axis=0))
+
+    def _placed(self, mask: BoolArray, start: Sequence[int], name: str = "") -> Segmentation:
+        """Return a mask that begins at a voxel of the file with its position, on right-handed axes."""
+        axes, origin = self.index_to_world[:3, :3], self.index_to_world[:3, 3]
+        spacing = np.linalg.norm(axes, axis=0)
+        if not np.isfinite([*origin, *spacing]).all() or spacing.min() <= 0.0:
+            raise InputError(
+                f"{self.path}: has the spacing {spacing} and origin {origin}; correct the header"
+            )
+        rotation = axes / spacing
+        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3):
+            raise InputError(
+                f"{self.path}: its axes are not at right angles; resample it to an orthogonal grid"
+            )
+        origin = origin + axes @ np.asarray(start, np.float64)
+        if np.linalg.det(rotation) < 0.0:
+            mask = mask[::-1]
+            origin = origin + axes[:, 0] * (len(mask) - 1)
+            rotation = rotation * [-1.0, 1.0, 1.0]
+        return Segmentation(mask, rotation, spacing, origin, self.notes, name)
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """Extent of a structure in a file: its volume [mm³], and whether it touches the border."""
+
+    segment: Segment
+    volume: float
+    at_border: bool
+
+
+def check_size(path: Path, shape: Sequence[int], voxel_bytes: float) -> None:
+    """Refuse a file whose header describes no volume, or one too large for this machine.
+
+    Raises
+    ------
+    InputError
+        With the required GB if memory is insufficient.
+    """
+    size = " x ".join(map(str, shape))
+    if len(shape) != 3 or min(shape) < 2:
+        raise InputError(f"{path}: is not a 3-D volume but {size}; export one label map per subject")
+    needed = float(np.prod(shape, dtype=np.float64)) * (voxel_bytes + _MASKS)
+    check_fits(f"{path} ({size} voxels)", needed, "crop or resample it, or correct its header")
