@@ -22,7 +22,8 @@ from homolog.cohort import read_cohort
 from homolog.correspondence import Shape, optimize
 from homolog.correspondence.launcher import load_kernels
 from homolog.correspondence.shape_fit import first_particles, fit_shape_from, nearest_template
-from homolog.grooming import align_cohort, groom_cohort
+from homolog.grooming import groom_cohort
+from homolog.registration import align_cohort
 from homolog.run.core_set import first_placement, joint_ensemble
 from homolog.settings import OptimizeSettings, RunSettings
 from homolog.surfaces.closest import distances_to

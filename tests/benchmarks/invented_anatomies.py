@@ -37,8 +37,8 @@ from cohort import carried
 
 from anatomy import LabelMap, write_label_map
 from homolog.geometry import rotation_of
-from homolog.grooming.align import register
 from homolog.io.meshes import write_mesh
+from homolog.registration.align import register
 from homolog.settings import GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mesh_level import mesh_level

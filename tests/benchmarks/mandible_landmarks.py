@@ -19,8 +19,9 @@ from homolog.cohort import read_cohort
 from homolog.correspondence import Shape, optimize
 from homolog.device import choose_device
 from homolog.geometry import transform_points
-from homolog.grooming import align, groom_cohort
-from homolog.grooming.icp import oriented_points, registered
+from homolog.grooming import groom_cohort
+from homolog.registration import align
+from homolog.registration.icp import oriented_points, registered
 from homolog.settings import OptimizeSettings, RunSettings
 from homolog.statistics.thin_plate import landmark_errors
 from homolog.surfaces.snapping import snapping

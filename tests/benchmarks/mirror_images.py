@@ -14,10 +14,10 @@ from pathlib import Path
 
 from homolog.cohort import Cohort, read_cohort
 from homolog.grooming import groom_cohort
-from homolog.grooming.align import register
-from homolog.grooming.icp import registered
-from homolog.grooming.mirror_images import better_mirrored
 from homolog.progress import no_tick
+from homolog.registration.align import register
+from homolog.registration.icp import registered
+from homolog.registration.mirror_images import better_mirrored
 from homolog.settings import GroomSettings
 from homolog.surfaces.mirroring import MIRROR
 

@@ -74,7 +74,8 @@ def make_shapes(folder):
 
 def save(path, cohort, settings):
     """Groom a cohort and store what the optimizer needs."""
-    from homolog.grooming import align_cohort, groom_cohort
+    from homolog.grooming import groom_cohort
+    from homolog.registration import align_cohort
 
     start = time.perf_counter()
     groomed = groom_cohort(cohort, settings, cache=None)

@@ -32,7 +32,8 @@ from anatomy import LabelMap, write_label_map
 from homolog.cohort import read_cohort
 from homolog.correspondence import Shape, load_kernels, optimize
 from homolog.device import choose_device
-from homolog.grooming import align_cohort, groom_cohort
+from homolog.grooming import groom_cohort
+from homolog.registration import align_cohort
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog.surfaces.isosurface import marching_cubes
 from homolog.surfaces.mesh import TriangleMesh

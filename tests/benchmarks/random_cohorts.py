@@ -28,7 +28,8 @@ from homolog.cohort import read_cohort
 from homolog.correspondence import InitialParticles, Shape, load_kernels, optimize
 from homolog.device import choose_device, describe_device
 from homolog.errors import HomologError
-from homolog.grooming import Problem, align_cohort, groom_cohort
+from homolog.grooming import Problem, groom_cohort
+from homolog.registration import align_cohort
 from homolog.settings import OptimizeSettings, RunSettings
 
 WANTED = 0.95

@@ -96,7 +96,8 @@ def groom(
 ) -> "tuple[list[GroomedSubject], FloatArray]":
     """Groom and align a cohort; unchanged subjects come from the project's cache."""
     from homolog.cluster import retried_on_workers
-    from homolog.grooming import align_cohort, groom_cohort
+    from homolog.grooming import groom_cohort
+    from homolog.registration import align_cohort
     from homolog.threads import cores
 
     inner = part_of(tick, 0.0, 0.9)
@@ -122,7 +123,8 @@ def groom_again(
 ) -> "GroomedSubject":
     """Groom one subject of a cohort again, with notes from the comparison with the others."""
     from homolog.cluster import subject_executor
-    from homolog.grooming import align_cohort, groom_cohort
+    from homolog.grooming import groom_cohort
+    from homolog.registration import align_cohort
 
     alone = Cohort(tuple(item for item in cohort.subjects if item.name == name), cohort.folder)
     with subject_executor(1, settings.cluster) as executor:
@@ -145,9 +147,9 @@ def groomed_before(
     cohort: Cohort, settings: RunSettings, project: ProjectFolder, tick: Tick
 ) -> "tuple[list[GroomedSubject], FloatArray] | None":
     """Return a project's cached groomed subjects, aligned; None unless all are up to date."""
-    from homolog.grooming import align_cohort
     from homolog.grooming.cache import content_key, load_groomed
     from homolog.grooming.subject import read_source
+    from homolog.registration import align_cohort
 
     groomed = []
     for number, subject in enumerate(cohort.subjects):

@@ -23,7 +23,7 @@ from homolog.cohort import Cohort
 from homolog.correspondence import Reason
 from homolog.device import choose_device
 from homolog.errors import InputError
-from homolog.grooming import GroomedSubject, check_cohort, check_sides, groom_cohort
+from homolog.grooming import GroomedSubject, check_cohort, groom_cohort
 from homolog.grooming.cache import content_key, save_groomed
 from homolog.io.atomic import report_os_errors
 from homolog.io.names import file_stems
@@ -31,6 +31,7 @@ from homolog.io.project import ProjectFolder
 from homolog.io.results import surface_file
 from homolog.parameters import fault_text
 from homolog.progress import no_tick
+from homolog.registration import check_sides
 from homolog.run.choose_core import outline
 from homolog.run.control import Control
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus

@@ -8,9 +8,9 @@ import numpy as np
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.correspondence.engine import Engine, Particles
-from homolog.correspondence.poses import rescale
 from homolog.correspondence.types import Checkpoint, Frame, FrameCallback, Stage
 from homolog.geometry import scale_of
+from homolog.registration.procrustes import rescale
 
 __all__ = ["CheckpointCallback", "RunRecorder"]
 

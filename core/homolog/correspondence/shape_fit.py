@@ -24,13 +24,13 @@ from homolog.correspondence.loop import MAX_POSE_REGULARIZATION, RECORD_INTERVAL
 from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.misplaced import MAX_MISPLACED_FRACTION, is_misplaced, predict_positions
 from homolog.correspondence.pose_search import SurfacePoints, follow_pose, search_poses
-from homolog.correspondence.poses import procrustes_step, robust_step
 from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort, prepare_cohort
 from homolog.correspondence.refit import carry_particles
 from homolog.correspondence.schedule import NORMALS_ANNEALING, StagePlan, TimeShares, plan_stages
 from homolog.correspondence.types import InitialParticles, Shape
 from homolog.geometry import fit_similarity, inverse_matrices, rotation_of, transform_points
 from homolog.progress import Tick, no_tick
+from homolog.registration.procrustes import procrustes_step, robust_step
 from homolog.settings import OptimizeSettings, Procrustes
 from homolog.surfaces.mirroring import MIRROR, mirrors
 from homolog.threads import on_one_thread

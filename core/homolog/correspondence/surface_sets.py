@@ -15,12 +15,12 @@ from scipy.spatial import cKDTree
 
 from homolog.arrays import Array, BoolArray, DeviceArray, FloatArray, IntArray
 from homolog.correspondence.kernels.particles import Surface
-from homolog.correspondence.poses import rescale
 from homolog.correspondence.types import Shape
 from homolog.errors import NumericalError
 from homolog.geodesics import GeodesicTable
 from homolog.geometry import scale_of, transform_points
 from homolog.memory import Store, in_memory
+from homolog.registration.procrustes import rescale
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.sides import MeshSides, batches
 from homolog.threads import cores, in_threads

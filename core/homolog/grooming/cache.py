@@ -1,9 +1,8 @@
-"""Cache on disk: groomed subjects, with one archive and one surface each, and registrations."""
+"""Cache on disk: groomed subjects, with one archive and one surface each."""
 
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
@@ -11,9 +10,8 @@ import numpy as np
 
 from homolog.arrays import Array
 from homolog.errors import InputError
-from homolog.grooming.icp import Fit, OrientedPoints, registered
 from homolog.grooming.subject import GroomedSubject, GroomReport
-from homolog.io.arrays import read_arrays, write_arrays
+from homolog.io.arrays import read_arrays
 from homolog.io.atomic import atomic_write
 from homolog.io.images import Segmentation
 from homolog.io.meshes import write_mesh
@@ -23,14 +21,12 @@ from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = [
-    "RegistrationCache", "check_names", "content_key", "is_outdated", "load_groomed", "load_report",
+    "check_names", "content_key", "is_outdated", "load_groomed", "load_report",
     "read_groomed", "save_groomed",
 ]  # fmt: skip
 
 _VERSION = "12"
 """Increase this number whenever results of grooming change: older archives are then recomputed."""
-_REGISTRATION_VERSION = "3"
-"""Increase this number whenever results of `registered` change."""
 
 
 def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) -> str:
@@ -194,57 +190,3 @@ def save_groomed(folder: Path, groomed: GroomedSubject, key: str) -> None:
 def _file(folder: Path, name: str, kind: str) -> Path:
     """Return a file's path within the folder; subjects with equal paths overwrite each other."""
     return folder / f"{file_stems([name])[0]}.{kind}"
-
-
-class RegistrationCache:
-    """Registrations of one surface to another, by the content of both.
-
-    Parameters
-    ----------
-    path : Path, optional
-        File of stored registrations; a damaged file, or one of another version, is ignored.
-    """
-
-    def __init__(self, path: Path | None = None) -> None:
-        self._path = path
-        self._before = {} if path is None else _registrations(path)
-        self._used: dict[str, Fit] = {}
-
-    def registered(
-        self, moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False, bends: bool = False
-    ) -> Fit:
-        """Return the result of `icp.registered`, from the cache if possible; safe from any thread."""
-        way = "bends" if bends else free
-        digest = hashlib.blake2b(f"{_REGISTRATION_VERSION} {way}".encode(), digest_size=16)
-        for array in (moving.points, moving.normals, fixed.points, fixed.normals):
-            digest.update(f"{array.shape}".encode())
-            digest.update(np.ascontiguousarray(array).tobytes())
-        key = digest.hexdigest()
-        fit = self._used.get(key) or self._before.get(key)
-        fit = fit or registered(moving, fixed, free=free, bends=bends)
-        self._used[key] = fit
-        return fit
-
-    def save(self) -> None:
-        """Store the requested registrations, if there are new ones.
-
-        Registrations that can't be stored, as in a read-only folder, are computed again the next time.
-        """
-        if self._path is None or self._used.keys() <= self._before.keys():
-            return
-        fits = self._used.values()
-        arrays = {"poses": [fit.pose for fit in fits], "distances": [fit.distance for fit in fits]}
-        with suppress(InputError):
-            write_arrays(self._path, {"keys": list(self._used), **arrays})
-
-
-def _registrations(path: Path) -> dict[str, Fit]:
-    try:
-        stored = read_arrays(path)
-        poses, distances = stored["poses"].reshape(-1, 4, 4), stored["distances"].tolist()
-        return {
-            str(key): Fit(pose, distance)
-            for key, pose, distance in zip(stored["keys"], poses, distances, strict=True)
-        }
-    except _DAMAGED:
-        return {}

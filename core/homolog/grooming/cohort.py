@@ -13,7 +13,6 @@ import numpy as np
 from homolog.cluster import each_in_workers
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError, NumericalError, WorkerDiedError
-from homolog.grooming.align import of_other_units
 from homolog.grooming.cache import check_names, content_key, is_outdated, load_groomed, save_groomed
 from homolog.grooming.clean import is_pair
 from homolog.grooming.missing_slices import with_missing_slices
@@ -21,6 +20,7 @@ from homolog.grooming.subject import GroomedSubject, Source, check_source, groom
 from homolog.io.images import Segmentation
 from homolog.io.markups import read_markups
 from homolog.progress import Tick, no_tick, part_of
+from homolog.registration.align import of_other_units
 from homolog.settings import GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import cores

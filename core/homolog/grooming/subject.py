@@ -1,5 +1,6 @@
 """From one file to a distance field and its meshes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from homolog.settings import GroomSettings
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.isosurface import coarse_isosurface, isosurface
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.mirroring import MIRROR
 from homolog.surfaces.topology import euler_number
 from homolog.threads import on_one_thread
 
@@ -115,6 +117,20 @@ class GroomedSubject:
     mesh: TriangleMesh
     coarse_mesh: TriangleMesh
     report: GroomReport
+
+    @property
+    def mirrored(self) -> "GroomedSubject":
+        """The subject's mirror image."""
+        return replace(
+            self,
+            field=self.field.mirrored,
+            mesh=self.mesh.placed(MIRROR),
+            coarse_mesh=self.coarse_mesh.placed(MIRROR),
+        )
+
+    def with_notes(self, notes: Sequence[str]) -> "GroomedSubject":
+        """Return the subject with further notes in its report."""
+        return replace(self, report=replace(self.report, notes=(*self.report.notes, *notes)))
 
     def stored(self, store: Store) -> "GroomedSubject":
         """Return the subject with field and surfaces in a store."""

@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.geometry import inverse_matrices, rotation_of, transform_points
-from homolog.grooming.icp import oriented_points, registered
 from homolog.patient.mesh_graph import remove_spikes
 from homolog.patient.surface_model import SurfaceModel
 from homolog.patient.target import Target
 from homolog.progress import Tick, no_tick
+from homolog.registration.icp import oriented_points, registered
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["CutEnd", "SurfaceFit", "fit_surface"]

@@ -8,9 +8,10 @@ from homolog.cluster import SubjectWorkers
 from homolog.cohort import Cohort
 from homolog.errors import InputError
 from homolog.geometry import transform_points
-from homolog.grooming import GroomedSubject, align_cohort
+from homolog.grooming import GroomedSubject
 from homolog.memory import Store, in_memory
 from homolog.progress import run_in_background
+from homolog.registration import align_cohort
 from homolog.run.choose_core import choose_core
 from homolog.run.control import Control
 from homolog.run.core_set import fit_others, prepare_from_disk

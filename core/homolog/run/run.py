@@ -13,7 +13,7 @@ from homolog.correspondence import Checkpoint, Frame
 from homolog.device import choose_device, device_faults
 from homolog.errors import Cancelled, InputError
 from homolog.geometry import inverse_matrices, transform_points
-from homolog.grooming import GroomedSubject, Problem, check_cohort, check_sides, groom_cohort
+from homolog.grooming import GroomedSubject, Problem, check_cohort, groom_cohort
 from homolog.io.atomic import report_os_errors
 from homolog.io.mapped import mapped_within
 from homolog.io.project import ProjectFolder
@@ -21,6 +21,7 @@ from homolog.io.records import ProjectRecord
 from homolog.io.results import Result
 from homolog.memory import Store, in_memory, large_arrays_apart
 from homolog.progress import Tick, no_tick, run_in_background
+from homolog.registration import check_sides
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
 from homolog.run.choose_core import outline
 from homolog.run.control import Control

@@ -7,9 +7,10 @@ from homolog.cohort import Cohort
 from homolog.correspondence import Checkpoint, Frame, FrameCallback, Shape, load_kernels, optimize
 from homolog.device import device_faults
 from homolog.geodesics import GeodesicSolver, solve_tables
-from homolog.grooming import GroomedSubject, align_cohort
+from homolog.grooming import GroomedSubject
 from homolog.memory import Store, in_memory, return_freed_memory
 from homolog.progress import Tick, run_in_background
+from homolog.registration import align_cohort
 from homolog.run.control import Control
 from homolog.run.events import Phase
 from homolog.run.fingerprints import run_fingerprint

@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from homolog.cohort import Subject
 from homolog.correspondence import Shape, optimize
-from homolog.grooming import align, groom_subject
+from homolog.grooming import groom_subject
 from homolog.io.meshes import write_mesh
+from homolog.registration import align
 from homolog.settings import Alignment, GroomSettings, OptimizeSettings
 from homolog.statistics.shape_model import ShapeModel
 

@@ -10,12 +10,13 @@ from homolog.cohort import read_cohort
 from homolog.errors import InputError
 from homolog.exchange.shapeworks_export import write_shapeworks
 from homolog.exchange.shapeworks_files import read_shapeworks_file
-from homolog.grooming import align_cohort, groom_cohort
+from homolog.grooming import groom_cohort
 from homolog.inspection import inspect
 from homolog.io.meshes import read_mesh
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ProjectRecord
 from homolog.io.results import read_result, read_surface, read_surfaces
+from homolog.registration import align_cohort
 from homolog.run import Run
 from homolog.run.repair import read_inputs, repair_result
 from homolog.settings import GroomSettings, Mirror, OptimizeSettings, RunSettings

@@ -22,9 +22,9 @@ from homolog.arrays import FloatArray, IntArray
 from homolog.correspondence.initialization.device_registration import DeviceRegistration, mean_distances
 from homolog.correspondence.initialization.spreading import spread_vertices
 from homolog.correspondence.kernels.registration import N_MATCHES
-from homolog.correspondence.poses import posed_meshes
 from homolog.geometry import farthest_point_sampling, inverse_matrices, transform_points
 from homolog.progress import Tick, no_tick, part_of, run_in_background, run_in_threads
+from homolog.registration.procrustes import posed_meshes
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import cores, in_threads, on_one_thread
 

@@ -155,7 +155,7 @@ def align_shapes(
     squares: wp.array2d(dtype=wp.float64),
     steps: wp.array(dtype=wp.mat44d),
 ):
-    """Move each shape by the similarity that its pulls ask for (see `homolog.correspondence.poses`).
+    """Move each shape by the similarity that its pulls ask for (see `homolog.registration.procrustes`).
 
     Parameters
     ----------

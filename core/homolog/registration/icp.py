@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.geometry import farthest_point_sampling, rotation_of, scale_of
-from homolog.grooming.closest_points import (
+from homolog.registration.closest_points import (
     NORMAL_WEIGHT,
     Fit,
     OrientedPoints,

@@ -3,22 +3,36 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 
 from homolog.arrays import FloatArray
 from homolog.cohort import FROM_NAMES, LEFT, RIGHT, Cohort, other_side, sides_of
 from homolog.errors import InputError
-from homolog.grooming.align import RegisterPair, Registration, register
-from homolog.grooming.cache import RegistrationCache
-from homolog.grooming.mirror_images import better_mirrored
-from homolog.grooming.subject import GroomedSubject
 from homolog.progress import Tick, no_tick, part_of
+from homolog.registration.align import RegisterPair, Registrable, Registration, register
+from homolog.registration.cache import RegistrationCache
+from homolog.registration.mirror_images import better_mirrored
 from homolog.settings import Alignment, GroomSettings, Mirror
 from homolog.surfaces.mirroring import MIRROR, mirrors
 from homolog.threads import on_one_thread
 
 __all__ = ["align_cohort", "check_sides"]
+
+
+class Sided(Registrable, Protocol):
+    """A subject that can be mirrored."""
+
+    @property
+    def mirrored(self) -> Self:
+        """Its mirror image."""
+
+    def with_notes(self, notes: Sequence[str]) -> Self:
+        """Return it with further notes."""
+
+
+_Subject = TypeVar("_Subject", bound=Sided)
 
 
 def check_sides(cohort: Cohort, settings: GroomSettings) -> None:
@@ -29,13 +43,13 @@ def check_sides(cohort: Cohort, settings: GroomSettings) -> None:
 @on_one_thread
 def align_cohort(
     cohort: Cohort,
-    groomed: Sequence[GroomedSubject],
+    groomed: Sequence[_Subject],
     settings: GroomSettings,
     tick: Tick = no_tick,
     *,
     known: Mapping[str, FloatArray] | None = None,
     cache: Path | None = None,
-) -> tuple[list[GroomedSubject], FloatArray]:
+) -> tuple[list[_Subject], FloatArray]:
     """Align groomed subjects, those of one side of the body mirrored.
 
     If the sides are known from names only, and most subjects to be mirrored fit the others far better
@@ -45,7 +59,7 @@ def align_cohort(
     ----------
     cohort : Cohort
         Its columns and names give the sides.
-    groomed : sequence of GroomedSubject
+    groomed : sequence of Sided
         The groomed subjects, in the order of the cohort.
     settings : GroomSettings
         Its `alignment`, `scaling` and `mirror`.
@@ -59,7 +73,7 @@ def align_cohort(
 
     Returns
     -------
-    list of GroomedSubject
+    list of Sided
         The subjects, with notes on those that were mirrored, that would fit far better mirrored, or that do
         not look like the others.
     (M, 4, 4) float64 array
@@ -90,7 +104,7 @@ def align_cohort(
             )
         elif registered_as is not None:
             notes.append(registered_as)
-        result.append(replace(item, report=replace(item.report, notes=(*item.report.notes, *notes))))
+        result.append(item.with_notes(notes))
     return result, registered.alignments
 
 
@@ -102,7 +116,7 @@ _NO_SIDES = (
 
 
 def _aligned(
-    groomed: Sequence[GroomedSubject],
+    groomed: Sequence[Sided],
     plan: "_Plan",
     settings: GroomSettings,
     known: Collection[str],
@@ -110,7 +124,7 @@ def _aligned(
     tick: Tick,
 ) -> tuple[Registration, set[str]]:
     """Return alignments (reflections if mirrored), and the names of subjects that fit far better reversed."""
-    taken = [_image(item) if item.name in plan.mirrored else item for item in groomed]
+    taken = [item.mirrored if item.name in plan.mirrored else item for item in groomed]
     registered = register(taken, settings, part_of(tick, 0.0, 0.5), register_pair=register_pair)
     alignments = registered.alignments
     better: set[str] = set()
@@ -188,12 +202,3 @@ def _fixed_side(sides: Mapping[str, str], kept: set[str], known: Mapping[str, Fl
     """Return the side that new subjects are mirrored from; None if a result has left and right ones."""
     common = {other_side(sides[name]) if name in kept else sides[name] for name in known if name in sides}
     return other_side(common.pop()) if len(common) == 1 else None
-
-
-def _image(groomed_subject: GroomedSubject) -> GroomedSubject:
-    return replace(
-        groomed_subject,
-        field=groomed_subject.field.mirrored,
-        mesh=groomed_subject.mesh.placed(MIRROR),
-        coarse_mesh=groomed_subject.coarse_mesh.placed(MIRROR),
-    )

@@ -10,11 +10,10 @@ from scipy.spatial import KDTree
 
 from homolog.arrays import FloatArray
 from homolog.geometry import transform_points
-from homolog.grooming.align import RegisterPair, by_typicality
-from homolog.grooming.closest_points import SearchedPoints
-from homolog.grooming.icp import OrientedPoints, oriented_points, refined_each, sought
-from homolog.grooming.subject import GroomedSubject
 from homolog.progress import Tick, part_of, run_in_threads
+from homolog.registration.align import RegisterPair, Registrable, by_typicality
+from homolog.registration.closest_points import SearchedPoints
+from homolog.registration.icp import OrientedPoints, oriented_points, refined_each, sought
 from homolog.surfaces.mirroring import MIRROR
 from homolog.threads import cores
 
@@ -89,7 +88,7 @@ class _Pair:
 
 
 def better_mirrored(
-    groomed: Sequence[GroomedSubject],
+    groomed: Sequence[Registrable],
     alignments: FloatArray,
     known: Collection[str],
     registered_already: bool,
@@ -103,7 +102,7 @@ def better_mirrored(
 
     Parameters
     ----------
-    groomed : sequence of GroomedSubject
+    groomed : sequence of Registrable
         The cohort.
     alignments : (M, 4, 4) float64 array
         Alignments of the subjects.

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from homolog.cohort import read_cohort
-from homolog.grooming import align_cohort, groom_cohort
-from homolog.grooming.icp import registered
+from homolog.grooming import groom_cohort
+from homolog.registration import align_cohort
+from homolog.registration.icp import registered
 from homolog.settings import GroomSettings
 
 SETTINGS = GroomSettings(mesh_edge=2.0)
@@ -43,7 +44,7 @@ def calls(monkeypatch):
         pairs.append((moving, fixed))
         return registered(moving, fixed, **options)
 
-    monkeypatch.setattr("homolog.grooming.cache.registered", spy)
+    monkeypatch.setattr("homolog.registration.cache.registered", spy)
     return pairs
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from homolog.arrays import FloatArray
-from homolog.grooming.doubtful import OtherTurn
+from homolog.registration.doubtful import OtherTurn
 
 __all__ = ["DOUBTFUL", "MIN_SUBJECTS", "OTHER_SIZE", "Findings", "notes_on"]
 

@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from homolog.arrays import FloatArray
 from homolog.geometry import fit_similarity, inverse_matrices, rotation_of, transform_points
-from homolog.grooming.closest_points import SearchedPoints
-from homolog.grooming.icp import Bending, OrientedPoints, candidates
 from homolog.progress import Tick, run_in_threads
+from homolog.registration.closest_points import SearchedPoints
+from homolog.registration.icp import Bending, OrientedPoints, candidates
 from homolog.threads import cores
 
 __all__ = ["OtherTurn", "other_turns", "unclear"]

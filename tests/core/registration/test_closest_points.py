@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from homolog.grooming.closest_points import OrientedPoints, SearchedPoints
-from homolog.grooming.icp import refined, refined_each
+from homolog.registration.closest_points import OrientedPoints, SearchedPoints
+from homolog.registration.icp import refined, refined_each
 
 
 def ellipsoid(axes, count, degrees=0.0):

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.geometry import rotation_of
-from homolog.grooming.icp import Fit, OrientedPoints
 from homolog.progress import Tick
+from homolog.registration.icp import Fit, OrientedPoints
 
 __all__ = [
     "EPSILON", "angles_from", "by_typicality", "medoid", "odd_ones", "radii_of", "similar_pairs",

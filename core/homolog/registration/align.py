@@ -12,8 +12,9 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from homolog.arrays import BoolArray, FloatArray
 from homolog.errors import InputError
 from homolog.geometry import rotation_of, scale_of
-from homolog.grooming.doubtful import OtherTurn, other_turns
-from homolog.grooming.icp import (
+from homolog.progress import Tick, no_tick, run_in_threads
+from homolog.registration.doubtful import OtherTurn, other_turns
+from homolog.registration.icp import (
     Fit,
     OrientedPoints,
     axes_rotation,
@@ -23,10 +24,9 @@ from homolog.grooming.icp import (
     refined,
     registered,
 )
-from homolog.grooming.orientation import agree, are_soft, better_turned
-from homolog.grooming.registration_notes import DOUBTFUL, MIN_SUBJECTS, Findings, notes_on
-from homolog.grooming.subject import GroomedSubject
-from homolog.grooming.typicality import (
+from homolog.registration.notes import DOUBTFUL, MIN_SUBJECTS, Findings, notes_on
+from homolog.registration.orientation import agree, are_soft, better_turned
+from homolog.registration.typicality import (
     EPSILON,
     angles_from,
     by_typicality,
@@ -36,11 +36,32 @@ from homolog.grooming.typicality import (
     similar_pairs,
     typical_rotation,
 )
-from homolog.progress import Tick, no_tick, run_in_threads
 from homolog.settings import Alignment, GroomSettings
+from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import cores, on_one_thread
 
-__all__ = ["RegisterPair", "Registration", "align", "by_typicality", "medoid", "of_other_units", "register"]
+__all__ = [
+    "RegisterPair",
+    "Registrable",
+    "Registration",
+    "align",
+    "by_typicality",
+    "medoid",
+    "of_other_units",
+    "register",
+]
+
+
+class Registrable(Protocol):
+    """A subject with a surface of few vertices in the coordinates of its file."""
+
+    @property
+    def name(self) -> str:
+        """The subject's name, for messages."""
+
+    @property
+    def coarse_mesh(self) -> TriangleMesh:
+        """Its surface, evenly triangulated [mm]."""
 
 
 class RegisterPair(Protocol):
@@ -94,12 +115,12 @@ class _Fits:
 
 
 @on_one_thread
-def align(groomed: Sequence[GroomedSubject], settings: GroomSettings, tick: Tick = no_tick) -> FloatArray:
+def align(groomed: Sequence[Registrable], settings: GroomSettings, tick: Tick = no_tick) -> FloatArray:
     """Return a similarity for each subject; see `register`.
 
     Parameters
     ----------
-    groomed : sequence of GroomedSubject
+    groomed : sequence of Registrable
         The cohort.
     settings : GroomSettings
         Method of alignment and scaling.
@@ -115,7 +136,7 @@ def align(groomed: Sequence[GroomedSubject], settings: GroomSettings, tick: Tick
 
 
 def register(
-    groomed: Sequence[GroomedSubject],
+    groomed: Sequence[Registrable],
     settings: GroomSettings,
     tick: Tick = no_tick,
     *,
@@ -131,7 +152,7 @@ def register(
 
     Parameters
     ----------
-    groomed : sequence of GroomedSubject
+    groomed : sequence of Registrable
         The cohort, at least one.
     settings : GroomSettings
         Its `alignment` and `scaling`: every root-mean-square radius becomes the cohort's geometric mean.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from homolog.grooming.mirror_images import reversed_ones
+from homolog.registration.mirror_images import reversed_ones
 
 
 def flagged(*values, majority=True):

@@ -5,8 +5,8 @@ import pytest
 from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial.transform import Rotation
 
-from homolog.grooming.icp import OrientedPoints
-from homolog.grooming.typicality import by_typicality, radii_of, similar_pairs, typical_rotation
+from homolog.registration.icp import OrientedPoints
+from homolog.registration.typicality import by_typicality, radii_of, similar_pairs, typical_rotation
 
 
 def clouds(count, seed=0):

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from homolog.arrays import FloatArray
 from homolog.geometry import rotation_of
-from homolog.grooming.icp import Fit, OrientedPoints, held, softness_of_fit
 from homolog.progress import Tick, run_in_threads
+from homolog.registration.icp import Fit, OrientedPoints, held, softness_of_fit
 from homolog.threads import cores, in_threads
 
 __all__ = ["agree", "are_soft", "better_turned"]

@@ -9,14 +9,15 @@ from scipy.spatial.transform import Rotation
 from homolog.cohort import Subject
 from homolog.errors import Cancelled, InputError
 from homolog.geometry import rotation_of
-from homolog.grooming import align, groom_subject
-from homolog.grooming.align import register
-from homolog.grooming.doubtful import OtherTurn, other_turns, unclear
-from homolog.grooming.icp import Fit, OrientedPoints, fit_at, oriented_points, registered
-from homolog.grooming.orientation import agree
-from homolog.grooming.registration_notes import Findings, notes_on
-from homolog.grooming.typicality import odd_ones
+from homolog.grooming import groom_subject
 from homolog.progress import no_tick
+from homolog.registration import align
+from homolog.registration.align import register
+from homolog.registration.doubtful import OtherTurn, other_turns, unclear
+from homolog.registration.icp import Fit, OrientedPoints, fit_at, oriented_points, registered
+from homolog.registration.notes import Findings, notes_on
+from homolog.registration.orientation import agree
+from homolog.registration.typicality import odd_ones
 from homolog.settings import Alignment, GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -417,7 +418,7 @@ def test_where_neither_round_shapes_nor_their_files_tell_how_they_lie_a_note_say
 
 def test_few_round_shapes_that_registration_turns_little_are_not_uncertain(paw, coarse_egg, monkeypatch):
     """Three files can't show that they agree."""
-    monkeypatch.setattr(import_module("homolog.grooming.align"), "agree", lambda shapes: False)
+    monkeypatch.setattr(import_module("homolog.registration.align"), "agree", lambda shapes: False)
     shapes = _round_organs(paw, coarse_egg, Rotation.identity(3))
     assert not any("uncertain" in (note or "") for note in register(shapes, GroomSettings()).notes)
 
