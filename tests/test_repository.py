@@ -136,13 +136,3 @@ def test_links_between_pages_lead_somewhere(page):
             headings = re.findall(r"(?m)^#+ (.+)$", other.read_text("utf-8"))
             anchors = {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
             assert anchor in anchors, target
-
-
-def test_source_files_stay_small():
-    long = {
-        str(path.relative_to(ROOT)): lines
-        for folder in ("core", "app", "resources")
-        for path in (ROOT / folder).rglob("*.py")
-        if (lines := len(path.read_text(encoding="utf-8").splitlines())) > 400
-    }
-    assert long == {}

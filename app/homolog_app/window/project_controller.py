@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QInputDialog, QWidget
 
 from homolog.errors import InputError, InUseError
 from homolog.io.atomic import replace_folder
+from homolog.io.particles import PARTICLE_SUFFIXES
 from homolog.io.project import ProjectFolder
 from homolog_app.studies.files import (
     InterruptedSession,
@@ -42,7 +43,7 @@ _NOT_HELD = (
 _ANSWERS = ("Open read-only", "Cancel")
 _IN_USE = "the project is open in another Homolog, and read-only here"
 _UNWRITABLE = "the project's folder can't be written to"
-_MODELS = "ShapeWorks projects, particles (*.swproj *.xlsx *.particles *.pts)"
+_MODELS = "ShapeWorks projects, particles (*.swproj *.xlsx *.particles *.pts *.lpts *.wpts)"
 
 
 class ProjectController(Controller):
@@ -321,7 +322,7 @@ class ProjectController(Controller):
         path = files.file(self._window, "Import model (choose any particle file of a folder)", _MODELS)
         if not path or not self.may_leave():
             return
-        source = path.parent if path.suffix.lower() in (".particles", ".pts") else path
+        source = path.parent if path.suffix.lower() in PARTICLE_SUFFIXES else path
         folder = files.new(self._window, "Save project as (creates a folder)", source.stem)
         if folder:
             self.import_model(source, folder)

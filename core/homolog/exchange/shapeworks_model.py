@@ -9,11 +9,13 @@ from homolog.errors import InputError
 from homolog.exchange.model import ForeignModel, ForeignSubject, particles_of
 from homolog.exchange.shapeworks_files import INPUTS, PATH_PREFIXES, PREFIXES, Row, ShapeWorksProject
 from homolog.exchange.shapeworks_paths import leads_out, place_of, plain_path
+from homolog.io.particles import PARTICLE_SUFFIXES
 
 __all__ = ["model_of_folder", "model_of_project"]
 
 _YES = ("true", "yes", "1")
 _ENDS = {"_local": "local", "_world": "world"}
+_OLD_ENDS = {".lpts": "_local", ".wpts": "_world"}
 
 
 def model_of_project(source: ShapeWorksProject, domain: str) -> ForeignModel:
@@ -65,9 +67,10 @@ def model_of_folder(folder: Path) -> ForeignModel:
     """
     files: dict[str, dict[str, Path]] = {}
     for path in sorted(folder.iterdir()):
-        if path.suffix.lower() not in (".particles", ".pts") or path.name.startswith("."):
+        suffix = path.suffix.lower()
+        if suffix not in PARTICLE_SUFFIXES or path.name.startswith("."):
             continue
-        end = next((item for item in _ENDS if path.stem.endswith(item)), "")
+        end = next((item for item in _ENDS if path.stem.endswith(item)), _OLD_ENDS.get(suffix, ""))
         frames = files.setdefault(path.stem.removesuffix(end), {})
         if (frame := _ENDS.get(end, "world")) in frames:
             raise InputError(f"{path}: {frames[frame].name} exists too; keep one of them")
@@ -77,7 +80,7 @@ def model_of_folder(folder: Path) -> ForeignModel:
             item.name for item in sorted(folder.iterdir()) if item.suffix.lower() in (".swproj", ".xlsx")
         ]
         remedy = f"give the project in it, {others[0]}" if others else "choose another folder"
-        raise InputError(f"{folder}: contains no particles (.particles, .pts); {remedy}")
+        raise InputError(f"{folder}: contains no particles ({', '.join(PARTICLE_SUFFIXES)}); {remedy}")
     subjects = tuple(
         ForeignSubject(name, particles_of(item.get("local")), particles_of(item.get("world")))
         for name, item in files.items()

@@ -50,7 +50,7 @@ def read_arrays(
     check_is_file(Path(path))
     try:
         if not is_zipfile(path):
-            raise InputError(f"{path}: is damaged: cut off, or another kind of file; {remedy}")
+            raise InputError(f"{path}: is cut off, or another kind of file; {remedy}")
         with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             unpacked = sum(item.file_size for item in stored.zip.infolist())
             check_fits(path, unpacked, remedy)

@@ -11,6 +11,7 @@ from homolog.arrays import FloatArray
 from homolog.cohort import IMAGE_SUFFIXES, dicom_files, pictures_in, suffix_of
 from homolog.errors import InputError
 from homolog.io.headers import read_header, segments_of
+from homolog.io.particles import PARTICLE_SUFFIXES
 from homolog.io.scans import StoredScan
 from homolog.io.values import labels_of_channels
 from homolog.io.volumes import Segment, Segmentation, Volume, check_size
@@ -90,7 +91,7 @@ def check_kind(path: Path) -> str:
         raise InputError(f"{path}: does not exist; correct the path or exclude it")
     if path.is_dir():
         return name
-    if name.endswith(".particles"):
+    if name.endswith(PARTICLE_SUFFIXES):
         raise InputError(
             f"{path}: contains particles without a surface, which can be analyzed but not groomed"
         )

@@ -10,7 +10,10 @@ from homolog.io.atomic import write_text
 from homolog.io.bounded import read_bytes
 from homolog.io.legacy_vtk import read_legacy_vtk
 
-__all__ = ["read_particles", "write_particles"]
+__all__ = ["PARTICLE_SUFFIXES", "read_particles", "write_particles"]
+
+PARTICLE_SUFFIXES = (".particles", ".pts", ".lpts", ".wpts")
+"""Names of lists of particles; the last two are those of older ShapeWorks, local and world."""
 
 
 def write_particles(path: Path, points: FloatArray) -> None:
@@ -36,7 +39,8 @@ def read_particles(path: Path) -> FloatArray:
     """Read particles, shape (N, 3) [mm], read-only.
 
     ShapeWorks also stores them as the points of a legacy ``.vtk`` file. As in ShapeWorks, empty lines are
-    skipped, and reading stops at the first line that does not start with a number.
+    skipped, and reading stops at the first line that does not start with a number. Commas may separate the
+    numbers, or be their decimal points, and a line ``x,y,z`` may come first.
 
     Raises
     ------
@@ -58,10 +62,10 @@ def _of_lines(path: Path, lines: list[str]) -> FloatArray:
     plain = _of_plain_lines(lines)
     if plain is not None:
         return plain
-    points = []
+    points: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
-        tokens = line.split()
-        if not tokens:
+        tokens = _tokens(line)
+        if not tokens or (not points and [word.lower() for word in tokens] == ["x", "y", "z"]):
             continue
         if not _is_number(tokens[0]):
             break
@@ -69,6 +73,14 @@ def _of_lines(path: Path, lines: list[str]) -> FloatArray:
             raise InputError(f"{path}, line {number}: is not a point; each line must have three numbers")
         points.append([float(word) for word in tokens])
     return np.array(points)
+
+
+def _tokens(line: str) -> list[str]:
+    """Return the numbers of a line as text; commas within three numbers are their decimal points."""
+    tokens = line.split()
+    if len(tokens) == 3 and all(0 < token.find(",") < len(token) - 1 for token in tokens):
+        return [token.replace(",", ".") for token in tokens]
+    return line.replace(",", " ").split()
 
 
 def _of_plain_lines(lines: list[str]) -> FloatArray | None:

@@ -269,4 +269,4 @@ def _read_record(folder: Path) -> dict[str, Any]:
             raise ValueError("is not of a batch")
         return dict(content["structures"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(f"{path}: is damaged: {error}; delete it to start the batch again") from error
+        raise InputError(f"{path}: is damaged: {error}; choose another folder for the batch") from error

@@ -24,6 +24,8 @@ NEGLIGIBLE = 1e-9
 _FEW = 8
 """Number of rows per requested mode above which a Gram matrix is decomposed by Lanczos' method."""
 
+_GIVE = "give a file that ShapeModel.save wrote"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeModel:
@@ -271,13 +273,11 @@ class ShapeModel:
         InputError
             If the file is missing, damaged, or contains no shape model.
         """
-        stored = read_arrays(Path(path))
+        stored = read_arrays(Path(path), _GIVE)
         try:
             model = cls(**stored)
         except (TypeError, ValueError) as error:
-            raise InputError(
-                f"{path}: contains no shape model; give a file that ShapeModel.save wrote"
-            ) from error
+            raise InputError(f"{path}: contains no shape model; {_GIVE}") from error
         modes, *shape = model.components.shape if model.components.ndim == 3 else (0,)
         if (
             shape != list(model.mean.shape)

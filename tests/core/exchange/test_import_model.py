@@ -159,6 +159,17 @@ def test_a_bare_folder_of_particles_is_a_model(bare, project, finished_run, patt
     assert ((result.mean_surface.vertex_normals[::9] * outward).sum(axis=1) > 0.0).mean() > 0.95
 
 
+def test_a_folder_of_an_older_shapeworks_is_a_model_with_both_frames(bare, project, finished_run):
+    folder = bare("*.particles")
+    for path in folder.iterdir():
+        stem, _, frame = path.stem.rpartition("_")
+        path.rename(folder / f"{stem}.{frame[0]}pts")
+    import_model(folder, project)
+    result, before = read_result(project), read_result(finished_run)
+    assert result.names == before.names
+    assert np.allclose(result.world, before.world, atol=1e-6)
+
+
 def test_a_spreadsheet_project_is_read(exported, content, project, finished_run):
     import openpyxl
 

@@ -28,8 +28,23 @@ def test_reading_stops_at_the_first_line_that_is_no_number(tmp_path):
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        "1.5,2,-3\n4,5,6e0\n",
+        "1.5, 2, -3\n4, 5, 6\n",
+        "1,5 2,0 -3,0\n4,0 5,0 6,0\n",
+        "x,y,z\n1.5,2,-3\n4,5,6\n",
+    ],
+)
+def test_commas_stand_between_numbers_or_for_their_points(tmp_path, text):
+    (tmp_path / "a.wpts").write_text(text)
+    assert read_particles(tmp_path / "a.wpts").tolist() == [[1.5, 2, -3], [4, 5, 6]]
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("1,2\n", "line 1"),
         ("", "contains no particles"),
         ("x y z\n", "contains no particles"),
         ("1 2 3\n4 5\n", "line 2"),

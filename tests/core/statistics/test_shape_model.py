@@ -114,6 +114,13 @@ def test_what_is_no_saved_model_is_refused(ellipsoids, tmp_path):
             ShapeModel.load(tmp_path / name)
 
 
+def test_a_file_that_is_no_model_is_not_to_be_thrown_away(tmp_path):
+    (tmp_path / "README.md").write_text("# Mine")
+    with pytest.raises(InputError, match=r"README\.md: .*give a file that ShapeModel\.save wrote") as caught:
+        ShapeModel.load(tmp_path / "README.md")
+    assert "delete" not in str(caught.value).replace(str(tmp_path), "")
+
+
 def test_samples_have_the_variances_of_the_model_and_repeat_by_seed(ellipsoids):
     model = ShapeModel.fit(ellipsoids())
     shapes = model.sample(20_000, seed=3)
