@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import homolog as hl
-import homolog_app.api as of_projects
 from homolog.cohort import Subject
 from homolog.parameters import parameters
 from homolog.patient import Percentile, Region
@@ -36,7 +35,7 @@ GROUPS: dict[str, list[Any]] = {
         Dispersion,
         Discriminant,
     ],
-    "Questions to projects, and reports": [of_projects.analyze, of_projects.Answer, of_projects.report],
+    "Questions to projects, and reports": [hl.analyze, hl.StudyAnswer, hl.report],
     "One patient": [
         hl.make_reference,
         hl.Reference,

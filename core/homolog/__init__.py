@@ -17,11 +17,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from homolog.api.analyze import analyze
     from homolog.api.compare import compare_groups, regress
     from homolog.api.correspond import Correspondence, correspond
     from homolog.api.patient import compare_patient, make_reference
     from homolog.api.project import Project
     from homolog.cohort import Cohort, read_cohort
+    from homolog.comparison.project import StudyAnswer
     from homolog.errors import Cancelled, InputError, NumericalError
     from homolog.geodesics import geodesic_distances
     from homolog.io.meshes import read_mesh, write_mesh
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from homolog.statistics.comparison import Comparison
     from homolog.statistics.shape_model import ShapeModel
     from homolog.surfaces.mesh import TriangleMesh
+    from homolog_app.report.write import report
 
 __all__ = [
     "Cancelled",
@@ -42,7 +45,9 @@ __all__ = [
     "Project",
     "Reference",
     "ShapeModel",
+    "StudyAnswer",
     "TriangleMesh",
+    "analyze",
     "compare_groups",
     "compare_patient",
     "correspond",
@@ -51,11 +56,13 @@ __all__ = [
     "read_cohort",
     "read_mesh",
     "regress",
+    "report",
     "write_mesh",
 ]
 
 __version__ = "0.2.0"
 
+# Homes below `homolog`; the report is drawn, and thus the application's.
 _HOMES = {
     "Cancelled": "errors",
     "Cohort": "cohort",
@@ -67,7 +74,9 @@ _HOMES = {
     "Project": "api.project",
     "Reference": "patient.reference",
     "ShapeModel": "statistics.shape_model",
+    "StudyAnswer": "comparison.project",
     "TriangleMesh": "surfaces.mesh",
+    "analyze": "api.analyze",
     "compare_groups": "api.compare",
     "compare_patient": "api.patient",
     "correspond": "api.correspond",
@@ -76,6 +85,7 @@ _HOMES = {
     "read_cohort": "cohort",
     "read_mesh": "io.meshes",
     "regress": "api.compare",
+    "report": "_app.report.write",
     "write_mesh": "io.meshes",
 }
 
@@ -91,6 +101,7 @@ if not TYPE_CHECKING:  # type checkers know the names from above, and that there
         """Load a public name on its first use."""
         if name not in _HOMES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+        home = _HOMES[name]
+        value = getattr(import_module(f"{__name__}{home if home[0] == '_' else f'.{home}'}"), name)
         globals()[name] = value
         return value

@@ -37,7 +37,7 @@ def test_a_row_of_types_declares_categories_for_the_command_line_the_api_and_the
     project, tmp_path, capsys
 ):
     import homolog as hl
-    from homolog_app.report.request import column_of
+    from homolog.comparison.sample import column_of
     from homolog_app.studies.questions import covariates_of
     from homolog_app.studies.study import Member, Study
 

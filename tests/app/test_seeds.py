@@ -9,11 +9,11 @@ import pytest
 import SimpleITK
 
 from homolog.cohort import Cohort, Subject
+from homolog.comparison.seeds import SeedAnswer, median_answer, read_spread, spread_text, write_spread
 from homolog.io.project import ProjectFolder
 from homolog.run import Run
 from homolog.statistics.effects import Effect
 from homolog_app.cli import main
-from homolog_app.report.seeds import SeedAnswer, median_answer, read_spread, spread_text, write_spread
 from homolog_app.report.study_section import interval_cell
 
 QUICK = ["--permutations", "99", "--null-repeats", "0", "--alignment", "rigid", "--progress", "none"]

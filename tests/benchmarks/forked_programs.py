@@ -12,7 +12,7 @@ from pathlib import Path
 
 _PRELOADED = (
     "distributed", "homolog.correspondence.shape_fit", "homolog.run.grow", "homolog_app.cli.analysis",
-    "homolog_app.cli.run", "homolog_app.pictures.figures", "homolog_app.report.study",
+    "homolog_app.cli.run", "homolog_app.pictures.figures", "homolog.comparison.answer",
 )  # fmt: skip
 _TICKS = os.sysconf("SC_CLK_TCK")
 

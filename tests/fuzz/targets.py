@@ -152,16 +152,16 @@ def read_preferences(folder: Path) -> object:
 
 
 def good_study(folder: Path) -> None:
-    from homolog_app.report.request import StudyRequest
-    from homolog_app.report.stored_studies import Answered, write_request
+    from homolog.comparison.question import Question
+    from homolog.comparison.stored import Provenance, write_question
 
     study = folder / "project" / "analysis" / "study"
     study.mkdir(parents=True)
-    write_request(StudyRequest(between=("f", "m")), study, Answered(homolog="0", date="2026-11-23"))
+    write_question(Question(between=("f", "m")), study, Provenance(homolog="0", date="2026-11-23"))
 
 
 def read_inputs(folder: Path) -> object:
-    from homolog_app.report.stored_studies import read_requests
+    from homolog.comparison.stored import read_requests
 
     return read_requests(ProjectFolder(folder / "project"))
 

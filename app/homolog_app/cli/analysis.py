@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from homolog.comparison.question import AnalysisSettings
 from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
 from homolog.io.report_details import ReportDetails, read_details, write_details
@@ -18,7 +19,6 @@ from homolog_app.cli.options import (
     with_options,
 )
 from homolog_app.exports.settings import CutSettings
-from homolog_app.report.study_settings import AnalysisSettings
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection
@@ -58,8 +58,8 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
         const="",
         choices=["", *_ALIGNMENTS, "none"],
         metavar="ALIGNMENT",
-        help="make this the primary study: reports begin with it and call all others secondary. With "
-        "several alignments it is the named one, or else the first (form). none: no study is primary",
+        help="make this the primary study: reports begin with it, and the others follow in a fixed "
+        "sequence. With several alignments it is the named one, or else the first. none: no study is primary",
     )
     add_options(parser, ReportDetails)
     add_progress_option(parser)
@@ -98,7 +98,7 @@ def _add_question(parser: argparse.ArgumentParser) -> None:
         choices=_ALIGNMENTS,
         nargs="+",
         help="alignment of the shapes: rigid keeps size (form), similarity removes it (shape), as-it-lies "
-        "keeps size and pose (default: rigid and similarity)",
+        "keeps size and pose (default: similarity; size is always tested beside it)",
     )
     parser.add_argument(
         "--size",
@@ -109,9 +109,9 @@ def _add_question(parser: argparse.ArgumentParser) -> None:
 
 def run_analyze(arguments: argparse.Namespace) -> int:
     """Run the tests; return the exit code."""
+    from homolog.comparison.project import analyze_result, primary_of, questions_of
+    from homolog.comparison.stored import name_primary
     from homolog.io.results import read_result
-    from homolog_app.api import answer_requests, primary_of, requests_of
-    from homolog_app.report.stored_studies import name_primary
 
     project = ProjectFolder(arguments.project)
     alignments = _alignments(arguments)
@@ -124,20 +124,20 @@ def run_analyze(arguments: argparse.Namespace) -> int:
         )
     with project.locked(new=False), show_progress(arguments.progress) as progress:
         result = read_result(project)
-        requests = requests_of(
+        asked = questions_of(
             result,
             alignments,
             group=arguments.group,
             regress=arguments.regress,
             between=arguments.between or [],
             pairs=arguments.pairs,
-            covariates=arguments.covariates,
+            covariates=tuple(arguments.covariates),
             complete_cases=arguments.complete_cases,
             **settings.model_dump(exclude={"seeds"}),
         )
         write_details(project, with_options(read_details(project), arguments))
-        chosen = primary_of(requests, arguments.primary)
-        answers = answer_requests(project, result, requests, settings.seeds, progress.tick)
+        chosen = primary_of(asked, arguments.primary)
+        answers = analyze_result(project, result, asked, settings.seeds, progress.tick)
         if arguments.primary is not None:
             name_primary(project, chosen)
     stream = sys.stderr if arguments.progress == "json" else sys.stdout
@@ -148,7 +148,7 @@ def run_analyze(arguments: argparse.Namespace) -> int:
 def _alignments(arguments: argparse.Namespace) -> list[str]:
     if arguments.size and arguments.alignment:
         raise InputError("--size is short for --alignment; give one of them")
-    by_size = {"with": ["rigid"], "without": ["similarity"]}.get(arguments.size, ["rigid", "similarity"])
+    by_size = {"with": ["rigid"], "both": ["similarity", "rigid"]}.get(arguments.size, ["similarity"])
     return list(dict.fromkeys(arguments.alignment or by_size))
 
 

@@ -103,7 +103,7 @@ def group_means(result: Result, column: str, groups: Sequence[str]) -> list[Floa
     InputError
         If there is no such column, or a group is empty.
     """
-    from homolog_app.report.request import column_of, levels
+    from homolog.comparison.sample import column_of, levels
 
     labels = np.array(column_of(result, column))
     for group in groups:

@@ -12,6 +12,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
+from homolog.comparison.places import SurfaceCarrier
+from homolog.comparison.sample import column_of
 from homolog.errors import InputError, NumericalError
 from homolog.io.atomic import atomic_write, replace_folder
 from homolog.io.project import ProjectFolder
@@ -31,8 +33,6 @@ from homolog_app.report.figures import (
     scores_figure,
     scree_figure,
 )
-from homolog_app.report.request import column_of
-from homolog_app.report.surface_maps import SurfaceCarrier
 
 __all__ = ["FILM_SUFFIXES", "draw_plot", "write_film", "write_still"]
 

@@ -9,6 +9,13 @@ from scipy.spatial import cKDTree
 
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
+from homolog.comparison.answer import Answer, ask
+from homolog.comparison.places import SurfaceCarrier, directions_of
+from homolog.comparison.question import Question
+from homolog.comparison.sample import Sample
+from homolog.comparison.stored import Provenance, StoredAnswer, folder_of, is_primary, stored_answers
+from homolog.comparison.tables import data_digest
+from homolog.comparison.tables import write_tables as write_answer_tables
 from homolog.errors import InputError
 from homolog.io.atomic import write_text
 from homolog.io.names import file_stems
@@ -25,11 +32,6 @@ from homolog.statistics.shape_model import ShapeModel
 from homolog.statistics.welch import compare_measure
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.exports.settings import TableSettings
-from homolog_app.report.request import StudyRequest
-from homolog_app.report.stored_studies import Answered, KeptStudy, is_primary, kept_studies, study_folder
-from homolog_app.report.study import Study, run_study
-from homolog_app.report.surface_maps import SurfaceCarrier, directions_of
-from homolog_app.report.tables import data_digest, write_study_tables
 
 __all__ = [
     "Measures",
@@ -51,10 +53,10 @@ def compare(
     tick: Tick = no_tick,
     *,
     alignment: Alignment = Alignment.RIGID,
-) -> Study:
-    """Compare two groups of a column: (column, first, second); raises as `run_study` does."""
+) -> Answer:
+    """Compare two groups of a column: (column, first, second); raises as `ask` does."""
     column, first, second = groups
-    request = StudyRequest(
+    request = Question(
         column=column,
         between=(first, second),
         alignment=alignment,
@@ -62,7 +64,7 @@ def compare(
         null_repeats=0,
         seed=seed,
     )
-    return run_study(result, request, tick)
+    return ask(Sample.of(result), request, tick)
 
 
 def write_tables(
@@ -84,7 +86,8 @@ def write_tables(
         Settings of the comparison of `groups`.
     groups : (str, str, str), optional
         Column and two groups to compare. By default, the studies stored by ``homolog analyze``; their stored
-        tables are copied if they belong to this result.
+        tables are copied if they belong to this result. What can't be answered any more is named in
+        ``left_out.txt``.
     tick : Tick
         Progress and cancellation.
 
@@ -103,32 +106,39 @@ def write_tables(
     rest = part_of(tick, 0.3, 1.0)
     if groups is not None:
         study = compare(result, groups, settings.permutations, settings.seed, rest)
-        _write_study(project, folder / study.request.name, study, result)
+        _write_study(project, folder / study.question.name, study, result)
         return
-    kept = kept_studies(project)
-    stems = file_stems([item.request.name for item in kept])
+    kept, lost = stored_answers(project)
+    stems = file_stems([item.question.name for item in kept])
     for index, (item, stem) in enumerate(zip(kept, stems, strict=True)):
         if not _copied(project, item, result, folder / stem):
             part = part_of(rest, index / len(kept), (index + 1) / len(kept))
-            _write_study(project, folder / stem, run_study(result, item.request, part), result)
+            try:
+                answer = ask(Sample.of(result), item.question, part)
+            except InputError as error:  # such as a value that a subject added later lacks
+                lost.append(f"{item.question.title}: {error}")
+                continue
+            _write_study(project, folder / stem, answer, result)
+    if lost:
+        write_text(folder / "left_out.txt", "\n".join(lost) + "\n")
 
 
-def _copied(project: ProjectFolder, study: KeptStudy, result: Result, folder: Path) -> bool:
+def _copied(project: ProjectFolder, stored: StoredAnswer, result: Result, folder: Path) -> bool:
     """Copy a study's stored tables, and return True, if they belong to this result, data and version."""
     directions = directions_of(read_details(project), project.read().result)
-    now = Answered.now(project, data_digest(result, directions))
-    if study.is_outdated or study.answered.model_copy(update={"date": now.date}) != now:
+    now = Provenance.now(project, data_digest(result, directions))
+    if stored.is_outdated or stored.provenance.model_copy(update={"date": now.date}) != now:
         return False
-    for path in sorted(study_folder(project, study.request).glob("*.csv")):
+    for path in sorted(folder_of(project, stored.question).glob("*.csv")):
         write_text(folder / path.name, path.read_text(encoding="utf-8"))
     return True
 
 
-def _write_study(project: ProjectFolder, folder: Path, study: Study, result: Result) -> None:
+def _write_study(project: ProjectFolder, folder: Path, answer: Answer, result: Result) -> None:
     directions = directions_of(read_details(project), project.read().result)
-    write_study_tables(
-        folder, study, result, SurfaceCarrier.of(result, directions), Answered.now(project),
-        is_primary=is_primary(study_folder(project, study.request)),
+    write_answer_tables(
+        folder, answer, result, SurfaceCarrier.of(result, directions), Provenance.now(project),
+        is_primary=is_primary(folder_of(project, answer.question)),
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Ray casting with Warp on the CPU: ambient occlusion, and pictures without OpenGL."""
+"""Pictures without OpenGL: ray casting with Warp on the CPU, and ambient light."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -8,31 +8,29 @@ from numpy.typing import NDArray
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.openness import openness, warp_vectors
 from homolog.threads import cores
 from homolog_app.rendering import kernels
 from homolog_app.rendering.camera import Frame
 from homolog_app.rendering.scene import Scene, Surface, surface
 
-__all__ = ["Software", "faces_itself", "hollows", "openness", "shaded", "warp_mesh", "warp_vectors"]
+__all__ = ["Software", "hollows", "shaded"]
 
 
 _DEVICE = "cpu"
-_OCCLUSION_RAYS = 96
-_OCCLUSION_SETS = 48
-_SMOOTHING_ROUNDS = 4
 _OCCLUSION_DEPTH = 0.45
 _OCCLUSION_REACH = 0.25
 
 
 def shaded(mesh: TriangleMesh, colours: FloatArray) -> Surface:
     """Return a mesh with colours, (3,) or (V, 3) in [0, 1], that are darkened by ambient occlusion."""
-    light, normals = _openness(mesh, _reach(mesh))
+    light, normals = openness(mesh, _reach(mesh))
     return surface(mesh, colours, _ambient(light), normals)
 
 
 def hollows(mesh: TriangleMesh) -> FloatArray:
     """Return the share of ambient light at each vertex, (V,), reduced where the surface occludes itself."""
-    return _ambient(openness(mesh, _reach(mesh)))
+    return _ambient(openness(mesh, _reach(mesh))[0])
 
 
 def _reach(mesh: TriangleMesh) -> float:
@@ -41,66 +39,6 @@ def _reach(mesh: TriangleMesh) -> float:
 
 def _ambient(light: FloatArray) -> FloatArray:
     return np.asarray(1.0 - _OCCLUSION_DEPTH * (1.0 - light))
-
-
-def openness(mesh: TriangleMesh, reach: float) -> FloatArray:
-    """Return the share of unoccluded directions within a distance `reach` [mm] of each vertex, (V,).
-
-    A vertex casts two rays. Averages over its neighbours, which cast others, remove the noise.
-    """
-    return _openness(mesh, reach)[0]
-
-
-def _openness(mesh: TriangleMesh, reach: float) -> tuple[FloatArray, FloatArray]:
-    """Return the openness of the vertices (V,), and their normals (V, 3)."""
-    index = (np.arange(_OCCLUSION_RAYS) + 0.5) / _OCCLUSION_RAYS
-    turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(_OCCLUSION_RAYS)
-    radius = np.sqrt(index)
-    directions = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1.0 - index)], axis=1)
-    count = len(mesh.vertices)
-    cast_on = warp_mesh(mesh.vertices, mesh.faces)
-    points, faces = cast_on.points, cast_on.indices.reshape((-1, 3))
-    free, around, total = (wp.empty(count, dtype=float, device=_DEVICE) for _ in range(3))
-    normals = wp.empty(count, dtype=wp.vec3, device=_DEVICE)
-    wp.load_module(kernels, device=_DEVICE)  # once, before threads launch on it
-    wp.launch(kernels.find_normals, 1, inputs=[points, faces, normals], device=_DEVICE)
-    vectors = [points, normals, warp_vectors(directions)]
-    cuts = np.linspace(0, count, cores() + 1).astype(int).tolist()
-
-    def cast(first: int, end: int) -> None:
-        inputs = [cast_on.id, *vectors, reach, first, _OCCLUSION_SETS, free]
-        wp.launch(kernels.occlude, end - first, inputs=inputs, device=_DEVICE)
-
-    with ThreadPoolExecutor(cores()) as pool:
-        list(pool.map(cast, cuts[:-1], cuts[1:]))
-    rounds = _SMOOTHING_ROUNDS
-    wp.launch(kernels.smooth, 1, inputs=[faces, rounds, around, total, free], device=_DEVICE)
-    return free.numpy().astype(np.float64), normals.numpy().astype(np.float64)
-
-
-def faces_itself(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
-    """Return the distances of the surface from each vertex along its normal, and against it, (V,) each [mm].
-
-    Distances are infinite without a hit.
-    """
-    cast_on, count = warp_mesh(mesh.vertices, mesh.faces), len(mesh.vertices)
-    vectors = [warp_vectors(item) for item in (mesh.vertices, mesh.vertex_normals)]
-    ways = [wp.empty(count, dtype=float, device=_DEVICE) for _ in range(2)]
-    start = 0.05 * mesh.mean_edge
-    wp.launch(kernels.find_opposite, count, inputs=[cast_on.id, *vectors, start, *ways], device=_DEVICE)
-    ahead, behind = (way.numpy().astype(np.float64) for way in ways)
-    return ahead, behind
-
-
-def warp_mesh(vertices: FloatArray, faces: IntArray) -> "wp.Mesh":
-    """Return triangles for ray casting, on the CPU."""
-    indices = wp.array(faces.astype(np.int32).ravel(), dtype=int, device=_DEVICE)
-    return wp.Mesh(warp_vectors(vertices), indices)
-
-
-def warp_vectors(values: FloatArray) -> "wp.array":
-    """Return (n, 3) values as an array of vectors on the CPU."""
-    return wp.array(np.ascontiguousarray(values, dtype=np.float32), dtype=wp.vec3, device=_DEVICE)
 
 
 _BANDS = 4  # largest number of bands of rows per core, which balance the load

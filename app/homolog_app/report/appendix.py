@@ -3,18 +3,18 @@
 import re
 from collections.abc import Iterator, Sequence
 
+from homolog.comparison.answer import Answer
+from homolog.comparison.findings import LEVEL
+from homolog.comparison.places import SurfaceCarrier
+from homolog.comparison.sample import SHAPE_SIZE
 from homolog.statistics.procrustes import Alignment
-from homolog_app.report.findings import LEVEL
-from homolog_app.report.request import SHAPE_SIZE
-from homolog_app.report.study import Study
 from homolog_app.report.study_section import axes_text
-from homolog_app.report.surface_maps import SurfaceCarrier
 
 __all__ = ["definitions", "numbered"]
 
 
 def definitions(
-    studies: Sequence[Study], carrier: SurfaceCarrier, *, confirmed: bool
+    studies: Sequence[Answer], carrier: SurfaceCarrier, *, confirmed: bool
 ) -> Iterator[tuple[str, str]]:
     """Yield the terms that the studies use, with their definitions.
 
@@ -33,15 +33,15 @@ def definitions(
     yield from _of_subjects(studies)
 
 
-def _of_answers(studies: Sequence[Study]) -> Iterator[tuple[str, str]]:
+def _of_answers(studies: Sequence[Answer]) -> Iterator[tuple[str, str]]:
     """Yield the terms for comparisons and for effects on the whole shape."""
-    kinds = {study.request.kind for study in studies}
+    kinds = {study.question.kind for study in studies}
     yield (
-        "Study, comparison",
+        "Answer, comparison",
         "A study answers one question for form or for shape; it compares two groups, all groups and each "
         "two of them, pairs, or values of a variable. A difference A - B is the mean of A minus that of B.",
     )
-    similar = any(study.request.alignment is Alignment.SIMILARITY for study in studies)
+    similar = any(study.question.alignment is Alignment.SIMILARITY for study in studies)
     yield (
         "Form, shape, size",
         f"Form is size and shape. {SHAPE_SIZE}, or size, is the root mean square distance of a shape's "
@@ -111,7 +111,7 @@ def _of_places(carrier: SurfaceCarrier) -> Iterator[tuple[str, str]]:
         )
 
 
-def _of_subjects(studies: Sequence[Study]) -> Iterator[tuple[str, str]]:
+def _of_subjects(studies: Sequence[Answer]) -> Iterator[tuple[str, str]]:
     """Yield the terms for the classification and the dispersion of subjects."""
     comparisons = [comparison for study in studies for comparison in study.comparisons]
     if any(comparison.discriminant is not None for comparison in comparisons):

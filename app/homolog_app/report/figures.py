@@ -2,12 +2,15 @@
 
 import csv
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from homolog.arrays import FloatArray
+from homolog.comparison.answer import Answer
+from homolog.comparison.findings import LEVEL
+from homolog.comparison.places import Directions, SurfaceCarrier
 from homolog.errors import InputError
 from homolog.io.names import file_stems
 from homolog.io.project import ProjectFolder
@@ -36,11 +39,8 @@ from homolog_app.plots import (
     group_order,
     new_figure,
 )
-from homolog_app.rendering.camera import Clip, ClipPlane
+from homolog_app.rendering.camera import VIEWS, Clip, ClipPlane, View
 from homolog_app.rendering.colours import page_colours
-from homolog_app.report.findings import LEVEL
-from homolog_app.report.study import Study
-from homolog_app.report.surface_maps import SurfaceCarrier
 
 __all__ = [
     "ReportFigure", "discriminant_figure", "energies_figure", "map_figure", "map_limits", "model_figures",
@@ -101,7 +101,7 @@ def model_figures(
     )
 
 
-def map_limits(studies: Sequence[Study], carrier: SurfaceCarrier) -> list[float]:
+def map_limits(studies: Sequence[Answer], carrier: SurfaceCarrier) -> list[float]:
     """Return the end of the colour scale of each study's maps [mm], common to maps of the same quantity."""
     outward: dict[tuple[str, ...], list[FloatArray]] = {}
     for study in studies:
@@ -114,20 +114,20 @@ def map_limits(studies: Sequence[Study], carrier: SurfaceCarrier) -> list[float]
     return [common_limit(outward[_quantity(study)]) for study in studies]
 
 
-def _quantity(study: Study) -> tuple[str, ...]:
+def _quantity(study: Answer) -> tuple[str, ...]:
     """Return the quantity of maps: differences of form or of shape, or changes along one variable."""
-    request = study.request
+    request = study.question
     return request.alignment.value, request.column if request.kind == "regression" else ""
 
 
 def study_figures(
-    study: Study, carrier: SurfaceCarrier, limit: float, tick: Tick, clip: Clip | None = None
+    study: Answer, carrier: SurfaceCarrier, limit: float, tick: Tick, clip: Clip | None = None
 ) -> Iterator[ReportFigure]:
     """Yield the figures of a study: a map of each comparison of two, cut open or not, then discriminants.
 
     Colours of the maps end at the limit [mm].
     """
-    stems = file_stems([f"{study.request.name}_{comparison.title}" for comparison in study.comparisons])
+    stems = file_stems([f"{study.question.name}_{comparison.title}" for comparison in study.comparisons])
     for index, (item, stem) in enumerate(zip(study.comparisons, stems, strict=True)):
         tick(index / len(stems), f"maps of {item.title}")
         if len(item.pointwise.effect) > 1:
@@ -197,7 +197,7 @@ def energies_figure(project: ProjectFolder, theme: Theme = LIGHT) -> Figure:
 
 
 def discriminant_figure(
-    study: Study, comparison: Comparison, theme: Theme = LIGHT, size: tuple[float, float] = (4.6, 1.9)
+    study: Answer, comparison: Comparison, theme: Theme = LIGHT, size: tuple[float, float] = (4.6, 1.9)
 ) -> Figure:
     """Draw the subjects of a comparison of two groups along its discriminant; the size is in inches."""
     assert comparison.discriminant is not None
@@ -226,11 +226,22 @@ def map_figure(
     tested = f"p ≤ {LEVEL:g}"
     rows, grey = {"effect": (mesh, effect), tested: (mesh, effect)}, {tested: ~significant}
     if clip is not None or not carrier.is_hollow:
-        views = [carrier.directions.view(name) for name in _VIEWS]
+        views = [_view(carrier.directions, name) for name in _VIEWS]
         return draw_differences(rows, grey=grey, views=views, clip=clip, limit=limit, theme=theme, width=300)
-    views = [carrier.directions.view(name) for name in _HOLLOW_VIEWS]
-    inside = [carrier.directions.far_wall(name) for name in _HOLLOW_VIEWS]
+    views = [_view(carrier.directions, name) for name in _HOLLOW_VIEWS]
+    inside = [
+        replace(VIEWS[name], name=f"{carrier.directions.way(-np.array(VIEWS[name].toward))} wall")
+        for name in _HOLLOW_VIEWS
+    ]
     return draw_differences(rows, grey=grey, views=views, inside=inside, limit=limit, theme=theme, width=150)
+
+
+def _view(directions: Directions, name: str) -> View:
+    """Return an anatomical view, named by the side of the viewer."""
+    view = VIEWS[name]
+    if directions.are_the_patients:
+        return view
+    return replace(view, name=f"from {directions.way(np.array(view.toward))}")
 
 
 def _cut_text(clip: Clip | None) -> str:
@@ -243,14 +254,14 @@ def _cut_text(clip: Clip | None) -> str:
     return f" Cut open by {plane}."
 
 
-def _map_caption(study: Study, comparison: Comparison, limit: float, clip: Clip | None) -> str:
+def _map_caption(study: Answer, comparison: Comparison, limit: float, clip: Clip | None) -> str:
     what = {
         "groups": "difference of the means",
         "regression": "change per unit of the variable",
         "pairs": "mean difference",
     }
     return (
-        f"{comparison.title}: {what[study.request.kind]}, outward, colours to ±{limit:g} mm; below, grey "
+        f"{comparison.title}: {what[study.question.kind]}, outward, colours to ±{limit:g} mm; below, grey "
         f"where p > {LEVEL:g}.{_cut_text(clip)}"
     )
 

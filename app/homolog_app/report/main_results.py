@@ -5,10 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from homolog.statistics.cautions import cautions_of, dispersion_caution, outlier_caution, p_number, p_text
-from homolog.statistics.comparison import Comparison
-from homolog.statistics.procrustes import Alignment
-from homolog_app.report.findings import (
+from homolog.comparison.answer import Answer
+from homolog.comparison.findings import (
     LEVEL,
     NOUNS,
     covariate_interval,
@@ -16,13 +14,15 @@ from homolog_app.report.findings import (
     covariate_unit,
     verdict_of,
 )
+from homolog.comparison.places import Region, SurfaceCarrier, significant_regions
+from homolog.comparison.seeds import SeedAnswer, median_answer, seed_numbers
+from homolog.statistics.cautions import cautions_of, dispersion_caution, outlier_caution, p_number, p_text
+from homolog.statistics.comparison import Comparison
+from homolog.statistics.procrustes import Alignment
 from homolog_app.report.methods import questions_of
 from homolog_app.report.model_section import CorrespondenceRow
 from homolog_app.report.page import Page
-from homolog_app.report.seeds import SeedAnswer, median_answer, seed_numbers
-from homolog_app.report.study import Study
 from homolog_app.report.study_section import digits_of, effect_cell, interval_cell
-from homolog_app.report.surface_maps import Region, SurfaceCarrier, significant_regions
 
 __all__ = ["add_main_results"]
 
@@ -35,7 +35,7 @@ _MARK = "†"
 
 def add_main_results(
     page: Page,
-    studies: Sequence[Study],
+    studies: Sequence[Answer],
     seeds: Sequence[Sequence[SeedAnswer]],
     carrier: SurfaceCarrier,
     correspondence: Sequence[CorrespondenceRow],
@@ -62,24 +62,20 @@ def add_main_results(
         page.paragraph(text)
 
 
-def _role_text(studies: Sequence[Study], *, primary: bool) -> str:
+def _role_text(studies: Sequence[Answer], *, primary: bool) -> str:
     """Return the roles of the studies and the consequences for p-values; an empty text for a single study."""
     if len(studies) < 2:
         return ""
     count = questions_of(studies)
     within = "within its question" if count == 1 else "within their questions"
-    answers = max(study.request.answers for study in studies)
     if primary:
-        own = studies[0].request.answers
-        kept = f" Its p-values are nevertheless corrected for {own} answers." if own > 1 else ""
         others, them = ("The others are", "them") if len(studies) > 2 else ("Study 2 is", "it")
         return (
-            f"Study 1 was declared primary.{kept} {others} secondary: p-values are corrected {within} only, "
+            f"Study 1 was declared primary. {others} secondary: p-values are corrected {within} only, "
             f"which makes {them} exploratory."
         )
     if count == 1:
-        corrected = f" p-values are corrected for all {answers} answers." if answers == len(studies) else ""
-        return f"No study was declared primary (homolog analyze --primary).{corrected}"
+        return "No study was declared primary (homolog analyze --primary)."
     return (
         f"No study was declared primary (homolog analyze --primary). p-values are corrected {within}, not "
         f"for their number: without any effect, up to {100.0 * LEVEL * count:g} % of reports with {count} "
@@ -88,11 +84,11 @@ def _role_text(studies: Sequence[Study], *, primary: bool) -> str:
     )
 
 
-def _answer(study: Study) -> str:
+def _answer(study: Answer) -> str:
     """Return a short description of what a study compares."""
-    adjusted = f", adjusted for {', '.join(study.request.covariates)}" if study.request.covariates else ""
-    remains = "; allometry remains" if study.request.alignment is Alignment.SIMILARITY else ""
-    return f"{NOUNS[study.request.alignment]}{adjusted}{remains}"
+    adjusted = f", adjusted for {', '.join(study.question.covariates)}" if study.question.covariates else ""
+    remains = "; allometry remains" if study.question.alignment is Alignment.SIMILARITY else ""
+    return f"{NOUNS[study.question.alignment]}{adjusted}{remains}"
 
 
 def _shown(comparison: Comparison, answers: Sequence[SeedAnswer]) -> Comparison:
@@ -102,7 +98,7 @@ def _shown(comparison: Comparison, answers: Sequence[SeedAnswer]) -> Comparison:
 
 
 def _sentences(
-    study: Study, shown: Sequence[Comparison], answers: Sequence[SeedAnswer], carrier: SurfaceCarrier
+    study: Answer, shown: Sequence[Comparison], answers: Sequence[SeedAnswer], carrier: SurfaceCarrier
 ) -> Iterator[str]:
     """Yield the pairs that differ, and the largest regions that hardly depend on the seed."""
     pairs = shown[1:]
@@ -133,10 +129,10 @@ def _sentences(
         yield f"No particle is significant for {', '.join(nowhere)}."
 
 
-def _where(title: str, regions: Sequence[Region], study: Study) -> str:
+def _where(title: str, regions: Sequence[Region], study: Answer) -> str:
     """Return the location and the direction of the largest region."""
     region = regions[0]
-    per = f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
+    per = f" per unit of {study.question.column}" if study.question.kind == "regression" else ""
     digits = digits_of(study, region.mean_outward.high - region.mean_outward.low) - (0 if per else 1)
     moves = f"mean {region.mean_outward.value:+.{digits}f} mm{per}, {region.direction(region.mean_outward)}"
     if region.mean_outward.low <= 0.0 <= region.mean_outward.high:
@@ -152,7 +148,7 @@ def _with_intervals(answers: Sequence[SeedAnswer]) -> Sequence[SeedAnswer]:
     return answers if all(np.isfinite(effect.low) for effect in effects) else []
 
 
-def _table(page: Page, studies: Sequence[Study], seeds: Sequence[Sequence[SeedAnswer]]) -> None:
+def _table(page: Page, studies: Sequence[Answer], seeds: Sequence[Sequence[SeedAnswer]]) -> None:
     older = [
         str(number)
         for number, answers in enumerate(seeds, start=1)
@@ -195,7 +191,7 @@ def _table(page: Page, studies: Sequence[Study], seeds: Sequence[Sequence[SeedAn
     page.paragraph(" ".join(sentences))
 
 
-def _row(name: str, study: Study, comparison: Comparison, answers: Sequence[SeedAnswer]) -> tuple[str, ...]:
+def _row(name: str, study: Answer, comparison: Comparison, answers: Sequence[SeedAnswer]) -> tuple[str, ...]:
     """Return a row of the main results: medians over seeds, if there are several."""
     test, line, distance = comparison.test, comparison.discriminant, comparison.distance
     significant = comparison.p_fwe <= LEVEL
@@ -227,7 +223,7 @@ def _accuracy_p(comparison: Comparison, answers: Sequence[SeedAnswer]) -> float 
     return None if median.accuracy is None else median.accuracy.p
 
 
-def _remarks(studies: Sequence[Study], seeds: Sequence[Sequence[SeedAnswer]]) -> Iterator[str]:
+def _remarks(studies: Sequence[Answer], seeds: Sequence[Sequence[SeedAnswer]]) -> Iterator[str]:
     """Yield remarks that the table does not show directly."""
     alike = [
         f"{comparison.title} (Study {number}, {p_text(tested)})"
@@ -242,7 +238,7 @@ def _remarks(studies: Sequence[Study], seeds: Sequence[Sequence[SeedAnswer]]) ->
     for number, study in enumerate(studies, start=1):
         for other in range(number, len(studies)):
             again = studies[other]
-            if again.request.alignment is study.request.alignment:
+            if again.question.alignment is study.question.alignment:
                 apart += [
                     f"{title}, Study {number} and {other + 1} ({percent:.0f} %)"
                     for title, percent in _disagreements(study, again)
@@ -261,7 +257,7 @@ def _remarks(studies: Sequence[Study], seeds: Sequence[Sequence[SeedAnswer]]) ->
         yield f"Covariates: {'; '.join(effects)}."
 
 
-def _covariate_effects(study: Study) -> Iterator[str]:
+def _covariate_effects(study: Answer) -> Iterator[str]:
     """Yield short descriptions of significant effects of covariates on the whole shape or on size."""
     for effect in study.overall.covariates:
         parts = []
@@ -275,7 +271,7 @@ def _covariate_effects(study: Study) -> Iterator[str]:
             yield f"{effect.title}: {', '.join(parts)}"
 
 
-def _disagreements(study: Study, other: Study) -> Iterator[tuple[str, float]]:
+def _disagreements(study: Answer, other: Answer) -> Iterator[tuple[str, float]]:
     """Yield comparisons of two studies whose significant areas hardly overlap, and the overlap [%]."""
     others = {comparison.title: comparison.p_fwe <= LEVEL for comparison in other.comparisons}
     for comparison in study.comparisons:
@@ -288,7 +284,7 @@ def _disagreements(study: Study, other: Study) -> Iterator[tuple[str, float]]:
             yield comparison.title, 100.0 * shared
 
 
-def _cautions(studies: Sequence[Study], correspondence: Sequence[CorrespondenceRow]) -> Iterator[str]:
+def _cautions(studies: Sequence[Answer], correspondence: Sequence[CorrespondenceRow]) -> Iterator[str]:
     """Yield the cautions of all studies, those on outliers and on dispersion once."""
     yield from _outliers(studies, correspondence)
     uneven = [
@@ -324,7 +320,7 @@ def _cautions(studies: Sequence[Study], correspondence: Sequence[CorrespondenceR
         yield f"{', '.join(where)}: {sentence}"
 
 
-def _outliers(studies: Sequence[Study], correspondence: Sequence[CorrespondenceRow]) -> Iterator[str]:
+def _outliers(studies: Sequence[Answer], correspondence: Sequence[CorrespondenceRow]) -> Iterator[str]:
     studies_of: dict[str, dict[int, list[str]]] = {}
     for number, study in enumerate(studies, start=1):
         for comparison in study.comparisons:

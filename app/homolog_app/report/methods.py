@@ -4,17 +4,17 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from math import factorial, prod
 
+from homolog.comparison.answer import Answer
+from homolog.comparison.findings import LEVEL, correction_text
 from homolog.io.records import ResultRecord
 from homolog.statistics.cautions import LOOSE, f_excess
 from homolog.statistics.procrustes import Alignment
-from homolog_app.report.findings import LEVEL, correction_text
 from homolog_app.report.model_section import model_methods
-from homolog_app.report.study import Study
 
 __all__ = ["least_text", "methods", "questions_of"]
 
 
-def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
+def methods(record: ResultRecord, studies: list[Answer]) -> list[str]:
     """Return paragraphs for the methods section of a paper: model, common methods of studies, each study.
 
     Citations are the keys of `homolog_app.report.appendix.numbered`.
@@ -26,16 +26,16 @@ def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
             f"The studies ask {count} questions; p-values were corrected within each question, for pairs and "
             "for its studies of form and shape, not for the number of questions."
         )
-    titles = [f"Study {number}: {study.request.title}." for number, study in enumerate(studies, start=1)]
+    titles = [f"Study {number}: {study.question.title}." for number, study in enumerate(studies, start=1)]
     own = _own_sentences([[text for text in each if text not in shared] for each in sentences])
     texts = (*model_methods(record), " ".join(shared), " ".join(titles), *own)
     return [text for text in texts if text]
 
 
-def questions_of(studies: Sequence[Study]) -> int:
+def questions_of(studies: Sequence[Answer]) -> int:
     """Return the number of questions of studies; form and shape of the same question count once."""
     rigid = {"alignment": Alignment.RIGID}
-    return len({study.request.model_copy(update=rigid).question for study in studies})
+    return len({study.question.model_copy(update=rigid).identity for study in studies})
 
 
 def _own_sentences(sentences: list[list[str]]) -> list[str]:
@@ -50,10 +50,10 @@ def _own_sentences(sentences: list[list[str]]) -> list[str]:
     return [" ".join([start, *own]) for start, own in paragraphs.items()]
 
 
-def _size_of_groups(study: Study) -> list[str]:
+def _size_of_groups(study: Answer) -> list[str]:
     if study.overall.size_variance is None:
         return []
-    f = "the F of the analysis of covariance" if study.request.covariates else "Welch's F"
+    f = "the F of the analysis of covariance" if study.question.covariates else "Welch's F"
     return [
         f"The statistic for size of all groups together is {f}.",
         "The ω² of size is the fraction of its variance between the groups, estimated from that F, "
@@ -75,12 +75,12 @@ _ALIGNED = {
 }
 
 
-def _statistics(study: Study) -> list[str]:
+def _statistics(study: Answer) -> list[str]:
     """Return the sentences on a study's tests."""
-    request = study.request
+    request = study.question
     sentences = [
         *_test_of_the_shape(study),
-        _ALIGNED[study.request.alignment],
+        _ALIGNED[study.question.alignment],
         "At every particle the position was tested by the same statistic as the whole shape, with its "
         "coordinates along the principal axes of their scatter instead of modes, each scaled to a sum "
         "of squares of 1; p-values were corrected over the surface by the permutation distribution of the "
@@ -105,10 +105,10 @@ def _statistics(study: Study) -> list[str]:
     return sentences
 
 
-def _intervals(study: Study) -> str:
-    if study.request.kind == "regression" or study.request.covariates:
+def _intervals(study: Answer) -> str:
+    if study.question.kind == "regression" or study.question.covariates:
         return "have HC2 standard errors"
-    return "are those of Student's t" if study.request.kind == "pairs" else "are those of Welch"
+    return "are those of Student's t" if study.question.kind == "pairs" else "are those of Welch"
 
 
 _SIZE_STATISTIC = {
@@ -124,16 +124,16 @@ _EXCHANGED = {
 }
 
 
-def _exchangeable(study: Study) -> str:
+def _exchangeable(study: Answer) -> str:
     """Return the assumptions of the permutation tests."""
-    what = "residuals" if study.request.covariates or study.request.kind == "regression" else "subjects"
-    scaled = ", once scaled to one dispersion," if study.request.kind == "groups" else ""
+    what = "residuals" if study.question.covariates or study.question.kind == "regression" else "subjects"
+    scaled = ", once scaled to one dispersion," if study.question.kind == "groups" else ""
     others = f"subjects and, without an effect, {what} that{scaled} could be exchanged"
     pairs = "pairs and, without an effect, differences that are symmetric about zero"
-    return f"The permutation tests assume independent {pairs if study.request.kind == 'pairs' else others}."
+    return f"The permutation tests assume independent {pairs if study.question.kind == 'pairs' else others}."
 
 
-def _f_verdict(study: Study) -> str:
+def _f_verdict(study: Answer) -> str:
     """Return in which comparisons F of the whole shape has more false positives than permutations."""
     off = [comparison.title for comparison in study.comparisons if f_excess(comparison) > LOOSE]
     most = f"more than {100.0 * LOOSE:g} percentage points above it"
@@ -142,14 +142,14 @@ def _f_verdict(study: Study) -> str:
     return f"it is {most} in {'; '.join(off)}, so that p (F) should not be used there."
 
 
-def _one_sided(study: Study) -> str:
+def _one_sided(study: Answer) -> str:
     separated = any(comparison.discriminant is not None for comparison in study.comparisons)
     return ", those of accuracy and AUC one-sided" if separated else ""
 
 
-def _test_of_the_shape(study: Study) -> Iterator[str]:
+def _test_of_the_shape(study: Answer) -> Iterator[str]:
     """Yield the comparison, its modes and its statistic."""
-    request, first = study.request, study.overall
+    request, first = study.question, study.overall
     modes = (
         f"the first {request.modes} modes (chosen beforehand)"
         if request.modes is not None
@@ -173,21 +173,21 @@ def _test_of_the_shape(study: Study) -> Iterator[str]:
     )
 
 
-def _adjustments(study: Study) -> Iterator[str]:
+def _adjustments(study: Answer) -> Iterator[str]:
     """Yield adjustments and corrections of the tests."""
-    request = study.request
+    request = study.question
     if request.covariates:
         yield (
             f"Shapes were adjusted for {', '.join(request.covariates)} by a linear model of each coordinate; "
             "residuals were permuted [freedman]. Each covariate was tested in the same way, adjusted for "
-            "the study's own effect and the other covariates; its p-values were corrected for answers, "
-            "that of size and the number of covariates were not."
+            "the study's own effect and the other covariates; p-values were not "
+            "corrected for the number of covariates."
         )
     if request.complete_cases:
         partners = ", and those whose partner is missing," if request.pairs else ""
         yield f"Subjects with missing values{partners} were excluded (complete cases)."
     if correction := correction_text(study):
-        size = correction_text(study, size=True)
+        size = correction_text(study)
         overall = correction_text(study, overall=True) or "not corrected"
         together = f"; those of all groups together were {overall}, their size not" if study.pairwise else ""
         two = " of two groups" if study.pairwise else ""
@@ -206,9 +206,9 @@ def _adjustments(study: Study) -> Iterator[str]:
     yield f"The tests of the {tested_text(study, 'of size')} were not corrected for each other."
 
 
-def _further_measures(study: Study) -> Iterator[str]:
+def _further_measures(study: Answer) -> Iterator[str]:
     """Yield the tests of dispersion and the correction of distances."""
-    request = study.request
+    request = study.question
     if study.overall.dispersion is not None:
         yield (
             "Equality of dispersion was tested [anderson] by the distances of subjects in the tested modes: "
@@ -248,8 +248,8 @@ _FAR = {
 _JACKKNIFE = {"groups": "and of their ratios", "regression": "along the variable", "pairs": ""}
 
 
-def _centre(study: Study) -> str:
-    of_groups = study.request.kind == "groups" and not study.request.covariates
+def _centre(study: Answer) -> str:
+    of_groups = study.question.kind == "groups" and not study.question.covariates
     return "their group's centroid" if of_groups else "the shape fitted to them"
 
 
@@ -266,7 +266,7 @@ _DISTANCES = {
 }
 
 
-def _discriminants(study: Study) -> Iterator[str]:
+def _discriminants(study: Answer) -> Iterator[str]:
     fits = [
         comparison.discriminant for comparison in study.comparisons if comparison.discriminant is not None
     ]
@@ -284,7 +284,7 @@ def _discriminants(study: Study) -> Iterator[str]:
         f"and p disagree, p is the test. The p-values of both come from {fits[0].auc.permutations} "
         f"permutations; the smallest possible uncorrected p is {1.0 / (fits[0].auc.permutations + 1):.2g}."
     )
-    if study.request.covariates:
+    if study.question.covariates:
         yield "The effects of covariates were also fitted without the held-out subjects."
 
 
@@ -331,9 +331,9 @@ _VARIABLE_SCALED = (
 )
 
 
-def _statistic(study: Study) -> tuple[str, ...]:
+def _statistic(study: Answer) -> tuple[str, ...]:
     """Return the statistic of a study's permutation tests and the treatment of dispersions."""
-    request = study.request
+    request = study.question
     if request.kind == "pairs":
         return (_RATIO,)
     if request.kind == "regression":
@@ -341,7 +341,7 @@ def _statistic(study: Study) -> tuple[str, ...]:
     return (_MODES, _RATIO, _RESIDUALS_SCALED) if request.covariates else (_MODES, _WELCH, _GROUPS_SCALED)
 
 
-def _permutations(study: Study) -> str:
+def _permutations(study: Answer) -> str:
     """Return the number of permutations; comparisons of few subjects use all of them."""
     tests = "The tests of the whole shape, of particles and of size"
     counts = {
@@ -355,11 +355,11 @@ def _permutations(study: Study) -> str:
         return f"{tests} used {listed} permutations. {least_text(study)}"
     few = f", and {', '.join(all_of)}" if all_of else ""
     return (
-        f"{tests} used {random[0]} random permutations (seed {study.request.seed}){few}. {least_text(study)}"
+        f"{tests} used {random[0]} random permutations (seed {study.question.seed}){few}. {least_text(study)}"
     )
 
 
-def tested_text(study: Study, *further: str) -> str:
+def tested_text(study: Answer, *further: str) -> str:
     """Return the tested quantities: "whole shape, of particles and of the discriminant"."""
     parts = ["whole shape", "of particles", *further]
     if any(comparison.discriminant is not None for comparison in study.comparisons):
@@ -367,7 +367,7 @@ def tested_text(study: Study, *further: str) -> str:
     return f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
-def least_text(study: Study) -> str:
+def least_text(study: Answer) -> str:
     """Return the smallest possible p before correction, if it is the same for all comparisons."""
     counts = {
         (comparison.test.permutations, comparison.test.exact)
@@ -385,14 +385,14 @@ def least_text(study: Study) -> str:
     )
 
 
-def _alike(study: Study) -> int:
+def _alike(study: Answer) -> int:
     """Return how many of all permutations necessarily have the observed statistic.
 
     These are opposite signs, and exchanges of groups with equal numbers of subjects.
     """
-    if study.request.kind == "pairs":
+    if study.question.kind == "pairs":
         return 2
-    if study.request.kind == "regression":
+    if study.question.kind == "regression":
         return 1
     return min(
         prod(factorial(times) for times in Counter(comparison.counts.values()).values())

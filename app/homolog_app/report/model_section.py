@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import BaseModel
 
+from homolog.comparison.answer import Answer
+from homolog.comparison.places import SurfaceCarrier
+from homolog.comparison.sample import voxel_text
 from homolog.inspection.located_particles import closest_points_on
 from homolog.io.records import ResultRecord
 from homolog.io.results import Result
@@ -17,9 +20,6 @@ from homolog.surfaces.comparison import distances_both_ways
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import areas_of_particles, nearest_particles
 from homolog_app.report.page import Page
-from homolog_app.report.sample import voxel_text
-from homolog_app.report.study import Study
-from homolog_app.report.surface_maps import SurfaceCarrier
 
 if TYPE_CHECKING:
     from homolog.exchange import LandmarkErrors
@@ -155,7 +155,7 @@ def _values_of(settings: BaseModel) -> Iterator[tuple[str, str]]:
             yield name, f"{value}{unit}"
 
 
-def settings_rows(record: ResultRecord, studies: Sequence[Study]) -> list[tuple[str, str, str]]:
+def settings_rows(record: ResultRecord, studies: Sequence[Answer]) -> list[tuple[str, str, str]]:
     """Return every setting and version: part, name, value."""
     rows = [
         (part, name, value)
@@ -167,7 +167,7 @@ def settings_rows(record: ResultRecord, studies: Sequence[Study]) -> list[tuple[
     for number, study in enumerate(studies, start=1):
         rows += [
             (f"Study {number}", name, value)
-            for name, value in _values_of(study.request)
+            for name, value in _values_of(study.question)
             if name != "earlier" and not (name in ("pairs", "covariates", "between") and value == "none")
         ]
     return rows + [("version", name, number) for name, number in record.versions.items()]

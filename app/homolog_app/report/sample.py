@@ -8,128 +8,21 @@ from pathlib import Path
 import numpy as np
 
 from homolog.arrays import FloatArray
-from homolog.errors import InputError
+from homolog.comparison.answer import Answer
+from homolog.comparison.sample import SHAPE_SIZE, VOXEL, SampleRow, sample_rows
 from homolog.io.records import ResultRecord
 from homolog.io.report_details import ReportDetails
 from homolog.io.results import Result
 from homolog.io.tables import write_table
 from homolog.statistics.cautions import p_text
-from homolog.statistics.design import lookalikes, numbers
+from homolog.statistics.design import lookalikes
 from homolog.statistics.effects import Effect
 from homolog.statistics.welch import mean_difference
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.report.page import Page
-from homolog_app.report.request import SHAPE_SIZE, SIZE, category_of, column_of
-from homolog_app.report.study import Study
 from homolog_app.report.study_section import decimals_of, interval_cell, mean_text
 
-__all__ = [
-    "VOXEL", "Measure", "SampleRow", "add_measures", "add_missing", "add_samples", "measures_of",
-    "sample_rows", "voxel_text",
-]  # fmt: skip
-
-VOXEL = "voxel"
-"""Variable whose categories are edges of voxels [mm], the shortest first."""
-_MOST_CATEGORIES = 8
-"""Limit for columns outside the questions to be included in the description of the sample."""
-
-
-@dataclass(frozen=True, slots=True)
-class SampleRow:
-    """The number of subjects of a group, or mean, standard deviation and range of a variable in it.
-
-    Attributes
-    ----------
-    group, variable, category : str
-        The category is empty for numeric variables.
-    count : int
-        Number of subjects in the category, or with a value.
-    mean, spread, least, largest : float or None
-        None for counts of subjects; the spread also for one subject.
-    unit : str
-        Unit of the variable; empty if the cohort's table gives none.
-    """
-
-    group: str
-    variable: str
-    category: str
-    count: int
-    mean: float | None = None
-    spread: float | None = None
-    least: float | None = None
-    largest: float | None = None
-    unit: str = ""
-
-
-def sample_rows(study: Study, result: Result) -> list[SampleRow]:
-    """Describe the sample by group: numbers, size of the shapes, covariates, other columns."""
-    request = study.request
-    taking = [index for index, name in enumerate(result.names) if name not in study.left_out]
-    groups: dict[str, list[int]] = {"all": taking}
-    if request.kind != "regression":
-        groups = {
-            item: [index for index in taking if study.labels[index] == item] for item in request.between
-        }
-    known = {name for columns in result.columns for name in columns}
-    variables = [SHAPE_SIZE, *([request.column] if request.kind == "regression" else [])]
-    variables += [
-        covariate for covariate in request.covariates if category_of(covariate, known)[0] not in variables
-    ]
-    named = {category_of(variable, known)[0] for variable in variables} | {request.column, request.pairs}
-    for column in sorted(known - named):
-        cells = column_of(result, column)
-        if _describes({cells[index] for index in taking} - {""}):
-            variables.append(column)
-    rows: list[SampleRow] = []
-    for group, members in groups.items():
-        rows.append(SampleRow(group, "subjects", "", len(members)))
-        for variable in variables:
-            column, is_category = category_of(variable, known)
-            cells = column_of(result, column)
-            values = {cells[index] for index in taking} - {""}
-            if is_category or numbers(sorted(values)) is None:
-                for level in sorted(values):
-                    count = sum(cells[index] == level for index in members)
-                    rows.append(SampleRow(group, column, level, count))
-                continue
-            own = numbers([cells[index] for index in members if cells[index]])
-            if own is not None and len(own):
-                spread = float(own.std(ddof=1)) if len(own) > 1 else None
-                ends = float(own.min()), float(own.max())
-                unit = "mm" if column in {SHAPE_SIZE, SIZE} - known else ""
-                rows.append(SampleRow(group, column, "", len(own), float(own.mean()), spread, *ends, unit))
-        for edges, count in _voxels(result, members, taking):
-            rows.append(SampleRow(group, VOXEL, edges, count, unit="mm"))
-    return rows
-
-
-def _voxels(result: Result, members: Sequence[int], taking: Sequence[int]) -> list[tuple[str, int]]:
-    """Return voxel sizes with the number of members; of many sizes, the ranges of their edges."""
-    known = [result.voxels[index] for index in taking if result.voxels and result.voxels[index]]
-    sizes = sorted({voxel_text([voxel]) for voxel in known})
-    if len(sizes) > _MOST_CATEGORIES:
-        sizes = [voxel_text(known)]
-        return [(sizes[0], sum(bool(result.voxels[index]) for index in members))]
-    own = [voxel_text([result.voxels[index]]) for index in members if sizes and result.voxels[index]]
-    return [(size, own.count(size)) for size in sizes]
-
-
-def voxel_text(voxels: Sequence[Sequence[float]]) -> str:
-    """Return the edges of voxels (n, 3), the shortest first, such as ``"0.9 x 0.9 x 1.5 to 3"``."""
-    ranges = ((f"{min(edges):.3g}", f"{max(edges):.3g}") for edges in zip(*voxels, strict=True))
-    return " x ".join(low if low == high else f"{low} to {high}" for low, high in ranges)
-
-
-def _describes(values: set[str]) -> bool:
-    """Return whether values of a column describe a sample: numbers, or few categories."""
-    try:
-        as_numbers = numbers(sorted(values))
-        several = len(values) > 1
-        return several and (
-            len(values) <= _MOST_CATEGORIES if as_numbers is None else bool(np.isfinite(as_numbers).all())
-        )
-    except InputError:  # commas may be thousands separators
-        return False
+__all__ = ["Measure", "add_measures", "add_missing", "add_samples", "measures_of"]
 
 
 def add_missing(
@@ -169,10 +62,10 @@ def add_missing(
     page.paragraph(f"A paper also needs, and the program does not know{given}: {'; '.join(points)}.")
 
 
-def add_samples(page: Page, studies: Sequence[Study], result: Result) -> None:
+def add_samples(page: Page, studies: Sequence[Answer], result: Result) -> None:
     """Describe the sample of each study; studies with the same sample share a description."""
     numbers_of: dict[str, list[int]] = {}
-    first: dict[str, Study] = {}
+    first: dict[str, Answer] = {}
     for number, study in enumerate(studies, start=1):
         key = repr(_sample_of(study, result))
         numbers_of.setdefault(key, []).append(number)
@@ -199,11 +92,11 @@ def _range_text(least: float, largest: float) -> str:
     return f"{least:.{decimals}f} to {largest:.{decimals}f}"
 
 
-def _sample_of(study: Study, result: Result) -> tuple[list[SampleRow], dict[str, str]]:
+def _sample_of(study: Answer, result: Result) -> tuple[list[SampleRow], dict[str, str]]:
     return sorted(sample_rows(study, result), key=repr), dict(study.left_out)
 
 
-def _sample(page: Page, study: Study, result: Result, of: str) -> None:
+def _sample(page: Page, study: Answer, result: Result, of: str) -> None:
     rows = sample_rows(study, result)
     groups = list(dict.fromkeys(row.group for row in rows))
     cells: dict[str, dict[str, str]] = {}
@@ -232,7 +125,7 @@ def _sample(page: Page, study: Study, result: Result, of: str) -> None:
     excluded = f"Not compared: {len(listed)} of {len(result.names)} subjects. {', '.join(listed)}"
     columns = [variable for variable in categories if variable not in ("subjects", SHAPE_SIZE, VOXEL)]
     untested = ""
-    if columns and study.request.kind == "groups":
+    if columns and study.question.kind == "groups":
         untested = f" Whether groups differ in {', '.join(columns)} was not tested."
     page.paragraph(f"{excluded if listed else 'All subjects were compared.'}{untested}")
 
@@ -280,7 +173,7 @@ def measures_of(meshes: Sequence[TriangleMesh], *, hollow: bool) -> list[Measure
 
 
 def add_measures(
-    page: Page, folder: Path, result: Result, studies: Sequence[Study], measures: Sequence[Measure]
+    page: Page, folder: Path, result: Result, studies: Sequence[Answer], measures: Sequence[Measure]
 ) -> None:
     """Add a table of the measures for each set of compared groups; write those of all subjects to a file."""
     if not measures:
@@ -289,21 +182,21 @@ def add_measures(
     write_table(folder / _FILE, ["name", *(item.column for item in measures)], rows)
     done = set()
     for study in studies:
-        question = study.request.column, study.request.between, tuple(study.left_out)
-        if study.request.kind != "groups" or question in done:
+        question = study.question.column, study.question.between, tuple(study.left_out)
+        if study.question.kind != "groups" or question in done:
             continue
         done.add(question)
         _table(page, study, measures)
 
 
-def _table(page: Page, study: Study, measures: Sequence[Measure]) -> None:
+def _table(page: Page, study: Answer, measures: Sequence[Measure]) -> None:
     members = {
         group: [
             index
             for index, (name, label) in enumerate(zip(study.names, study.labels, strict=True))
             if label == group and name not in study.left_out
         ]
-        for group in study.request.between
+        for group in study.question.between
     }
     pairs = list(combinations(members, 2))
     rows = []

@@ -5,12 +5,8 @@ from math import floor, isfinite, log10
 
 import numpy as np
 
-from homolog.statistics.assumptions import Dispersion
-from homolog.statistics.cautions import p_number
-from homolog.statistics.comparison import Comparison
-from homolog.statistics.effects import Effect
-from homolog_app.report.figures import ReportFigure
-from homolog_app.report.findings import (
+from homolog.comparison.answer import Answer
+from homolog.comparison.findings import (
     LEVEL,
     covariate_area,
     covariate_interval,
@@ -21,9 +17,13 @@ from homolog_app.report.findings import (
     shows_size,
     size_variance_text,
 )
+from homolog.comparison.places import EDGE, INNER, OUTER, Region, SurfaceCarrier, significant_regions
+from homolog.statistics.assumptions import Dispersion
+from homolog.statistics.cautions import p_number
+from homolog.statistics.comparison import Comparison
+from homolog.statistics.effects import Effect
+from homolog_app.report.figures import ReportFigure
 from homolog_app.report.page import Page
-from homolog_app.report.study import Study
-from homolog_app.report.surface_maps import EDGE, INNER, OUTER, Region, SurfaceCarrier, significant_regions
 
 __all__ = [
     "add_assumptions", "add_regions", "add_statistics", "add_study", "axes_text", "decimals_of",
@@ -32,14 +32,14 @@ __all__ = [
 
 
 def add_study(
-    page: Page, study: Study, title: str, seed: int | None, carrier: SurfaceCarrier,
+    page: Page, study: Answer, title: str, seed: int | None, carrier: SurfaceCarrier,
     figures: Sequence[ReportFigure],
 ) -> None:  # fmt: skip
     """Add a study, titled such as "Study 1, primary": tables of effects, separation and regions, figures.
 
     The seed is that of the correspondence, None if it is from another program.
     """
-    page.heading(f"{title}. {study.request.title}")
+    page.heading(f"{title}. {study.question.title}")
     page.study = title.replace(" ", "\u00a0", 1) + ("" if seed is None else f", seed\u00a0{seed}")
     tested = list(tested_comparisons(study))
     page.table(
@@ -72,7 +72,7 @@ def add_study(
         as_text=True,
         omit="–",
         caption="Covariates, each adjusted for the groups and the others; p of size not corrected"
-        if study.request.kind == "groups"
+        if study.question.kind == "groups"
         else "Covariates, each adjusted for the variable and the others; p of size not corrected",
     )  # fmt: skip
     page.figures([figure for figure in figures if figure.small])
@@ -91,11 +91,11 @@ def _further_caption(rows: Sequence[tuple[str, ...]]) -> str:
     return "Separation by the linear discriminant" if separation else "Size"
 
 
-def _per(study: Study) -> str:
-    return f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
+def _per(study: Answer) -> str:
+    return f" per unit of {study.question.column}" if study.question.kind == "regression" else ""
 
 
-def _effect_row(study: Study, title: str, comparison: Comparison) -> tuple[str, ...]:
+def _effect_row(study: Answer, title: str, comparison: Comparison) -> tuple[str, ...]:
     test, local = comparison.test, comparison.pointwise
     significant = comparison.p_fwe <= LEVEL
     area, whole = float(study.areas[significant].sum()), float(study.areas.sum())
@@ -116,7 +116,7 @@ def _effect_row(study: Study, title: str, comparison: Comparison) -> tuple[str, 
     )
 
 
-def _further_row(study: Study, title: str, comparison: Comparison) -> tuple[str, ...]:
+def _further_row(study: Answer, title: str, comparison: Comparison) -> tuple[str, ...]:
     """Return a row with size, unless it is in the study of form, and separation."""
     size, p, line = comparison.size, comparison.size_p_adjusted, comparison.discriminant
     of_size, separation = ("–", "–", "–"), ("–", "–", "–", "–")
@@ -141,12 +141,12 @@ def _known(p: float | None, effect: Effect) -> str:
     return "–" if p is None else p_number(p, effect.permutations)
 
 
-def _covariate_rows(study: Study) -> list[tuple[str, ...]]:
+def _covariate_rows(study: Answer) -> list[tuple[str, ...]]:
     """Return a row for each covariate: title, modes, D, p, particles, area, smallest p, size, p of size."""
     return [_covariate_row(study, effect) for effect in study.overall.covariates]
 
 
-def _covariate_row(study: Study, effect: Comparison) -> tuple[str, ...]:
+def _covariate_row(study: Answer, effect: Comparison) -> tuple[str, ...]:
     test, size = effect.test, covariate_size(effect)
     unit = covariate_unit(effect)
     measured = size is not None and np.isfinite(size.value)
@@ -167,7 +167,7 @@ _MOST_REGIONS = 3
 """Maximum number of regions of a comparison in the table."""
 
 
-def tested_comparisons(study: Study) -> Iterator[tuple[str, Comparison]]:
+def tested_comparisons(study: Answer) -> Iterator[tuple[str, Comparison]]:
     """Yield each comparison with its title, followed by the comparison without outliers."""
     for comparison in study.comparisons:
         yield comparison.title, comparison
@@ -176,7 +176,7 @@ def tested_comparisons(study: Study) -> Iterator[tuple[str, Comparison]]:
             yield f"{comparison.title}, without {names}", comparison.without_outliers
 
 
-def add_regions(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
+def add_regions(page: Page, study: Answer, carrier: SurfaceCarrier) -> None:
     """Add a table of the largest significant regions, and one of walls."""
     rows = []
     for comparison in study.comparisons:
@@ -187,7 +187,7 @@ def add_regions(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
         ]
     if not rows:
         return
-    per = f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
+    per = f" per unit of {study.question.column}" if study.question.kind == "regression" else ""
     page.table(
         [
             "comparison", "region", "area (mm²)", "place of the peak", f"outward, mean (mm{per}, "
@@ -231,7 +231,7 @@ def axes_text(carrier: SurfaceCarrier, *, confirmed: bool) -> str:
     )
 
 
-def _region_row(study: Study, comparison: Comparison, region: Region, number: str) -> tuple[str, ...]:
+def _region_row(study: Answer, comparison: Comparison, region: Region, number: str) -> tuple[str, ...]:
     return (
         comparison.title,
         number,
@@ -243,7 +243,7 @@ def _region_row(study: Study, comparison: Comparison, region: Region, number: st
     )
 
 
-def _add_walls(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
+def _add_walls(page: Page, study: Answer, carrier: SurfaceCarrier) -> None:
     """Add the significant area of each wall of a hollow shape, and its direction of displacement."""
     walls = carrier.walls_at_particles(len(study.areas))
     rows = []
@@ -281,7 +281,7 @@ def interval_cell(effect: Effect, digits: int = 2, scale: float = 1.0) -> str:
     return f"{value} ({low} to {high})" if isfinite(effect.low) else value
 
 
-def effect_cell(study: Study, effect: Effect) -> str:
+def effect_cell(study: Answer, effect: Effect) -> str:
     """Return an effect with its interval; changes per unit have three digits of the interval's width."""
     return interval_cell(effect, digits_of(study, effect.high - effect.low))
 
@@ -297,14 +297,14 @@ def decimals_of(spread: float) -> int:
     return max(0, 2 - floor(log10(spread))) if spread > 0.0 else 0
 
 
-def digits_of(study: Study, width: float) -> int:
+def digits_of(study: Answer, width: float) -> int:
     """Return the number of decimals of an effect from the width of its interval."""
-    if study.request.kind != "regression" or not width > 0.0:
+    if study.question.kind != "regression" or not width > 0.0:
         return 2
     return max(2, 2 - floor(log10(width)))
 
 
-def add_statistics(page: Page, studies: Sequence[Study]) -> None:
+def add_statistics(page: Page, studies: Sequence[Answer]) -> None:
     """Add the statistics of the whole shape of all studies."""
     page.table(
         [
@@ -334,7 +334,7 @@ def _statistics_row(title: str, comparison: Comparison) -> tuple[str, ...]:
     )
 
 
-def add_assumptions(page: Page, studies: Sequence[Study]) -> None:
+def add_assumptions(page: Page, studies: Sequence[Answer]) -> None:
     """Add dispersion, skewness and outliers of all comparisons."""
     page.table(
         [
@@ -352,7 +352,7 @@ def add_assumptions(page: Page, studies: Sequence[Study]) -> None:
     )  # fmt: skip
 
 
-def _assumptions_row(study: Study, comparison: Comparison) -> tuple[str, ...]:
+def _assumptions_row(study: Answer, comparison: Comparison) -> tuple[str, ...]:
     dispersion, skewness = comparison.dispersion, comparison.size_skewness
     tested = ("–", "–")
     if dispersion is not None:
@@ -374,12 +374,12 @@ def _assumptions_row(study: Study, comparison: Comparison) -> tuple[str, ...]:
     )
 
 
-def _group_of(study: Study, subject: int) -> str:
+def _group_of(study: Answer, subject: int) -> str:
     """Return the group of an outlier, with a comma; an empty text for pairs and regressions."""
-    return f"{study.labels[subject]}, " if study.request.kind == "groups" else ""
+    return f"{study.labels[subject]}, " if study.question.kind == "groups" else ""
 
 
-def _ratio_cell(study: Study, dispersion: Dispersion) -> str:
+def _ratio_cell(study: Answer, dispersion: Dispersion) -> str:
     if dispersion.effect is None:
         return "–"
     return effect_cell(study, dispersion.effect)

@@ -1,11 +1,20 @@
 """Writing the report of a project: the page, its figures as vector graphics, and the studies' tables."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
+from homolog import Project
 from homolog.arrays import FloatArray
+from homolog.comparison.answer import Answer, ask
+from homolog.comparison.findings import outlier_text
+from homolog.comparison.places import SurfaceCarrier, directions_of
+from homolog.comparison.sample import Sample
+from homolog.comparison.seeds import SeedAnswer, read_spread, seed_numbers, spread_text
+from homolog.comparison.stored import folder_of, stored_answers
+from homolog.comparison.tables import store
 from homolog.errors import InputError, NumericalError
 from homolog.exchange import project_landmark_errors
 from homolog.inspection import inspect
@@ -15,7 +24,7 @@ from homolog.io.records import ResultRecord
 from homolog.io.report_details import Axes, ReportDetails, read_details
 from homolog.io.results import Result, read_result, read_surface
 from homolog.io.tables import write_table
-from homolog.progress import Tick, no_tick, part_of
+from homolog.progress import Tick, no_tick, part_of, tick_of
 from homolog.statistics.design import reference_first
 from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
@@ -26,7 +35,6 @@ from homolog_app.rendering.camera import Clip
 from homolog_app.report import NOTICE
 from homolog_app.report.appendix import definitions, numbered
 from homolog_app.report.figures import ReportFigure, map_limits, model_figures, quality_rows, study_figures
-from homolog_app.report.findings import outlier_text
 from homolog_app.report.main_results import add_main_results
 from homolog_app.report.methods import methods
 from homolog_app.report.model_section import (
@@ -38,15 +46,10 @@ from homolog_app.report.model_section import (
 )
 from homolog_app.report.page import Page
 from homolog_app.report.sample import add_measures, add_missing, add_samples, measures_of
-from homolog_app.report.seeds import SeedAnswer, add_seeds, read_spread, seed_numbers
 from homolog_app.report.sheets import write_page
-from homolog_app.report.stored_studies import kept_studies, study_folder
-from homolog_app.report.study import Study, run_study
 from homolog_app.report.study_section import add_assumptions, add_statistics, add_study
-from homolog_app.report.surface_maps import SurfaceCarrier, directions_of
-from homolog_app.report.tables import save_study
 
-__all__ = ["write_report"]
+__all__ = ["report", "write_report"]
 
 
 def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None = None) -> Path:
@@ -77,15 +80,16 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     if record is None:
         raise InputError(f"{project.folder}: has no result yet")
     folder = project.folder / "report"
-    kept = kept_studies(project)
-    requests, primary = [study.request for study in kept], any(study.is_primary for study in kept)
+    kept, lost = stored_answers(project)
+    primary = any(study.is_primary for study in kept)
     studies = []
-    for index, request in enumerate(requests):
-        share = 0.5 / len(requests)
-        studies.append(run_study(result, request, part_of(tick, index * share, (index + 1) * share)))
-    seeds = [
-        read_spread(study_folder(project, study.request), record.fingerprint, study) for study in studies
-    ]
+    for index, one in enumerate(kept):
+        part = part_of(tick, 0.5 * index / len(kept), 0.5 * (index + 1) / len(kept))
+        try:
+            studies.append(ask(Sample.of(result), one.question, part))
+        except InputError as error:  # such as a value that a subject added later lacks
+            lost.append(f"{one.question.title}: {error}")
+    seeds = [read_spread(folder_of(project, study.question), record.fingerprint, study) for study in studies]
     details = read_details(project)
     carrier = SurfaceCarrier.of(result, directions_of(details, record))
     model = ShapeModel.fit(result.world, names=result.names)
@@ -96,6 +100,8 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     of = f": {details.structure}" if details.structure else ""
     page = Page(f"Shape analysis of {project.folder.resolve().name}{of}", f"{NOTICE} {_made(record)}")
     _introduction(page, record, result, studies, details)
+    for text in lost:
+        page.caution(f"Left out: {text}")
     page.heading("Main results")
     if studies:
         add_main_results(page, studies, seeds, carrier, correspondence, primary=primary)
@@ -114,7 +120,7 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     seed = None if record.source else record.settings.optimize.seed
     for index, study in enumerate(studies):
         part = part_of(tick, 0.6 + 0.3 * index / len(studies), 0.6 + 0.3 * (index + 1) / len(studies))
-        save_study(project, study, result, carrier)
+        store(project, study, result, carrier)
         own = list(study_figures(study, carrier, limits[index], part, clip))
         title = f"Study {index + 1}{', primary' if primary and not index else ''}"
         add_study(page, study, title, seed, carrier, own)
@@ -124,7 +130,8 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
         page.heading("Statistics of all studies")
         add_statistics(page, studies)
         add_assumptions(page, studies)
-        add_seeds(page, seeds)
+        for text in [line for answers in seeds for line in spread_text(answers)]:
+            page.paragraph(text)
     _methods(page, folder, record, studies, seeds, carrier, details, primary=primary)
     _files(page, project, studies, figures)
     _write_figures(folder / "figures", figures)
@@ -182,7 +189,7 @@ def _made(record: ResultRecord) -> str:
 
 
 def _introduction(
-    page: Page, record: ResultRecord, result: Result, studies: Sequence[Study], details: ReportDetails
+    page: Page, record: ResultRecord, result: Result, studies: Sequence[Answer], details: ReportDetails
 ) -> None:
     groups = list(result.groups)
     counts = ", ".join(f"{groups.count(group)} {group or 'no group'}" for group in _in_order(groups, studies))
@@ -202,9 +209,9 @@ def _introduction(
         )
 
 
-def _in_order(groups: Sequence[str | None], studies: Sequence[Study]) -> list[str | None]:
+def _in_order(groups: Sequence[str | None], studies: Sequence[Answer]) -> list[str | None]:
     """Return the different groups, in the order of the first study of them."""
-    compared = [group for study in studies for group in study.request.between]
+    compared = [group for study in studies for group in study.question.between]
     order = list(dict.fromkeys([*compared, *reference_first(filter(None, groups)), *groups]))
     return [group for group in order if group in groups]
 
@@ -252,7 +259,7 @@ def _model_section(
 
 
 def _methods(
-    page: Page, folder: Path, record: ResultRecord, studies: list[Study],
+    page: Page, folder: Path, record: ResultRecord, studies: list[Answer],
     seeds: Sequence[Sequence[SeedAnswer]], carrier: SurfaceCarrier, details: ReportDetails, *, primary: bool,
 ) -> None:  # fmt: skip
     """Add methods, definitions, a list for the authors to complete, and references; settings as a table."""
@@ -285,7 +292,7 @@ def _methods(
 
 
 def _files(
-    page: Page, project: ProjectFolder, studies: Sequence[Study], figures: Sequence[ReportFigure]
+    page: Page, project: ProjectFolder, studies: Sequence[Answer], figures: Sequence[ReportFigure]
 ) -> None:
     page.heading("Files")
     page.links(["report.pdf"], "This page as PDF")
@@ -294,7 +301,7 @@ def _files(
     tables = [
         f"../{path.relative_to(project.folder).as_posix()}"
         for study in studies
-        for path in sorted(study_folder(project, study.request).glob("*.csv"))
+        for path in sorted(folder_of(project, study.question).glob("*.csv"))
     ]
     own = [name for name in _TABLES if (project.folder / "report" / name).is_file()]
     tables = [*own, "../model/scores.csv", "../model/eigenvalues.csv", *tables]
@@ -334,3 +341,46 @@ def _figures(errors: FloatArray) -> tuple[float, float, float, float]:
     finite = errors[np.isfinite(errors)]
     median, high = np.quantile(finite, [0.5, 0.95])
     return float(finite.mean()), float(median), float(high), float(finite.max())
+
+
+def report(
+    project: str | PathLike[str],
+    *,
+    structure: str | None = None,
+    cohort: str | None = None,
+    axes: str | None = None,
+    places: str | None = None,
+    callback: Callable[[float, str], object] | None = None,
+) -> Path:
+    """Write the report of a project's model and studies, as HTML and PDF, as ``homolog report`` does.
+
+    Parameters
+    ----------
+    project : path
+        A project with a result; the report contains the studies stored by `analyze`, the command line or the
+        window.
+    structure : str, optional
+        Name of the structure; this and the following are stored as by `homolog.Project.describe`.
+    cohort : str, optional
+        Description of the subjects.
+    axes : {"auto", "patient", "file"}, optional
+        How locations are named.
+    places : str, optional
+        Own names of the structure's sides.
+    callback : callable, optional
+        ``callback(fraction, message)``; raise `Cancelled`, or any other error, in it to stop.
+
+    Returns
+    -------
+    Path
+        The page ``report/report.html``, next to ``report.pdf`` and the figures.
+
+    Raises
+    ------
+    InputError
+        If there is no result, or the folder can't be written to.
+    """
+    folder = ProjectFolder(Path(project))
+    with folder.locked(new=False):
+        Project(project).describe(structure=structure, cohort=cohort, axes=axes, places=places)
+        return write_report(folder, tick_of(callback))

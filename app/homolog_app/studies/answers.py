@@ -7,27 +7,27 @@ from pathlib import Path
 import numpy as np
 
 from homolog.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from homolog.comparison.answer import Answer, ask, members_of_pairs
+from homolog.comparison.findings import LEVEL
+from homolog.comparison.question import Question
+from homolog.comparison.sample import Sample, category_of
 from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
 from homolog.io.results import Result
 from homolog.progress import Tick, part_of
-from homolog.statistics.comparison import Comparison, prepare_shapes
-from homolog.statistics.studies import pair_members
+from homolog.statistics.comparison import Comparison
+from homolog.statistics.procrustes import aligned
 from homolog.surfaces.nearest import nearest_particles
 from homolog_app.rendering.colours import common_limit
 from homolog_app.rendering.text import short
-from homolog_app.report.findings import LEVEL
-from homolog_app.report.request import StudyRequest, category_of, column_of, compared_shapes
-from homolog_app.report.study import Study, run_study, study_options
 from homolog_app.studies.model_shape import ModelShape
-from homolog_app.studies.study import Study as Cohort
-from homolog_app.studies.study import with_current_table
+from homolog_app.studies.study import Study, with_current_table
 
 __all__ = [
     "Answers",
+    "Asked",
     "GroupAnswer",
     "GroupMap",
-    "Question",
     "answer_groups",
     "answer_question",
     "carried_answer",
@@ -65,7 +65,7 @@ class GroupAnswer:
     Attributes
     ----------
     shape : ModelShape
-    study : Study
+    study : Answer
         All comparisons.
     pair : Comparison
         Comparison of the two mapped groups, or the regression.
@@ -93,7 +93,7 @@ class GroupAnswer:
     """
 
     shape: ModelShape
-    study: Study
+    study: Answer
     pair: Comparison
     first: str
     second: str
@@ -111,7 +111,7 @@ class GroupAnswer:
         """Labels of both ends of the morph."""
         if self.values is None:
             return f"mean of {self.first}", f"mean of {self.second}"
-        column = self.study.request.column
+        column = self.study.question.column
         return f"{column} {self.first}", f"{column} {self.second}"
 
     def at(self, way: float) -> str:
@@ -119,11 +119,11 @@ class GroupAnswer:
         if self.values is None:
             return f"{self.first} to {self.second} at {100 * way:.0f} %"
         low, high = float(self.values.min()), float(self.values.max())
-        return f"{self.study.request.column} {short(low + way * (high - low))}"
+        return f"{self.study.question.column} {short(low + way * (high - low))}"
 
 
 def answer_groups(
-    shape: ModelShape, result: Result, request: StudyRequest, tick: Tick, pair: int = 0
+    shape: ModelShape, result: Result, request: Question, tick: Tick, pair: int = 0
 ) -> GroupAnswer:
     """Answer a question, and map the difference of two of its groups, or the slope, to the surface.
 
@@ -132,7 +132,7 @@ def answer_groups(
     shape : ModelShape
     result : Result
         Result of the model, with the columns of the question.
-    request : StudyRequest
+    request : Question
         Request of any kind.
     tick : Tick
         Progress and cancellation.
@@ -144,11 +144,11 @@ def answer_groups(
     InputError
         If groups are too small or values are missing; the message names them.
     """
-    study = run_study(result, request, part_of(tick, 0.0, 0.9))
+    study = ask(Sample.of(result), request, part_of(tick, 0.0, 0.9))
     return carried_answer(shape, result, study, pair, part_of(tick, 0.9, 1.0))
 
 
-def carried_answer(shape: ModelShape, result: Result, study: Study, index: int, tick: Tick) -> GroupAnswer:
+def carried_answer(shape: ModelShape, result: Result, study: Answer, index: int, tick: Tick) -> GroupAnswer:
     """Map the difference of a study's pair of groups, or its slope, to the surface.
 
     Raises
@@ -157,7 +157,7 @@ def carried_answer(shape: ModelShape, result: Result, study: Study, index: int, 
         If the study has no such pair.
     """
     tick(0.0, "mapping the difference to the surface")
-    pairs, request = study.pairwise or (study.overall,), study.request
+    pairs, request = study.pairwise or (study.overall,), study.question
     if index >= len(pairs):
         raise InputError(f"there is no pair {index} of groups; there are {len(pairs)}")
     pair = pairs[index]
@@ -201,7 +201,7 @@ class _MorphPath:
     values: FloatArray | None = None
 
 
-def _between(request: StudyRequest, pair: Comparison) -> _MorphPath:
+def _between(request: Question, pair: Comparison) -> _MorphPath:
     if request.kind == "pairs":
         first, second = request.between
         return _MorphPath(first, second, pair.pointwise.effect[0], 0.0)  # the mean of the first members
@@ -211,7 +211,7 @@ def _between(request: StudyRequest, pair: Comparison) -> _MorphPath:
     )
 
 
-def _slope(study: Study, pair: Comparison) -> _MorphPath:
+def _slope(study: Answer, pair: Comparison) -> _MorphPath:
     """Return the path from the lowest to the highest value."""
     values = np.array([float(study.labels[subject]) for subject in pair.subjects])
     low, high = float(values.min()), float(values.max())
@@ -220,46 +220,44 @@ def _slope(study: Study, pair: Comparison) -> _MorphPath:
     return _MorphPath(first, second, pair.pointwise.effect[0] * (high - low), share, values)
 
 
-def _paired(result: Result, study: Study) -> IntArray:
+def _paired(result: Result, study: Answer) -> IntArray:
     """Return the subjects of all pairs: all first members, then all second ones."""
-    first, second = study.request.between
     taking = [
         label if name not in study.left_out else ""
         for name, label in zip(result.names, study.labels, strict=True)
     ]
-    pairs = column_of(result, study.request.pairs or "")
-    return np.concatenate(pair_members(pairs, taking, (first, second), result.names))
+    return np.concatenate(members_of_pairs(Sample.of(result), study.question, taking))
 
 
 def _along(
-    result: Result, request: StudyRequest, pair: Comparison, subjects: IntArray, effect: FloatArray
+    result: Result, request: Question, pair: Comparison, subjects: IntArray, effect: FloatArray
 ) -> FloatArray:
     """Return the position of each subject along an effect (N, 3), as RMS over the particles [mm]."""
-    own = compared_shapes(result, request.alignment)[subjects]
-    shapes = prepare_shapes(own, study_options(request)) - pair.mean
+    own = Sample.of(result).compared(request.alignment)[subjects]
+    shapes = aligned(own, request.alignment) - pair.mean
     length = max(float(np.linalg.norm(effect)), np.finfo(float).tiny)
     return np.asarray(np.einsum("mni,ni->m", shapes, effect) / length / np.sqrt(len(effect)))
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class Asked:
     """Requests that are answered together, and their data.
 
     Attributes
     ----------
-    requests : tuple of StudyRequest
+    requests : tuple of Question
         A request, or one for each alignment.
     cells : tuple of (str, ...)
         The used columns of the table, with a value for each subject of the result.
     """
 
-    requests: tuple[StudyRequest, ...]
+    requests: tuple[Question, ...]
     cells: tuple[tuple[str, ...], ...]
 
     @property
     def titles(self) -> frozenset[str]:
         """Identifiers of the requests, regardless of the precision of their answers."""
-        return frozenset(request.question for request in self.requests)
+        return frozenset(request.identity for request in self.requests)
 
     @property
     def arguments(self) -> list[str]:
@@ -273,27 +271,27 @@ class Answers:
 
     Attributes
     ----------
-    question : Question
+    question : Asked
     models : tuple of ModelShape
         Models that were tested: that of the open result, and optionally one for comparison.
-    studies : tuple of (Study, ...)
+    studies : tuple of (Answer, ...)
         Studies of each model, for each request.
     """
 
-    question: Question
+    question: Asked
     models: "tuple[ModelShape, ...]"
-    studies: "tuple[tuple[Study, ...], ...]"
+    studies: "tuple[tuple[Answer, ...], ...]"
 
     @property
-    def own(self) -> "tuple[Study, ...]":
+    def own(self) -> "tuple[Answer, ...]":
         """The studies of the open result, one for each request."""
         return tuple(row[0] for row in self.studies)
 
 
-def question_of(requests: Sequence[StudyRequest], result: Result, cohort: Cohort) -> Question:
+def question_of(requests: Sequence[Question], result: Result, cohort: Study) -> Asked:
     """Return a question with the table's current values, so that later changes can be detected."""
     present = with_current_table(result, cohort)
-    known = {name for columns in present.columns for name in columns}
+    known = dict.fromkeys(name for columns in present.columns for name in columns)
     used = [request.column for request in requests]
     used += [category_of(name, known)[0] for request in requests for name in request.covariates]
     used += [request.pairs for request in requests if request.pairs]
@@ -303,11 +301,11 @@ def question_of(requests: Sequence[StudyRequest], result: Result, cohort: Cohort
         else tuple(columns.get(column, "") for columns in present.columns)
         for column in dict.fromkeys(used)
     )
-    return Question(tuple(requests), cells)
+    return Asked(tuple(requests), cells)
 
 
 def answer_question(
-    models: "Sequence[ModelShape]", cohort: Cohort, requests: Sequence[StudyRequest], tick: Tick
+    models: "Sequence[ModelShape]", cohort: Study, requests: Sequence[Question], tick: Tick
 ) -> "tuple[Answers, list[GroupAnswer]]":
     """Answer all requests in each model, and map the first two groups' difference to the surface.
 
@@ -316,22 +314,20 @@ def answer_question(
     InputError
         If groups are too small or values are missing; the message names them.
     """
-    from homolog_app.report.study import run_study
-
     count = len(models) * len(requests)
-    studies: list[Study] = []
+    studies: list[Answer] = []
     for index, request in enumerate(requests):
         for number, model in enumerate(models):
             done = index * len(models) + number
             part = part_of(tick, 0.9 * done / count, 0.9 * (done + 1) / count)
-            studies.append(run_study(with_current_table(model.result, cohort), request, part))
+            studies.append(ask(Sample.of(with_current_table(model.result, cohort)), request, part))
     rows = tuple(tuple(studies[at : at + len(models)]) for at in range(0, count, len(models)))
     answers = Answers(question_of(requests, models[0].result, cohort), tuple(models), rows)
     return answers, map_answers(answers, models, cohort, (0, 0), part_of(tick, 0.9, 1.0))
 
 
 def map_answers(
-    answers: Answers, models: "Sequence[ModelShape]", cohort: Cohort, which: tuple[int, int], tick: Tick
+    answers: Answers, models: "Sequence[ModelShape]", cohort: Study, which: tuple[int, int], tick: Tick
 ) -> "list[GroupAnswer]":
     """Map a difference or slope to the surfaces of the displayed models.
 
@@ -340,7 +336,7 @@ def map_answers(
     answers : Answers
     models : sequence of ModelShape
         The displayed models.
-    cohort : Study
+    cohort : Answer
         Study with the current table.
     which : (int, int)
         Indices of request and pair of groups.
@@ -354,29 +350,29 @@ def map_answers(
     ]
 
 
-def save_answers(project: ProjectFolder, answers: Answers, cohort: Cohort, tick: Tick) -> list[Path]:
+def save_answers(project: ProjectFolder, answers: Answers, cohort: Study, tick: Tick) -> list[Path]:
     """Write the tables of all answers into the project, as ``homolog analyze`` does; return their folders."""
-    from homolog_app.report.tables import save_study
+    from homolog.comparison.tables import store
 
     tick(0.0, "storing the answer")
     result = with_current_table(answers.models[0].result, cohort)
-    return [save_study(project, study, result) for study in answers.own]
+    return [store(project, study, result) for study in answers.own]
 
 
 def repeat_by_seed(
-    project: ProjectFolder, answers: Answers, cohort: Cohort, seeds: int, tick: Tick
+    project: ProjectFolder, answers: Answers, cohort: Study, seeds: int, tick: Tick
 ) -> list[str]:
     """Answer also with other seeds of the correspondence, as ``--seeds`` does; store the answers."""
-    from homolog_app.report.seeds import answer_by_seed, spread_text, write_spread
-    from homolog_app.report.tables import save_study
+    from homolog.comparison.seeds import answer_by_seed, spread_text, write_spread
+    from homolog.comparison.tables import store
 
     result = with_current_table(answers.models[0].result, cohort)
     requests = answers.question.requests
     spreads = answer_by_seed(project, result, requests, seeds, tick)
     sentences = []
     for study, spread in zip(answers.own, spreads, strict=True):
-        write_spread(save_study(project, study, result), spread)
+        write_spread(store(project, study, result), spread)
         sentences += [
-            f"{study.request.title}: " * (len(requests) > 1) + sentence for sentence in spread_text(spread)
+            f"{study.question.title}: " * (len(requests) > 1) + sentence for sentence in spread_text(spread)
         ]
     return sentences

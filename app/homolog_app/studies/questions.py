@@ -7,11 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from homolog.cohort.column_types import CATEGORY
-from homolog.errors import InputError
-from homolog.statistics.data_notes import PARTNER_MISSING
-from homolog.statistics.design import is_missing, numbers
-from homolog_app.rendering.text import short
-from homolog_app.report.findings import (
+from homolog.comparison.findings import (
     LEVEL,
     classified_text,
     correction_text,
@@ -22,7 +18,12 @@ from homolog_app.report.findings import (
     region_text,
     size_variance_text,
 )
-from homolog_app.report.request import SHAPE_SIZE, SIZE_TEXTS, StudyRequest
+from homolog.comparison.question import ALIGNED, Question
+from homolog.comparison.sample import SHAPE_SIZE, SIZE
+from homolog.errors import InputError
+from homolog.statistics.data_notes import PARTNER_MISSING
+from homolog.statistics.design import is_missing, numbers
+from homolog_app.rendering.text import short
 from homolog_app.studies.study import Study
 
 if TYPE_CHECKING:
@@ -42,7 +43,6 @@ __all__ = [
 ]
 
 
-SIZE = "size"
 _LEAST = 2
 _FEWEST_NUMBERS = 3
 _MOST_CATEGORIES = 12
@@ -184,9 +184,9 @@ def _decimals(answer: "GroupAnswer") -> int:
     return max(2 - math.floor(math.log10(abs(distance.value))), 0)
 
 
-def question_text(request: StudyRequest) -> str:
+def question_text(request: Question) -> str:
     """Return alignment, covariates and exclusions, for the line below the headline."""
-    how = SIZE_TEXTS[request.alignment]
+    how = ALIGNED[request.alignment]
     parts = [f"{how[0].upper()}{how[1:]}"]
     parts += [f"paired by {request.pairs}"] if request.pairs else []
     parts += [f"adjusted for {', '.join(request.covariates)}"] if request.covariates else []
@@ -213,8 +213,8 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     if slope:
         most = float(np.linalg.norm(answer.difference.ways, axis=1).max())
         rows.append(("Change", f"up to {short(most)} mm from {answer.first} to {answer.second}"))
-    if study.request.covariates:
-        rows.append(("Adjusted for", ", ".join(study.request.covariates)))
+    if study.question.covariates:
+        rows.append(("Adjusted for", ", ".join(study.question.covariates)))
     rows += [*_classification_rows(answer), *_size_rows(answer)]
     for simulated in pair.false_positives[:1]:
         assert simulated.test == WHOLE_SHAPE_F
@@ -227,7 +227,7 @@ def _subject_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     study, slope = answer.study, answer.values is not None
     counts = answer.pair.counts.items()
     rows = [("Subjects", ", ".join(f"{count}{'' if slope else f' {name}'}" for name, count in counts))]
-    if study.left_out and study.request.complete_cases:
+    if study.left_out and study.question.complete_cases:
         incomplete = sum(why.startswith("no value") for why in study.left_out.values())
         alone = sum(why == PARTNER_MISSING for why in study.left_out.values())
         partners = f", {alone} whose partner is missing" if alone else ""
@@ -272,7 +272,7 @@ def _classification_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
 
 
 def _size_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
-    pair, request, rows = answer.pair, answer.study.request, list[tuple[str, str]]()
+    pair, request, rows = answer.pair, answer.study.question, list[tuple[str, str]]()
     overall, between = answer.study.overall.size, answer.study.overall.size_variance
     if overall is not None and overall.p is not None and between is not None:
         p = p_text(overall.p, overall.permutations)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from homolog.arrays import Array, FloatArray
+from homolog.comparison.findings import LEVEL
 from homolog.geometry import transform_points
 from homolog_app.rendering.colours import ColourScale, common_limit, displacement_scale, viridis
 from homolog_app.rendering.scene import Arrows
 from homolog_app.rendering.text import short, shortened, signed
-from homolog_app.report.findings import LEVEL
 from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.contents import DisplayOptions, arrow_factor, model_content, named_surface, untitled
 from homolog_app.views.view_states import GroupsView, MeasureView, ModesView
@@ -165,13 +165,13 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
     first = answers[0]
     limit = max(answer.limit for answer in answers)
     factor = arrow_factor(first.shape, limit) if view.arrows else 0.0
-    of = "" if first.values is None else f"{first.study.request.column} "
+    of = "" if first.values is None else f"{first.study.question.column} "
     kind = "Difference" if view.from_middle else "Outward difference"
     ends = [shortened(name, _NAME) for name in (first.first, first.second)]
     parts = [f"{kind} from {of}{ends[0]} to {ends[1]}"]
     parts += [f"arrows drawn {factor:g} × as long"] if factor > 1.0 else []
-    parts += [f"adjusted for {', '.join(first.study.request.covariates)}"] * bool(
-        first.study.request.covariates
+    parts += [f"adjusted for {', '.join(first.study.question.covariates)}"] * bool(
+        first.study.question.covariates
     )
     parts += ["the question has changed"] if view.outdated else []
     scale = displacement_scale(limit, parts[0], " · ".join(parts[1:]), from_middle=view.from_middle)
@@ -227,7 +227,7 @@ def _mapped(
     place = answer.at(view.way)
     slope = answer.values is not None
     ends = [shortened(name, _NAME) for name in (answer.second, answer.first)]
-    name = f"Effect of {answer.study.request.column}" if slope else f"{ends[0]} − {ends[1]}: {what}"
+    name = f"Effect of {answer.study.question.column}" if slope else f"{ends[0]} − {ends[1]}: {what}"
     return model_content(
         shape, title or name, f"{name} · {place}" if title else place,
         _at(answer, chosen, view.way), look, values=chosen.outward, ways=chosen.ways,

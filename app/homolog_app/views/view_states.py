@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from homolog.comparison.question import Question
 from homolog_app.rendering.camera import Canvas
-from homolog_app.report.request import StudyRequest
 
 __all__ = [
     "CheckView",
@@ -90,7 +90,7 @@ class GroupsView(ColouredView):
 
     Attributes
     ----------
-    request : StudyRequest or None
+    request : Question or None
         The question; the mean shape is shown without one.
     pair : int
         Index of the two groups among the pairs of the question.
@@ -106,7 +106,7 @@ class GroupsView(ColouredView):
     """
 
     page: Literal["groups"] = "groups"
-    request: StudyRequest | None = None
+    request: Question | None = None
     pair: int = 0
     outdated: bool = False
     map: Literal["difference", "discriminant"] = "difference"

@@ -2,42 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any, Literal, overload
 
-import numpy as np
-
-from homolog.api.comparison_arguments import (
-    Covariates,
-    check_options,
-    check_values,
-    columns_of,
-    incomplete,
-    notes_on,
-    pairs_of,
-    table_of,
-    unpaired,
-)
-from homolog.arrays import Array, ArrayLike, FloatArray, IntArray
-from homolog.cohort.column_types import CATEGORY
+from homolog.arrays import Array, ArrayLike
+from homolog.comparison.answer import ask
+from homolog.comparison.question import questions
+from homolog.comparison.sample import Sample, levels
 from homolog.errors import InputError
-from homolog.progress import Tick, part_of, tick_of
-from homolog.statistics.checks import checked_particles
-from homolog.statistics.comparison import Comparison, Options
-from homolog.statistics.covariates import with_covariate_effects, with_unadjusted
-from homolog.statistics.design import is_missing, numbers
-from homolog.statistics.procrustes import Alignment
-from homolog.statistics.studies import compare_groups as compare_several
-from homolog.statistics.studies import compare_pairs, compare_two_groups
-from homolog.statistics.studies import regress as regress_shapes
+from homolog.progress import part_of, tick_of
+from homolog.statistics.comparison import Comparison
 
 __all__ = ["compare_groups", "regress"]
 
 _Alignment = Literal["rigid", "similarity", "as-it-lies"]
 _BOTH: tuple[_Alignment, ...] = ("rigid", "similarity")
-"""Form and shape, as on the command line and in the window."""
+Covariates = Mapping[str, Sequence[str | float] | Array]
 
 
 @overload
@@ -116,9 +97,8 @@ def compare_groups(
         the result's `notes`, instead of refused.
     alignment : {"rigid", "similarity", "as-it-lies"}, or several of them
         Alignment before the comparison: rigid (form: size and shape), by similarities (shape alone), or
-        none. Several alignments give several answers, with p-values corrected for their number
-        (Bonferroni). By default form and shape, as in the window and in ``homolog analyze``. A single one,
-        such as ``"rigid"``, is not corrected: choose it before you see results.
+        none. Several alignments give several answers, by default form and shape; their p-values are not
+        corrected for each other: choose the one that counts before you see results.
     modes : int, optional
         Number of modes in which the whole shape is tested; chosen by parallel analysis if not given.
     permutations : int
@@ -164,53 +144,30 @@ def compare_groups(
     >>> form.title, int(np.argmin(form.p_fwe)), int(np.argmin(shape.p_fwe))
     ('bump - plain', 7, 7)
     """
-    check_options((alignment,) if isinstance(alignment, str) else alignment, permutations)
-    labels = np.array(["" if group is None or is_missing(group) else str(group) for group in groups])
-    shapes = checked_particles(particles, names)
-    if len(labels) != len(shapes):
-        raise InputError(f"groups: {len(labels)} given for {len(shapes)} subjects; give one for each")
-    order = tuple(between) if between is not None else tuple(dict.fromkeys(labels[labels != ""].tolist()))
-    excluded: dict[int, str] = {}
-    if complete_cases:
-        excluded = incomplete(len(shapes), covariates, np.isin(labels, order))
-        excluded |= {} if pairs is None else unpaired(pairs, labels, order)
-        labels[list(excluded)] = ""
-    notes = notes_on(excluded, names, covariates, labels.tolist())
-    chosen = np.flatnonzero(np.isin(labels, order))
-    if not len(chosen):
-        raise InputError("groups: no subject is in one of the compared groups; give each subject its group")
-    called = None if names is None else [names[index] for index in chosen.tolist()]
-    both = None if pairs is None else pairs_of(pairs, labels, order, covariates, names)
-    columns = columns_of(covariates, chosen.tolist(), len(shapes), called)
-    own, compared = labels[chosen].tolist(), shapes[chosen]
-
-    def ask(options: Options, tick: Tick) -> Comparison:
-        tick, later = part_of(tick, 0.0, share := 0.6 if covariates else 1.0), part_of(tick, share, 1.0)
-        if both is not None:
-            title = " - ".join(order[::-1])
-            paired = compare_pairs(shapes, *both, title, options=options, names=names, tick=tick)
-            return replace(paired, notes=notes)
-        question = partial(_two_or_more, compared, own, order)
-        overall, each = question(covariates=columns, options=options, names=called, tick=tick)
-        overall = _with_covariates(overall, compared, own, covariates, chosen, options, later)
-        each = with_unadjusted(each, table_of(covariates, chosen.tolist()))
-        pairwise = tuple(pair.renumbered(chosen) for pair in each)
-        return replace(overall.renumbered(chosen), pairwise=pairwise, notes=notes)
-
-    options = Options(modes=modes, permutations=permutations, null_repeats=null_repeats, seed=seed)
-    return _answers(ask, alignment, options, callback)
-
-
-def _two_or_more(
-    shapes: FloatArray,
-    groups: list[str],
-    order: tuple[str, ...],
-    **how: Any,  # noqa: ANN401 - passed on
-) -> tuple[Comparison, tuple[Comparison, ...]]:
-    """Compare all groups; return the overall comparison, and those of pairs if there are three or more."""
-    if len(order) == 2:
-        return compare_two_groups(shapes, groups, (order[0], order[1]), **how), ()
-    return compare_several(shapes, groups, order, **how)
+    if pairs is not None and any(isinstance(pair, tuple | list) for pair in pairs):
+        raise InputError("pairs: give the name of each subject's pair; `between` chooses the groups")
+    column, pairing = _unused("groups", covariates), _unused("pairs", covariates)
+    columns: dict[str, Sequence[str | float | None] | Array] = {
+        column: [None if group is None else str(group) for group in groups],
+        **(covariates or {}),
+    }
+    if pairs is not None:
+        columns[pairing] = pairs
+    sample = Sample.of_arrays(particles, columns, names)
+    order = tuple(between) if between is not None else tuple(levels(sample.column(column)))
+    question = {
+        "kind": "groups" if pairs is None else "pairs",
+        "column": column,
+        "between": order,
+        "pairs": None if pairs is None else pairing,
+        "covariates": tuple(covariates or ()),
+        "complete_cases": complete_cases,
+        "modes": modes,
+        "permutations": permutations,
+        "null_repeats": null_repeats,
+        "seed": seed,
+    }
+    return _comparisons(sample, alignment, callback, question)
 
 
 @overload
@@ -280,7 +237,7 @@ def regress(
         Whether subjects with missing values are excluded and counted in the result's `notes`, instead of
         refused.
     alignment : {"rigid", "similarity", "as-it-lies"}, or several of them
-        Alignment before the test, as in `compare_groups`; by default form and shape.
+        Alignment before the test, as in `compare_groups`.
     modes : int, optional
         Number of modes in which the whole shape is tested; chosen by parallel analysis if not given.
     permutations : int
@@ -326,67 +283,35 @@ def regress(
     >>> form.title, int(np.argmin(form.p_fwe))
     ('age', 7)
     """
-    check_options((alignment,) if isinstance(alignment, str) else alignment, permutations)
-    shapes = checked_particles(particles, names)
-    check_values(name, values, len(shapes))
-    everyone = np.full(len(shapes), True)
-    excluded = (
-        incomplete(len(shapes), {name: values, **(covariates or {})}, everyone) if complete_cases else {}
-    )
-    notes = notes_on(excluded, names, covariates)
-    chosen = np.array([index for index in range(len(shapes)) if index not in excluded], np.int64)
-    called = None if names is None else [names[index] for index in chosen.tolist()]
-    own = [values[index] for index in chosen.tolist()]
-    columns_of({name: own}, range(len(own)), len(own), called)  # raises an error that names missing values
-    given = numbers(own)
-    if given is None:
-        raise InputError(f"{name!r} contains text; compare its groups instead")
-    columns = columns_of(covariates, chosen.tolist(), len(shapes), called)
-
-    def ask(options: Options, tick: Tick) -> Comparison:
-        tick, later = part_of(tick, 0.0, share := 0.6 if covariates else 1.0), part_of(tick, share, 1.0)
-        change = regress_shapes(
-            shapes[chosen], given, name, covariates=columns, options=options, names=called, tick=tick
-        )
-        change = _with_covariates(change, shapes[chosen], given, covariates, chosen, options, later)
-        return replace(change.renumbered(chosen), notes=notes)
-
-    options = Options(modes=modes, permutations=permutations, null_repeats=null_repeats, seed=seed)
-    return _answers(ask, alignment, options, callback)
+    sample = Sample.of_arrays(particles, {name: values, **(covariates or {})}, names)
+    question = {
+        "kind": "regression",
+        "column": name,
+        "covariates": tuple(covariates or ()),
+        "complete_cases": complete_cases,
+        "modes": modes,
+        "permutations": permutations,
+        "null_repeats": null_repeats,
+        "seed": seed,
+    }
+    return _comparisons(sample, alignment, callback, question)
 
 
-def _with_covariates(
-    comparison: Comparison,
-    shapes: FloatArray,
-    tested: Sequence[str] | FloatArray,
-    covariates: Covariates | None,
-    chosen: IntArray,
-    options: Options,
-    tick: Tick,
-) -> Comparison:
-    """Return a comparison of the chosen subjects with the effects of its covariates."""
-    if not covariates:
-        return comparison
-    return with_covariate_effects(
-        comparison, shapes, tested, table_of(covariates, chosen.tolist()),
-        categories=[title for title in covariates if title.endswith(CATEGORY)], options=options, tick=tick,
-    )  # fmt: skip
+def _unused(name: str, covariates: Covariates | None) -> str:
+    """Return a name that no covariate has."""
+    return _unused(f"{name}_", covariates) if name in (covariates or {}) else name
 
 
-def _answers(
-    ask: Callable[[Options, Tick], Comparison],
+def _comparisons(
+    sample: Sample,
     alignment: _Alignment | Sequence[_Alignment],
-    options: Options,
     callback: Callable[[float, str], object] | None,
+    question: Mapping[str, Any],
 ) -> Comparison | tuple[Comparison, ...]:
-    """Return the answer for one alignment, or one answer for each of several."""
-    alignments = (alignment,) if isinstance(alignment, str) else tuple(alignment)
-    count, tick = len(alignments), tick_of(callback)
-    answers = [
-        ask(
-            replace(options, alignment=Alignment(name), answers=count),
-            part_of(tick, index / count, (index + 1) / count),
-        )
-        for index, name in enumerate(alignments)
-    ]
-    return answers[0] if isinstance(alignment, str) else tuple(answers)
+    """Return the comparison for one alignment, or one for each of several."""
+    asked = questions((alignment,) if isinstance(alignment, str) else tuple(alignment), **question)
+    tick, done = tick_of(callback), list[Comparison]()
+    for index, one in enumerate(asked):
+        answer = ask(sample, one, part_of(tick, index / len(asked), (index + 1) / len(asked)))
+        done.append(replace(answer.overall, pairwise=answer.pairwise, notes=answer.notes))
+    return done[0] if isinstance(alignment, str) else tuple(done)

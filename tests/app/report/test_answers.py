@@ -7,6 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from homolog.comparison.answer import ask
+from homolog.comparison.findings import p_text
+from homolog.comparison.places import EDGE, INNER, OUTER, Region, SurfaceCarrier, directions_of
+from homolog.comparison.question import Question, column_of
 from homolog.io.particles import read_particles, write_particles
 from homolog.io.records import ProjectRecord
 from homolog.io.report_details import Axes, ReportDetails, write_details
@@ -15,12 +19,8 @@ from homolog.statistics.effects import Effect
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.exports.settings import TableSettings
 from homolog_app.exports.tables import write_tables
-from homolog_app.report.findings import p_text
 from homolog_app.report.methods import least_text
-from homolog_app.report.request import StudyRequest, column_of
 from homolog_app.report.sample import sample_rows
-from homolog_app.report.study import run_study
-from homolog_app.report.surface_maps import EDGE, INNER, OUTER, Region, SurfaceCarrier, directions_of
 
 HOSTILE = "<script>alert('x')</script> & co"
 
@@ -213,8 +213,8 @@ def test_tables_say_what_they_are_of_and_what_each_column_holds(project, analyze
 
 def test_the_least_p_of_all_signs_is_that_of_the_observed_ones_and_their_opposites(project):
     result = read_result(project)
-    signs = StudyRequest(kind="pairs", between=("A", "B"), pairs="couple", null_repeats=0, answers=2)
-    study = run_study(result, signs)
+    signs = Question(kind="pairs", between=("A", "B"), pairs="couple", null_repeats=0, answers=2)
+    study = ask(result, signs)
     assert study.overall.test.exact
     assert "With all 64 permutations the smallest possible p" in least_text(study)
     assert "is 0.031, before correction" in least_text(study)
@@ -234,8 +234,8 @@ def test_an_individual_that_was_measured_twice_raises_a_caution_unless_pairs_are
     project, names, kind, is_raised
 ):
     pairs = {"pairs": "couple"} if kind == "pairs" else {}
-    request = StudyRequest(kind=kind, between=("A", "B"), permutations=99, null_repeats=0, **pairs)
-    study = run_study(replace(read_result(project), names=tuple(names)), request)
+    request = Question(kind=kind, between=("A", "B"), permutations=99, null_repeats=0, **pairs)
+    study = ask(replace(read_result(project), names=tuple(names)), request)
     assert any("not independent" in note for note in study.notes) is is_raised
 
 
@@ -265,7 +265,7 @@ def test_the_size_of_shapes_that_the_run_brought_to_one_is_still_compared(projec
 
 def test_voxels_of_the_files_are_told_by_group_and_ranges_where_there_are_many_sizes(project):
     result = read_result(project)
-    study = SimpleNamespace(request=StudyRequest(between=("A", "B")), left_out={}, labels=result.groups)
+    study = SimpleNamespace(request=Question(between=("A", "B")), left_out={}, labels=result.groups)
     edges = [(0.5, 0.5, 2.0 if group == "A" else 3.0) for group in result.groups]
     rows = sample_rows(study, replace(result, voxels=tuple(edges)))
     voxels = [(row.group, row.category, row.count) for row in rows if row.variable == "voxel"]
@@ -301,9 +301,9 @@ def test_exported_tables_are_those_stored_unless_data_or_places_have_changed(
 
     def counted(result, request, tick):
         asked.append(request)
-        return run_study(result, request, tick)
+        return ask(result, request, tick)
 
-    monkeypatch.setattr("homolog_app.exports.tables.run_study", counted)
+    monkeypatch.setattr("homolog_app.exports.tables.ask", counted)
     monkeypatch.setattr("homolog_app.exports.tables._write_subjects", lambda *_: None)
 
     def exported(name):

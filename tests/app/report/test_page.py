@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import homolog as hl
+from homolog.comparison.seeds import SeedAnswer, write_spread
+from homolog.comparison.stored import folder_of, read_requests, stored_answers
 from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ProjectRecord
@@ -19,8 +21,6 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog_app import api
 from homolog_app.cli import main
 from homolog_app.report.sample import measures_of
-from homolog_app.report.seeds import SeedAnswer, write_spread
-from homolog_app.report.stored_studies import kept_studies, read_requests, study_folder
 
 HOSTILE = "<script>alert('x')</script> & co"
 
@@ -207,14 +207,14 @@ def test_the_primary_study_leads_and_the_others_are_secondary(project, without_f
     assert "Study 1 was declared primary" in text
     assert "Study 1 (primary; shape; allometry remains). C − B" in text
     assert "Study 2 (secondary; form). C − B" in text
-    kept = kept_studies(project)
+    kept = stored_answers(project)
     assert [study.is_primary for study in kept] == [True, False, False, False]
-    tables = [study_folder(project, study.request) / "tests.csv" for study in kept]
+    tables = [folder_of(project, study.question) / "tests.csv" for study in kept]
     assert [rows_of(table)[0]["primary"] for table in tables] == ["1", "0", "0", "0"]
     assert analyze(project, "--between", "A", "C", "--primary") == 0
     assert read_requests(project)[0].name == "groups_group_A_C"
     assert analyze(project, "--between", "A", "C", "--primary", "none") == 0
-    assert not any(study.is_primary for study in kept_studies(project))
+    assert not any(study.is_primary for study in stored_answers(project))
     assert {row["primary"] for table in tables for row in rows_of(table)} == {"0"}
 
 
@@ -223,7 +223,7 @@ def test_a_region_of_one_particle_or_of_one_seed_is_not_claimed(project, without
     page = api.report(project.folder).read_text(encoding="utf-8")
     assert "Largest regions" in page
     assert "No region can be claimed" not in page
-    folder = study_folder(project, read_requests(project)[0])
+    folder = folder_of(project, read_requests(project)[0])
     fingerprint = project.read().result.fingerprint
     (test,) = rows_of(folder / "tests.csv")
     p = float(test["p_permutation_corrected"])
@@ -274,7 +274,7 @@ def test_a_question_of_an_earlier_version_is_answered_and_the_change_is_told(pro
     (folder / "study.json").write_text(json.dumps(question))
     (request,) = read_requests(project)
     assert (request.alignment, request.earlier) == ("rigid", True)
-    assert study_folder(project, request) == folder
+    assert folder_of(project, request) == folder
     assert main(["report", str(project.folder), "--progress", "none"]) == 0
     text = (project.folder / "report" / "report.html").read_text(encoding="utf-8")
     assert "shapes as they lie" in text

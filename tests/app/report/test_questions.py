@@ -2,9 +2,9 @@
 
 import pytest
 
+from homolog.comparison.question import Question
+from homolog.comparison.stored import Provenance, folder_of, read_requests, write_question
 from homolog.io.records import ProjectRecord
-from homolog_app.report.request import StudyRequest
-from homolog_app.report.stored_studies import Answered, read_requests, study_folder, write_request
 
 
 def test_regression_and_pairs_are_analyzed(project, capsys, analyze, rows_of):
@@ -126,22 +126,22 @@ def test_a_column_called_size_is_the_users_own(project, capsys, analyze):
 def test_no_answer_overwrites_that_of_another_question(project):
     long = [f"{'a very long name of a group ' * 5}{item}" for item in "AB"]
     questions = [
-        StudyRequest(between=tuple(long)),
-        StudyRequest(between=(long[0], long[0] + "C")),
-        StudyRequest(between=tuple(long), alignment="similarity"),
-        StudyRequest(between=("a b", "c")),
-        StudyRequest(between=("a", "b c")),
-        StudyRequest(kind="pairs", between=("A", "B"), pairs="twin"),
-        StudyRequest(kind="pairs", between=("A", "B"), pairs="couple"),
-        StudyRequest(seed=3),
-        StudyRequest(seed=4),
+        Question(between=tuple(long)),
+        Question(between=(long[0], long[0] + "C")),
+        Question(between=tuple(long), alignment="similarity"),
+        Question(between=("a b", "c")),
+        Question(between=("a", "b c")),
+        Question(kind="pairs", between=("A", "B"), pairs="twin"),
+        Question(kind="pairs", between=("A", "B"), pairs="couple"),
+        Question(seed=3),
+        Question(seed=4),
     ]
     folders = []
     for entry in questions:
-        folders.append(study_folder(project, entry))
-        write_request(entry, folders[-1], Answered.now(project))
+        folders.append(folder_of(project, entry))
+        write_question(entry, folders[-1], Provenance.now(project))
     assert len(set(folders)) == len(questions)
-    assert [study_folder(project, question) for question in questions] == folders
+    assert [folder_of(project, question) for question in questions] == folders
     assert max(len(folder.name) for folder in folders) < 140
     assert sorted(read_request.question for read_request in read_requests(project)) == sorted(
         question.question for question in questions

@@ -341,12 +341,12 @@ def own_permutations():
 def _few_permutations(request, monkeypatch):
     """Ask questions with few permutations, but in tests that use `own_permutations`: they take seconds."""
     if "own_permutations" not in request.fixturenames:
-        from homolog_app.report.request import StudyRequest
+        from homolog.comparison.question import Question
 
         def quick(**question):
-            return StudyRequest(**(question | {"permutations": 499, "null_repeats": 20}))
+            return Question(**(question | {"permutations": 499, "null_repeats": 20}))
 
-        monkeypatch.setattr("homolog_app.window.explore.group_form.StudyRequest", quick)
+        monkeypatch.setattr("homolog_app.window.explore.group_form.Question", quick)
 
 
 @pytest.fixture

@@ -143,8 +143,8 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
 ):
     from PySide6.QtWidgets import QWidget
 
+    from homolog.comparison.stored import StoredAnswer, StoredTest
     from homolog.errors import InputError
-    from homolog_app.report.stored_studies import KeptStudy, StoredTest
     from homolog_app.window.commands import COMMANDS
     from homolog_app.window.dialogs import ask
     from homolog_app.window.explore.groups_page import GroupsPage
@@ -228,9 +228,9 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
         look(question, page)
         page.by_seed.show_sentences(["p from 0.01 to 0.02 over 2 seeds."], page.reveal)
         look(f"{question} with other seeds", page)
-    overview, answered = panels.explore.pages[0], page.answers[0].study.request
+    overview, answered = panels.explore.pages[0], page.answers[0].study.question
     panels.explore.open_page(overview)
-    overview.kept.show_answers([KeptStudy(answered, False, {"slim": StoredTest(0.01, 999, None)})])
+    overview.kept.show_answers([StoredAnswer(answered, False, {"slim": StoredTest(0.01, 999, None)})])
     look("stored answers", overview)
     panels.explore.open_page(page)
 

@@ -109,7 +109,7 @@ def test_the_table_says_what_the_analysis_found(compare, bean_project, own_permu
     assert any(name.startswith("Type I error (F test)") for name in texts)
     assert "slim" in page.verdict.text()
     assert "permutation" in page.summary.text().lower()
-    monkeypatch.setattr("homolog_app.report.findings.cautions", lambda study: (f"look at {study.names[0]}",))
+    monkeypatch.setattr("homolog.comparison.findings.cautions", lambda study: (f"look at {study.names[0]}",))
     page.show_answers()
     assert page.cautions.isVisible()
     assert answer.study.names[0] in page.cautions.text()
@@ -271,7 +271,7 @@ def test_a_dimmed_plot_is_paler_on_the_screen(qapp, plots, wait):
 def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_p(
     explore, bean_project, window, wait
 ):
-    from homolog_app.report.stored_studies import KeptStudy, StoredTest
+    from homolog.comparison.stored import StoredAnswer, StoredTest
 
     page, session = explore(bean_project, "groups"), window.workspace.session
     names = [member.name for member in session.study.members]
@@ -304,7 +304,7 @@ def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_
     tests = {pair.title: StoredTest(0.01, 999, pair.distance) for pair in form.pairwise}
     overview = window.inspector.explore.pages[0]
     overview.kept.show_answers(
-        [KeptStudy(request, False, tests)]
+        [StoredAnswer(request, False, tests)]
     )  # a double click on a stored answer goes there
     overview.kept.itemActivated.emit(overview.kept.topLevelItem(0).child(1), 0)
     assert page.form.request.between == request.between
@@ -320,8 +320,8 @@ def test_other_questions_asked_of_the_same_result_are_counted(compare, bean_proj
 
 
 def test_pairs_of_subjects_are_compared_as_the_command_line_does(explore, bean_project, window, wait):
-    from homolog_app.report.request import StudyRequest
-    from homolog_app.report.study import run_study
+    from homolog.comparison.answer import ask
+    from homolog.comparison.question import Question
 
     page, session = explore(bean_project, "groups"), window.workspace.session
     seen, changed = {"slim": 0, "wide": 0}, {}
@@ -342,8 +342,8 @@ def test_pairs_of_subjects_are_compared_as_the_command_line_does(explore, bean_p
     answer, result = page.answers[0], page.answers[0].shape.result
     labels = tuple(member.subject.group for member in session.study.members)
     columns = tuple(changed[name].subject.columns for name in result.names)
-    request = StudyRequest(kind="pairs", between=("slim", "wide"), pairs="patient")
-    expected = run_study(replace(result, groups=labels, columns=columns), request).overall
+    request = Question(kind="pairs", between=("slim", "wide"), pairs="patient")
+    expected = ask(replace(result, groups=labels, columns=columns), request).overall
     assert answer.pair.p_adjusted == expected.p_adjusted
     np.testing.assert_array_equal(answer.pair.p_fwe, expected.p_fwe)
     assert not page.form.complete.isVisible()  # nothing is missing

@@ -501,22 +501,22 @@ def test_buttons_can_be_pressed_only_when_their_command_can(groomed, wait):
 
 @pytest.mark.window
 def test_stored_answers_are_listed_those_of_an_earlier_result_apart_and_one_is_primary(explored, wait):
+    from homolog.comparison.question import Question
+    from homolog.comparison.stored import Provenance, folder_of, stored_answers, write_question
     from homolog.io.project import OUT_OF_DATE
-    from homolog_app.report.request import StudyRequest
-    from homolog_app.report.stored_studies import Answered, kept_studies, study_folder, write_request
 
     page, project = explored.inspector.explore.pages[0], explored.workspace.project
     assert page.kept_title.isHidden()
-    requests = [StudyRequest(between=("a", "b")), StudyRequest(between=("a", "c"))]
+    requests = [Question(between=("a", "b")), Question(between=("a", "c"))]
     for request in requests:
-        write_request(request, study_folder(project, request), Answered())
-    (study_folder(project, requests[1]) / OUT_OF_DATE).touch()
+        write_question(request, folder_of(project, request), Provenance())
+    (folder_of(project, requests[1]) / OUT_OF_DATE).touch()
     page.enter()
     assert page.kept.texts == [(requests[0].title, "", "")]
     effect = "mahalanobis_d_corrected"
     heads = f"comparison,p_permutation_corrected,permutations,{effect},{effect}_low_95,{effect}_high_95"
     table = f"{heads}\nb - a,0.034,999,1.5,0.52,2.5\n"
-    (study_folder(project, requests[0]) / "tests.csv").write_text(table, encoding="utf-8")
+    (folder_of(project, requests[0]) / "tests.csv").write_text(table, encoding="utf-8")
     page.enter()
     assert page.kept.texts[1] == ("b − a", "1.50 (0.52 to 2.50)", "0.034")
     assert page.kept.isVisible()
@@ -526,7 +526,7 @@ def test_stored_answers_are_listed_those_of_an_earlier_result_apart_and_one_is_p
     page.kept.setCurrentItem(page.kept.topLevelItem(0).child(0))
     page.primary.click()
     wait(lambda: page.kept.texts[0][0] == f"{requests[0].title} (primary)")
-    assert kept_studies(project)[0].is_primary
+    assert stored_answers(project)[0].is_primary
 
 
 @pytest.mark.window

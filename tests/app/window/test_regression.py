@@ -74,8 +74,8 @@ def test_shape_moves_with_the_number_as_the_beans_were_made(page, window, wait):
 def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait):
     from dataclasses import replace
 
-    from homolog_app.report.request import StudyRequest
-    from homolog_app.report.study import run_study
+    from homolog.comparison.answer import ask
+    from homolog.comparison.question import Question
 
     session = window.workspace.session
     member = session.study.members[0]
@@ -88,28 +88,27 @@ def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait)
     actions["slot"].setChecked(True)
     assert page.form.adjust.text() == "Adjust for slot"
     answer = ask(page, window, wait, "group")
-    assert answer.study.request.covariates == ("slot",)
+    assert answer.study.question.covariates == ("slot",)
     texts = dict(page.numbers.texts)
     assert texts["Adjusted for"] == "slot"
     assert texts["Excluded"] == "1 with missing values (complete cases)"
     from homolog_app.studies.study import with_current_table
 
     result = with_current_table(answer.shape.result, window.workspace.session.study)
-    question = StudyRequest(between=("slim", "wide"), covariates=("slot",), permutations=499, null_repeats=0)
+    question = Question(between=("slim", "wide"), covariates=("slot",), permutations=499, null_repeats=0)
     question = question.model_copy(update={"complete_cases": True})
-    same = run_study(result, question)
+    same = ask(result, question)
     assert same.overall.test.p_permutation == answer.pair.test.p_permutation
     np.testing.assert_array_equal(same.overall.pointwise.effect, answer.pair.pointwise.effect)
 
 
 def test_settings_of_the_tests_are_those_of_the_command_line_and_of_stored_answers(page):
+    from homolog_app.api import analyze
     from PySide6.QtWidgets import QWidget
 
+    from homolog.comparison.question import AnalysisSettings, Question
     from homolog.parameters import parameters
-    from homolog_app.api import analyze
     from homolog_app.cli import command_parser
-    from homolog_app.report.request import StudyRequest
-    from homolog_app.report.study_settings import AnalysisSettings
 
     options = command_parser()[0].parse_args(["analyze", "PROJECT", "--modes=3", "--null-repeats=0"])
     assert (options.modes, options.null_repeats) == ("3", "0")
@@ -119,18 +118,18 @@ def test_settings_of_the_tests_are_those_of_the_command_line_and_of_stored_answe
     assert {name: analyze.__kwdefaults__[name] for name in names} == settings.model_dump()
     shown = {row.accessibleName() for row in page.form.tests.more.findChildren(QWidget)}
     assert {parameter.label for parameter in parameters(AnalysisSettings)} <= shown
-    stored = StudyRequest(between=("slim", "wide"), modes=3, seed=4)
+    stored = Question(between=("slim", "wide"), modes=3, seed=4)
     assert page.form.ask(stored)
     assert (page.form.request.modes, page.form.request.seed) == (3, 4)
     assert {"--modes", "--seed"} <= set(page.form.request.arguments)
-    assert page.form.ask(StudyRequest(between=("slim", "wide")))
+    assert page.form.ask(Question(between=("slim", "wide")))
     assert page.form.request.modes is None
 
 
 def test_three_of_four_groups_can_be_chosen_and_are_chosen_by_a_stored_answer(page, window):
     from dataclasses import replace
 
-    from homolog_app.report.request import StudyRequest
+    from homolog.comparison.question import Question
 
     session, form = window.workspace.session, page.form
     members = {
@@ -148,7 +147,7 @@ def test_three_of_four_groups_can_be_chosen_and_are_chosen_by_a_stored_answer(pa
     form.further_menu.actions()[0].trigger()
     assert form.request.between == ("A", "B", "D")
     assert form.further.text() == "Further groups: D"
-    assert form.ask(StudyRequest(column="centre", between=("B", "C", "D")))
+    assert form.ask(Question(column="centre", between=("B", "C", "D")))
     assert set(form.request.between) == {"B", "C", "D"}
 
 
@@ -162,7 +161,7 @@ def test_an_answer_is_kept_as_the_command_line_keeps_it(
     window.commands["explore.keep"].trigger()
     wait(page.kept.text)
     project = window.workspace.project.folder
-    folder = project / "analysis" / answer.study.request.name
+    folder = project / "analysis" / answer.study.question.name
     dated = ("tests.csv", "tests_without_outliers.csv", "study.json")  # say when they were computed
     mine = {file.name: file.read_bytes() for file in folder.iterdir() if file.name not in dated}
     assert len(mine) > 2
@@ -199,4 +198,4 @@ def test_the_answers_of_other_seeds_can_be_cancelled_and_are_shown_where_they_ar
     wait(lambda: not page.by_seed.visibleRegion().isEmpty(), what="to see them")
     assert "over 2 seeds" in page.by_seed.text()
     folder = window.workspace.project.folder
-    assert (folder / "analysis" / page.answers[0].study.request.name / "seeds.csv").is_file()
+    assert (folder / "analysis" / page.answers[0].study.question.name / "seeds.csv").is_file()

@@ -10,14 +10,14 @@ pytestmark = pytest.mark.window
 @pytest.fixture
 def answered(bean_project, tmp_path):
     """Return a project in which the answer to a question about its groups is stored."""
+    from homolog.comparison.question import Question
+    from homolog.comparison.stored import Provenance, folder_of, write_question
     from homolog.io.project import ProjectFolder
-    from homolog_app.report.request import StudyRequest
-    from homolog_app.report.stored_studies import Answered, study_folder, write_request
 
     folder = tmp_path / "stored" / "answered"
     shutil.copytree(bean_project, folder)
-    request = StudyRequest(between=("wide", "slim"), alignment="rigid")
-    write_request(request, study_folder(ProjectFolder(folder), request), Answered())
+    request = Question(between=("wide", "slim"), alignment="rigid")
+    write_question(request, folder_of(ProjectFolder(folder), request), Provenance())
     return folder
 
 

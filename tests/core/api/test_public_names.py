@@ -13,11 +13,11 @@ import pytest
 
 import homolog as hl
 from homolog.api import correspond as api
+from homolog.comparison.question import Question
 from homolog.correspondence import optimize, repair
 from homolog.geodesics import each_table, solve_tables
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog.statistics.comparison import Options
-from homolog_app.report.request import StudyRequest
 
 CORE = Path(hl.__file__).parents[1]
 
@@ -102,7 +102,7 @@ def test_comparisons_have_the_defaults_of_the_analysis():
         assert taken[name] == getattr(Options(), name)
     assert taken["alignment"] == ("rigid", "similarity")  # both, as without --alignment
     for name in ("modes", "permutations", "seed"):
-        assert taken[name] == StudyRequest.model_fields[name].default
+        assert taken[name] == Question.model_fields[name].default
 
 
 @pytest.mark.parametrize(

@@ -4,10 +4,9 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction, QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QMenu, QWidget
 
+from homolog.comparison.question import AnalysisSettings, Precision, Question
 from homolog.statistics.design import reference_first
 from homolog.statistics.procrustes import Alignment
-from homolog_app.report.request import StudyRequest
-from homolog_app.report.study_settings import AnalysisSettings, StudySettings
 from homolog_app.studies.questions import (
     SIZE,
     covariates_of,
@@ -28,12 +27,12 @@ _SEEDS = 5
 _MOST_VALUES = 12
 _LONG = 48
 _ALIGNMENTS = {
-    "Both: form and shape (two answers)": None,
-    "Form: size and shape (rigid alignment)": Alignment.RIGID,
-    "Shape: size removed (similarity)": Alignment.SIMILARITY,
+    "Size, and shape without it (similarity)": Alignment.SIMILARITY,
+    "Form: size and shape together (rigid)": Alignment.RIGID,
+    "Both: shape and form (two answers)": None,
     "As the shapes lie (not aligned)": Alignment.AS_IT_LIES,
 }
-_BOTH = (Alignment.RIGID, Alignment.SIMILARITY)
+_BOTH = (Alignment.SIMILARITY, Alignment.RIGID)
 _NUMBER, _AS_NUMBER = "number", " (as a number)"
 
 
@@ -70,7 +69,7 @@ class GroupForm(QWidget):
         self.alignment = choice("Alignment", _ALIGNMENTS)
         self.alignment.setToolTip(
             "How shapes are aligned before they are compared; size is always tested separately. Both "
-            "asks two questions at once; p-values are corrected for two answers (Bonferroni)"
+            "asks two questions at once"
         )
         self.complete = QCheckBox("Complete cases: exclude subjects with missing values")
         self.complete.setToolTip("Exclude subjects with missing values in the columns used, and count them")
@@ -148,28 +147,28 @@ class GroupForm(QWidget):
         return str(chosen) if chosen else None
 
     @property
-    def request(self) -> StudyRequest:
+    def request(self) -> Question:
         """The question, or the first of two."""
         return self.requests[0]
 
     @property
-    def requests(self) -> tuple[StudyRequest, ...]:
+    def requests(self) -> tuple[Question, ...]:
         """The question, once for each requested alignment."""
         column, _ = self.column.currentData()
         chosen = self.alignment.currentData()
         alignments = _BOTH if chosen is None else (chosen,)
         return tuple(
-            StudyRequest(
+            Question(
                 kind="regression" if self.is_regression else "pairs" if self.pairs else "groups",
                 column=column, between=() if self.is_regression else self.between, pairs=self.pairs,
                 covariates=() if self.pairs else self.covariates,
-                alignment=alignment, complete_cases=self.complete.isChecked(), answers=len(alignments),
+                alignment=alignment, complete_cases=self.complete.isChecked(),
                 **self._settings.model_dump(exclude={"seeds"}),
             )
             for alignment in alignments
         )  # fmt: skip
 
-    def ask(self, request: StudyRequest) -> bool:
+    def ask(self, request: Question) -> bool:
         """Choose the question of a request; return False if the cohort's table no longer allows it."""
         choice = (request.column, _NUMBER if request.kind == "regression" else "groups")
         offered = [self.column.itemData(at) for at in range(self.column.count())]
@@ -184,13 +183,12 @@ class GroupForm(QWidget):
         self._offer_pairings()
         self.pairing.setCurrentIndex(max(self.pairing.findData(request.pairs), 0))
         self._offer_pairings()
-        alignment = None if request.answers > 1 else request.alignment
-        self.alignment.setCurrentIndex(self.alignment.findData(alignment))
+        self.alignment.setCurrentIndex(self.alignment.findData(request.alignment))
         for action in self.covariate_menu.actions():
             action.setChecked(action.isEnabled() and action.data() in request.covariates)
         for action in self.further_menu.actions():
             action.setChecked(action.data() in request.between or len(request.between) < 3)
-        kept = request.model_dump(include=set(StudySettings.model_fields))
+        kept = request.model_dump(include=set(Precision.model_fields))
         self._settings = self._settings.model_copy(update=kept)
         self.tests.show_values(self._settings)
         self.edited.emit()

@@ -7,11 +7,11 @@ import numpy as np
 from PySide6.QtCore import QMargins, QRect, Qt, QTimer, Signal
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QTreeWidget, QTreeWidgetItem, QWidget
 
+from homolog.comparison.findings import LEVEL, correction_text, p_text
+from homolog.comparison.question import ALIGNED, Question
+from homolog.comparison.stored import StoredAnswer
 from homolog.statistics.cautions import p_number
 from homolog_app.rendering.text import short, signed, typeset
-from homolog_app.report.findings import LEVEL, correction_text, p_text
-from homolog_app.report.request import SIZE_TEXTS, StudyRequest
-from homolog_app.report.stored_studies import KeptStudy
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.theme import Theme
 from homolog_app.window.widgets import GRID
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
+    from homolog.comparison.answer import Answer
     from homolog.statistics.comparison import Comparison
     from homolog.statistics.effects import Effect
-    from homolog_app.report.study import Study
     from homolog_app.studies.answers import Answers, GroupAnswer
 
 __all__ = ["AnswerTable", "GroupPlot", "GroupResults", "SeedAnswers", "StoredAnswers", "correction_sentence"]
@@ -33,8 +33,8 @@ _STORED_HEADS = ("Question", "Effect (95 % CI)", "p")
 _TIPS = (
     "Second minus first group, or the number",
     "Mahalanobis distance of the means, or change per unit of the variable, corrected for bias [SD]",
-    "Permutation test of the whole shape; corrected for pairs of groups (Holm) and answers (Bonferroni)",
-    f"Share of the surface with p ≤ {LEVEL:g}, corrected over the surface, pairs and answers",
+    "Permutation test of the whole shape; corrected for pairs of groups (Holm)",
+    f"Share of the surface with p ≤ {LEVEL:g}, corrected over the surface and pairs",
 )
 _MOST_ROWS = 8
 _MARGIN, _TALL = 11, 10_000  # pixels: padding of a cell (style sheet and Qt); unlimited height
@@ -144,7 +144,7 @@ class GroupResults(AnswerTable):
     def show_answers(self, answers: "Answers | None", chosen: tuple[int, int]) -> None:
         """Show the comparisons of the open result, if there is more than one."""
         studies = answers.own if answers is not None else ()
-        slope = bool(studies) and studies[0].request.kind == "regression"
+        slope = bool(studies) and studies[0].question.kind == "regression"
         self.headerItem().setText(1, "Per unit (95 % CI)" if slope else _HEADS[1])
         parts = [
             (_heading(study), [_values(study, pair) for pair in study.pairwise or (study.overall,)])
@@ -180,9 +180,9 @@ def _children(top: QTreeWidgetItem) -> list[QTreeWidgetItem]:
     return [row for row in rows if row is not None]
 
 
-def _heading(study: "Study") -> str:
+def _heading(study: "Answer") -> str:
     """Return the alignment and, for three or more groups, whether any differ."""
-    text, overall = SIZE_TEXTS[study.request.alignment], study.overall
+    text, overall = ALIGNED[study.question.alignment], study.overall
     text = f"{text[0].upper()}{text[1:]}"
     if not study.pairwise or not overall.test.modes:
         return text
@@ -190,8 +190,8 @@ def _heading(study: "Study") -> str:
     return f"{text}; any difference: {far}{p_text(overall.p_adjusted, overall.test.permutations)}"
 
 
-def _values(study: "Study", comparison: "Comparison") -> tuple[str, str, str, str]:
-    effect = _effect_text(comparison.distance if comparison.test.modes else None, study.request)
+def _values(study: "Answer", comparison: "Comparison") -> tuple[str, str, str, str]:
+    effect = _effect_text(comparison.distance if comparison.test.modes else None, study.question)
     p = "–"
     if comparison.test.modes:
         p = p_number(comparison.p_adjusted, comparison.test.permutations)
@@ -207,7 +207,7 @@ def _values(study: "Study", comparison: "Comparison") -> tuple[str, str, str, st
     )
 
 
-def _effect_text(distance: "Effect | None", request: StudyRequest) -> str:
+def _effect_text(distance: "Effect | None", request: Question) -> str:
     if distance is None:
         return "–"
     form = ".3g" if request.kind == "regression" else ".2f"
@@ -222,20 +222,20 @@ class StoredAnswers(AnswerTable):
 
     def __init__(self) -> None:
         super().__init__("Answers stored in the project", _STORED_HEADS, _TIPS[:3])
-        self._places: list[tuple[StudyRequest, tuple[str, ...]]] = []
+        self._places: list[tuple[Question, tuple[str, ...]]] = []
         self.itemActivated.connect(lambda item, _: self._choose(item))
 
-    def show_answers(self, kept: Sequence[KeptStudy]) -> None:
+    def show_answers(self, kept: Sequence[StoredAnswer]) -> None:
         """Show the answers, or hide the table if there are none."""
-        self._places = [(study.request, tuple(study.tests)) for study in kept]
+        self._places = [(study.question, tuple(study.tests)) for study in kept]
         self.show_rows(
             [
                 (
-                    typeset(study.request.title) + (" (primary)" if study.is_primary else ""),
+                    typeset(study.question.title) + (" (primary)" if study.is_primary else ""),
                     [
                         (
-                            typeset("Any difference" if name == ", ".join(study.request.between) else name),
-                            _effect_text(test.distance, study.request),
+                            typeset("Any difference" if name == ", ".join(study.question.between) else name),
+                            _effect_text(test.distance, study.question),
                             p_number(test.p, test.permutations),
                         )
                         for name, test in study.tests.items()
@@ -247,7 +247,7 @@ class StoredAnswers(AnswerTable):
         self.setVisible(bool(kept))
 
     @property
-    def current_request(self) -> StudyRequest | None:
+    def current_request(self) -> Question | None:
         """The request of the selected answer, if there is one."""
         item = self.currentItem()
         top = None if item is None else item.parent() or item
@@ -319,7 +319,7 @@ class GroupPlot(ScatterPlot):
         else:
             groups, points = answer.groups, np.column_stack([answer.values, answer.places])
             self.ends = float(answer.values.min()), float(answer.values.max())
-            label = answer.study.request.column
+            label = answer.study.question.column
             self.title = f"Subjects by {label}"
         self.show_scores(points, names, groups, (label, ""))
 
@@ -337,7 +337,7 @@ class GroupPlot(ScatterPlot):
             draw_discriminant(axes, answer.places, second, two, order, colours, along=_line(answer))
             return
         slope = float(np.linalg.norm(answer.pair.pointwise.effect[0])) / np.sqrt(len(answer.pair.mean))
-        column = answer.study.request.column
+        column = answer.study.question.column
         draw_slope(axes, answer.values, answer.places, self.groups, column, slope, colours)
 
     def draw_mark(self, axes: "Axes") -> "Artist":

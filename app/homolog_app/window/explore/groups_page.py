@@ -206,7 +206,7 @@ class GroupsPage(ExplorePage):
         result = self.answers[0].shape.result
         return question_of(self.form.requests, result, self.workspace.session.study) == self.all.question
 
-    def save_study(self) -> None:
+    def store(self) -> None:
         """Write the answer's tables into the project, as ``homolog analyze`` does, for the report."""
         answers = self.all
         if answers is None or not self._current:
@@ -246,7 +246,7 @@ class GroupsPage(ExplorePage):
         if self.fitted.shape is None:
             return None
         return GroupsView(
-            request=self.answers[0].study.request if self.answers else None, pair=self._mapped[1],
+            request=self.answers[0].study.question if self.answers else None, pair=self._mapped[1],
             map=self.map.currentData(), outdated=not self._current,
             count=self.views.currentData() if self.answers else 1, way=self.way.value() / _WHOLE,
             only_significant=self.significant.isChecked(), arrows=self.arrows.isChecked(),
@@ -377,14 +377,14 @@ class GroupsPage(ExplorePage):
             set_dimmed(widget, not self._current)
         if not answers or self.all is None:
             return
-        from homolog_app.report.findings import cautions, findings
+        from homolog.comparison.findings import cautions, findings
 
         study = answers[0].study
         sentences = dict(zip(study.comparisons, findings(study), strict=True))
         first = sentences[answers[0].pair]
         self.verdict.setText(typeset(first.verdict))
         self.effect.setText(effect_line(answers[0]))
-        self.question.setText(question_text(study.request))
+        self.question.setText(question_text(study.question))
         self.results.show_answers(self.all, self._mapped)
         self.others.setText(correction_sentence(self.all, len(self._questions - self.all.question.titles)))
         self.others.setVisible(bool(self.others.text()))

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QObject, Qt, Signal, Slot
 from PySide6.QtWidgets import QComboBox, QWidget
 
+from homolog.comparison.stored import name_primary, stored_answers
 from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
 from homolog.progress import Tick
-from homolog_app.report.stored_studies import kept_studies, name_primary
 from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.studies.model_shape import ModelShape, PreliminaryModel, fit_model_shape
 from homolog_app.views.content import SubjectContents, ViewContents
@@ -348,16 +348,11 @@ class OverviewPage(ExplorePage):
 
     def _show_kept(self) -> None:
         """List the answers in the project's folder; those of an earlier result separately."""
-        try:
-            kept = kept_studies(self.workspace.project) if self._session.folder else []
-        except InputError as error:
-            kept, text = [], str(error)
-        else:
-            old = [study.request.title for study in kept if study.is_outdated]
-            text = "\n".join(
-                ["Out of date: particles were placed again. Compare again, or write the report:", *old]
-            ) if old else ""  # fmt: skip
-        self.kept.show_answers([study for study in kept if not study.is_outdated])
+        kept, damaged = stored_answers(self.workspace.project) if self._session.folder else ([], [])
+        old = [stored.question.title for stored in kept if stored.is_outdated]
+        note = ["Out of date: particles were placed again. Compare again, or write the report:"] * bool(old)
+        text = "\n".join([*note, *old, *damaged])
+        self.kept.show_answers([stored for stored in kept if not stored.is_outdated])
         self.outdated.setText(text)
         self.kept_hint.setVisible(not self.kept.isHidden())
         self.primary.setVisible(not self.kept.isHidden())

@@ -10,9 +10,9 @@ from PySide6.QtCore import QTimer, Signal
 from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QTabBar, QVBoxLayout, QWidget
 
 from homolog.arrays import Array
+from homolog.comparison.question import Question
+from homolog.comparison.stored import stored_answers
 from homolog.errors import InputError
-from homolog_app.report.request import StudyRequest
-from homolog_app.report.stored_studies import kept_studies
 from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.studies.study import FILES, outdated_text
 from homolog_app.window.actions import Actions
@@ -172,7 +172,7 @@ class ExploreController(Controller):
         self._patient = self._panel.page_of(PatientPage)
         for page in self._panel.pages:
             page.page_wanted.connect(partial(workspace.session.show_page, page.title, "explore"))
-        self._wanted: tuple[StudyRequest, str] | None = None
+        self._wanted: tuple[Question, str] | None = None
         self._panel.page_of(OverviewPage).kept.chosen.connect(self.open_stored)
         self._groups.answered.connect(lambda: QTimer.singleShot(0, self, self._show_wanted))
         self._panel.fitted.changed.connect(self._ask_wanted)  # a project that was just opened has no model
@@ -194,7 +194,7 @@ class ExploreController(Controller):
             "check.export": self.write_suspects,
             "explore.mean": self._modes.sliders.reset.click,
             "explore.test": self._groups.test,
-            "explore.keep": self._groups.save_study,
+            "explore.keep": self._groups.store,
             "explore.compare": self.compare,
             "explore.table": self.write_table,
             "explore.distances": self.write_distances,
@@ -210,7 +210,7 @@ class ExploreController(Controller):
         }
 
     @reported
-    def open_stored(self, request: StudyRequest, comparison: str) -> None:
+    def open_stored(self, request: Question, comparison: str) -> None:
         """Answer a stored question again, and show one of its comparisons.
 
         Raises
@@ -244,16 +244,16 @@ class ExploreController(Controller):
         ):
             return
         with suppress(InputError):  # *Overview* shows the reason
-            kept = [study for study in kept_studies(self._workspace.project) if not study.is_outdated]
-            if kept and groups.form.ask(kept[0].request):
+            kept = [item for item in stored_answers(self._workspace.project)[0] if not item.is_outdated]
+            if kept and groups.form.ask(kept[0].question):
                 groups.test(turns=False)
 
     def _ask_wanted(self) -> None:
         """Answer the chosen question if the form still contains it."""
         if self._wanted is None:
             return
-        wanted, form = self._wanted[0].question, self._groups.form
-        if wanted in [request.question for request in form.requests]:
+        wanted, form = self._wanted[0].identity, self._groups.form
+        if wanted in [request.identity for request in form.requests]:
             self._groups.test(turns=False)
 
     def _show_wanted(self) -> None:
@@ -261,7 +261,7 @@ class ExploreController(Controller):
         self._wanted = None
         for number, study in enumerate(answers.own if answers is not None else ()):
             titles = [pair.title for pair in study.pairwise or (study.overall,)]
-            if request is not None and study.request.question == request.question and comparison in titles:
+            if request is not None and study.question.identity == request.identity and comparison in titles:
                 self._groups.choose_pair(number, titles.index(comparison))
 
     @reported

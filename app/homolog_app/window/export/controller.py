@@ -148,7 +148,7 @@ class ExportController(Controller):
 
     def _columns(self) -> dict[str, list[str]]:
         """Return the columns of the result's subjects, with the current table."""
-        from homolog_app.report.request import column_of
+        from homolog.comparison.sample import column_of
 
         session = self._workspace.session
         if session.result is None:

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from homolog.comparison.answer import Answer
+from homolog.comparison.question import NOUNS
 from homolog.io.results import Result
 from homolog.statistics.assumptions import Dispersion, shape_outliers
 from homolog.statistics.cautions import LEVEL, cautions_of, dispersion_caution, p_text
 from homolog.statistics.comparison import Comparison
 from homolog.statistics.effects import Effect, SizeVariance
-from homolog.statistics.procrustes import Alignment
-from homolog_app.report.study import Study
 
 __all__ = [
     "LEVEL", "NOUNS", "Finding", "cautions", "classified_text", "correction_text", "covariate_area",
@@ -72,20 +72,16 @@ def dispersion_text(dispersion: Dispersion) -> str:
     return f"{value} mm per unit (95 % CI {low} to {high}), {p}"
 
 
-def correction_text(study: Study, *, size: bool = False, overall: bool = False) -> str:
-    """Return the corrections of p-values, such as ``"corrected for 2 answers"``, or nothing.
-
-    p-values of size are corrected for pairs only, those of all groups together (`overall`) for answers only.
-    """
-    parts = [f"{len(study.pairwise)} pairs of groups (Holm)"] if study.pairwise and not overall else []
-    if study.request.answers > 1 and not size:
-        parts.append(f"{study.request.answers} answers (form and shape; Bonferroni)")
-    return f"corrected for {' and '.join(parts)}" if parts else ""
+def correction_text(answer: Answer, *, overall: bool = False) -> str:
+    """Return the correction of p-values for pairs of groups, or nothing; see `Answer.pairwise`."""
+    if not answer.pairwise or overall:
+        return ""
+    return f"corrected for {len(answer.pairwise)} pairs of groups (Holm)"
 
 
-def shows_size(study: Study) -> bool:
-    """Return whether a study reports size; a study of shape does not if the same question has one of form."""
-    return study.overall.reports_size
+def shows_size(answer: Answer) -> bool:
+    """Return whether an answer reports size."""
+    return answer.overall.reports_size
 
 
 def shown_variance(comparison: Comparison) -> float:
@@ -102,12 +98,12 @@ def classified_text(comparison: Comparison) -> str:
     return ", ".join(f"{round(right, 1):g} of {count} {name}" for right, (name, count) in counts)
 
 
-def region_text(study: Study, comparison: Comparison) -> str:
+def region_text(answer: Answer, comparison: Comparison) -> str:
     """Return the extent of significance: particles, area, and percentage of the surface."""
     significant = comparison.p_fwe <= LEVEL
     if not significant.any():
         return f"none of {len(significant)} particles"
-    area, whole = float(study.areas[significant].sum()), float(study.areas.sum())
+    area, whole = float(answer.areas[significant].sum()), float(answer.areas.sum())
     return (
         f"{np.count_nonzero(significant)} of {len(significant)} particles, {area:.{0 if area >= 10 else 1}f} "
         f"mm², {100.0 * area / max(whole, np.finfo(float).tiny):.1f} % of the surface"
@@ -139,14 +135,14 @@ class Finding:
         return self.effects + self.details
 
 
-def findings(study: Study) -> list[Finding]:
-    """Return the findings of each comparison of a study.
+def findings(answer: Answer) -> list[Finding]:
+    """Return the findings of each comparison of a answer.
 
-    *Significant* refers to the permutation test, corrected for pairs of groups and answers.
+    *Significant* refers to the permutation test, corrected for pairs of groups.
     """
     return [
-        Finding(verdict_of(study, comparison), _effects(study, comparison), _details(study, comparison))
-        for comparison in study.comparisons
+        Finding(verdict_of(answer, comparison), _effects(answer, comparison), _details(answer, comparison))
+        for comparison in answer.comparisons
     ]
 
 
@@ -162,15 +158,17 @@ def outlier_text(result: Result) -> list[str]:
     ]
 
 
-def cautions(study: Study) -> list[str]:
-    """Return the cautions of a study."""
-    raised = [caution for comparison in study.comparisons for caution in cautions_of(comparison, study.names)]
-    return [*raised, *study.notes]
+def cautions(answer: Answer) -> list[str]:
+    """Return the cautions of an answer."""
+    raised = [
+        caution for comparison in answer.comparisons for caution in cautions_of(comparison, answer.names)
+    ]
+    return [*raised, *answer.notes]
 
 
-def covariate_sentences(study: Study) -> Iterator[str]:
-    """Yield a sentence on each covariate of a study."""
-    for effect in study.overall.covariates:
+def covariate_sentences(answer: Answer) -> Iterator[str]:
+    """Yield a sentence on each covariate of a answer."""
+    for effect in answer.overall.covariates:
         test = effect.test
         whole = "no mode exceeds chance"
         if test.modes:
@@ -183,7 +181,7 @@ def covariate_sentences(study: Study) -> Iterator[str]:
         inside = int(np.count_nonzero(effect.p_fwe <= LEVEL))
         yield (
             f"Covariate {effect.title}: {whole}; {inside} of {len(effect.p_fwe)} particles, "
-            f"{covariate_area(study, effect):.1f} % of the surface, are significant"
+            f"{covariate_area(answer, effect):.1f} % of the surface, are significant"
             f"{_covariate_size_text(effect)}."
         )
 
@@ -208,10 +206,10 @@ def covariate_unit(effect: Comparison) -> str:
     return "" if several or " - " in effect.title else " per unit"
 
 
-def covariate_area(study: Study, effect: Comparison) -> float:
+def covariate_area(answer: Answer, effect: Comparison) -> float:
     """Return the percentage of the surface on which a covariate's effect is significant."""
-    inside = float(study.areas[effect.p_fwe <= LEVEL].sum())
-    return 100.0 * inside / max(float(study.areas.sum()), np.finfo(float).tiny)
+    inside = float(answer.areas[effect.p_fwe <= LEVEL].sum())
+    return 100.0 * inside / max(float(answer.areas.sum()), np.finfo(float).tiny)
 
 
 def covariate_interval(effect: Effect, unit: str) -> str:
@@ -232,19 +230,15 @@ _NOTHING = {
 """Texts if there is no effect on the whole shape: without and with significant particles."""
 
 
-NOUNS = {Alignment.AS_IT_LIES: "form or pose", Alignment.RIGID: "form", Alignment.SIMILARITY: "shape"}
-"""The compared property, by the alignment."""
-
-
-def verdict_of(study: Study, comparison: Comparison) -> str:
+def verdict_of(answer: Answer, comparison: Comparison) -> str:
     """Return a summary of a comparison in one sentence."""
-    noun = NOUNS[study.request.alignment]
+    noun = NOUNS[answer.question.alignment]
     significant = comparison.p_adjusted <= LEVEL
     inside = int(np.count_nonzero(comparison.p_fwe <= LEVEL))
     local, counted = inside > 0, (inside, len(comparison.p_fwe))
     who = ", ".join(f"{count} {name}" for name, count in comparison.counts.items())
-    if study.request.kind == "regression":
-        column = study.request.column
+    if answer.question.kind == "regression":
+        column = answer.question.column
         nothing = _NOTHING["regression", local].format(noun, column, *counted)
         verdict = f"{noun} changes with {column}" if significant else nothing
         return f"{comparison.title} ({comparison.counts['all']} subjects): {verdict}."
@@ -268,8 +262,8 @@ _DISTANCES = {
 }
 
 
-def _effects(study: Study, comparison: Comparison) -> tuple[str, ...]:
-    test, kind, column = comparison.test, study.request.kind, study.request.column
+def _effects(answer: Answer, comparison: Comparison) -> tuple[str, ...]:
+    test, kind, column = comparison.test, answer.question.kind, answer.question.column
     if test.modes:
         p = p_text(comparison.p_adjusted, test.permutations)
         sentence = f"Whole shape: {p}."
@@ -281,8 +275,8 @@ def _effects(study: Study, comparison: Comparison) -> tuple[str, ...]:
         sentence = "No mode exceeds chance (parallel analysis); the whole shape was not tested."
     sentences = [
         sentence,
-        f"Locally significant: {region_text(study, comparison)} (p ≤ {LEVEL:g}, "
-        f"{_local_correction(study, comparison)}).",
+        f"Locally significant: {region_text(answer, comparison)} (p ≤ {LEVEL:g}, "
+        f"{_local_correction(answer, comparison)}).",
     ]
     if comparison.discriminant is not None:
         separation = comparison.discriminant
@@ -298,17 +292,15 @@ def _effects(study: Study, comparison: Comparison) -> tuple[str, ...]:
             "The interval of D and the p-values of accuracy and AUC assume equal dispersion, which these "
             "groups do not have."
         )
-    size = _size_text(study, comparison) if shows_size(study) else []
-    return (*sentences, *size, *(covariate_sentences(study) if comparison is study.overall else ()))
+    size = _size_text(answer, comparison) if shows_size(answer) else []
+    return (*sentences, *size, *(covariate_sentences(answer) if comparison is answer.overall else ()))
 
 
-def _local_correction(study: Study, comparison: Comparison) -> str:
+def _local_correction(answer: Answer, comparison: Comparison) -> str:
     """Return the corrections of the particles' p-values."""
     parts = ["the surface"]
-    if comparison in study.pairwise:
-        parts.append(f"{len(study.pairwise)} pairs")
-    if study.request.answers > 1:
-        parts.append(f"{study.request.answers} answers")
+    if comparison in answer.pairwise:
+        parts.append(f"{len(answer.pairwise)} pairs")
     return (
         f"corrected over {', '.join(parts[:-1])} and {parts[-1]}"
         if len(parts) > 1
@@ -316,9 +308,9 @@ def _local_correction(study: Study, comparison: Comparison) -> str:
     )
 
 
-def _details(study: Study, comparison: Comparison) -> tuple[str, ...]:
-    overall = comparison is study.overall
-    correction = correction_text(study, overall=overall)
+def _details(answer: Answer, comparison: Comparison) -> tuple[str, ...]:
+    overall = comparison is answer.overall
+    correction = correction_text(answer, overall=overall)
     statistics: tuple[str, ...] = ()
     if comparison.test.modes:
         statistics = (_statistics_text(comparison, corrected=bool(correction)),)
@@ -330,8 +322,8 @@ def _details(study: Study, comparison: Comparison) -> tuple[str, ...]:
     if comparison.discriminant is not None:
         tested = "whole shape, of particles and of the discriminant"
     size = ""
-    if shows_size(study) and comparison.size_p_adjusted is not None:
-        size = f"; that of size is {correction_text(study, size=True, overall=overall) or 'not corrected'}"
+    if shows_size(answer) and comparison.size_p_adjusted is not None:
+        size = f"; that of size is {correction_text(answer, overall=overall) or 'not corrected'}"
     return (*statistics, f"p-values of the {tested} are {correction}{size}.")
 
 
@@ -349,22 +341,22 @@ def size_variance_text(between: SizeVariance) -> str:
     )
 
 
-def _size_text(study: Study, comparison: Comparison) -> list[str]:
+def _size_text(answer: Answer, comparison: Comparison) -> list[str]:
     size, p = comparison.size, comparison.size_p_adjusted
     if size is None or p is None:
         return []
     sentence = p_text(p, size.permutations)
     if (between := comparison.size_variance) is not None:
         return [f"Size alone: {size_variance_text(between)}, {sentence}."]
-    unit = f"mm per unit of {study.request.column}" if study.request.kind == "regression" else "mm"
-    form = "+.3g" if study.request.kind == "regression" else "+.2f"
+    unit = f"mm per unit of {answer.question.column}" if answer.question.kind == "regression" else "mm"
+    form = "+.3g" if answer.question.kind == "regression" else "+.2f"
     value, low, high = (format(bound, form) for bound in (size.value, size.low, size.high))
     larger = ""
-    if study.request.kind != "regression":
-        first, second = study.request.between if study.request.kind == "pairs" else comparison.counts
+    if answer.question.kind != "regression":
+        first, second = answer.question.between if answer.question.kind == "pairs" else comparison.counts
         larger = f", {second if size.value > 0.0 else first} larger"
     relative = ""
-    if (own := comparison.size_standardized) is not None and study.request.kind != "regression":
-        name = "Hedges' g" if study.request.kind == "groups" else "standardized"
+    if (own := comparison.size_standardized) is not None and answer.question.kind != "regression":
+        name = "Hedges' g" if answer.question.kind == "groups" else "standardized"
         relative = f"; {name} = {interval_text(own)}"
     return [f"Size alone: {value} {unit}{larger} (95 % CI {low} to {high}), {sentence}{relative}."]

@@ -1,4 +1,4 @@
-"""A study as tidy CSV tables, with a dictionary of the columns."""
+"""An answer as tidy CSV tables, with a dictionary of the columns."""
 
 import csv
 import re
@@ -10,39 +10,40 @@ from pathlib import Path
 
 import numpy as np
 
+from homolog.comparison.answer import Answer
+from homolog.comparison.findings import covariate_unit
+from homolog.comparison.places import Directions, SurfaceCarrier, directions_of, significant_regions
+from homolog.comparison.question import Question
+from homolog.comparison.sample import SHAPE_SIZE, Sample, sample_rows
+from homolog.comparison.seeds import COLUMNS, FILE, read_spread
+from homolog.comparison.stored import PRIMARY, Provenance, folder_of, is_primary, write_question
 from homolog.io.names import file_stems
 from homolog.io.project import ProjectFolder
 from homolog.io.report_details import read_details
 from homolog.io.results import Result
 from homolog.io.tables import write_table
+from homolog.statistics.cautions import LEVEL
 from homolog.statistics.comparison import Comparison, prepare_shapes
 from homolog.statistics.effects import Effect
 from homolog.statistics.welch import WelchMap, welch_map
-from homolog_app.report.findings import LEVEL, covariate_unit
-from homolog_app.report.request import SHAPE_SIZE, StudyRequest, column_of, compared_shapes
-from homolog_app.report.sample import sample_rows
-from homolog_app.report.seeds import COLUMNS, FILE, read_spread
-from homolog_app.report.stored_studies import PRIMARY, Answered, is_primary, study_folder, write_request
-from homolog_app.report.study import Study, study_options
-from homolog_app.report.surface_maps import Directions, SurfaceCarrier, directions_of, significant_regions
 
-__all__ = ["data_digest", "save_study", "write_study_tables"]
+__all__ = ["data_digest", "store", "write_tables"]
 
 _Cell = str | float | int | None
 _Table = tuple[str, Sequence[str], Iterable[Sequence[_Cell]]]
 
 
-def save_study(
-    project: ProjectFolder, study: Study, result: Result, carrier: SurfaceCarrier | None = None
+def store(
+    project: ProjectFolder, answer: Answer, result: Result, carrier: SurfaceCarrier | None = None
 ) -> Path:
-    """Write a study's tables and its question into the project; returns their folder.
+    """Write an answer's tables and its question into the project; return their folder.
 
     Stored answers of other seeds are deleted if they don't belong to this answer.
 
     Parameters
     ----------
     project : ProjectFolder
-    study : Study
+    answer : Answer
     result : Result
         Result of the answer.
     carrier : SurfaceCarrier, optional
@@ -53,14 +54,14 @@ def save_study(
     InputError
         If the project can't be written to.
     """
-    folder = study_folder(project, study.request)
+    folder = folder_of(project, answer.question)
     if carrier is None:
         carrier = SurfaceCarrier.of(result, directions_of(read_details(project), project.read().result))
-    answered = Answered.now(project, data_digest(result, carrier.directions))
-    if not read_spread(folder, answered.fingerprint, study):
+    provenance = Provenance.now(project, data_digest(result, carrier.directions))
+    if not read_spread(folder, provenance.fingerprint, answer):
         (folder / FILE).unlink(missing_ok=True)
-    write_study_tables(folder, study, result, carrier, answered, is_primary=is_primary(folder))
-    write_request(study.request, folder, answered)
+    write_tables(folder, answer, result, carrier, provenance, is_primary=is_primary(folder))
+    write_question(answer.question, folder, provenance)
     return folder
 
 
@@ -72,31 +73,30 @@ def data_digest(result: Result, directions: Directions) -> str:
     return whole.hexdigest()
 
 
-def write_study_tables(
+def write_tables(
     folder: Path,
-    study: Study,
+    answer: Answer,
     result: Result,
     carrier: SurfaceCarrier,
-    answered: Answered,
+    provenance: Provenance,
     *,
     is_primary: bool = False,
 ) -> None:
-    """Write the tables of a study; ``columns.csv`` describes each column.
+    """Write the tables of an answer; ``columns.csv`` describes each column.
 
     Parameters
     ----------
     folder : Path
         Created if necessary.
-    study : Study
-        The study.
+    answer : Answer
     result : Result
         Result from which it was computed.
     carrier : SurfaceCarrier
         Carrier of that result.
-    answered : Answered
+    provenance : Provenance
         Result, time and version of the answer.
     is_primary : bool
-        Whether it is the primary study.
+        Whether it is the primary answer.
 
     Raises
     ------
@@ -104,8 +104,8 @@ def write_study_tables(
         If the folder can't be written to.
     """
     written: dict[str, list[str]] = {}
-    provenance = _provenance(study.request, answered, is_primary)
-    for name, columns, lines in _tables(study, result, carrier, provenance):
+    origin = _provenance(answer.question, provenance, is_primary)
+    for name, columns, lines in _tables(answer, result, carrier, origin):
         write_table(folder / name, columns, lines)
         written[name] = list(columns)
     if (folder / FILE).is_file():
@@ -123,11 +123,11 @@ def write_study_tables(
 
 
 def _tables(
-    study: Study, result: Result, carrier: SurfaceCarrier, provenance: dict[str, _Cell]
+    answer: Answer, result: Result, carrier: SurfaceCarrier, provenance: dict[str, _Cell]
 ) -> Iterator[_Table]:
-    """Yield the tables of a study: name, columns, rows."""
-    yield from _tests(study, provenance)
-    covariates = [_test_row(study, item) | _unit(item) for item in study.overall.covariates]
+    """Yield the tables of an answer: name, columns, rows."""
+    yield from _tests(answer, provenance)
+    covariates = [_test_row(answer, item) | _unit(item) for item in answer.overall.covariates]
     if covariates:
         yield "covariates.csv", list(covariates[0]), (list(row.values()) for row in covariates)
     yield (
@@ -135,7 +135,7 @@ def _tables(
         ["comparison", "test", "false_positives", "repeats", "rate", "low_95", "high_95"],
         (
             [comparison.title, test.test, test.false_positives, test.repeats, test.rate, test.low, test.high]
-            for comparison in study.comparisons
+            for comparison in answer.comparisons
             for test in comparison.false_positives
         ),
     )
@@ -151,7 +151,7 @@ def _tables(
                 None if spread is None else spread.by_group.get(group),
                 *_bounds(None if spread is None else spread.intervals.get(group)),
             ]
-            for comparison in study.comparisons
+            for comparison in answer.comparisons
             for spread in [comparison.dispersion]
             for group, count in comparison.counts.items()
         ),
@@ -162,25 +162,25 @@ def _tables(
             "group", "variable", "category", "n", "mean", "standard_deviation", "minimum", "maximum",
             "unit_of_variable",
         ],
-        (astuple(row) for row in sample_rows(study, result)),
+        (astuple(row) for row in sample_rows(answer, result)),
     )  # fmt: skip
-    yield "regions.csv", _REGION_COLUMNS, _regions(study, carrier)
-    stems = file_stems([comparison.title for comparison in study.comparisons])
-    for item, stem in zip(study.comparisons, stems, strict=True):
-        yield f"particles_{stem}.csv", *_particles(study, item, result, carrier)
-    yield "subjects.csv", *_subjects(study, result)
+    yield "regions.csv", _REGION_COLUMNS, _regions(answer, carrier)
+    stems = file_stems([comparison.title for comparison in answer.comparisons])
+    for item, stem in zip(answer.comparisons, stems, strict=True):
+        yield f"particles_{stem}.csv", *_particles(answer, item, result, carrier)
+    yield "subjects.csv", *_subjects(answer, result)
 
 
-def _tests(study: Study, provenance: dict[str, _Cell]) -> Iterator[_Table]:
+def _tests(answer: Answer, provenance: dict[str, _Cell]) -> Iterator[_Table]:
     """Yield the tests of each comparison, with and without outliers."""
-    rows = [_test_row(study, comparison) | provenance for comparison in study.comparisons]
+    rows = [_test_row(answer, comparison) | provenance for comparison in answer.comparisons]
     yield "tests.csv", list(rows[0]), (list(row.values()) for row in rows)
     without = (
         own
-        | _test_row(study, comparison.without_outliers)
+        | _test_row(answer, comparison.without_outliers)
         | {"pairs_corrected_for": own["pairs_corrected_for"]}
-        | {"without": "; ".join(study.names[index] for index in comparison.outliers)}
-        for own, comparison in zip(rows, study.comparisons, strict=True)
+        | {"without": "; ".join(answer.names[index] for index in comparison.outliers)}
+        for own, comparison in zip(rows, answer.comparisons, strict=True)
         if comparison.without_outliers is not None
     )
     yield "tests_without_outliers.csv", [*rows[0], "without"], (list(row.values()) for row in without)
@@ -190,41 +190,40 @@ def _unit(covariate: Comparison) -> dict[str, _Cell]:
     return {"unit": f"per unit of {covariate.title}" if covariate_unit(covariate) else "difference"}
 
 
-def _provenance(request: StudyRequest, answered: Answered, is_primary: bool) -> dict[str, _Cell]:
+def _provenance(question: Question, provenance: Provenance, is_primary: bool) -> dict[str, _Cell]:
     return {
-        "question": request.title,
+        "question": question.title,
         PRIMARY: int(is_primary),
-        "alignment": request.alignment.value,
-        "covariates": "; ".join(request.covariates),
-        "complete_cases": int(request.complete_cases),
-        "seed": request.seed,
-        "answers": request.answers,
-        "result_fingerprint": answered.fingerprint,
-        "result_finished": answered.result_finished,
-        "homolog_version": answered.homolog,
-        "date": answered.date,
+        "alignment": question.alignment.value,
+        "covariates": "; ".join(question.covariates),
+        "complete_cases": int(question.complete_cases),
+        "seed": question.seed,
+        "result_fingerprint": provenance.fingerprint,
+        "result_finished": provenance.result_finished,
+        "homolog_version": provenance.homolog,
+        "date": provenance.date,
     }
 
 
-def _test_row(study: Study, comparison: Comparison) -> dict[str, _Cell]:
+def _test_row(answer: Answer, comparison: Comparison) -> dict[str, _Cell]:
     test, local, separation = comparison.test, comparison.pointwise, comparison.discriminant
     spread, between = comparison.dispersion, comparison.size_variance
     significant = comparison.p_fwe <= LEVEL
-    area = float(study.areas[significant].sum())
-    regression = study.request.kind == "regression"
+    area = float(answer.areas[significant].sum())
+    regression = answer.question.kind == "regression"
     return {
         "comparison": comparison.title,
         "n": sum(comparison.counts.values()),
-        "unit": f"per unit of {study.request.column}" if regression else "difference",
+        "unit": f"per unit of {answer.question.column}" if regression else "difference",
         "modes": test.modes,
-        "modes_chosen_by": "option" if study.request.modes is not None else "parallel analysis",
+        "modes_chosen_by": "option" if answer.question.modes is not None else "parallel analysis",
         **_effect("mahalanobis_d_corrected", comparison.distance),
         **_effect("omega_squared", comparison.explained),
         "mahalanobis_d_plain": test.mahalanobis,
         "studentized_statistic": test.studentized,
         "p_permutation": test.p_permutation,
         "p_permutation_corrected": comparison.p_adjusted,
-        "pairs_corrected_for": len(study.pairwise) if comparison in study.pairwise else 1,
+        "pairs_corrected_for": len(answer.pairwise) if comparison in answer.pairwise else 1,
         "permutations": test.permutations,
         "permutations_exhaustive": int(test.exact),
         "t_squared": test.t_squared,
@@ -242,7 +241,7 @@ def _test_row(study: Study, comparison: Comparison) -> dict[str, _Cell]:
         "particles": len(comparison.p_fwe),
         "particles_p_fwe_corrected_05": int(np.count_nonzero(significant)),
         "area_p_fwe_corrected_05_mm2": area,
-        "area_p_fwe_corrected_05_percent": 100.0 * area / max(float(study.areas.sum()), 1e-300),
+        "area_p_fwe_corrected_05_percent": 100.0 * area / max(float(answer.areas.sum()), 1e-300),
         "particles_q_05": int(np.count_nonzero(local.q <= LEVEL)),
         **_effect("size_effect_mm", comparison.size),
         "size_f": None if between is None else between.f,
@@ -274,12 +273,12 @@ def _bounds(effect: Effect | None) -> tuple[float | None, float | None]:
 
 
 def _particles(
-    study: Study, comparison: Comparison, result: Result, carrier: SurfaceCarrier
+    answer: Answer, comparison: Comparison, result: Result, carrier: SurfaceCarrier
 ) -> tuple[list[str], Iterator[list[_Cell]]]:
     """Return columns and rows of a comparison's particles: mean position, effects with intervals, p and q."""
-    per = "_per_unit" if study.request.kind == "regression" else ""
+    per = "_per_unit" if answer.question.kind == "regression" else ""
     columns = ["particle", "area_mm2", "mean_x_mm", "mean_y_mm", "mean_z_mm"]
-    values = [study.areas[:, None], comparison.mean]
+    values = [answer.areas[:, None], comparison.mean]
     for index, effect in enumerate(comparison.pointwise.effect, start=1):
         suffix = f"_{index}" if len(comparison.pointwise.effect) > 1 else ""
         columns += [f"effect_{axis}{suffix}_mm{per}" for axis in "xyz"] + [f"outward{suffix}_mm{per}"]
@@ -305,8 +304,8 @@ def _particles(
             ]
         )
     ]
-    if comparison.discriminant is not None and not study.request.covariates:
-        welch = _outward_test(study, comparison, result, carrier)
+    if comparison.discriminant is not None and not answer.question.covariates:
+        welch = _outward_test(answer, comparison, result, carrier)
         columns += ["outward_t_welch", "outward_p_welch", "outward_p_fwe", "outward_q"]
         values += [np.column_stack([welch.t, welch.p, welch.p_fwe, welch.q])]
     table = np.hstack(values).tolist()
@@ -323,9 +322,9 @@ _REGION_COLUMNS = (
 )  # fmt: skip
 
 
-def _regions(study: Study, carrier: SurfaceCarrier) -> Iterator[list[_Cell]]:
-    for comparison in study.comparisons:
-        for number, region in enumerate(significant_regions(study, comparison, carrier), start=1):
+def _regions(answer: Answer, carrier: SurfaceCarrier) -> Iterator[list[_Cell]]:
+    for comparison in answer.comparisons:
+        for number, region in enumerate(significant_regions(answer, comparison, carrier), start=1):
             yield [
                 comparison.title, number, len(region.particles), region.area, region.mean_outward.value,
                 region.mean_outward.low, region.mean_outward.high,
@@ -335,36 +334,38 @@ def _regions(study: Study, carrier: SurfaceCarrier) -> Iterator[list[_Cell]]:
             ]  # fmt: skip
 
 
-def _outward_test(study: Study, comparison: Comparison, result: Result, carrier: SurfaceCarrier) -> WelchMap:
+def _outward_test(
+    answer: Answer, comparison: Comparison, result: Result, carrier: SurfaceCarrier
+) -> WelchMap:
     """Test two groups for signed outward displacement only, with unequal variances."""
-    request = study.request
+    question = answer.question
     shapes = prepare_shapes(
-        compared_shapes(result, request.alignment)[comparison.subjects], study_options(request)
+        Sample.of(result).compared(question.alignment)[comparison.subjects], question.options
     )
     second = (
-        np.array([study.labels[subject] for subject in comparison.subjects]) == list(comparison.counts)[1]
+        np.array([answer.labels[subject] for subject in comparison.subjects]) == list(comparison.counts)[1]
     )
     outward = carrier.outward_at_particles(comparison, shapes - comparison.mean)
-    return welch_map(outward, second, permutations=request.permutations, seed=request.seed)
+    return welch_map(outward, second, permutations=question.permutations, seed=question.seed)
 
 
-def _subjects(study: Study, result: Result) -> tuple[list[str], Iterator[list[_Cell]]]:
+def _subjects(answer: Answer, result: Result) -> tuple[list[str], Iterator[list[_Cell]]]:
     """Return columns and rows of the subjects: label, part, and position along each discriminant."""
-    lines = [comparison for comparison in study.comparisons if comparison.discriminant is not None]
+    lines = [comparison for comparison in answer.comparisons if comparison.discriminant is not None]
     places: list[dict[int, float]] = []
     for item in lines:
         assert item.discriminant is not None
         scores = item.discriminant.scores.tolist()
         places.append(dict(zip(item.subjects.tolist(), scores, strict=True)))
-    size = [float(cell) for cell in column_of(result, SHAPE_SIZE)]
-    columns = ["name", study.request.column, "takes_part", "left_out_because", "shape_size_mm"]
+    size = [float(cell) for cell in Sample.of(result).texts(SHAPE_SIZE)]
+    columns = ["name", answer.question.column, "takes_part", "left_out_because", "shape_size_mm"]
     columns += [f"discriminant_{line.title}_mm" for line in lines]
     return columns, (
         [
             name,
-            study.labels[index],
-            int(name not in study.left_out),
-            study.left_out.get(name, ""),
+            answer.labels[index],
+            int(name not in answer.left_out),
+            answer.left_out.get(name, ""),
             size[index],
             *(place.get(index) for place in places),
         ]
@@ -373,8 +374,8 @@ def _subjects(study: Study, result: Result) -> tuple[list[str], Iterator[list[_C
 
 
 def _meanings() -> dict[str, str]:
-    """Return the meaning of each column of a study's tables."""
-    source = files("homolog_resources") / "report_columns.csv"
+    """Return the meaning of each column of an answer's tables."""
+    source = files("homolog.comparison") / "columns.csv"
     with source.open(encoding="utf-8") as stream:
         return {row["column"]: row["meaning"] for row in csv.DictReader(stream)}
 

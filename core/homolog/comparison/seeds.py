@@ -5,11 +5,13 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from homolog.cohort import Cohort
+from homolog.comparison.answer import Answer, ask
+from homolog.comparison.question import Question
+from homolog.comparison.sample import Sample
 from homolog.errors import Cancelled, InputError
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ResultRecord
@@ -18,17 +20,11 @@ from homolog.io.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run import FinishReason, Run
 from homolog.settings import RunSettings
-from homolog.statistics.cautions import p_number
+from homolog.statistics.cautions import LEVEL, p_text
 from homolog.statistics.effects import Effect
-from homolog_app.report.findings import LEVEL, p_text
-from homolog_app.report.request import StudyRequest
-from homolog_app.report.study import Study, run_study
-
-if TYPE_CHECKING:
-    from homolog_app.report.page import Page
 
 __all__ = [
-    "COLUMNS", "FILE", "SeedAnswer", "add_seeds", "answer_by_seed", "median_answer", "read_spread",
+    "COLUMNS", "FILE", "SeedAnswer", "answer_by_seed", "median_answer", "read_spread",
     "seed_numbers", "spread_text", "stored_seeds", "write_spread",
 ]  # fmt: skip
 
@@ -76,7 +72,7 @@ class SeedAnswer:
 def answer_by_seed(
     project: ProjectFolder,
     result: Result,
-    requests: Sequence[StudyRequest],
+    questions: Sequence[Question],
     count: int,
     tick: Tick = no_tick,
 ) -> list[list[SeedAnswer]]:
@@ -91,7 +87,7 @@ def answer_by_seed(
         Project of the result.
     result : Result
         The result as read, with the table's current columns.
-    requests : sequence of StudyRequest
+    questions : sequence of Question
         The questions.
     count : int
         Total number of seeds, including the result's own.
@@ -115,23 +111,24 @@ def answer_by_seed(
             "other seeds"
         )
     first = record.settings.optimize.seed
-    answers: list[list[SeedAnswer]] = [[] for _ in requests]
+    answers: list[list[SeedAnswer]] = [[] for _ in questions]
     for number in range(count):
         part = part_of(tick, number / count, (number + 1) / count)
         again, seed = result, first + number
         if number:
             repeated = _repeated(project, record, seed, part_of(part, 0.0, 0.8))
             again = _with_table(read_result(repeated), result)
-        for index, request in enumerate(requests):
-            low, high = 0.8 + 0.2 * index / len(requests), 0.8 + 0.2 * (index + 1) / len(requests)
-            quick = request.model_copy(update={"null_repeats": 0})
-            study = run_study(again, quick, part_of(part, low, high))
-            answers[index] += _answers(study, seed, record.fingerprint)
+        sample = Sample.of(again)
+        for index, question in enumerate(questions):
+            low, high = 0.8 + 0.2 * index / len(questions), 0.8 + 0.2 * (index + 1) / len(questions)
+            quick = question.model_copy(update={"null_repeats": 0})
+            one = ask(sample, quick, part_of(part, low, high))
+            answers[index] += _answers(one, seed, record.fingerprint)
     return answers
 
 
 def write_spread(folder: Path, answers: Sequence[SeedAnswer]) -> None:
-    """Write the answers of all seeds to the folder of a study's tables."""
+    """Write the answers of all seeds to the folder of an answer's tables."""
     write_table(
         folder / FILE,
         COLUMNS,
@@ -151,7 +148,7 @@ def write_spread(folder: Path, answers: Sequence[SeedAnswer]) -> None:
     )  # fmt: skip
 
 
-def read_spread(folder: Path, fingerprint: str, study: Study) -> list[SeedAnswer]:
+def read_spread(folder: Path, fingerprint: str, answer: Answer) -> list[SeedAnswer]:
     """Return the stored answers of all seeds; none if they belong to other particles, data or settings."""
     path = folder / FILE
     if not path.is_file():
@@ -177,7 +174,7 @@ def read_spread(folder: Path, fingerprint: str, study: Study) -> list[SeedAnswer
             f"{path}: can't be read: {error}; delete it and analyze again with --seeds"
         ) from error
     first = {(item.comparison, item.p) for item in repeats if item.seed == repeats[0].seed}
-    own = {(item.title, item.p_adjusted) for item in study.comparisons}
+    own = {(item.title, item.p_adjusted) for item in answer.comparisons}
     is_current = first <= own and all(item.fingerprint == fingerprint for item in repeats)
     return repeats if is_current else []
 
@@ -291,11 +288,11 @@ def _with_table(again: Result, result: Result) -> Result:
     )
 
 
-def _answers(study: Study, seed: int, fingerprint: str) -> list[SeedAnswer]:
+def _answers(answer: Answer, seed: int, fingerprint: str) -> list[SeedAnswer]:
     rows = []
-    for comparison in study.comparisons:
+    for comparison in answer.comparisons:
         significant = comparison.p_fwe <= LEVEL
-        area = float(study.areas[significant].sum()) / max(float(study.areas.sum()), 1e-300)
+        area = float(answer.areas[significant].sum()) / max(float(answer.areas.sum()), 1e-300)
         line, size = comparison.discriminant, comparison.size
         rows.append(
             SeedAnswer(
@@ -357,44 +354,3 @@ def _median(effects: Sequence[Effect | None]) -> Effect | None:
     value, low, high = np.median([(item.value, item.low, item.high) for item in known], axis=0).tolist()
     tested = [item.p for item in known if item.p is not None]
     return Effect(value, low, high, float(np.median(tested)) if tested else None)
-
-
-def add_seeds(page: "Page", seeds: Sequence[Sequence[SeedAnswer]]) -> None:
-    """Add the ranges of each comparison's answers over the seeds of the correspondence."""
-    rows = []
-    for number, answers in enumerate(seeds, start=1):
-        for title in dict.fromkeys(answer.comparison for answer in answers):
-            own = [answer for answer in answers if answer.comparison == title]
-            least, most = (
-                p_number(limit([item.p for item in own]), own[0].permutations) for limit in (min, max)
-            )
-            rows.append(
-                (
-                    str(number), title, f"{sum(item.p <= LEVEL for item in own)} of {len(own)}",
-                    _p_range(least, most),
-                    _cell([item.distance for item in own], 2),
-                    _cell([Effect(item.percent, item.percent, item.percent) for item in own], 1),
-                    _cell([item.accuracy for item in own], 0, 100.0),
-                    _cell([item.size for item in own], 2),
-                )
-            )  # fmt: skip
-    if not rows:
-        return
-    page.table(
-        ["study", "comparison", "seeds with p ≤ 0.05", "p", "D (SD)", "significant area (%)",
-         "balanced accuracy (%)", "size (mm)"],
-        rows,
-        as_text=True,
-        omit="–",
-        caption="Smallest and largest answers over the seeds of the correspondence",
-    )  # fmt: skip
-
-
-def _p_range(least: str, most: str) -> str:
-    """Return a range such as "0.002 to 0.004", "< 0.001" or "≤ 0.004"."""
-    return f"≤ {most}" if least != most and least.startswith("<") else _range(least, most)
-
-
-def _cell(effects: Sequence[Effect | None], digits: int, scale: float = 1.0) -> str:
-    values = [scale * effect.value for effect in effects if effect is not None]
-    return _range(f"{min(values):.{digits}f}", f"{max(values):.{digits}f}") if values else "–"

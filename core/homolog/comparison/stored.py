@@ -1,4 +1,4 @@
-"""Studies that are stored in a project: questions, provenance of the answers, the primary study."""
+"""Answers that are stored in a project: questions, provenance, the primary one."""
 
 import csv
 import json
@@ -10,34 +10,33 @@ from typing import NamedTuple
 
 from pydantic import BaseModel, ConfigDict
 
+from homolog.comparison.question import Question
 from homolog.errors import InputError
 from homolog.io.atomic import write_text
 from homolog.io.project import OUT_OF_DATE, ProjectFolder
 from homolog.io.tables import write_table
 from homolog.statistics.effects import Effect
 from homolog.statistics.procrustes import Alignment
-from homolog_app.report.request import StudyRequest
 
 __all__ = [
     "PRIMARY",
-    "Answered",
-    "KeptStudy",
+    "Provenance",
+    "StoredAnswer",
     "StoredTest",
+    "folder_of",
     "is_primary",
-    "kept_studies",
     "name_primary",
-    "read_requests",
-    "study_folder",
-    "write_request",
+    "stored_answers",
+    "write_question",
 ]
 
 _RECORD, _TESTS, _WITHOUT = "study.json", "tests.csv", "tests_without_outliers.csv"
 PRIMARY = "primary"
-"""Column of the study's tables."""
+"""Column of the answer's tables."""
 _DISTANCE = "mahalanobis_d_corrected"
 
 
-class Answered(BaseModel):
+class Provenance(BaseModel):
     """Result, date, version and digest of the data of an answer."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -49,7 +48,7 @@ class Answered(BaseModel):
     data: str = ""
 
     @classmethod
-    def now(cls, project: ProjectFolder, data: str = "") -> "Answered":
+    def now(cls, project: ProjectFolder, data: str = "") -> "Provenance":
         """Describe an answer about a project's current result."""
         record = project.read().result
         try:
@@ -65,43 +64,39 @@ class Answered(BaseModel):
         )
 
 
-def study_folder(project: ProjectFolder, request: StudyRequest) -> Path:
-    """Return the folder of a study's tables: the one of this question, or an unused one."""
-    return _folder_in(project.folder / "analysis", request)
-
-
-def _folder_in(root: Path, request: StudyRequest) -> Path:
+def folder_of(project: ProjectFolder, question: Question) -> Path:
+    """Return the folder of an answer's tables: the one of this question, or an unused one."""
+    root = project.folder / "analysis"
     folders = {path.name.casefold(): path for path in root.iterdir()} if root.is_dir() else {}
     number = 1
     while True:
-        name = request.name if number == 1 else f"{request.name}_{number}"
+        name = question.name if number == 1 else f"{question.name}_{number}"
         taken = folders.get(name.casefold())
         record = taken / _RECORD if taken else None
         if record is None or not record.is_file():
             return taken or root / name
-        if _read(record).request.question == request.question:
+        if _read(record).question.identity == question.identity:
             return record.parent
         number += 1
 
 
-def write_request(request: StudyRequest, folder: Path, answered: Answered) -> None:
+def write_question(question: Question, folder: Path, provenance: Provenance) -> None:
     """Store a question with the record of its answer; raises InputError if it can't be written.
 
-    A primary study remains primary.
+    A primary question remains primary.
     """
-    path = folder / _RECORD
-    _write(path, _Record(request, answered, is_primary(folder)))
+    _write(folder / _RECORD, _Record(question, provenance, is_primary(folder)))
     (folder / OUT_OF_DATE).unlink(missing_ok=True)
 
 
 def is_primary(folder: Path) -> bool:
-    """Return whether a folder contains the primary study; raises InputError if its question is damaged."""
+    """Return whether a folder contains the primary answer; raises InputError if its question is damaged."""
     path = folder / _RECORD
     return path.is_file() and _read(path).is_primary
 
 
-def name_primary(project: ProjectFolder, request: StudyRequest | None) -> None:
-    """Make the stored study of a question the only primary one; without a question, none is primary.
+def name_primary(project: ProjectFolder, question: Question | None) -> None:
+    """Make the stored answer to a question the only primary one; without a question, none is primary.
 
     Raises
     ------
@@ -110,7 +105,7 @@ def name_primary(project: ProjectFolder, request: StudyRequest | None) -> None:
     """
     for path in _records(project):
         kept = _read(path)
-        chosen = request is not None and kept.request.question == request.question
+        chosen = question is not None and kept.question.identity == question.identity
         if chosen != kept.is_primary:
             _write(path, kept._replace(is_primary=chosen))
             for name in (_TESTS, _WITHOUT):
@@ -118,7 +113,7 @@ def name_primary(project: ProjectFolder, request: StudyRequest | None) -> None:
 
 
 def _mark(path: Path, is_primary: bool) -> None:
-    """State in a table whether its study is the primary one; tables of earlier versions are unchanged."""
+    """State in a table whether it is of the primary question; tables of earlier versions are unchanged."""
     if not path.is_file():
         return
     with path.open(encoding="utf-8", newline="") as stream:
@@ -126,17 +121,6 @@ def _mark(path: Path, is_primary: bool) -> None:
     if PRIMARY in head:
         at = head.index(PRIMARY)
         write_table(path, head, [[*row[:at], int(is_primary), *row[at + 1 :]] for row in rows])
-
-
-def read_requests(project: ProjectFolder) -> list[StudyRequest]:
-    """Return the questions stored in a project, the primary one first, answers to the same one adjacent.
-
-    Raises
-    ------
-    InputError
-        If one of them is damaged.
-    """
-    return [study.request for study in kept_studies(project)]
 
 
 class StoredTest(NamedTuple):
@@ -147,7 +131,7 @@ class StoredTest(NamedTuple):
     distance: Effect | None
 
 
-class KeptStudy(NamedTuple):
+class StoredAnswer(NamedTuple):
     """A question that is stored in a project.
 
     Attributes
@@ -157,36 +141,40 @@ class KeptStudy(NamedTuple):
     tests : dict of str to StoredTest
         The test of each comparison; empty if the table can't be read.
     is_primary : bool
-        Whether it was declared the primary study.
-    answered : Answered
+        Whether it was declared the primary one.
+    provenance : Provenance
         Provenance of its tables.
     """
 
-    request: StudyRequest
+    question: Question
     is_outdated: bool
     tests: Mapping[str, StoredTest]
     is_primary: bool = False
-    answered: Answered = Answered()
+    provenance: Provenance = Provenance()
 
 
-def kept_studies(project: ProjectFolder) -> list[KeptStudy]:
-    """Return the questions in the order of `read_requests`, with their answers.
+def stored_answers(project: ProjectFolder) -> tuple[list[StoredAnswer], list[str]]:
+    """Return the stored questions with their answers, and a line on each that is damaged.
 
-    Raises
-    ------
-    InputError
-        If one of them is damaged.
+    The primary question is the first; form and shape of the same one are adjacent.
     """
-    kept = []
+    kept, damaged = [], []
     for path in _records(project):
-        request, answered, is_primary = _read(path)
+        try:
+            question, provenance, first = _read(path)
+        except InputError as error:
+            damaged.append(str(error))
+            continue
         old = (path.parent / OUT_OF_DATE).is_file()
-        kept.append(KeptStudy(request, old, _stored_tests(path.parent / _TESTS), is_primary, answered))
-    first = next((_name(study.request) for study in kept if study.is_primary), None)
-    return sorted(
-        kept,
-        key=lambda study: (_name(study.request) != first, not study.is_primary, *_place(study.request)),
-    )
+        kept.append(StoredAnswer(question, old, _stored_tests(path.parent / _TESTS), first, provenance))
+    leading = next((_topic(answer.question) for answer in kept if answer.is_primary), None)
+
+    def place(answer: StoredAnswer) -> tuple[bool, bool, str, int]:
+        question = answer.question
+        order = -list(Alignment).index(question.alignment)  # shape before form
+        return _topic(question) != leading, not answer.is_primary, _topic(question), order
+
+    return sorted(kept, key=place), damaged
 
 
 def _records(project: ProjectFolder) -> list[Path]:
@@ -194,44 +182,40 @@ def _records(project: ProjectFolder) -> list[Path]:
 
 
 def _stored_tests(path: Path) -> dict[str, StoredTest]:
-    low, high = f"{_DISTANCE}_low_95", f"{_DISTANCE}_high_95"
     try:
         with path.open(encoding="utf-8", newline="") as stream:
-            rows = list(csv.DictReader(stream))
-        return {
-            row["comparison"]: StoredTest(
-                float(row["p_permutation_corrected"]),
-                int(row["permutations"]),
-                Effect(float(row[_DISTANCE]), float(row[low]), float(row[high])) if row[_DISTANCE] else None,
-            )
-            for row in rows
-        }
+            return {row["comparison"]: _stored_test(row) for row in csv.DictReader(stream)}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
 
 
-def _name(request: StudyRequest) -> str:
+def _stored_test(row: Mapping[str, str]) -> StoredTest:
+    percent = "90" if f"{_DISTANCE}_low_90" in row else "95"  # of version 0.2
+    far = [row[name] for name in (_DISTANCE, *(f"{_DISTANCE}_{end}_{percent}" for end in ("low", "high")))]
+    return StoredTest(
+        float(row["p_permutation_corrected"]),
+        int(row["permutations"]),
+        Effect(float(far[0]), float(far[1]), float(far[2])) if far[0] else None,
+    )
+
+
+def _topic(question: Question) -> str:
     """Return the name of a question regardless of the alignment."""
-    return request.model_copy(update={"alignment": Alignment.RIGID}).name
-
-
-def _place(request: StudyRequest) -> tuple[str, int]:
-    """Return the sort key of questions: form before shape."""
-    return _name(request), list(Alignment).index(request.alignment)
+    return question.model_copy(update={"alignment": Alignment.RIGID}).name
 
 
 class _Record(NamedTuple):
-    """A stored question, the provenance of its answer, and whether its study is the primary one."""
+    """A stored question, the provenance of its answer, and whether it is the primary one."""
 
-    request: StudyRequest
-    answered: Answered
+    question: Question
+    provenance: Provenance
     is_primary: bool
 
 
 def _write(path: Path, record: _Record) -> None:
     content = {
-        "question": record.request.model_dump(mode="json", exclude={"earlier"}),
-        "answered": record.answered.model_dump(mode="json"),
+        "question": record.question.model_dump(mode="json", exclude={"earlier"}),
+        "answered": record.provenance.model_dump(mode="json"),
         "primary": record.is_primary,
     }
     write_text(path, json.dumps(content, indent=2) + "\n")
@@ -244,10 +228,10 @@ def _read(path: Path) -> _Record:
             raise ValueError("contains no question")
         if "question" in content:
             return _Record(
-                StudyRequest.model_validate(content["question"]),
-                Answered.model_validate(content.get("answered", {})),
+                Question.model_validate({"alignment": Alignment.RIGID, **content["question"]}),
+                Provenance.model_validate(content.get("answered", {})),
                 content.get("primary") is True,
             )
-        return _Record(StudyRequest.model_validate(content), Answered(), False)
-    except (OSError, ValueError, RecursionError) as error:
+        return _Record(Question.model_validate(content), Provenance(), False)
+    except (OSError, ValueError, TypeError, RecursionError) as error:
         raise InputError(f"{path}: is damaged; delete its folder and analyze again") from error

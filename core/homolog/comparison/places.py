@@ -1,6 +1,6 @@
 """Results at particles mapped to the mean surface, their connected regions, and names of locations."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.comparison.answer import Answer
 from homolog.io.records import ResultRecord
 from homolog.io.report_details import Axes, ReportDetails
 from homolog.io.results import Result
@@ -18,8 +19,6 @@ from homolog.statistics.effects import Effect
 from homolog.statistics.thin_plate import MOST_CENTRES, farthest_points, thin_plate_operator
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import nearest_particles
-from homolog_app.rendering.camera import VIEWS, View
-from homolog_app.report.study import Study
 
 __all__ = [
     "EDGE",
@@ -78,18 +77,6 @@ class Directions:
     def way(self, vector: FloatArray) -> str:
         """Return the name of the direction of a vector (3,)."""
         return self._named(vector / max(float(np.linalg.norm(vector)), 1e-300), _ALONG)
-
-    def view(self, name: str) -> View:
-        """Return an anatomical view, named by the side of the viewer."""
-        view = VIEWS[name]
-        return (
-            view if self.are_the_patients else replace(view, name=f"from {self.way(np.array(view.toward))}")
-        )
-
-    def far_wall(self, name: str) -> View:
-        """Return an anatomical view whose near half is removed, named by the visible wall."""
-        view = VIEWS[name]
-        return replace(view, name=f"{self.way(-np.array(view.toward))} wall")
 
     def _named(self, parts: FloatArray, least: float) -> str:
         names = [
@@ -193,10 +180,10 @@ class SurfaceCarrier:
     @cached_property
     def _walls(self) -> tuple[BoolArray, BoolArray, FloatArray]:
         """Masks of vertices on an inner surface and on the edge of its opening, and the vertices' areas."""
-        from homolog_app.rendering.rays import faces_itself, openness  # loads Warp
+        from homolog.surfaces.openness import faces_itself, openness  # loads Warp
 
         diagonal = float(np.linalg.norm(np.ptp(self.mesh.vertices, axis=0)))
-        inner = openness(self.mesh, diagonal) < 1.0 - _ENCLOSED
+        inner = openness(self.mesh, diagonal)[0] < 1.0 - _ENCLOSED
         shares, count = np.repeat(self.mesh.face_areas, 3), len(self.mesh.vertices)
         areas = np.bincount(self.mesh.faces.ravel(), shares, minlength=count).astype(np.float64)
         if float(areas[inner].sum()) <= _HOLLOW * float(areas.sum()):
@@ -299,7 +286,7 @@ class Region:
         return f"{way} (cavity {'narrower' if outward.value > 0.0 else 'wider'})"
 
 
-def significant_regions(study: Study, comparison: Comparison, carrier: SurfaceCarrier) -> list[Region]:
+def significant_regions(answer: Answer, comparison: Comparison, carrier: SurfaceCarrier) -> list[Region]:
     """Return the regions of a comparison with one effect, the largest first.
 
     Regions on the inner surface, the outer surface and the edge of a hollow shape are separate.
@@ -321,7 +308,7 @@ def significant_regions(study: Study, comparison: Comparison, carrier: SurfaceCa
     regions = []
     for label in np.unique(labels[inside]):
         own = np.flatnonzero(inside & (labels == label))
-        areas = study.areas[own]
+        areas = answer.areas[own]
         mean = np.array([outward, low, high])[:, own] @ areas / max(float(areas.sum()), 1e-300)
         peak = int(own[comparison.pointwise.studentized[own].argmax()])
         regions.append(

@@ -1,0 +1,112 @@
+"""Questions to a project in one call."""
+
+from collections.abc import Callable, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Literal
+
+from homolog.comparison.project import StudyAnswer, analyze_result, primary_of, questions_of
+from homolog.comparison.stored import name_primary
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result
+from homolog.progress import tick_of
+
+__all__ = ["analyze"]
+
+_Alignment = Literal["rigid", "similarity", "as-it-lies"]
+
+
+def analyze(
+    project: str | PathLike[str],
+    *,
+    group: str = "group",
+    regress: str | None = None,
+    between: Sequence[str] = (),
+    pairs: str | None = None,
+    covariates: Sequence[str] = (),
+    complete_cases: bool = False,
+    alignment: _Alignment | Sequence[_Alignment] = "similarity",
+    modes: int | None = None,
+    permutations: int = 10_000,
+    null_repeats: int = 0,
+    seed: int = 0,
+    seeds: int | None = None,
+    primary: str | None = None,
+    callback: Callable[[float, str], object] | None = None,
+) -> tuple[StudyAnswer, ...]:
+    """Answer a question about a project, write its tables, and add it to the project's report.
+
+    Parameters have the names and meanings of the options of ``homolog analyze``.
+
+    Parameters
+    ----------
+    project : path
+        A project with a result.
+    group : str
+        Column of groups.
+    regress : str, optional
+        Column of a continuous variable, whose linear effect is tested instead.
+    between : sequence of str
+        Groups to compare, the reference first; by default all, controls first.
+    pairs : str, optional
+        Column that identifies the pairs of two groups.
+    covariates : sequence of str
+        Columns to adjust for; ``COLUMN:c`` treats numbers as categories.
+    complete_cases : bool
+        Whether subjects with missing values in the columns used are excluded, instead of refused.
+    alignment : {"similarity", "rigid", "as-it-lies"}, or several of them
+        Alignments before the comparison: shape with size beside it (the default), form, or none.
+    modes : int, optional
+        Number of modes to test; chosen by parallel analysis if not given.
+    permutations : int
+        Permutations of each test.
+    null_repeats : int
+        Repeats of the null simulation; 0 omits it.
+    seed : int
+        Random seed.
+    seeds : int, optional
+        Number of seeds of the correspondence with which run and tests are repeated; by default the stored
+        ones.
+    primary : str, optional
+        Alignment of the primary study: reports begin with it, and the others follow in a fixed sequence.
+        ``""`` means the first alignment, ``"none"`` removes the choice.
+    callback : callable, optional
+        ``callback(fraction, message)``; raise `Cancelled`, or any other error, in it to stop.
+
+    Returns
+    -------
+    tuple of StudyAnswer
+        An answer for each alignment.
+
+    Raises
+    ------
+    InputError
+        If there is no result, a column or group is missing, or an argument is invalid.
+
+    See Also
+    --------
+    Project.describe : details for the report, such as the name of the structure.
+    """
+    alignments = (alignment,) if isinstance(alignment, str) else tuple(dict.fromkeys(alignment))
+    folder = ProjectFolder(Path(project))
+    with folder.locked(new=False):
+        result = read_result(folder)
+        asked = questions_of(
+            result,
+            alignments,
+            group=group,
+            regress=regress,
+            between=between,
+            pairs=pairs,
+            covariates=tuple(covariates),
+            complete_cases=complete_cases,
+            modes=modes,
+            permutations=permutations,
+            null_repeats=null_repeats,
+            seed=seed,
+        )
+        chosen = primary_of(asked, primary)
+        answers = analyze_result(folder, result, asked, seeds, tick_of(callback))
+        if primary is not None:
+            name_primary(folder, chosen)
+        return answers

@@ -1,0 +1,195 @@
+"""Questions about a cohort's shapes: columns, groups, covariates, alignment, and how they are tested."""
+
+import re
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from homolog.errors import InputError
+from homolog.parameters import fault_text, parameters
+from homolog.statistics.comparison import Options
+from homolog.statistics.procrustes import Alignment
+
+__all__ = ["ALIGNED", "NOUNS", "AnalysisSettings", "Precision", "Question", "questions"]
+
+_LONGEST = 90
+ALIGNED = {
+    Alignment.AS_IT_LIES: "as the shapes lie",
+    Alignment.RIGID: "form (size and shape)",
+    Alignment.SIMILARITY: "shape (size removed)",
+}
+NOUNS = {Alignment.AS_IT_LIES: "form or pose", Alignment.RIGID: "form", Alignment.SIMILARITY: "shape"}
+"""The compared property, by the alignment."""
+
+
+class Precision(BaseModel):
+    """How a question is tested."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    modes: Annotated[
+        int | None, Field(ge=1, description="Number of modes to test. Default: by parallel analysis.")
+    ] = None
+    permutations: Annotated[
+        int,
+        # With fewer than 19, no p could be 0.05.
+        Field(ge=19, le=1_000_000, description="Permutations of each test."),
+    ] = 10_000
+    null_repeats: Annotated[
+        int, Field(ge=0, le=100_000, description="Repeats of the null simulation; 0 omits it.")
+    ] = 0
+    seed: Annotated[
+        int,
+        Field(ge=0, le=2**31 - 1, description="Random seed of permutations, folds and bootstrap."),
+    ] = 0
+
+
+class AnalysisSettings(Precision):
+    """Tests."""
+
+    seeds: Annotated[
+        int | None,
+        Field(
+            ge=1,
+            description="Repeat correspondence and tests with this total number of seeds, and report how "
+            "the answers vary. The runs are stored in PROJECT/seeds, and later questions are repeated with "
+            "them. Default: those stored.",
+        ),
+    ] = None
+
+
+class Question(Precision):
+    """One question about a cohort's shapes.
+
+    Attributes
+    ----------
+    kind : str
+        ``groups`` compares the groups of a column, ``regression`` tests the linear effect of a column,
+        ``pairs`` compares the two subjects that share a value of `pairs`.
+    column : str
+        Column of the groups, or the variable.
+    between : tuple of str
+        The groups in order: differences are relative to the first; two of them for pairs.
+    pairs : str or None
+        Column that identifies the pairs.
+    covariates : tuple of str
+        Columns of the adjustment; in ``COLUMN:c`` numbers are codes of categories, ``shape-size`` is the size
+        of the shapes (so is ``size``, if the cohort has no column of that name).
+    alignment : Alignment
+        Alignment of the shapes before the comparison: by similarities (shape alone, the default), rigid
+        (form: size and shape), or none. Size is always tested beside it.
+    complete_cases : bool
+        Whether subjects without a value in one of these columns are excluded.
+    earlier : bool
+        Whether an earlier version stored the question; it did not align shapes rigidly.
+    """
+
+    kind: Literal["groups", "regression", "pairs"] = "groups"
+    column: str = "group"
+    between: tuple[str, ...] = ()
+    pairs: Annotated[str | None, Field(json_schema_extra={"if_none": "none"})] = None
+    covariates: tuple[str, ...] = ()
+    alignment: Alignment = Alignment.SIMILARITY
+    complete_cases: bool = False
+    earlier: bool = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_earlier(cls, values: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+        """Read what earlier versions stored: `scaling`, and `answers`, for which p was corrected."""
+        if not isinstance(values, dict):
+            return values
+        values = {name: value for name, value in values.items() if name != "answers"}
+        if "scaling" in values:
+            alignment = Alignment.SIMILARITY if values.pop("scaling") is True else Alignment.RIGID
+            values = {"alignment": alignment, "earlier": alignment is Alignment.RIGID} | values
+        return values
+
+    @property
+    def topic(self) -> str:
+        """What is asked, without alignment and covariates."""
+        return {
+            "groups": f"{self.column}: {', '.join(self.between)}",
+            "regression": f"effect of {self.column}",
+            "pairs": f"{self.column}: {' and '.join(self.between)}, paired by {self.pairs}",
+        }[self.kind]
+
+    @property
+    def title(self) -> str:
+        """The question in one line."""
+        allowed = f", adjusted for {', '.join(self.covariates)}" if self.covariates else ""
+        return f"{self.topic}{allowed}; {ALIGNED[self.alignment]}"
+
+    @property
+    def arguments(self) -> list[str]:
+        """The equivalent options of ``homolog analyze``."""
+        options = ["--regress", self.column] if self.kind == "regression" else ["--group", self.column]
+        options += ["--between", *self.between] if self.between else []
+        options += ["--pairs", self.pairs] if self.pairs else []
+        options += ["--covariates", *self.covariates] if self.covariates else []
+        options += ["--complete-cases"] if self.complete_cases else []
+        for parameter in parameters(Precision):
+            value = getattr(self, parameter.name)
+            if value != parameter.default:
+                options += [f"--{parameter.name.replace('_', '-')}", str(value)]
+        return [*options, "--alignment", self.alignment.value]
+
+    @property
+    def name(self) -> str:
+        """A file name for the question; `homolog.comparison.stored.folder_of` resolves collisions."""
+        parts = [self.kind, self.column, *self.between]
+        parts += ["paired_by", self.pairs] if self.pairs else []
+        parts += ["for", *self.covariates] if self.covariates else []
+        tail = ["complete_cases"] if self.complete_cases else []
+        tail += [f"{self.modes}_modes"] if self.modes is not None else []
+        tail += [f"seed_{self.seed}"] if self.seed else []
+        tail += {Alignment.AS_IT_LIES: ["as_it_lies"], Alignment.SIMILARITY: ["without_size"]}.get(
+            self.alignment, []
+        )
+        stem, end = (re.sub(r"[^\w.-]+", "_", "_".join(part)) for part in (parts, tail))
+        return "_".join(part for part in (stem[:_LONGEST].strip("._"), end) if part)
+
+    @property
+    def identity(self) -> str:
+        """What makes it the same question, regardless of the precision of its answer."""
+        return self.model_dump_json(exclude={"permutations", "null_repeats", "earlier"})
+
+    @property
+    def options(self) -> Options:
+        """The options of its tests."""
+        return Options(
+            alignment=self.alignment,
+            modes=self.modes,
+            permutations=self.permutations,
+            null_repeats=self.null_repeats,
+            seed=self.seed,
+        )
+
+
+def questions(alignments: Sequence[str], **given: Any) -> tuple[Question, ...]:  # noqa: ANN401 - checked
+    """Return a question for each of several alignments.
+
+    Parameters
+    ----------
+    alignments : sequence of str
+        Alignments before the comparison, each once.
+    **given
+        The other attributes of `Question`.
+
+    Raises
+    ------
+    InputError
+        If a value is invalid.
+    """
+    known = [item.value for item in Alignment]
+    for alignment in alignments:
+        if alignment not in known:
+            raise InputError(f"alignment {alignment!r}: choose one or several of {', '.join(known)}")
+    if not alignments or len(set(alignments)) < len(alignments):
+        raise InputError(f"alignment {', '.join(alignments) or 'none'}: give one or more, each once")
+    try:
+        return tuple(Question.model_validate({**given, "alignment": item}) for item in alignments)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(f"{first['loc'][0]} {first['input']}: {fault_text(first)}") from error

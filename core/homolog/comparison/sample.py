@@ -1,0 +1,256 @@
+"""What a question is asked of: shapes with their names and columns, of a project or of arrays."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from homolog.arrays import Array, ArrayLike, FloatArray
+from homolog.cohort.column_types import CATEGORY, plain_name
+from homolog.errors import InputError
+from homolog.geometry import scale_of
+from homolog.io.results import Result
+from homolog.statistics.checks import checked_particles
+from homolog.statistics.design import is_missing, numbers
+from homolog.statistics.procrustes import Alignment, rms_radii
+from homolog.surfaces.mesh import TriangleMesh
+
+if TYPE_CHECKING:
+    from homolog.comparison.answer import Answer
+
+__all__ = [
+    "SHAPE_SIZE",
+    "SIZE",
+    "VOXEL",
+    "Sample",
+    "SampleRow",
+    "category_of",
+    "column_of",
+    "levels",
+    "sample_rows",
+    "voxel_text",
+]
+
+SIZE = "size"
+SHAPE_SIZE = "shape-size"
+VOXEL = "voxel"
+"""Variable whose categories are edges of voxels [mm], the shortest first."""
+_MOST_CATEGORIES = 8
+"""Limit for columns outside the questions to be included in the description of the sample."""
+_Cell = str | float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """The shapes of a cohort and what is known of its subjects.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The M subjects.
+    columns : mapping of str to sequences
+        A value for each subject, text or number.
+    shapes : (M, N, 3) array
+        Corresponding points as the shapes lie [mm].
+    own_size : (M, N, 3) array
+        The same at the shapes' own sizes, even if the run scaled them [mm].
+    mean_surface : TriangleMesh or None
+        The mean surface, whose area belongs to the particles.
+    """
+
+    names: tuple[str, ...]
+    columns: Mapping[str, Sequence[_Cell]]
+    shapes: FloatArray
+    own_size: FloatArray
+    mean_surface: TriangleMesh | None = None
+
+    @classmethod
+    def of(cls, result: Result) -> Self:
+        """Return the sample of a project's result."""
+        known = dict.fromkeys(name for columns in result.columns for name in columns)
+        columns = {name: [own.get(name, "") for own in result.columns] for name in known}
+        columns["group"] = [group or "" for group in result.groups]
+        scale = scale_of(result.alignments)
+        own = result.world
+        if not np.allclose(scale, 1.0, rtol=1e-9):
+            centre = own.mean(axis=1, keepdims=True)
+            own = np.asarray(centre + (own - centre) / scale[:, None, None], np.float64)
+        return cls(result.names, columns, result.world, own, result.mean_surface)
+
+    @classmethod
+    def of_arrays(
+        cls,
+        particles: ArrayLike,
+        columns: Mapping[str, Sequence[_Cell | None] | Array],
+        names: Sequence[str] | None = None,
+    ) -> Self:
+        """Return the sample of arrays.
+
+        Raises
+        ------
+        InputError
+            If particles are no shapes, or a column has not one value for each subject.
+        """
+        shapes = checked_particles(particles, names)
+        for title, values in columns.items():
+            is_sequence = hasattr(values, "__len__") and not isinstance(values, str)
+            if not is_sequence or getattr(values, "ndim", 1) != 1 or any(map(np.ndim, values)):
+                raise InputError(f"{title!r}: must be a sequence of values, one for each subject")
+            if len(values) != len(shapes):
+                raise InputError(
+                    f"{title!r}: {len(values)} values for {len(shapes)} subjects; give one for each"
+                )
+        called = names or [f"subject {number}" for number in range(1, len(shapes) + 1)]
+        given = {
+            title: ["" if value is None else value for value in values] for title, values in columns.items()
+        }
+        return cls(tuple(called), given, shapes, shapes)
+
+    def column(self, name: str) -> list[_Cell]:
+        """Return a column, missing values as empty text.
+
+        ``shape-size`` always exists; so does ``size``, unless the table has such a column.
+
+        Raises
+        ------
+        InputError
+            If there is no such column.
+        """
+        if name not in self.columns and f"{name}{CATEGORY}" in self.columns:
+            name = f"{name}{CATEGORY}"  # as declared by the table
+        if name == SHAPE_SIZE or (name == SIZE and SIZE not in self.columns):
+            return [repr(float(size)) for size in rms_radii(self.own_size)]
+        if name not in self.columns:
+            others = sorted(set(self.columns) - {"group"})
+            available = ["group"] * ("group" in self.columns) + [SHAPE_SIZE, *others]
+            raise InputError(f"no column {name!r}; the cohort has: {', '.join(available)}")
+        return ["" if is_missing(value) else value for value in self.columns[name]]
+
+    def texts(self, name: str) -> list[str]:
+        """Return a column as texts."""
+        return [str(value) for value in self.column(name)]
+
+    def compared(self, alignment: Alignment) -> FloatArray:
+        """Return the compared points (M, N, 3) before their alignment [mm]."""
+        return self.shapes if alignment is Alignment.AS_IT_LIES else self.own_size
+
+
+def column_of(result: Result, column: str) -> list[str]:
+    """Return a column of a project's result as texts: see `Sample.column`."""
+    return Sample.of(result).texts(column)
+
+
+def levels(values: Sequence[_Cell]) -> list[str]:
+    """Return the distinct values in the order of their first occurrence, without missing ones."""
+    return [str(value) for value in dict.fromkeys(values) if not is_missing(value)]
+
+
+def category_of(column: str, known: "Mapping[str, object]") -> tuple[str, bool]:
+    """Return a covariate's column, and whether its numbers are declared codes of categories.
+
+    They are declared by the question (``site:c``), or by the name of the table's column.
+    """
+    if column not in known and f"{column}{CATEGORY}" in known:
+        return f"{column}{CATEGORY}", True
+    if column not in known and column.endswith(CATEGORY):
+        return plain_name(column), True
+    return column, column.endswith(CATEGORY)
+
+
+@dataclass(frozen=True, slots=True)
+class SampleRow:
+    """The number of subjects of a group, or mean, standard deviation and range of a variable in it.
+
+    Attributes
+    ----------
+    group, variable, category : str
+        The category is empty for numeric variables.
+    count : int
+        Number of subjects in the category, or with a value.
+    mean, spread, least, largest : float or None
+        None for counts of subjects; the spread also for one subject.
+    unit : str
+        Unit of the variable; empty if the cohort's table gives none.
+    """
+
+    group: str
+    variable: str
+    category: str
+    count: int
+    mean: float | None = None
+    spread: float | None = None
+    least: float | None = None
+    largest: float | None = None
+    unit: str = ""
+
+
+def sample_rows(answer: "Answer", result: Result) -> list[SampleRow]:
+    """Describe the sample by group: numbers, size of the shapes, covariates, other columns."""
+    question, sample = answer.question, Sample.of(result)
+    taking = [index for index, name in enumerate(result.names) if name not in answer.left_out]
+    groups: dict[str, list[int]] = {"all": taking}
+    if question.kind != "regression":
+        groups = {
+            item: [index for index in taking if answer.labels[index] == item] for item in question.between
+        }
+    known = sample.columns
+    variables = [SHAPE_SIZE, *([question.column] if question.kind == "regression" else [])]
+    variables += [
+        covariate for covariate in question.covariates if category_of(covariate, known)[0] not in variables
+    ]
+    named = {category_of(variable, known)[0] for variable in variables} | {question.column, question.pairs}
+    for column in sorted(set(known) - named - {"group"}):
+        cells = sample.texts(column)
+        if _describes({cells[index] for index in taking} - {""}):
+            variables.append(column)
+    rows: list[SampleRow] = []
+    for group, members in groups.items():
+        rows.append(SampleRow(group, "subjects", "", len(members)))
+        for variable in variables:
+            column, is_category = category_of(variable, known)
+            cells = sample.texts(column)
+            values = {cells[index] for index in taking} - {""}
+            if is_category or numbers(sorted(values)) is None:
+                for level in sorted(values):
+                    count = sum(cells[index] == level for index in members)
+                    rows.append(SampleRow(group, column, level, count))
+                continue
+            own = numbers([cells[index] for index in members if cells[index]])
+            if own is not None and len(own):
+                spread = float(own.std(ddof=1)) if len(own) > 1 else None
+                ends = float(own.min()), float(own.max())
+                unit = "mm" if column in {SHAPE_SIZE, SIZE} - set(known) else ""
+                rows.append(SampleRow(group, column, "", len(own), float(own.mean()), spread, *ends, unit))
+        for edges, count in _voxels(result, members, taking):
+            rows.append(SampleRow(group, VOXEL, edges, count, unit="mm"))
+    return rows
+
+
+def _voxels(result: Result, members: Sequence[int], taking: Sequence[int]) -> list[tuple[str, int]]:
+    """Return voxel sizes with the number of members; of many sizes, the ranges of their edges."""
+    known = [result.voxels[index] for index in taking if result.voxels and result.voxels[index]]
+    sizes = sorted({voxel_text([voxel]) for voxel in known})
+    if len(sizes) > _MOST_CATEGORIES:
+        sizes = [voxel_text(known)]
+        return [(sizes[0], sum(bool(result.voxels[index]) for index in members))]
+    own = [voxel_text([result.voxels[index]]) for index in members if sizes and result.voxels[index]]
+    return [(size, own.count(size)) for size in sizes]
+
+
+def voxel_text(voxels: Sequence[Sequence[float]]) -> str:
+    """Return the edges of voxels (n, 3), the shortest first, such as ``"0.9 x 0.9 x 1.5 to 3"``."""
+    ranges = ((f"{min(edges):.3g}", f"{max(edges):.3g}") for edges in zip(*voxels, strict=True))
+    return " x ".join(low if low == high else f"{low} to {high}" for low, high in ranges)
+
+
+def _describes(values: set[str]) -> bool:
+    """Return whether values of a column describe a sample: numbers, or few categories."""
+    try:
+        as_numbers = numbers(sorted(values))
+        several = len(values) > 1
+        return several and (
+            len(values) <= _MOST_CATEGORIES if as_numbers is None else bool(np.isfinite(as_numbers).all())
+        )
+    except InputError:  # commas may be thousands separators
+        return False
