@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from homolog.api.correspond import Correspondence, correspond
     from homolog.api.patient import compare_patient, make_reference
     from homolog.api.project import Project
+    from homolog.api.report import report
     from homolog.cohort import Cohort, read_cohort
     from homolog.comparison.project import StudyAnswer
     from homolog.errors import Cancelled, InputError, NumericalError
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from homolog.statistics.comparison import Comparison
     from homolog.statistics.shape_model import ShapeModel
     from homolog.surfaces.mesh import TriangleMesh
-    from homolog_app.report.write import report
 
 __all__ = [
     "Cancelled",
@@ -62,7 +62,6 @@ __all__ = [
 
 __version__ = "0.2.0"
 
-# Homes below `homolog`; the report is drawn, and thus the application's.
 _HOMES = {
     "Cancelled": "errors",
     "Cohort": "cohort",
@@ -85,7 +84,7 @@ _HOMES = {
     "read_cohort": "cohort",
     "read_mesh": "io.meshes",
     "regress": "api.compare",
-    "report": "_app.report.write",
+    "report": "api.report",
     "write_mesh": "io.meshes",
 }
 
@@ -101,7 +100,6 @@ if not TYPE_CHECKING:  # type checkers know the names from above, and that there
         """Load a public name on its first use."""
         if name not in _HOMES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        home = _HOMES[name]
-        value = getattr(import_module(f"{__name__}{home if home[0] == '_' else f'.{home}'}"), name)
+        value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
         globals()[name] = value
         return value

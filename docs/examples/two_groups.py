@@ -17,7 +17,7 @@ form, shape = hl.compare_groups(
     shapes, groups, ("control", "patient"), covariates={"age": ages}, permutations=999, seed=0
 )
 
-print(f"{form.title}: form p = {form.p_adjusted:.3f}, shape p = {shape.p_adjusted:.3f}, corrected for both")
+print(f"{form.title}: form p = {form.p_adjusted:.3f}, shape p = {shape.p_adjusted:.3f}")
 where = np.flatnonzero(form.p_fwe < 0.05)  # corrected over the surface, too
 outward = np.einsum("ni,ni->n", form.pointwise.effect[0], directions)
 print(f"particles that differ: {where}, by {outward[where].round(2)} mm along the normal")

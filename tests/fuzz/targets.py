@@ -161,9 +161,9 @@ def good_study(folder: Path) -> None:
 
 
 def read_inputs(folder: Path) -> object:
-    from homolog.comparison.stored import read_requests
+    from homolog.comparison.stored import stored_answers
 
-    return read_requests(ProjectFolder(folder / "project"))
+    return stored_answers(ProjectFolder(folder / "project"))
 
 
 def image(name: str) -> Target:

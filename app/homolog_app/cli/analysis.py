@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from homolog.comparison.question import AnalysisSettings
+from homolog.comparison.precision import AnalysisSettings
 from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
 from homolog.io.report_details import ReportDetails, read_details, write_details

@@ -1,12 +1,10 @@
 """Writing the report of a project: the page, its figures as vector graphics, and the studies' tables."""
 
-from collections.abc import Callable, Sequence
-from os import PathLike
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from homolog import Project
 from homolog.arrays import FloatArray
 from homolog.comparison.answer import Answer, ask
 from homolog.comparison.findings import outlier_text
@@ -24,7 +22,7 @@ from homolog.io.records import ResultRecord
 from homolog.io.report_details import Axes, ReportDetails, read_details
 from homolog.io.results import Result, read_result, read_surface
 from homolog.io.tables import write_table
-from homolog.progress import Tick, no_tick, part_of, tick_of
+from homolog.progress import Tick, no_tick, part_of
 from homolog.statistics.design import reference_first
 from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
@@ -49,7 +47,7 @@ from homolog_app.report.sample import add_measures, add_missing, add_samples, me
 from homolog_app.report.sheets import write_page
 from homolog_app.report.study_section import add_assumptions, add_statistics, add_study
 
-__all__ = ["report", "write_report"]
+__all__ = ["write_report"]
 
 
 def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None = None) -> Path:
@@ -341,46 +339,3 @@ def _figures(errors: FloatArray) -> tuple[float, float, float, float]:
     finite = errors[np.isfinite(errors)]
     median, high = np.quantile(finite, [0.5, 0.95])
     return float(finite.mean()), float(median), float(high), float(finite.max())
-
-
-def report(
-    project: str | PathLike[str],
-    *,
-    structure: str | None = None,
-    cohort: str | None = None,
-    axes: str | None = None,
-    places: str | None = None,
-    callback: Callable[[float, str], object] | None = None,
-) -> Path:
-    """Write the report of a project's model and studies, as HTML and PDF, as ``homolog report`` does.
-
-    Parameters
-    ----------
-    project : path
-        A project with a result; the report contains the studies stored by `analyze`, the command line or the
-        window.
-    structure : str, optional
-        Name of the structure; this and the following are stored as by `homolog.Project.describe`.
-    cohort : str, optional
-        Description of the subjects.
-    axes : {"auto", "patient", "file"}, optional
-        How locations are named.
-    places : str, optional
-        Own names of the structure's sides.
-    callback : callable, optional
-        ``callback(fraction, message)``; raise `Cancelled`, or any other error, in it to stop.
-
-    Returns
-    -------
-    Path
-        The page ``report/report.html``, next to ``report.pdf`` and the figures.
-
-    Raises
-    ------
-    InputError
-        If there is no result, or the folder can't be written to.
-    """
-    folder = ProjectFolder(Path(project))
-    with folder.locked(new=False):
-        Project(project).describe(structure=structure, cohort=cohort, axes=axes, places=places)
-        return write_report(folder, tick_of(callback))

@@ -4,14 +4,15 @@ import re
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from homolog.comparison.precision import Precision
 from homolog.errors import InputError
 from homolog.parameters import fault_text, parameters
 from homolog.statistics.comparison import Options
 from homolog.statistics.procrustes import Alignment
 
-__all__ = ["ALIGNED", "NOUNS", "AnalysisSettings", "Precision", "Question", "questions"]
+__all__ = ["ALIGNED", "NOUNS", "Question", "questions"]
 
 _LONGEST = 90
 ALIGNED = {
@@ -21,42 +22,6 @@ ALIGNED = {
 }
 NOUNS = {Alignment.AS_IT_LIES: "form or pose", Alignment.RIGID: "form", Alignment.SIMILARITY: "shape"}
 """The compared property, by the alignment."""
-
-
-class Precision(BaseModel):
-    """How a question is tested."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    modes: Annotated[
-        int | None, Field(ge=1, description="Number of modes to test. Default: by parallel analysis.")
-    ] = None
-    permutations: Annotated[
-        int,
-        # With fewer than 19, no p could be 0.05.
-        Field(ge=19, le=1_000_000, description="Permutations of each test."),
-    ] = 10_000
-    null_repeats: Annotated[
-        int, Field(ge=0, le=100_000, description="Repeats of the null simulation; 0 omits it.")
-    ] = 0
-    seed: Annotated[
-        int,
-        Field(ge=0, le=2**31 - 1, description="Random seed of permutations, folds and bootstrap."),
-    ] = 0
-
-
-class AnalysisSettings(Precision):
-    """Tests."""
-
-    seeds: Annotated[
-        int | None,
-        Field(
-            ge=1,
-            description="Repeat correspondence and tests with this total number of seeds, and report how "
-            "the answers vary. The runs are stored in PROJECT/seeds, and later questions are repeated with "
-            "them. Default: those stored.",
-        ),
-    ] = None
 
 
 class Question(Precision):

@@ -10,7 +10,8 @@ import pytest
 from homolog.comparison.answer import ask
 from homolog.comparison.findings import p_text
 from homolog.comparison.places import EDGE, INNER, OUTER, Region, SurfaceCarrier, directions_of
-from homolog.comparison.question import Question, column_of
+from homolog.comparison.question import Question
+from homolog.comparison.sample import Sample, column_of, sample_rows
 from homolog.io.particles import read_particles, write_particles
 from homolog.io.records import ProjectRecord
 from homolog.io.report_details import Axes, ReportDetails, write_details
@@ -20,7 +21,6 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.exports.settings import TableSettings
 from homolog_app.exports.tables import write_tables
 from homolog_app.report.methods import least_text
-from homolog_app.report.sample import sample_rows
 
 HOSTILE = "<script>alert('x')</script> & co"
 
@@ -28,7 +28,7 @@ HOSTILE = "<script>alert('x')</script> & co"
 def test_three_groups_are_analyzed_with_and_without_size_and_written_as_tables(
     project, capsys, analyze, rows_of
 ):
-    assert analyze(project) == 0
+    assert analyze(project, "--size", "both") == 0
     said = capsys.readouterr().out
     assert "6 A, 6 B, 6 C: the groups differ in shape" in said
     assert "C - A (6 A, 6 C): they differ in form" in said
@@ -170,19 +170,17 @@ def test_a_subject_that_lies_far_from_all_others_is_named(project, capsys, analy
     assert "Caution: A, B, C: subject 3" in capsys.readouterr().out
 
 
-def test_form_and_shape_count_as_two_answers_and_pairs_are_corrected(project, analyze, rows_of):
-    assert analyze(project) == 0
+def test_pairs_of_groups_are_corrected_and_form_and_shape_do_not_pay_for_each_other(
+    project, analyze, rows_of
+):
+    assert analyze(project, "--alignment", "rigid", "similarity") == 0
     rows = rows_of(project.folder / "analysis" / "groups_group_A_B_C" / "tests.csv")
-    assert [row["answers"] for row in rows] == ["2"] * 4
     assert [row["pairs_corrected_for"] for row in rows] == ["1", "3", "3", "3"]
-    least = min(rows[1:], key=lambda row: float(row["p_permutation"]))
-    assert float(least["p_permutation_corrected"]) == pytest.approx(min(6 * float(least["p_permutation"]), 1))
-    raw = sorted(float(row["size_p_permutation"]) for row in rows[1:])
-    corrected = sorted(float(row["size_p_permutation_corrected"]) for row in rows[1:])
-    assert corrected[0] == pytest.approx(min(3 * raw[0], 1.0))
-    raw = sorted(float(row["auc_p_permutation"]) for row in rows[1:])
-    corrected = sorted(float(row["auc_p_permutation_corrected"]) for row in rows[1:])
-    assert corrected[0] == pytest.approx(min(6 * raw[0], 1.0))
+    assert rows[0]["p_permutation_corrected"] == rows[0]["p_permutation"]
+    for quantity in ("", "size_", "auc_"):
+        raw = min(float(row[f"{quantity}p_permutation"]) for row in rows[1:])
+        corrected = min(float(row[f"{quantity}p_permutation_corrected"]) for row in rows[1:])
+        assert corrected == pytest.approx(min(3 * raw, 1.0))
 
 
 def test_tables_say_what_they_are_of_and_what_each_column_holds(project, analyze, rows_of):
@@ -213,8 +211,8 @@ def test_tables_say_what_they_are_of_and_what_each_column_holds(project, analyze
 
 def test_the_least_p_of_all_signs_is_that_of_the_observed_ones_and_their_opposites(project):
     result = read_result(project)
-    signs = Question(kind="pairs", between=("A", "B"), pairs="couple", null_repeats=0, answers=2)
-    study = ask(result, signs)
+    signs = Question(kind="pairs", between=("A", "B"), pairs="couple", null_repeats=0)
+    study = ask(Sample.of(result), signs)
     assert study.overall.test.exact
     assert "With all 64 permutations the smallest possible p" in least_text(study)
     assert "is 0.031, before correction" in least_text(study)
@@ -235,7 +233,7 @@ def test_an_individual_that_was_measured_twice_raises_a_caution_unless_pairs_are
 ):
     pairs = {"pairs": "couple"} if kind == "pairs" else {}
     request = Question(kind=kind, between=("A", "B"), permutations=99, null_repeats=0, **pairs)
-    study = ask(replace(read_result(project), names=tuple(names)), request)
+    study = ask(Sample.of(replace(read_result(project), names=tuple(names))), request)
     assert any("not independent" in note for note in study.notes) is is_raised
 
 
@@ -265,7 +263,7 @@ def test_the_size_of_shapes_that_the_run_brought_to_one_is_still_compared(projec
 
 def test_voxels_of_the_files_are_told_by_group_and_ranges_where_there_are_many_sizes(project):
     result = read_result(project)
-    study = SimpleNamespace(request=Question(between=("A", "B")), left_out={}, labels=result.groups)
+    study = SimpleNamespace(question=Question(between=("A", "B")), left_out={}, labels=result.groups)
     edges = [(0.5, 0.5, 2.0 if group == "A" else 3.0) for group in result.groups]
     rows = sample_rows(study, replace(result, voxels=tuple(edges)))
     voxels = [(row.group, row.category, row.count) for row in rows if row.variable == "voxel"]
@@ -299,9 +297,9 @@ def test_exported_tables_are_those_stored_unless_data_or_places_have_changed(
     (stored,) = (project.folder / "analysis").iterdir()
     asked = []
 
-    def counted(result, request, tick):
-        asked.append(request)
-        return ask(result, request, tick)
+    def counted(sample, question, tick):
+        asked.append(question)
+        return ask(sample, question, tick)
 
     monkeypatch.setattr("homolog_app.exports.tables.ask", counted)
     monkeypatch.setattr("homolog_app.exports.tables._write_subjects", lambda *_: None)

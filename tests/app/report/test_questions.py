@@ -3,7 +3,7 @@
 import pytest
 
 from homolog.comparison.question import Question
-from homolog.comparison.stored import Provenance, folder_of, read_requests, write_question
+from homolog.comparison.stored import Provenance, folder_of, stored_answers, write_question
 from homolog.io.records import ProjectRecord
 
 
@@ -128,7 +128,7 @@ def test_no_answer_overwrites_that_of_another_question(project):
     questions = [
         Question(between=tuple(long)),
         Question(between=(long[0], long[0] + "C")),
-        Question(between=tuple(long), alignment="similarity"),
+        Question(between=tuple(long), alignment="rigid"),
         Question(between=("a b", "c")),
         Question(between=("a", "b c")),
         Question(kind="pairs", between=("A", "B"), pairs="twin"),
@@ -143,6 +143,6 @@ def test_no_answer_overwrites_that_of_another_question(project):
     assert len(set(folders)) == len(questions)
     assert [folder_of(project, question) for question in questions] == folders
     assert max(len(folder.name) for folder in folders) < 140
-    assert sorted(read_request.question for read_request in read_requests(project)) == sorted(
-        question.question for question in questions
-    )
+    kept, damaged = stored_answers(project)
+    assert not damaged
+    assert {stored.question.identity for stored in kept} == {question.identity for question in questions}

@@ -38,7 +38,7 @@ def ventricles(data, run, tmp_path_factory):
 def compare(window, wait, explore):
     """Return a function that opens a project and compares two of its groups."""
 
-    def tested(project, first, second, alignment="Form: size and shape (rigid alignment)"):
+    def tested(project, first, second, alignment="Form: size and shape together (rigid)"):
         page = window.inspector.explore.page
         if window.workspace.session.result is None:
             page = explore(project, "groups")
@@ -66,10 +66,10 @@ def test_beans_with_wide_slots_differ_at_the_slot_and_nowhere_else(compare, bean
 def test_a_click_passes_the_functions_that_the_architecture_names(
     compare, bean_project, explore, window, wait, monkeypatch
 ):
-    from homolog_app.report import study
+    from homolog.comparison import answer
     from homolog_app.window.runner import Runner
 
-    core, start, passed = study.compare_two_groups, Runner.start, {}
+    core, start, passed = answer.compare_two_groups, Runner.start, {}
 
     def names(frames):
         ours = [frame for frame in frames if "homolog_app" in frame.filename and "<lambda>" not in frame.name]
@@ -86,7 +86,7 @@ def test_a_click_passes_the_functions_that_the_architecture_names(
     explore(bean_project, "groups")
     wait(lambda: window.workspace.work.runner.job is None, what="for what is done in the background")
     monkeypatch.setattr(Runner, "start", started)
-    monkeypatch.setattr(study, "compare_two_groups", computed)
+    monkeypatch.setattr(answer, "compare_two_groups", computed)
     compare(bean_project, "slim", "wide")
     architecture = (Path(__file__).parents[3] / "docs/architecture.md").read_text()
     (row,) = [line for line in architecture.splitlines() if line.startswith("| *Compare groups*")]
@@ -106,7 +106,6 @@ def test_the_table_says_what_the_analysis_found(compare, bean_project, own_permu
     local = texts["Significant area (FWE-corrected p ≤ 0.05)"]
     assert (" mm² or " in local) == bool((answer.pair.pointwise.p_fwe <= 0.05).any())
     assert "of 128 particles" in local
-    assert any(name.startswith("Type I error (F test)") for name in texts)
     assert "slim" in page.verdict.text()
     assert "permutation" in page.summary.text().lower()
     monkeypatch.setattr("homolog.comparison.findings.cautions", lambda study: (f"look at {study.names[0]}",))
@@ -218,7 +217,7 @@ def test_an_answer_whose_question_has_changed_is_dimmed_and_says_so(compare, bea
     page.significant.setChecked(False)
     colours = np.ptp(scene.shown[0].colours.astype(int), axis=1).max()
     box = page.form.alignment
-    box.setCurrentText("Shape: size removed (similarity)")
+    box.setCurrentText("Form: size and shape together (rigid)")
     box.activated.emit(box.currentIndex())
     assert page.stale.isVisible()
     assert page.answer.graphicsEffect().isEnabled()
@@ -226,7 +225,7 @@ def test_an_answer_whose_question_has_changed_is_dimmed_and_says_so(compare, bea
     assert page.question.text() == "Form (size and shape)."  # what the answer is still about
     assert np.ptp(scene.shown[0].colours.astype(int), axis=1).max() < 0.3 * colours
     assert "the question has changed" in scene.bar.scale.note
-    box.setCurrentText("Form: size and shape (rigid alignment)")
+    box.setCurrentText("Form: size and shape together (rigid)")
     box.activated.emit(box.currentIndex())
     assert page.is_current
     assert page.keep.isEnabled()
@@ -268,7 +267,7 @@ def test_a_dimmed_plot_is_paler_on_the_screen(qapp, plots, wait):
 
 
 @pytest.mark.own_window
-def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_p(
+def test_all_pairs_of_groups_are_asked_of_shape_and_form_at_once_with_corrected_p(
     explore, bean_project, window, wait
 ):
     from homolog.comparison.stored import StoredAnswer, StoredTest
@@ -279,29 +278,26 @@ def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_
         session.select(members)
         session.set_group(group)
     page.form.every.setChecked(True)
+    page.form.alignment.setCurrentText("Both: shape and form (two answers)")
     window.commands["explore.test"].trigger()
     wait(lambda: bool(page.answers), seconds=300)
-    form, shape = page.all.own
-    assert [item.request.answers for item in (form, shape)] == [2, 2]
+    shape, form = page.all.own
     titles = [row[0].partition(";")[0] for row in page.results.texts]
     pairs = ["b − a", "c − a", "c − b"]
-    assert titles == ["Form (size and shape)", *pairs, "Shape (size removed)", *pairs]
+    assert titles == ["Shape (size removed)", *pairs, "Form (size and shape)", *pairs]
     assert dict(page.numbers.texts)["Size of all groups"].startswith("F(2, ")
-    assert (
-        page.others.text()
-        == "p is corrected for 3 pairs of groups (Holm) and 2 answers (form and shape; Bonferroni)."
-    )
+    assert page.others.text() == "p is corrected for 3 pairs of groups (Holm)."
     top = page.results.topLevelItem(1)
     page.results.setCurrentItem(top.child(2))
-    wait(lambda: page.answers[0].study is shape)
-    assert page.answers[0].pair is shape.pairwise[2]
+    wait(lambda: page.answers[0].study is form)
+    assert page.answers[0].pair is form.pairwise[2]
     assert page.verdict.text().startswith("c − b (3 b, 3 c)")
-    assert page.question.text() == "Shape (size removed)."
+    assert page.question.text() == "Form (size and shape)."
     assert (page.first.text(), page.second.text()) == ("b", "c")
     assert page.chosen.pair == 2
     page.form.every.setChecked(False)
-    request = form.request
-    tests = {pair.title: StoredTest(0.01, 999, pair.distance) for pair in form.pairwise}
+    request = shape.question
+    tests = {pair.title: StoredTest(0.01, 999, pair.distance) for pair in shape.pairwise}
     overview = window.inspector.explore.pages[0]
     overview.kept.show_answers(
         [StoredAnswer(request, False, tests)]
@@ -315,13 +311,14 @@ def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_
 def test_other_questions_asked_of_the_same_result_are_counted(compare, bean_project, window):
     page = compare(bean_project, "slim", "wide")
     assert page.others.text() == ""
-    page = compare(bean_project, "slim", "wide", "Shape: size removed (similarity)")
+    page = compare(bean_project, "slim", "wide", "Form: size and shape together (rigid)")
     assert page.others.text() == "p is not corrected for 1 other question asked in this session."
 
 
 def test_pairs_of_subjects_are_compared_as_the_command_line_does(explore, bean_project, window, wait):
     from homolog.comparison.answer import ask
     from homolog.comparison.question import Question
+    from homolog.comparison.sample import Sample
 
     page, session = explore(bean_project, "groups"), window.workspace.session
     seen, changed = {"slim": 0, "wide": 0}, {}
@@ -335,15 +332,15 @@ def test_pairs_of_subjects_are_compared_as_the_command_line_does(explore, bean_p
     assert offered == ["Subjects are not paired", "Paired by patient"]
     page.form.pairing.setCurrentIndex(1)
     page.form.pairing.activated.emit(1)
-    page.form.alignment.setCurrentText("Form: size and shape (rigid alignment)")
+    page.form.alignment.setCurrentText("Form: size and shape together (rigid)")
     assert not page.form.adjust.isVisible()  # pairs are compared without covariates
     window.commands["explore.test"].trigger()
     wait(lambda: bool(page.answers), seconds=300)
     answer, result = page.answers[0], page.answers[0].shape.result
     labels = tuple(member.subject.group for member in session.study.members)
     columns = tuple(changed[name].subject.columns for name in result.names)
-    request = Question(kind="pairs", between=("slim", "wide"), pairs="patient")
-    expected = ask(replace(result, groups=labels, columns=columns), request).overall
+    request = Question(kind="pairs", between=("slim", "wide"), pairs="patient", alignment="rigid")
+    expected = ask(Sample.of(replace(result, groups=labels, columns=columns)), request).overall
     assert answer.pair.p_adjusted == expected.p_adjusted
     np.testing.assert_array_equal(answer.pair.p_fwe, expected.p_fwe)
     assert not page.form.complete.isVisible()  # nothing is missing

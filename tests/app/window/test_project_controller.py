@@ -526,7 +526,7 @@ def test_stored_answers_are_listed_those_of_an_earlier_result_apart_and_one_is_p
     page.kept.setCurrentItem(page.kept.topLevelItem(0).child(0))
     page.primary.click()
     wait(lambda: page.kept.texts[0][0] == f"{requests[0].title} (primary)")
-    assert stored_answers(project)[0].is_primary
+    assert stored_answers(project)[0][0].is_primary
 
 
 @pytest.mark.window

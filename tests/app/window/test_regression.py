@@ -76,6 +76,7 @@ def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait)
 
     from homolog.comparison.answer import ask
     from homolog.comparison.question import Question
+    from homolog.comparison.sample import Sample
 
     session = window.workspace.session
     member = session.study.members[0]
@@ -97,16 +98,17 @@ def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait)
     result = with_current_table(answer.shape.result, window.workspace.session.study)
     question = Question(between=("slim", "wide"), covariates=("slot",), permutations=499, null_repeats=0)
     question = question.model_copy(update={"complete_cases": True})
-    same = ask(result, question)
+    same = ask(Sample.of(result), question)
     assert same.overall.test.p_permutation == answer.pair.test.p_permutation
     np.testing.assert_array_equal(same.overall.pointwise.effect, answer.pair.pointwise.effect)
 
 
 def test_settings_of_the_tests_are_those_of_the_command_line_and_of_stored_answers(page):
-    from homolog_app.api import analyze
     from PySide6.QtWidgets import QWidget
 
-    from homolog.comparison.question import AnalysisSettings, Question
+    from homolog import analyze
+    from homolog.comparison.precision import AnalysisSettings
+    from homolog.comparison.question import Question
     from homolog.parameters import parameters
     from homolog_app.cli import command_parser
 

@@ -36,7 +36,7 @@ def test_meshes_in_memory_become_a_model_a_surface_and_a_project(example, tmp_pa
 
 def test_the_groups_differ_at_the_bump_alone(example):
     printed = example("two_groups.py")
-    assert "patient - control: form p = 0.002, shape p = 0.002" in printed
+    assert "patient - control: form p = 0.001, shape p = 0.001" in printed
     assert re.search(r"particles that differ: \[0 1 2 3 4\]", printed)
     assert "balanced accuracy" in printed
 

@@ -4,7 +4,8 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction, QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QMenu, QWidget
 
-from homolog.comparison.question import AnalysisSettings, Precision, Question
+from homolog.comparison.precision import AnalysisSettings, Precision
+from homolog.comparison.question import Question
 from homolog.statistics.design import reference_first
 from homolog.statistics.procrustes import Alignment
 from homolog_app.studies.questions import (
