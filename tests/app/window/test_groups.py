@@ -217,7 +217,7 @@ def test_an_answer_whose_question_has_changed_is_dimmed_and_says_so(compare, bea
     page.significant.setChecked(False)
     colours = np.ptp(scene.shown[0].colours.astype(int), axis=1).max()
     box = page.form.alignment
-    box.setCurrentText("Form: size and shape together (rigid)")
+    box.setCurrentText("Size, and shape without it (similarity)")
     box.activated.emit(box.currentIndex())
     assert page.stale.isVisible()
     assert page.answer.graphicsEffect().isEnabled()
@@ -311,7 +311,7 @@ def test_all_pairs_of_groups_are_asked_of_shape_and_form_at_once_with_corrected_
 def test_other_questions_asked_of_the_same_result_are_counted(compare, bean_project, window):
     page = compare(bean_project, "slim", "wide")
     assert page.others.text() == ""
-    page = compare(bean_project, "slim", "wide", "Form: size and shape together (rigid)")
+    page = compare(bean_project, "slim", "wide", "Size, and shape without it (similarity)")
     assert page.others.text() == "p is not corrected for 1 other question asked in this session."
 
 
