@@ -20,6 +20,7 @@ __all__ = [
     "Pieces",
     "Procrustes",
     "RunSettings",
+    "Values",
 ]
 
 
@@ -65,6 +66,14 @@ class Pieces(StrEnum):
 
     LARGEST = "largest"
     ALL = "all"
+
+
+class Values(StrEnum):
+    """What the voxels of the files are."""
+
+    LABELS = "labels"
+    DISTANCE = "distance"
+    PROBABILITY = "probability"
 
 
 class Procrustes(StrEnum):
@@ -122,6 +131,14 @@ class GroomSettings(_Settings):
             json_schema_extra=_shown(if_none="none"),
             description="Name of the structure in the files (.seg.nrrd, DICOM SEG), in a table next to them "
             "or in FreeSurfer's list; case, dashes and the order of words do not matter.",
+        ),
+    ] = None
+    values: Annotated[
+        Values | None,
+        Field(
+            json_schema_extra=_shown(if_none="labels"),
+            description="What the voxels are: labels, signed distances from the surface, or probabilities "
+            "(also a mask with soft edges), of which half of the full value is the surface.",
         ),
     ] = None
     pieces: Annotated[

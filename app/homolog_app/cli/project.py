@@ -11,7 +11,7 @@ from homolog.cohort import with_table
 from homolog.errors import InputError, NumericalError
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ProjectRecord, ResultRecord, note_lines
-from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
+from homolog.settings import GroomSettings, OptimizeSettings, RunSettings, Values
 from homolog_app.cli.options import (
     Progress,
     add_former_name,
@@ -296,9 +296,11 @@ def run_batch(arguments: argparse.Namespace) -> int:
 
     names = [part.strip() for part in arguments.labels.split(",") if part.strip()]
     settings = with_all_options(RunSettings(), arguments)
-    cohort = cohort_of(arguments.cohort)
+    cohort, values = cohort_of(arguments.cohort), settings.groom.values or Values.LABELS
     with show_progress(arguments.progress) as progress:
-        listed = run_in_background(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
+        listed = run_in_background(
+            lambda tick: list_structures(cohort, tick, values), progress.tick, "reading"
+        )
     for message in (*listed.problems.values(), *listed.unavailable):
         sys.stderr.write(f"homolog: skipped: {message}\n")
     if not listed.structures and not listed.empty:

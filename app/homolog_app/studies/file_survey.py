@@ -9,8 +9,9 @@ import numpy as np
 from homolog.arrays import Array, BoolArray, FloatArray, frozen
 from homolog.cohort import Subject
 from homolog.errors import InputError
-from homolog.io.images import Segmentation, Volume, read_volume
+from homolog.io.images import Segmentation, Volume, read_segmentation, read_volume
 from homolog.io.structures import mask_of, masks_of, structures_of
+from homolog.settings import Values
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["FileSurvey", "LabelSummary", "survey_subject"]
@@ -62,6 +63,8 @@ class FileSurvey:
     label : int or None
     segment : str or None
         Value and name of the previewed structure; both are None for all structures.
+    values : Values or None
+        What the voxels are declared to be; labels if None.
     problem : str
         Reason why the file can't be used; empty if it can.
     volume_ml : float
@@ -88,6 +91,7 @@ class FileSurvey:
     surface: TriangleMesh | None = None
     every: int = 1
     segment: str | None = None
+    values: Values | None = None
 
     @property
     def awaits_choice(self) -> bool:
@@ -95,20 +99,22 @@ class FileSurvey:
         return bool(self.problem and self.labels) and self.label is None and self.segment is None
 
 
-def survey_subject(subject: Subject, label: int | None, segment: str | None = None) -> FileSurvey:
+def survey_subject(
+    subject: Subject, label: int | None, segment: str | None = None, values: Values | None = None
+) -> FileSurvey:
     """Preview a subject's file. An unusable file gives a preview with a problem, not an error.
 
     A file whose structures can't be combined, because they overlap or are separate, has a problem and a list
     of its labels.
     """
-    survey = FileSurvey(subject, label, segment=segment)
+    survey = FileSurvey(subject, label, segment=segment, values=values)
     try:
         if masks := masks_of(subject):
-            survey = replace(survey, labels=_of_masks(subject, masks))
+            survey = replace(survey, labels=_of_masks(subject, masks, values or Values.LABELS))
             return _with_mask(survey, mask_of(subject, masks, label, segment))
         if subject.is_mesh:
             return _with_mesh(survey, subject.path)
-        volume = read_volume(subject.path).with_names()
+        volume = read_volume(subject.path, values or Values.LABELS).with_names()
         survey = replace(survey, labels=_labels(volume))
         return _with_voxels(survey, volume.segmentation(label, segment))
     except InputError as error:
@@ -120,7 +126,7 @@ def _with_mask(survey: FileSurvey, path: Path) -> FileSurvey:
     """Return the survey with the file of the chosen structure."""
     if Subject(survey.subject.name, path).is_mesh:
         return _with_mesh(survey, path)
-    return _with_voxels(survey, read_volume(path).segmentation(None))
+    return _with_voxels(survey, read_segmentation(path, None, None, survey.values or Values.LABELS))
 
 
 def _with_mesh(survey: FileSurvey, path: Path) -> FileSurvey:
@@ -164,13 +170,13 @@ def _labels(volume: Volume) -> tuple[LabelSummary, ...]:
     )
 
 
-def _of_masks(subject: Subject, masks: Mapping[str, Path]) -> tuple[LabelSummary, ...]:
+def _of_masks(subject: Subject, masks: Mapping[str, Path], values: Values) -> tuple[LabelSummary, ...]:
     """Return the structures of a subject with a file for each, measured if this is fast."""
     if sum(map(_unpacked_bytes, masks.values())) > _MOST_MEASURED:
         return tuple(LabelSummary(None, None, None, name) for name in masks)
     return tuple(
         LabelSummary(structure.value, structure.volume, None, structure.name, structure.at_border)
-        for structure in structures_of(subject)
+        for structure in structures_of(subject, values)
     )
 
 

@@ -81,7 +81,7 @@ def read_files(
 
     for number, subject in enumerate(subjects):
         tick(number / len(subjects), f"reading {subject.name}")
-        arrived(survey_subject(subject, groom.label, groom.segment))
+        arrived(survey_subject(subject, groom.label, groom.segment, groom.values))
 
 
 def import_model(source: Path, folder: Path, domain: str, tick: Tick) -> list[str]:

@@ -233,7 +233,7 @@ def compared(
     comparison = compare_patient(reference, subjects[0], values, cut_off=cut_off, tick=tick)
     places = [region_place(comparison, region) for region in comparison.regions]
     groom = reference.provenance.groom
-    survey = survey_subject(subjects[0], groom.label, groom.segment)
+    survey = survey_subject(subjects[0], groom.label, groom.segment, groom.values)
     return ComparedPatient(comparison, subjects[0], places, subjects[0].image, survey.voxels)
 
 

@@ -96,7 +96,8 @@ def _contents(
     surveys = {}
     for number, subject in enumerate(needs_file):
         tick(0.1 + 0.1 * number / len(needs_file), f"reading {subject.name}")
-        surveys[subject.name] = survey_subject(subject, settings.groom.label, settings.groom.segment)
+        groom = settings.groom
+        surveys[subject.name] = survey_subject(subject, groom.label, groom.segment, groom.values)
     return subject_contents(subjects, surveys, groomed, loaded)
 
 

@@ -111,7 +111,7 @@ class Work(QObject):
             for member in self.session.study.members
             if (seen := self.session.surveys.get(member.name)) is None
             or seen.subject.path != member.subject.path
-            or (seen.label, seen.segment) != (groom.label, groom.segment)
+            or (seen.label, seen.segment, seen.values) != (groom.label, groom.segment, groom.values)
         ]
 
     def restore_groomed(self, project: ProjectFolder) -> None:

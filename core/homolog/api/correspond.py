@@ -55,6 +55,7 @@ class Settings(TypedDict, total=False):
 
     label: int | None
     segment: str | None
+    values: Literal["labels", "distance", "probability"] | None
     pieces: Literal["largest", "all"]
     spacing: float | None
     smoothing: float

@@ -32,7 +32,9 @@ _VERSION = "12"
 def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) -> str:
     """Return hashes of the inputs of a groomed subject: the file's content, and the settings."""
     content, rest = hashlib.sha256(), hashlib.sha256(_VERSION.encode())
-    rest.update(settings.model_dump_json(exclude={"alignment", "mirror", "scaling", "label"}).encode())
+    rest.update(
+        settings.model_dump_json(exclude={"alignment", "mirror", "scaling", "label", "values"}).encode()
+    )
     arrays: tuple[Array, ...]
     if isinstance(source, Segmentation):
         arrays = (source.mask, source.rotation, source.spacing, source.origin)

@@ -17,7 +17,7 @@ from homolog.io.images import Segmentation, read_segmentation
 from homolog.io.meshes import read_mesh
 from homolog.io.structures import mask_of, masks_of
 from homolog.memory import Store
-from homolog.settings import GroomSettings
+from homolog.settings import GroomSettings, Values
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.isosurface import coarse_isosurface, isosurface
 from homolog.surfaces.mesh import TriangleMesh
@@ -184,7 +184,9 @@ def read_source(subject: Subject, settings: GroomSettings) -> Source:
             settings = settings.model_copy(update={"label": None, "segment": None})  # the whole file
         _check_beginning(subject.path)
         if not subject.is_mesh:
-            source: Source = read_segmentation(subject.path, settings.label, settings.segment)
+            source: Source = read_segmentation(
+                subject.path, settings.label, settings.segment, settings.values or Values.LABELS
+            )
         else:
             source = read_mesh(subject.path)
     except OSError as error:

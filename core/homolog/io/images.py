@@ -2,6 +2,7 @@
 
 import math
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from homolog.io.scans import StoredScan
 from homolog.io.values import labels_of_channels
 from homolog.io.volumes import Segment, Segmentation, Volume, check_size
 from homolog.progress import Tick, run_in_background
+from homolog.settings import Values
 
 __all__ = [
     "Segment",
@@ -31,7 +33,9 @@ _NRRD = (".nrrd", ".nhdr")
 _NO_FRAME = "its header gives no patient orientation (no LPS or RAS space); LPS axes were assumed"
 
 
-def read_segmentation(path: Path, label: int | None, segment: str | None = None) -> Segmentation:
+def read_segmentation(
+    path: Path, label: int | None, segment: str | None = None, values: Values = Values.LABELS
+) -> Segmentation:
     """Read the voxels of a structure from a label map.
 
     Parameters
@@ -43,18 +47,24 @@ def read_segmentation(path: Path, label: int | None, segment: str | None = None)
         The value to keep; every value above 0 if neither value nor name are given.
     segment : str or None
         The name to keep, in files that name their segments.
+    values : Values
+        What the voxels are declared to be.
 
     Raises
     ------
     InputError
-        If the file is missing, cut short, not a 3-D label map, larger than memory, contradicts itself about
-        its position, or lacks the structure.
+        If the file is missing, cut short, not 3-D, not of the declared values, larger than memory,
+        contradicts itself about its position, or lacks the structure.
     """
-    return read_volume(path).segmentation(label, segment)
+    return read_volume(path, values).segmentation(label, segment)
 
 
-def read_volume(path: Path) -> Volume:
-    """Read a label map with all its structures; raises as `read_segmentation` does."""
+def read_volume(path: Path, values: Values = Values.LABELS) -> Volume:
+    """Read a volume with all its structures; raises as `read_segmentation` does."""
+    return replace(_read(path), declared=values)
+
+
+def _read(path: Path) -> Volume:
     path = Path(path)
     name = check_kind(path)
     if name.endswith((".tif", ".tiff")) or (path.is_dir() and pictures_in(path) and not dicom_files(path)):

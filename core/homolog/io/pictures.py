@@ -23,8 +23,6 @@ _NO_FRAME = (
     "pictures give no patient orientation: axial slices from the feet upward, with the patient's left on the "
     "right, were assumed"
 )
-_FEW_VALUES = 8
-"""Least number of intermediate values that show soft edges of a mask."""
 _DESCRIPTION, _X_RESOLUTION, _Y_RESOLUTION = 270, 282, 283
 _UNITS = {"nm": 1e-6, "um": 1e-3, "micron": 1e-3, "microns": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 _OME = re.compile(r'PhysicalSize([XYZ])(Unit)?\s*=\s*"([^"]*)"')
@@ -43,9 +41,8 @@ def read_pictures(path: Path) -> Volume:
     InputError
         If the size is not given, slices are missing, of several sizes, in colours, or damaged.
     """
-    stored, matrix = _stack(path)
-    values, soft = _hardened(stored)
-    return Volume(path, [values], matrix, (), (_NO_FRAME, *soft))
+    values, matrix = _stack(path)
+    return Volume(path, [values], matrix, (), (_NO_FRAME,))
 
 
 def read_picture_scan(path: Path, tick: Tick) -> StoredScan:
@@ -126,19 +123,6 @@ def _grey(file: Path, picture: Image.Image, seen: set[tuple[int, ...]]) -> Array
     if values.ndim != 2:
         raise InputError(f"{file}: has several values per pixel; save masks as grey values")
     return values.astype(np.uint8) if values.dtype == np.bool_ else values
-
-
-def _hardened(values: Array) -> tuple[Array, tuple[str, ...]]:
-    """Return masks with soft edges reduced to two values, and a note on this."""
-    if values.dtype != np.uint8:
-        return values, ()
-    counts = np.bincount(values.ravel(), minlength=256)
-    full = int(np.flatnonzero(counts)[-1])
-    between = counts[1:full]
-    if np.count_nonzero(between) <= _FEW_VALUES or between.sum() > counts[full]:
-        return values, ()
-    note = f"its edges are soft; pixels of at least {(full + 1) // 2} were used as the structure"
-    return (values >= (full + 1) // 2).astype(np.uint8), (note,)
 
 
 def _given_size(folder: Path) -> FloatArray | None:

@@ -13,6 +13,7 @@ from homolog.io.known_labels import FREESURFER
 from homolog.io.label_names import matching, near, same_name
 from homolog.io.meshes import read_mesh
 from homolog.progress import Tick, no_tick
+from homolog.settings import Values
 
 __all__ = [
     "Structure",
@@ -193,7 +194,7 @@ def _unknown(names: Iterable[str], structures: Sequence[Structure]) -> tuple[str
     return tuple(rest)
 
 
-def structures_of(subject: Subject) -> list[SubjectStructure]:
+def structures_of(subject: Subject, values: Values = Values.LABELS) -> list[SubjectStructure]:
     """Return the structures in a subject's files, reading each file once; none for a single surface.
 
     Raises
@@ -201,17 +202,17 @@ def structures_of(subject: Subject) -> list[SubjectStructure]:
     InputError
         If a file can't be read, or tables of names contradict each other.
     """
-    return _contents_of(subject)[0]
+    return _contents_of(subject, values)[0]
 
 
-def _contents_of(subject: Subject) -> tuple[list[SubjectStructure], tuple[str, ...]]:
+def _contents_of(subject: Subject, values: Values) -> tuple[list[SubjectStructure], tuple[str, ...]]:
     """Return the structures in a subject's files, and messages about those that can't be read."""
     if subject.is_mesh:
         return [], ()
     if masks := masks_of(subject):
-        inside = [_structure_in(name, path) for name, path in masks.items()]
+        inside = [_structure_in(name, path, values) for name, path in masks.items()]
         return [structure for structure in inside if structure is not None], ()
-    volume = read_volume(subject.path).with_names()
+    volume = read_volume(subject.path, values).with_names()
     structures = [
         SubjectStructure(extent.segment.name, extent.segment.value, extent.volume / 1000.0, extent.at_border)
         for extent in volume.extents()
@@ -219,16 +220,16 @@ def _contents_of(subject: Subject) -> tuple[list[SubjectStructure], tuple[str, .
     return structures, tuple(volume.unavailable.values())
 
 
-def _structure_in(name: str, path: Path) -> SubjectStructure | None:
+def _structure_in(name: str, path: Path, values: Values) -> SubjectStructure | None:
     """Return the structure of a file that contains only this one; None if it is empty."""
     if Subject(name, path).is_mesh:
         return SubjectStructure(name, None, abs(read_mesh(path).volume) / 1000.0)
-    parts = read_volume(path).extents()
+    parts = read_volume(path, values).extents()
     volume = sum(part.volume for part in parts) / 1000.0
     return SubjectStructure(name, None, volume, any(part.at_border for part in parts)) if parts else None
 
 
-def list_structures(cohort: Cohort, tick: Tick = no_tick) -> Structures:
+def list_structures(cohort: Cohort, tick: Tick = no_tick, values: Values = Values.LABELS) -> Structures:
     """Read every file of a cohort and return its structures.
 
     Structures of equal name are identified, whatever their numbers; structures without a name are identified
@@ -240,7 +241,7 @@ def list_structures(cohort: Cohort, tick: Tick = no_tick) -> Structures:
     for index, subject in enumerate(cohort.subjects):
         tick(index / len(cohort.subjects), f"reading {subject.name}")
         try:
-            by_subject[subject.name], faults = _contents_of(subject)
+            by_subject[subject.name], faults = _contents_of(subject, values)
             for fault in faults:
                 unavailable.setdefault(fault.partition(": ")[2], []).append(fault)
         except InputError as error:

@@ -1,22 +1,26 @@
-"""Interpretation of a file's values: labels, probabilities, signed distances, or grey values."""
+"""Values of volumes: what a file's numbers mean, which labels there are, and where they lie."""
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
 
-from homolog.arrays import Array, BoolArray, FloatArray
+from homolog.arrays import Array, BoolArray
 from homolog.errors import InputError
+from homolog.settings import Values
 
 __all__ = [
+    "are_interpolated",
     "box_of",
-    "hardened",
+    "counted",
+    "cropped",
     "labels_apart",
     "labels_from",
     "labels_of_channels",
     "labels_seen",
-    "slices_of",
+    "sides_of",
 ]
 
 _ROUNDING = 1e-3
@@ -24,34 +28,14 @@ _ROUNDING = 1e-3
 _LARGEST = 2**31 - 1
 _HALF = 0.5
 """Probability at the surface."""
-_SURE = (0.1, 0.9)
-_MOST_UNSURE = 0.95
-"""Largest share of intermediate probabilities among the voxels that may belong to the structure."""
 _MOST_OF_BORDER = 0.9
 """Least share of the image's border that is outside."""
-_OVERSHOOT = 0.6
-"""Largest overshoot of interpolated values beyond 0 and 1."""
-_PERCENT = 100
-"""Least value of a full voxel in a soft mask of whole numbers: 100 (percent), or 255 (byte)."""
-_FEW_VALUES = 8
-"""Number of intermediate values above which a mask has soft edges."""
-_PLATEAU = 0.8
-"""Quantile of the upper values that is a full voxel; higher values may overshoot."""
-_SMOOTHING = (0.5, 0.75, 1.0)
-"""Widths [voxels] of the Gaussians that soft edges are compared with."""
-_MOST_COMPARED = 128
-"""Longest edge of the part in the middle that is compared [voxels]."""
-_UNLIKE_SMOOTHED = 0.145
-"""Root mean square difference of soft edges from those of the smoothed mask, as a fraction of a full voxel.
+_PASSED = 1 / 3
+"""Share of steps by two labels or more that pass one between, above which a map was interpolated.
 
-Below 0.144 where masks of brain structures and hearts are smoothed or interpolated; above 0.17 for pictures,
-and for label maps of many labels.
+Interpolated at a random place, a step by two labels passes the one between in half of all cases, longer steps
+in more. Real layers of one voxel are rare: 0.01 in maps of the brain, 0.2 in thick slices of hearts.
 """
-_PROBABILITY = "its values are probabilities; voxels of at least 0.5 were used as the structure"
-_SLOPE = (0.85, 1.15)
-"""Slope of signed distances, per mm or per voxel, at most voxels near the surface."""
-_NEAR_SURFACE = 20_000
-"""Number of voxels at which the slope is computed."""
 _MOST_VALUES = 1000
 """A file with more different values is a picture rather than a label map."""
 _MANY_VALUES = 50
@@ -61,6 +45,10 @@ _MOST_DIFFERENT = 0.5
 _MOST_IN_ONE = 0.85
 """Least share of the voxels in the largest piece if all labels are one structure."""
 _LOOKED_AT = 2_000_000
+_COUNTED = 2**22
+"""Number of voxels counted at once."""
+_LISTED = 2**20
+"""Smaller values are counted with np.bincount, larger ones by sorting."""
 
 
 def slices_of(values: Array) -> Iterator[Array]:
@@ -69,135 +57,111 @@ def slices_of(values: Array) -> Iterator[Array]:
     return iter(np.moveaxis(values, axis, 0))
 
 
-def labels_from(path: Path, values: Array, spacing: FloatArray) -> tuple[Array, str]:
-    """Return labels and notes.
+def labels_from(path: Path, values: Array, declared: Values) -> tuple[Array, str]:
+    """Return labels, and a note if they are not the file's values.
 
-    Probabilities of at least 0.5 become 1. Signed distances become 1 inside; the border of the image is
-    outside.
+    Probabilities become 1 from half of their full value on, signed distances on the side away from the
+    border of the image. Two values, one of them negative or a fraction, are a mask.
 
     Parameters
     ----------
     path : Path
         The file, for messages.
     values : (I, J, K) array
-    spacing : (3,) float64 array
-        Spacing of the voxels [mm].
+    declared : Values
+        What the values are.
 
     Returns
     -------
     labels : (I, J, K) array of whole numbers
+        The same array if it needs no change.
     note : str
-        Empty if the values are labels.
 
     Raises
     ------
     InputError
-        If the values are neither labels, probabilities nor distances.
+        If the values are not what they were declared to be; the message says what they look like.
     """
-    if not np.issubdtype(values.dtype, np.floating):
+    fractional = np.issubdtype(values.dtype, np.floating)
+    values, background = _without_nan(path, values) if fractional else (values, "")
+    if declared is Values.PROBABILITY:
+        return _likely(path, values)
+    if declared is Values.DISTANCE:
+        return _inside(path, values)
+    low, high = float(values.min()), float(values.max())
+    if not fractional and low >= 0.0:
         return values, ""
-    values, numbers = _without_nan(path, values)
-    whole = np.empty_like(values, dtype=np.int32)  # slice by slice in the order of the file
-    off, low, high = 0.0, np.inf, -np.inf
+    whole, off = _rounded(values) if fractional else (values, 0.0)
+    if (off > _ROUNDING or low < 0.0) and low < high and _are_two(values, low, high):
+        border = _border(values)
+        outside = high if np.count_nonzero(border > (low + high) / 2.0) > _HALF * border.size else low
+        inside = low + high - outside
+        note = f"its values are {low:.3g} and {high:.3g}: {inside:.3g} was used as the structure"
+        mask = (values > (low + high) / 2.0) == (inside == high)
+        return mask * np.int32(inside if off <= _ROUNDING and inside > 0.0 else 1), note
+    if off > _ROUNDING:
+        looks, kind = ("signed distances", "distance") if low < 0.0 else ("probabilities", "probability")
+        raise InputError(
+            f"{path}: contains fractions, so it is not a label map; if they are {looks}, declare it (values: "
+            f"{kind}); resample label maps with nearest neighbour, and segment pictures first"
+        )
+    return whole, background
+
+
+def _rounded(values: Array) -> tuple[Array, float]:
+    """Return the nearest whole numbers, and the largest distance to them, slice by slice as in the file."""
+    whole, off = np.empty_like(values, dtype=np.int32), 0.0
     for source, target in zip(slices_of(values), slices_of(whole), strict=True):
         rounded = np.rint(source)
         off = max(off, float(np.abs(source - rounded).max()))
-        low, high = min(low, float(source.min())), max(high, float(source.max()))
         target[...] = np.clip(rounded, -_LARGEST, _LARGEST)
-    if off <= _ROUNDING:
-        return whole, numbers
-    if low >= 0.0 and (only := _only_value(values)):
-        note = f"its values are 0 and {only:.3g}: the latter was used as the structure"
-        return (values > 0).astype(np.uint8), note
-    full = float(np.median(values[values > _HALF * high])) if high > 0.0 else 0.0
-    within = -_OVERSHOOT * full <= low and high <= (1.0 + _OVERSHOOT) * full
-    if within and full >= _PERCENT * (1.0 - _ROUNDING) and _are_probabilities(values / full):
-        return _half_of(values, full)
-    if low >= -_OVERSHOOT and high <= 1.0 + _OVERSHOOT and _are_probabilities(values):
-        return (values >= _HALF).astype(np.uint8), _PROBABILITY
-    if within and full > _FEW_VALUES and _has_soft_edges(values, full):  # an interpolated label
-        return _half_of(values, full)
-    if low < 0.0 < high and (sign := _outward_sign(values, spacing)):
-        return _inside(values, sign)
-    if low < 0.0 and abs(low + high) <= _ROUNDING * high:  # distances clipped at both ends
-        for sign in (1, -1):
-            if _are_probabilities(_HALF - _HALF * sign * values / high):
-                return _inside(values, sign)
-    raise InputError(f"{path}: contains fractions, so it is not a label map; threshold it first")
+    return whole, off
 
 
-def hardened(values: Array, spacing: FloatArray) -> tuple[Array, str]:
-    """Return a mask of whole numbers that are not labels as 0 and 1, with a note; label maps unchanged.
-
-    Most voxels of a soft mask (percent, bytes) have nearly its largest value, or the others are those of a
-    smoothed mask, as if a thin structure or a label was interpolated; both have many intermediate values.
-    With values below 0, two values are a mask, and others are distances (see `labels_from`).
-
-    Parameters
-    ----------
-    values : (I, J, K) array of whole numbers
-    spacing : (3,) float64 array
-        Spacing of the voxels [mm].
-    """
-    seen = _sample(values)
-    if seen.min() < 0:
-        return _hardened_signed(values, spacing)
-    full = int(seen.max(initial=0))
-    between = seen[(seen > _SURE[0] * full) & (seen < _SURE[1] * full)]
-    if len(np.unique(between)) <= _FEW_VALUES:
-        return values, ""
-    if full >= _PERCENT and len(between) <= np.count_nonzero(seen >= _SURE[1] * full):
-        return _half_of(values, full)
-    plateau = float(np.quantile(seen[seen > _HALF * full], _PLATEAU))
-    return _half_of(values, plateau) if _has_soft_edges(values, plateau) else (values, "")
+def _likely(path: Path, values: Array) -> tuple[Array, str]:
+    """Return 1 from half of the full value on: of 1, or of the median of the upper half (percent, bytes)."""
+    low, high = float(values.min()), float(values.max())
+    full = 1.0 if high < 1.0 + _HALF else float(np.median(values[values > _HALF * high]))
+    if not (abs(low) < _HALF * full and high < (1.0 + _HALF) * full):
+        raise InputError(
+            f"{path}: has values from {low:.3g} to {high:.3g}, which are not probabilities but look like "
+            f"{'signed distances' if low < 0.0 else 'a picture'}; correct what they are declared as (values)"
+        )
+    note = f"voxels of at least {_HALF * full:.4g} were used as the structure"
+    return (values >= _HALF * full).astype(np.uint8), note
 
 
-def box_of(mask: BoolArray) -> tuple[slice, ...]:
-    """Return the smallest box around the true voxels of a mask that has some."""
-    return next(box for box in ndimage.find_objects(mask.view(np.uint8)) if box is not None)
+def _inside(path: Path, values: Array) -> tuple[Array, str]:
+    """Return 1 where signed distances are inside their surface."""
+    low, high = float(values.min()), float(values.max())
+    outside = float(np.mean(_border(values) > 0.0))
+    if not low < 0.0 < high or 1.0 - _MOST_OF_BORDER < outside < _MOST_OF_BORDER:
+        raise InputError(
+            f"{path}: has values from {low:.3g} to {high:.3g}, which are not the distances from a surface "
+            f"within the image but look like {'a picture' if low < 0.0 else 'labels or probabilities'}; "
+            "correct what they are declared as (values)"
+        )
+    sign, where = (1, "negative") if outside > _HALF else (-1, "positive")
+    return (values * sign < 0).astype(np.uint8), f"voxels with {where} distances were used as the structure"
 
 
-def _has_soft_edges(values: Array, full: float) -> bool:
-    """Return whether intermediate values are those of a smoothed mask, and the image's border is outside."""
-    if np.mean(_border(values) < _SURE[0] * full) <= _MOST_OF_BORDER:
-        return False
-    box = box_of(values > _SURE[0] * full)
-    trims = [max(0, (side.stop - side.start - _MOST_COMPARED) // 2) for side in box]
-    part = values[
-        tuple(slice(side.start + trim, side.stop - trim) for side, trim in zip(box, trims, strict=True))
-    ]
-    part = np.pad(part.astype(np.float32) / np.float32(full), 2, mode="edge" if any(trims) else "constant")
-    between = (part > _SURE[0]) & (part < _SURE[1])
-    if not between.any():
-        return False
-    mask = (part >= _HALF).astype(np.float32)
-    return any(
-        np.sqrt(np.mean(np.square(ndimage.gaussian_filter(mask, width) - part)[between])) < _UNLIKE_SMOOTHED
-        for width in _SMOOTHING
-    )
+def _are_two(values: Array, low: float, high: float) -> bool:
+    """Return whether all voxels have one of two values, up to rounding."""
+    near = _ROUNDING * (high - low)
+    return all(((entry < low + near) | (entry > high - near)).all() for entry in slices_of(values))
 
 
-def _hardened_signed(values: Array, spacing: FloatArray) -> tuple[Array, str]:
-    """Convert two values, one of them below 0, or signed distances to 0 and 1."""
-    low, high = int(values.min()), int(values.max())
-    if not ((values != low) & (values != high)).any():
-        border = _border(values)
-        outside = high if np.count_nonzero(border == high) > _HALF * border.size else low
-        inside = low + high - outside
-        note = f"its values are {low} and {high}: {inside} was used as the structure"
-        return (values == inside).astype(np.uint8), note
-    distances = values.astype(np.float32)
-    for field in (distances, np.sign(distances) * np.sqrt(np.abs(distances))):  # SimpleITK squares them
-        if low < 0 < high and (sign := _outward_sign(field, spacing)):
-            return _inside(values, sign)
-    return values, ""
-
-
-def _inside(distances: Array, sign: int) -> tuple[Array, str]:
-    """Return 1 where signed distances are inside their surface, and a note."""
-    inside = "negative" if sign > 0 else "positive"
-    note = f"its values are signed distances; voxels where they are {inside} were used as the structure"
-    return (distances * sign < 0).astype(np.uint8), note
+def are_interpolated(labels: Array) -> bool:
+    """Return whether labels pass through those between them at their edges, as interpolation makes them."""
+    passing = steps = 0
+    for axis in range(3):
+        lines = np.moveaxis(labels, axis, 0)[:, :: max(1, labels.size // _LOOKED_AT)]
+        change = np.diff(lines.astype(np.int64), axis=0)
+        between = np.sign(change[:-1]) * np.sign(change[1:]) > 0
+        beside = np.pad(between, [(0, 1), (0, 0), (0, 0)]) | np.pad(between, [(1, 0), (0, 0), (0, 0)])
+        passing += int(np.count_nonzero(between))
+        steps += int(np.count_nonzero((np.abs(change) > 1) & ~beside))
+    return passing > _PASSED * (passing + steps)
 
 
 def _without_nan(path: Path, values: Array) -> tuple[Array, str]:
@@ -210,22 +174,14 @@ def _without_nan(path: Path, values: Array) -> tuple[Array, str]:
     return np.nan_to_num(values), "voxels without a number (NaN) were used as the background"
 
 
-def _half_of(values: Array, full: float) -> tuple[Array, str]:
-    half = full / 2.0
-    note = f"its edges are soft; voxels of at least {half:.4g} were used as the structure"
-    return (values >= half).astype(np.uint8), note
-
-
-def _only_value(values: Array) -> float:
-    """Return the value that all voxels other than 0 have; 0 if there are several."""
-    high = float(values.max())
-    same = (((entry == 0) | (entry > high * (1.0 - _ROUNDING))).all() for entry in slices_of(values))
-    return high if all(same) else 0.0
-
-
 def _sample(values: Array) -> Array:
     """Return an evenly spaced sample of the voxels."""
     return values.ravel(order="K")[:: max(1, values.size // _LOOKED_AT)]
+
+
+def box_of(mask: BoolArray) -> tuple[slice, ...]:
+    """Return the smallest box around the true voxels of a mask that has some."""
+    return next(box for box in ndimage.find_objects(mask.view(np.uint8)) if box is not None)
 
 
 def labels_of_channels(path: Path, values: Array) -> tuple[Array, str]:
@@ -284,33 +240,6 @@ def _border(values: Array) -> Array:
     return np.concatenate([np.moveaxis(values, axis, 0)[end].ravel() for axis in range(3) for end in (0, -1)])
 
 
-def _are_probabilities(values: Array) -> bool:
-    """Return whether values from 0 to 1 are near one of them at most places, and near 0 at the border."""
-    low, high = _SURE
-    outside, inside = np.count_nonzero(values < low), np.count_nonzero(values > high)
-    unsure = values.size - outside - inside
-    decided = bool(inside > 0 and unsure < _MOST_UNSURE * (unsure + inside))
-    return decided and bool(np.mean(_border(values) < low) > _MOST_OF_BORDER)
-
-
-def _outward_sign(values: Array, spacing: FloatArray) -> int:
-    """Return the sign of signed distances outside their surface; 0 if the values are not distances."""
-    positive = float(np.mean(_border(values) > 0.0))
-    if min(values.shape) < 3 or 1.0 - _MOST_OF_BORDER < positive < _MOST_OF_BORDER:
-        return 0
-    least = float(np.abs(values).min())
-    values = values - np.sign(values) * (least / 2.0)  # distances between voxels are never zero
-    inner = values[1:-1, 1:-1, 1:-1]
-    near = np.flatnonzero(np.abs(inner) < 2.0 * spacing.max())
-    near = near[:: max(1, len(near) // _NEAR_SURFACE)]
-    at = np.stack(np.unravel_index(near, inner.shape)) + 1
-    steps = np.eye(3, dtype=np.intp)[:, :, None]
-    change = np.stack([values[tuple(at + step)] - values[tuple(at - step)] for step in steps]) / 2.0
-    slopes = (np.linalg.norm(change / spacing[:, None], axis=0), np.linalg.norm(change, axis=0))
-    shares = [np.mean((slope > _SLOPE[0]) & (slope < _SLOPE[1])) if len(near) else 0.0 for slope in slopes]
-    return 0 if max(shares) < _HALF else 1 if positive > _HALF else -1
-
-
 def labels_apart(values: Array) -> list[int]:
     """Return the labels of a map if they are separate structures, such as the bones of a hand; else none.
 
@@ -340,8 +269,8 @@ def labels_seen(path: Path, values: Array) -> int:
     """
     if values.min() < 0:
         raise InputError(
-            f"{path}: contains values below 0, so it is a picture rather than a label map; segment the "
-            "structure first, or name a label"
+            f"{path}: contains values below 0, so it is a picture or signed distances rather than a label "
+            "map; segment the structure first, name a label, or declare it (values: distance)"
         )
     seen = np.unique(_sample(values))
     if len(seen) > _MOST_VALUES:
@@ -366,3 +295,53 @@ def _differing(values: Array) -> float:
         pairs += int(np.count_nonzero(both))
         differ += int(np.count_nonzero(both & (rows[:, 1:] != rows[:, :-1])))
     return differ / max(pairs, 1)
+
+
+def sides_of(values: Array) -> list[Array]:
+    """Return the six outermost slices of a volume."""
+    return [np.moveaxis(values, axis, 0)[end] for axis in range(3) for end in (0, -1)]
+
+
+def counted(values: Array) -> Counter[int]:
+    """Return the number of voxels of each value above 0."""
+    n_voxels: Counter[int] = Counter()
+    flat = values.ravel(order="K")
+    for start in range(0, flat.size, _COUNTED):
+        part = flat[start : start + _COUNTED]
+        if part.dtype.kind != "u" and part.min() < 0:
+            part = part[part > 0]
+        if part.size and part.max() < _LISTED:
+            counts = np.bincount(part.astype(np.intp, copy=False))
+            present = np.flatnonzero(counts)
+            n_voxels.update(dict(zip(present.tolist(), counts[present].tolist(), strict=True)))
+        elif part.size:
+            several, counts = np.unique(part, return_counts=True)
+            n_voxels.update(dict(zip(several.tolist(), counts.tolist(), strict=True)))
+    del n_voxels[0]
+    return n_voxels
+
+
+def cropped(values: Array, inside: Callable[[Array], Array]) -> tuple[BoolArray, tuple[int, ...]] | None:
+    """Return the voxels that are inside, with a margin of one voxel, and the first index of that box.
+
+    Works slice by slice, so that no array of the volume's size is allocated.
+    """
+    first = int(np.argmax(values.strides))
+    stack = np.moveaxis(values, first, 0)
+    rows, columns = np.zeros(stack.shape[1], np.bool_), np.zeros(stack.shape[2], np.bool_)
+    depth = np.zeros(len(stack), np.bool_)
+    for index, entry in enumerate(stack):
+        hit = inside(entry)
+        across = hit.any(axis=0)
+        depth[index] = across.any()
+        if depth[index]:
+            columns |= across
+            rows |= hit.any(axis=1)
+    if not depth.any():
+        return None
+    spans = [np.flatnonzero(item)[[0, -1]] for item in (depth, rows, columns)]
+    box = tuple(slice(max(int(low) - 1, 0), int(high) + 2) for low, high in spans)
+    mask = np.moveaxis(np.asarray(inside(stack[box]), np.bool_), 0, first)
+    starts = [item.start for item in box[1:]]
+    starts.insert(first, box[0].start)
+    return mask, tuple(starts)

@@ -10,9 +10,17 @@ from homolog.arrays import Array, BoolArray, FloatArray, frozen
 from homolog.cohort.subject import stem_of
 from homolog.errors import InputError
 from homolog.io.label_names import label_table, matching, near, same_name, together
-from homolog.io.values import hardened, labels_apart, labels_from, labels_seen
-from homolog.io.voxels import counted, cropped, sides_of
+from homolog.io.values import (
+    are_interpolated,
+    counted,
+    cropped,
+    labels_apart,
+    labels_from,
+    labels_seen,
+    sides_of,
+)
 from homolog.memory import check_fits
+from homolog.settings import Values
 
 __all__ = ["Extent", "Segment", "Segmentation", "Volume", "check_size"]
 
@@ -21,6 +29,9 @@ _MASKS = 2
 
 _NAMED = 10
 """Largest number of structures in a message."""
+
+_INTERPOLATED = "its labels pass through those between them at their edges, so they were interpolated"
+_NEAREST = "resample the label map with nearest neighbour"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,6 +106,8 @@ class Volume:
         Notes for the user.
     unavailable : mapping of str to str
         Structures that the file names and that can't be read, each with the message that says why.
+    declared : Values
+        What the values of the layers are.
     """
 
     path: Path
@@ -103,19 +116,23 @@ class Volume:
     named: tuple[Segment, ...] = ()
     notes: tuple[str, ...] = ()
     unavailable: Mapping[str, str] = field(default_factory=dict)
+    declared: Values = Values.LABELS
 
     def as_labels(self) -> "Volume":
-        """Return the volume with whole numbers, and a note if its values are probabilities or distances.
+        """Return the volume with labels, and a note if its values are others.
 
         Raises
         ------
         InputError
-            If its values are fractions of another kind.
+            If its values are not what they are declared to be.
         """
-        if len(self.layers) > 1 or not np.issubdtype(self.layers[0].dtype, np.floating):
+        if len(self.layers) > 1:
             return self
-        labels, note = labels_from(self.path, self.layers[0], self._spacing)
-        return replace(self, layers=[labels], notes=(*self.notes, note) if note else self.notes)
+        labels, note = labels_from(self.path, self.layers[0], self.declared)
+        if labels is self.layers[0]:
+            return self
+        notes = (*self.notes, note) if note else self.notes
+        return replace(self, layers=[labels], notes=notes, declared=Values.LABELS)
 
     def segments(self) -> list[Segment]:
         """Return the structures that have voxels: named ones in the file's order, then other values."""
@@ -235,8 +252,7 @@ class Volume:
     def _everything(self) -> Segmentation:
         notes = (*self.notes, *(fault.removeprefix(f"{self.path}: ") for fault in self.unavailable.values()))
         if len(self.layers) == 1:
-            layer, note = (self._labels(0), "") if self.named else hardened(self._labels(0), self._spacing)
-            notes = (*notes, note) if note else notes
+            layer = self._labels(0)
             several = labels_seen(self.path, layer) > 1
             crop = cropped(layer, lambda values: values > 0)
         else:
@@ -249,6 +265,11 @@ class Volume:
         if several and len(self.layers) == 1:
             mask, start = crop
             box = tuple(slice(low, low + size) for low, size in zip(start, mask.shape, strict=True))
+            if not self.with_names().named and are_interpolated(layer[box]):
+                raise InputError(
+                    f"{self.path}: {_INTERPOLATED}, or it is a soft mask; {_NEAREST}, declare the "
+                    "latter (values: probability), or name real layers in a table next to the file"
+                )
             self._check_together(labels_apart(layer[box]))
         placed = self._placed(*crop)  # refuses impossible matrices
         if several:
@@ -285,12 +306,20 @@ class Volume:
 
     def placed(self, segment: Segment) -> Segmentation | None:
         """Return the voxels of a structure; None if there are none."""
-        crop = cropped(self._labels(segment.layer), lambda values: values == segment.value)
-        return None if crop is None else self._placed(*crop, segment.name)
+        layer = self._labels(segment.layer)
+        crop = cropped(layer, lambda values: values == segment.value)
+        if crop is None:
+            return None
+        mask, start = crop
+        around = layer[tuple(slice(low, low + size) for low, size in zip(start, mask.shape, strict=True))]
+        placed = self._placed(mask, start, segment.name)
+        if ((around == 0) | (around == segment.value)).all() or not are_interpolated(around):
+            return placed
+        return replace(placed, notes=(*placed.notes, f"{_INTERPOLATED}; {_NEAREST}"))
 
     def _labels(self, number: int) -> Array:
         """Return the whole-number values of a layer; raises InputError for other values."""
-        return labels_from(self.path, self.layers[number], self._spacing)[0]
+        return labels_from(self.path, self.layers[number], self.declared)[0]
 
     def _titles(self, segments: Sequence[Segment]) -> list[str]:
         """Return names for messages, with the values where these differ."""

@@ -7,6 +7,7 @@ from PIL import Image, TiffImagePlugin
 from homolog.cohort import read_cohort
 from homolog.errors import InputError
 from homolog.io.images import read_segmentation
+from homolog.settings import Values
 
 SIZE = (12, 10, 8)
 
@@ -80,7 +81,7 @@ def test_labels_of_palettes_are_kept(tmp_path, ball):
     assert read_segmentation(tmp_path, 7).mask.sum() == ball.sum()
 
 
-def test_soft_edges_are_cut_at_half(tmp_path, ball):
+def test_soft_edges_declared_as_probabilities_are_cut_at_half(tmp_path, ball):
     rng = np.random.default_rng(0)
     soft = 255.0 * np.kron(ball, np.ones((4, 4, 1)))
     edge = rng.random(soft.shape) < 0.1
@@ -90,9 +91,9 @@ def test_soft_edges_are_cut_at_half(tmp_path, ball):
     for number in range(SIZE[2]):
         Image.fromarray(soft[..., number].T.astype(np.uint8)).save(tmp_path / f"{number}.png")
     size_file(tmp_path)
-    result = read_segmentation(tmp_path, None)
+    result = read_segmentation(tmp_path, None, None, Values.PROBABILITY)
     assert result.mask.sum() == 16 * ball.sum()
-    assert any("soft" in note for note in result.notes)
+    assert any("at least" in note for note in result.notes)
 
 
 def test_pages_of_tiff_files_are_slices_with_the_size_that_imagej_and_ome_noted(tmp_path, ball):

@@ -5,6 +5,7 @@ from scipy import ndimage
 
 from homolog.errors import InputError
 from homolog.io.images import read_segmentation, read_volume
+from homolog.settings import Values
 
 
 def world_points(segmentation):
@@ -157,7 +158,7 @@ def test_not_a_number_is_refused(save):
 
 
 def test_an_intensity_image_is_refused(save):
-    with pytest.raises(InputError, match="threshold"):
+    with pytest.raises(InputError, match="segment pictures first"):
         read_segmentation(save(np.linspace(0, 1, 64, dtype=np.float32).reshape(4, 4, 4)), None)
 
 
@@ -191,53 +192,75 @@ def test_one_point_in_time_is_a_volume(tmp_path, labelled, name):
     assert np.allclose(result.origin, expected.origin)
 
 
-def test_probabilities_are_the_structure_from_a_half_on(save):
-    mask = np.zeros((24, 24, 24))
-    mask[7:17, 7:17, 7:17] = 1
-    result = read_segmentation(save(ndimage.gaussian_filter(mask, 1.0).astype(np.float32)), None)
-    assert result.mask.sum() == pytest.approx(1000, rel=0.15)
-    assert len(result.notes) == 1
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_signed_distances_are_the_structure_on_the_side_away_from_the_border(save, sign):
-    away = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) - 8.0
-    result = read_segmentation(save((sign * away).astype(np.float32)), None)
-    assert result.mask.sum() == (away < 0.0).sum()
-    assert len(result.notes) == 1
-
-
-def test_differences_of_two_distance_transforms_are_signed_distances(save):
-    mask = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) < 8.0
-    distances = ndimage.distance_transform_edt(mask) - ndimage.distance_transform_edt(~mask)
-    result = read_segmentation(save(distances.astype(np.float32)), None)
-    assert result.mask.sum() == mask.sum()
-
-
 BALL = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) < 8.0
 AWAY = ndimage.distance_transform_edt(~BALL) - ndimage.distance_transform_edt(BALL)
+SOFT = ndimage.gaussian_filter(BALL.astype(np.float32), 1.0)
+
+
+@pytest.mark.parametrize("full", [1.0, 17.0, 100.0, 255.0])
+@pytest.mark.parametrize("kind", [np.float32, np.uint8])
+def test_declared_probabilities_are_the_structure_from_a_half_on(save, full, kind):
+    if kind is np.uint8 and full <= 1.0:
+        pytest.skip("has no values between")
+    result = read_segmentation(save((full * SOFT).astype(kind)), None, None, Values.PROBABILITY)
+    assert result.mask.sum() == pytest.approx(BALL.sum(), rel=0.1)
+    assert any("at least" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("order", [1, 3])
+def test_an_interpolated_mask_that_overshoots_may_be_declared_as_probabilities(save, order):
+    finer = ndimage.zoom(BALL[::2, ::2, ::2].astype(np.float32), 2, order=order)
+    result = read_segmentation(save(finer), None, None, Values.PROBABILITY)
+    assert result.mask.sum() == (finer >= 0.5).sum()
 
 
 @pytest.mark.parametrize(
     "values",
     [
+        AWAY.astype(np.float32),
+        (-AWAY).astype(np.float32),
         (np.sign(AWAY) * AWAY**2).astype(np.int32),  # as SimpleITK's SignedMaurerDistanceMap
         (-np.rint(AWAY)).astype(np.int16),
         np.clip(AWAY / 4.0, -1.0, 1.0).astype(np.float32),
+    ],
+    ids=["negative inside", "positive inside", "squared", "whole numbers", "cut off"],
+)
+def test_declared_distances_are_the_structure_on_the_side_away_from_the_border(save, values):
+    result = read_segmentation(save(values), None, None, Values.DISTANCE)
+    assert result.mask.sum() == BALL.sum()
+    assert any("distances" in note for note in result.notes)
+
+
+@pytest.mark.parametrize(
+    ("values", "declared", "looks"),
+    [
+        (AWAY, Values.LABELS, "values: distance"),
+        (SOFT, Values.LABELS, "values: probability"),
+        (np.rint(AWAY).astype(np.int16), Values.LABELS, "values: distance"),
+        (AWAY, Values.PROBABILITY, "signed distances"),
+        (SOFT, Values.DISTANCE, "labels or probabilities"),
+        (BALL.astype(np.uint8), Values.DISTANCE, "labels or probabilities"),
+    ],
+)
+def test_values_that_are_not_what_was_declared_are_refused_with_what_they_look_like(
+    save, values, declared, looks
+):
+    values = values.astype(np.float32) if values.dtype == np.float64 else values
+    with pytest.raises(InputError, match=f"a.nrrd: .*{looks}"):
+        read_segmentation(save(values), None, None, declared)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
         np.where(BALL, -1, 0).astype(np.int8),
         np.where(BALL, 1, -1024).astype(np.int16),
         np.where(BALL, 1.0, np.nan).astype(np.float32),
+        np.where(BALL, 1 / 255, 0.0).astype(np.float32),
     ],
-    ids=[
-        "squared",
-        "whole numbers",
-        "cut off",
-        "value below 0",
-        "background below 0",
-        "not a number outside",
-    ],
+    ids=["value below 0", "background below 0", "not a number outside", "a fraction"],
 )
-def test_other_values_of_a_mask_are_read_with_a_note(save, values):
+def test_two_values_are_a_mask_with_a_note(save, values):
     result = read_segmentation(save(values), None)
     assert result.mask.sum() == BALL.sum()
     assert len(result.notes) == 1
@@ -248,40 +271,41 @@ def test_values_that_are_not_numbers_inside_are_refused(save):
         read_segmentation(save(np.where(BALL, np.nan, 1.0).astype(np.float32)), None)
 
 
-@pytest.mark.parametrize("scale", [1.0, 100.0, 255.0])
+def turned(labels, order):
+    """Return a map rotated by 17 degrees, rounded, as if it had been registered with interpolation."""
+    return np.rint(ndimage.rotate(labels.astype(float), 17, order=order, reshape=False)).astype(np.int16)
+
+
 @pytest.mark.parametrize("order", [1, 3])
-def test_interpolated_masks_are_the_structure_from_half_on(save, scale, order):
-    mask = np.linalg.norm(np.indices((14, 14, 14)) - 6.5, axis=0) < 5.0
-    finer = ndimage.zoom(mask * scale, 2, order=order)
-    result = read_segmentation(save(finer.astype(np.float32)), None)
-    assert result.mask.sum() == (finer >= scale / 2).sum()
-    assert len(result.notes) == 1
+@pytest.mark.parametrize("full", [2, 3, 17])
+def test_labels_that_were_interpolated_are_never_taken_in_silence(save, order, full):
+    path = save(np.maximum(turned(full * BALL, order), 0))
+    with pytest.raises(InputError, match=r"interpolated.*nearest neighbour"):
+        read_segmentation(path, None)
+    (note,) = read_segmentation(path, full).notes
+    assert "nearest neighbour" in note
 
 
-def test_masks_of_bytes_with_soft_edges_are_the_structure_from_half_on(save):
-    mask = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) < 8.0
-    soft = ndimage.gaussian_filter(255.0 * mask, 0.7).astype(np.uint8)
-    path = save(soft)
-    result = read_segmentation(path, None)
-    assert result.mask.sum() == (soft >= soft.max() / 2).sum()
-    assert len(result.notes) == 1
-    assert read_segmentation(path, 255).mask.sum() == (soft == 255).sum()
-
-
-@pytest.mark.parametrize(("full", "kind"), [(17.0, np.int16), (17.0, np.float32), (255.0, np.uint8)])
-def test_a_thin_label_that_was_interpolated_is_the_structure_from_half_on(save, full, kind):
-    places = (np.indices((24, 24, 14)) - [[[[11.6]]], [[[11.3]]], [[[6.4]]]]) / [[[[9]]], [[[8]]], [[[3]]]]
-    mask = (places**2).sum(axis=0) < 1.0
-    soft = ndimage.gaussian_filter(full * mask, 0.7).astype(kind)
-    result = read_segmentation(save(soft), None)
-    assert abs(result.mask.sum() - mask.sum()) < 0.1 * mask.sum()
-    assert len(result.notes) == 1
+def test_labels_turned_by_nearest_neighbour_are_taken_without_a_word(save):
+    nested = np.where(np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) < 5.0, 3, 2) * BALL
+    result = read_segmentation(save(turned(nested, 0)), 3)
+    assert result.mask.any()
+    assert not result.notes
 
 
 def test_labels_in_layers_are_not_soft_edges(save):
-    depth = np.maximum(12 - np.abs(np.indices((28, 28, 28)) - 13.5).max(axis=0).astype(np.uint8), 0)
-    result = read_segmentation(save(np.where(depth < 13, depth, 0).astype(np.uint8)), None)
-    assert result.mask.sum() == np.count_nonzero((depth > 0) & (depth < 13))
+    away = np.abs(np.indices((28, 28, 28)) - 13.5).max(axis=0).astype(int)
+    layers = np.maximum(12 - away, 0) // 2
+    assert read_segmentation(save(layers.astype(np.uint8)), None).mask.sum() == np.count_nonzero(layers)
+
+
+def test_layers_of_one_voxel_are_taken_if_a_table_names_them(save, tmp_path):
+    layers = np.where(np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) < 7.0, 2, 1) * BALL
+    path = save(layers.astype(np.uint8))
+    with pytest.raises(InputError, match="table next to the file"):
+        read_segmentation(path, None)
+    (tmp_path / "labels.txt").write_text("1 wall\n2 lumen\n")
+    assert read_segmentation(path, None).mask.sum() == BALL.sum()
 
 
 def test_labels_that_lie_apart_are_not_taken_together(save):
@@ -297,20 +321,8 @@ def test_labels_that_lie_apart_are_not_taken_together(save):
 def test_pieces_that_all_have_the_same_labels_are_taken_together(save):
     labels = np.zeros((24, 12, 12), np.uint8)
     labels[2:10, 2:10, 2:10] = labels[13:20, 2:10, 2:10] = 1
-    labels[3:7, 3:7, 3:7] = labels[14:17, 3:7, 3:7] = 2
+    labels[4:8, 4:8, 4:8] = labels[15:18, 4:8, 4:8] = 2
     assert read_segmentation(save(labels), None).mask.sum() == (labels > 0).sum()
-
-
-def test_one_value_that_is_no_whole_number_is_the_structure(save):
-    mask = np.zeros((12, 12, 12), np.float32)
-    mask[3:9, 3:9, 3:9] = 1 / 255
-    assert read_segmentation(save(mask), None).mask.sum() == 216
-
-
-def test_fractions_above_and_below_0_that_are_no_distances_are_refused(save):
-    away = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) - 8.0
-    with pytest.raises(InputError, match="fractions"):
-        read_segmentation(save((3.3 * away).astype(np.float32)), None)
 
 
 def test_a_picture_of_few_grey_values_is_refused(save):
