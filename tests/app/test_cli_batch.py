@@ -132,12 +132,16 @@ def test_structures_in_one_folder_are_run_by_name_and_listed_without(tmp_path, c
     image[(ball**2).sum(axis=0) < 40] = 1
     for name in ("p1_liver", "p1_spleen", "p2_liver", "p2_spleen", "p3_liver", "p3_spleen"):
         SimpleITK.WriteImage(SimpleITK.GetImageFromArray(image), tmp_path / f"{name}.nii.gz")
-    out = tmp_path / "project"
-    assert main(["run", str(tmp_path), "--out", str(out), *QUIET, *QUICK]) == 2
+    run = ["run", str(tmp_path), "--out", str(tmp_path / "project"), *QUIET, *QUICK]
+    assert main(run) == 2
+    assert '--pattern "{subject}_{structure}.nii.gz"  3 subjects, 2 structures\n' in capsys.readouterr().err
+    run += ["--pattern", "{subject}_{structure}.nii.gz"]
+    assert main(run) == 2
     message = capsys.readouterr().err
     assert "liver (3), spleen (3)" in message
-    assert f"homolog run {tmp_path} --label liver" in message
-    assert main(["run", str(tmp_path), "--label", "liver", "--out", str(out), *QUIET, *QUICK]) == 0
+    assert f"homolog run {tmp_path} --pattern '{{subject}}_{{structure}}.nii.gz' --label liver" in message
+    assert main([*run, "--label", "liver"]) == 0
+    out = tmp_path / "project"
     assert [subject.name for subject in ProjectFolder(out).read().result.subjects] == ["p1", "p2", "p3"]
 
 

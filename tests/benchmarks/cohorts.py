@@ -33,6 +33,7 @@ def main():
     parser.add_argument("folders", nargs="+", type=Path)
     parser.add_argument("--particles", nargs="+", type=int, default=[256])
     parser.add_argument("--seeds", nargs="+", type=int, default=[0])
+    parser.add_argument("--pattern", help="where the files are below each folder: labels/{subject}.nii.gz")
     parser.add_argument("--label", type=int, help="number of the structure in label maps")
     parser.add_argument("--check", action="store_true")
     parser.add_argument("--truth", action="store_true", help="errors against the meshes' own topology")
@@ -48,7 +49,7 @@ def try_cohort(folder, options, device):
     settings = GroomSettings(label=options.label)
     problems: list[Problem] = []
     begun = time.perf_counter()
-    cohort = read_cohort(folder)
+    cohort = read_cohort(folder, options.pattern)
     groomed = groom_cohort(cohort, settings, left_out=problems)
     cohort = cohort.without({problem.subject for problem in problems})
     seconds = time.perf_counter() - begun

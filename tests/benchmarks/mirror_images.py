@@ -1,6 +1,6 @@
 """How many mirror images are found among subjects, each subject of a cohort being mirrored in turn.
 
-    python tests/benchmarks/mirror_images.py shared/data/zoo/brain_ventricle shared/data/hippocampus_msd
+    python tests/benchmarks/mirror_images.py shared/data/zoo/brain_ventricle shared/data/zoo/brain_hippocampus
 
 Others that get a note, and those that get one when nobody is mirrored, are counted, too. With --half every
 other subject is mirrored at once.

@@ -6,7 +6,7 @@ import unicodedata
 import openpyxl
 import pytest
 
-from homolog.cohort import Subject, mask_files, read_cohort
+from homolog.cohort import Subject, read_cohort
 from homolog.errors import InputError
 
 
@@ -57,7 +57,7 @@ def test_subjects_survive_pickling(folder):
 
 def test_two_files_of_one_name_are_refused(folder):
     (folder / "a.nii").touch()
-    with pytest.raises(InputError, match="several subjects are named a;"):
+    with pytest.raises(InputError, match=r"a\.nii and a\.nrrd are two files of a;"):
         read_cohort(folder)
 
 
@@ -65,7 +65,7 @@ def test_two_files_of_one_name_are_refused(folder):
     ("text", "message"),
     [
         ("name,path\na,a.nrrd\na,b.nii.gz\n", "several subjects are named a"),
-        ("name,thing\na,a.nrrd\n", "lacks the column path"),
+        ("name,thing\na,b.nrrd\n", "lacks the column path"),
         ("", "lacks the column path"),
         ("name,path\n", "lists no subject"),
         ("name,path\n,a.nrrd\n", "line 2: the name is empty"),
@@ -144,8 +144,8 @@ def test_accents_may_be_apart_in_file_names_and_not_in_the_table(tmp_path, forms
     assert subject.path.is_file()
 
 
-def test_a_table_without_names_names_subjects_after_their_files(folder):
-    (first, second) = read_cohort(table(folder, "Datei;Gruppe\na.nrrd;x\nb.nii.gz;y\n")).subjects
+def test_a_table_without_names_and_paths_has_those_of_the_column_that_names_files(folder):
+    (first, second) = read_cohort(table(folder, "Datei;group\na.nrrd;x\nb.nii.gz;y\n")).subjects
     assert [(item.name, item.group) for item in (first, second)] == [("a", "x"), ("b", "y")]
 
 
@@ -166,13 +166,6 @@ def place(folder, *names):
         (folder / name).write_bytes(b"")
 
 
-def test_a_folder_above_the_one_with_the_files_will_do(tmp_path):
-    place(tmp_path, "subjects.csv", "labels/b.nrrd", "labels/a.nii.gz", "figures/a.png")
-    assert [(subject.name, subject.path) for subject in read_cohort(tmp_path).subjects] == [
-        ("a", tmp_path / "labels" / "a.nii.gz"), ("b", tmp_path / "labels" / "b.nrrd"),
-    ]  # fmt: skip
-
-
 def test_folders_of_one_file_each_name_the_subjects(tmp_path):
     place(tmp_path, "anna/mask.nii.gz", "anna/scan.txt", "bert/mask.nii.gz", ".trash/x/mask.nii.gz")
     place(tmp_path, "bert/mask.mrk.json")
@@ -182,12 +175,6 @@ def test_folders_of_one_file_each_name_the_subjects(tmp_path):
         ("anna", tmp_path / "anna" / "mask.nii.gz", None),
         ("bert", tmp_path / "bert" / "mask.nii.gz", tmp_path / "bert" / "mask.mrk.json"),
     ]
-
-
-def test_folders_of_which_any_may_be_meant_are_named(tmp_path):
-    place(tmp_path, "labels/a.nrrd", "labels/b.nrrd", "meshes/a.ply", "meshes/b.ply", "other/c.ply")
-    with pytest.raises(InputError, match=r"labels \(2\), meshes \(2\); .*cohort\.csv"):
-        read_cohort(tmp_path)
 
 
 def test_what_is_not_there_is_refused(tmp_path):
@@ -225,51 +212,6 @@ def test_a_file_name_that_is_no_text_is_refused(folder, name):
     with pytest.raises(InputError, match=r"\\x.*: .* UTF-8; rename it") as refused:
         read_cohort(folder)
     assert str(refused.value).encode()
-
-
-def paths_of(folder):
-    return {
-        subject.name: subject.path.relative_to(folder).as_posix() for subject in read_cohort(folder).subjects
-    }
-
-
-def test_subjects_with_a_file_for_each_structure_are_their_folders(tmp_path):
-    place(tmp_path, "anna/liver.nii.gz", "anna/spleen.nii.gz", "bert/liver.nii.gz", "notes/readme.md")
-    assert paths_of(tmp_path) == {"anna": "anna", "bert": "bert"}
-
-
-def test_a_folder_of_segmentations_goes_before_the_scan_beside_it(tmp_path):
-    for name in ("s1", "s2"):
-        place(tmp_path, f"{name}/ct.nii.gz", f"{name}/segmentations/liver.nii.gz")
-        place(tmp_path, f"{name}/segmentations/spleen.nii.gz")
-    assert paths_of(tmp_path) == {"s1": "s1/segmentations", "s2": "s2/segmentations"}
-    assert set(mask_files(tmp_path / "s1")) == {"liver", "spleen"}
-
-
-def test_scans_beside_the_one_label_map_of_each_subject_are_left_out(tmp_path):
-    for name in ("BraTS20_001", "BraTS20_002"):
-        place(tmp_path, *(f"{name}/{name}_{item}.nii.gz" for item in ("flair", "t1", "t1ce", "t2", "seg")))
-    assert paths_of(tmp_path) == {
-        name: f"{name}/{name}_seg.nii.gz" for name in ("BraTS20_001", "BraTS20_002")
-    }
-
-
-@pytest.mark.parametrize("scan", ["t2_tse_tra", "t1_mprage_sag_iso", "CT venous", "MRI-3D-vibe_fs"])
-def test_scans_named_by_modality_and_sequence_are_no_structures(tmp_path, scan):
-    for name in ("p1", "p2"):
-        place(tmp_path, *(f"{name}/{item}.nii.gz" for item in (scan, "WG_SV", "ct_fat")))
-        assert set(mask_files(tmp_path / name)) == {"WG_SV", "ct_fat"}
-
-
-def test_freesurfers_subjects_are_their_aseg(tmp_path):
-    for name in ("bert", "ernie"):
-        place(tmp_path, f"{name}/mri/aseg.mgz", f"{name}/mri/orig.mgz", f"{name}/mri/brain.mgz")
-    assert paths_of(tmp_path) == {name: f"{name}/mri/aseg.mgz" for name in ("bert", "ernie")}
-
-
-def test_labels_are_taken_where_images_lie_in_the_folder_beside(tmp_path):
-    place(tmp_path, *(f"{kind}/{item}.nii.gz" for kind in ("imagesTr", "labelsTr") for item in "ab"))
-    assert paths_of(tmp_path) == {"a": "labelsTr/a.nii.gz", "b": "labelsTr/b.nii.gz"}
 
 
 def test_a_scan_beside_a_file_is_its_image_and_no_subject(folder):

@@ -38,13 +38,10 @@ def test_new_columns_and_groups_are_added_and_replaced(read):
     ]
 
 
-def test_tables_may_be_in_another_language(read):
-    result = read("Alter;Kennung;Gruppe\n62,5;p01_ED;krank\n")
+def test_any_column_may_name_the_subjects_or_their_files(read):
+    result = read("Alter;Kennung;group\n62,5;p01_ED;krank\n")
     assert (result.subjects[0].group, result.subjects[0].columns) == ("krank", {"age": "61", "Alter": "62,5"})
-
-
-def test_files_name_the_subjects_where_their_names_differ_from_the_tables(read):
-    result = read("Kennung;Datei;Gruppe\nProband 1;heart10.nii.gz;krank\n")
+    result = read("Kennung;Datei;group\nProband 1;heart10.nii.gz;krank\n")
     assert (result.matched, result.subjects[2].group) == (("p10_ED",), "krank")
 
 
@@ -96,22 +93,27 @@ def test_a_beginning_that_two_subjects_share_names_neither(tmp_path):
     assert with_table(pair, table).unknown == ("p1",)
 
 
-@pytest.mark.parametrize(
-    ("said", "names"),
-    [
-        ("sub-01", ("sub-01_ses-01_mask", "sub-01_ses-02_mask")),
-        ("p7", ("p7_lung_left", "p7_lung_right")),
-        ("anna", ("anna_ED", "anna_ES")),
-    ],
-)
-def test_a_row_is_of_all_times_and_sides_of_its_subject_that_have_none_of_their_own(tmp_path, said, names):
+def test_a_row_of_a_person_is_of_all_scans_that_have_none_of_their_own(tmp_path):
     table = tmp_path / "table.csv"
-    subjects = [Subject(name, Path(f"{name}.ply")) for name in (*names, f"{said}9_ED")]
-    table.write_text(f"name,age,note\n{said},61,\n", encoding="utf-8")
+    names = ("anna_ED", "anna_ES")
+    scans = [Subject(name, Path(f"{name}.ply"), columns={"subject": "anna"}) for name in names]
+    subjects = [*scans, Subject("anna9_ED", Path("anna9.ply"))]
+    table.write_text("name,age,note\nanna,61,\n", encoding="utf-8")
     assert with_table(subjects, table).matched == names
-    table.write_text(f"name,age\n{said},61\n{names[1]},62\n", encoding="utf-8")
+    table.write_text("name,age\nanna,61\nanna_ES,62\n", encoding="utf-8")
     result = with_table(subjects, table).subjects
     assert [subject.columns.get("age") for subject in result] == ["61", "62", None]
+
+
+def test_a_value_declared_as_missing_leaves_the_cell_empty_also_where_it_was_read_before(read, tmp_path):
+    (tmp_path / "table.csv").write_text("name,age,dose\np01_ED,-999,1\np02_ED,48,-999.0\n", encoding="utf-8")
+    before = with_table(SUBJECTS, tmp_path / "table.csv").subjects
+    changes = with_table(before, tmp_path / "table.csv", ["-999"])
+    assert [subject.columns.get("age") for subject in changes.subjects] == ["", "48", None]
+    assert changes.subjects[1].columns["dose"] == ""
+    assert ("p01_ED", "-999", "missing") in [
+        (item.subject, item.before, item.after) for item in changes.replaced
+    ]
 
 
 def test_the_column_that_fits_most_subjects_names_them(read):
@@ -174,7 +176,7 @@ def test_tables_that_can_not_be_used_say_why(read, text, message):
 
 
 def test_numbers_without_leading_zeros_name_subjects_if_all_are_the_same(read):
-    changes = read("Patient_ID;Gruppe\n10;a\n1;b\n2;a\n")
+    changes = read("ID;group\n10;a\n1;b\n2;a\n")
     assert [subject.group for subject in changes.subjects] == ["b", "a", "a"]
     assert any("matched by number: 10 is p10_ED" in note for note in changes.notes)
 

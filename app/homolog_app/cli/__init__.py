@@ -26,6 +26,7 @@ OK, PROGRAM_ERROR, INPUT_ERROR, CANCELLED = 0, 1, 2, 130
 
 _COMMANDS = {
     "run": ("run", "groom a cohort, place corresponding particles, compute the shape model"),
+    "cohort": ("cohort", "write a folder's subjects, files and groups as a table for editing"),
     "labels": ("project", "list the structures in a cohort's label maps"),
     "batch": ("project", "compute a shape model of each structure of a cohort"),
     "info": ("project", "show what a project contains"),

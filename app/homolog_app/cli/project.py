@@ -12,6 +12,7 @@ from homolog.errors import InputError, NumericalError
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ProjectRecord, ResultRecord, note_lines
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings, Values
+from homolog_app.cli.cohort import add_cohort_options, add_missing_option, cohort_of
 from homolog_app.cli.options import (
     Progress,
     add_former_name,
@@ -20,7 +21,7 @@ from homolog_app.cli.options import (
     show_progress,
     with_all_options,
 )
-from homolog_app.cli.run import cohort_of, interrupt_cancels
+from homolog_app.cli.run import interrupt_cancels
 
 if TYPE_CHECKING:
     from homolog.io.structures import Structure, Structures
@@ -130,6 +131,7 @@ def add_table(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
     )
     parser.add_argument("project", type=Path, help="project folder")
     parser.add_argument("table", type=Path, help="table to read")
+    add_missing_option(parser)
     parser.add_argument("--dry-run", action="store_true", help="only show the changes")
 
 
@@ -139,7 +141,7 @@ def run_table(arguments: argparse.Namespace) -> int:
 
     project = ProjectFolder(arguments.project)
     with project.locked(new=False):
-        changes = with_table(project.cohort().subjects, arguments.table)
+        changes = with_table(project.cohort().subjects, arguments.table, arguments.missing)
         sys.stdout.write("".join(f"{line}\n" for line in changes.lines))
         if arguments.dry_run:
             sys.stdout.write("nothing was written (--dry-run)\n")
@@ -191,7 +193,7 @@ def add_labels(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         "volumes, and numbers of images whose border they touch, where they may be cut off. Use homolog run "
         "COHORT --label NAME for one of them, homolog batch for all.",
     )
-    parser.add_argument("cohort", type=Path, help="folder of label maps, cohort.csv, or project")
+    add_cohort_options(parser, "folder of label maps, cohort.csv, or project")
     parser.add_argument("--json", action="store_true", help="print all volumes as JSON")
     add_progress_option(parser)
 
@@ -201,7 +203,7 @@ def run_labels(arguments: argparse.Namespace) -> int:
     from homolog.io.structures import list_structures
     from homolog.progress import run_in_background
 
-    cohort = cohort_of(arguments.cohort)
+    cohort = cohort_of(arguments)
     with show_progress(arguments.progress) as progress:
         listed = run_in_background(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
     if arguments.json:
@@ -261,7 +263,7 @@ def add_batch(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
         "project, and an index.html that lists them. A model contains the subjects that have the structure. "
         "If one structure fails, the others continue. After Ctrl-C the same command continues.",
     )
-    parser.add_argument("cohort", type=Path, help="folder of label maps, cohort.csv, or project")
+    add_cohort_options(parser, "folder of label maps, cohort.csv, or project")
     parser.add_argument("--out", type=Path, required=True, help="folder for the projects and the index")
     parser.add_argument(
         "--labels",
@@ -296,7 +298,7 @@ def run_batch(arguments: argparse.Namespace) -> int:
 
     names = [part.strip() for part in arguments.labels.split(",") if part.strip()]
     settings = with_all_options(RunSettings(), arguments)
-    cohort, values = cohort_of(arguments.cohort), settings.groom.values or Values.LABELS
+    cohort, values = cohort_of(arguments), settings.groom.values or Values.LABELS
     with show_progress(arguments.progress) as progress:
         listed = run_in_background(
             lambda tick: list_structures(cohort, tick, values), progress.tick, "reading"

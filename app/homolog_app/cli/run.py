@@ -5,7 +5,7 @@ import json
 import signal
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -19,17 +19,18 @@ from homolog.cohort import (
     TABLE_SUFFIXES,
     Cohort,
     Subject,
-    landmarks_beside,
-    mask_files,
+    is_series,
+    proposals_text,
     read_cohort,
-    stem_of,
+    structures_in,
+    subject_at,
     suffix_of,
-    with_both_sides,
     with_values_of,
 )
 from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
+from homolog_app.cli.cohort import add_cohort_options, as_options, cohort_of, read_with_notes
 from homolog_app.cli.options import (
     add_former_name,
     add_options,
@@ -42,22 +43,7 @@ from homolog_app.cli.options import (
 if TYPE_CHECKING:
     from homolog.run import Run, RunStatus
 
-__all__ = ["add_run", "add_worker", "cohort_of", "interrupt_cancels", "run_run", "run_worker"]
-
-
-def cohort_of(path: Path) -> Cohort:
-    """Return the cohort of a folder, table or project."""
-    project = ProjectFolder(path)
-    return project.cohort() if project.exists else read_with_notes(path)
-
-
-def read_with_notes(path: Path, *, both_sides: bool = False) -> Cohort:
-    """Return the cohort of a folder or table, and print which files were skipped and why."""
-    cohort = read_cohort(path)
-    cohort = with_both_sides(cohort) if both_sides else cohort
-    for note in cohort.notes:
-        sys.stderr.write(f"homolog: note: {note}\n")
-    return cohort
+__all__ = ["add_run", "add_worker", "interrupt_cancels", "run_run", "run_worker"]
 
 
 _LISTED = 12
@@ -73,7 +59,7 @@ def add_run(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
         "particles, particles are added to it. If it already has this result, only groups and covariates are "
         "updated.",
     )
-    parser.add_argument("cohort", type=Path, help="folder of segmentations or meshes, cohort.csv, or project")
+    add_cohort_options(parser, "folder of segmentations or meshes, cohort.csv, or project")
     parser.add_argument(
         "--out", type=Path, help="project folder to create (default: COHORT, if it is a project)"
     )
@@ -101,7 +87,7 @@ def run_run(arguments: argparse.Namespace) -> int:
     with show_progress(arguments.progress) as progress:
         progress.show(0.0, "starting")
         from homolog.run import FinishReason, Phase, Run  # takes a second
-    _check_structure(arguments.cohort, cohort, settings.groom)
+    _check_structure(arguments.cohort, arguments.pattern, cohort, settings.groom)
     if _has_requested_result(arguments, project, cohort, settings):
         return _update_table(arguments, project, cohort)
     from_result = bool(arguments.fit) or _adds_particles(arguments, project, cohort, settings)
@@ -151,7 +137,7 @@ def run_run(arguments: argparse.Namespace) -> int:
     return OK if done else CANCELLED
 
 
-def _check_structure(source: Path, cohort: Cohort, settings: GroomSettings) -> None:
+def _check_structure(source: Path, pattern: str | None, cohort: Cohort, settings: GroomSettings) -> None:
     """Refuse files of several structures if none is chosen, in one message for all subjects."""
     if settings.label is not None or settings.segment is not None:
         return
@@ -162,11 +148,13 @@ def _check_structure(source: Path, cohort: Cohort, settings: GroomSettings) -> N
         more = f" and {len(structures) - _LISTED} more" if len(structures) > _LISTED else ""
         listed = ", ".join(f"{item.name} ({len(item.by_subject)})" for item in structures[:_LISTED])
         empty = f"empty in all: {', '.join(files.empty)}; " if files.empty else ""
-        name = quote(str(source))
+        name = quote(str(source)) + (f" --pattern {quote(pattern)}" if pattern else "")
+        may_be_others = source.is_dir() and not pattern and len(structures) > len(cohort.subjects)
+        others = as_options(proposals_text(source)) if may_be_others else ""
         raise InputError(
             f"{source}: contains one file per structure: {listed}{more} (number of subjects); {empty}"
             f"choose one: homolog run {name} --label {quote(structures[0].name)} …, or all: homolog batch "
-            f"{name} --labels all …"
+            f"{name} --labels all …{others}"
         )
 
 
@@ -256,7 +244,7 @@ def _run_inputs(arguments: argparse.Namespace) -> tuple[ProjectFolder, Cohort, R
     source = ProjectFolder(arguments.cohort)
     if source.exists:
         project = ProjectFolder(arguments.out or arguments.cohort)
-        record, cohort = source.read(), source.cohort()
+        record, cohort = source.read(), cohort_of(arguments)
         settings = record.settings
         if arguments.resume and not record.unfinished:
             raise InputError(f"{source.folder}: its last run has finished; there is nothing to resume")
@@ -270,24 +258,24 @@ def _run_inputs(arguments: argparse.Namespace) -> tuple[ProjectFolder, Cohort, R
         )
     else:
         project, settings = ProjectFolder(arguments.out), with_all_options(RunSettings(), arguments)
-        chosen = settings.groom.label is not None or settings.groom.segment is not None
-        cohort = read_with_notes(arguments.cohort, both_sides=not chosen)
+        cohort = read_with_notes(arguments)
     project.check_is_free()
     settings = with_all_options(settings, arguments)
     if arguments.fit:
         if arguments.resume or project.folder != source.folder:
             raise InputError("--fit changes the project itself; don't combine it with --out or --resume")
-        cohort = _with_new(cohort, arguments.fit, settings.groom.segment)
+        cohort = _with_new(cohort, arguments.fit)
     return project, cohort, settings
 
 
-def _with_new(cohort: Cohort, paths: Sequence[Path], segment: str | None) -> Cohort:
+def _with_new(cohort: Cohort, paths: Sequence[Path]) -> Cohort:
     """Return the cohort with the subjects of further files, folders or tables at its end.
 
     Subjects that it already has from a refused or interrupted fit are not added twice.
     """
     known = {(subject.name, subject.path.resolve()) for subject in cohort.subjects}
-    given = [item for path in paths for item in _subjects_of(path, segment)]
+    structures = {name for subject in cohort.subjects for name in subject.structures}
+    given = [item for path in paths for item in _subjects_of(path, structures)]
     new = [item for item in given if (item.name, item.path.resolve()) not in known]
     names = Counter(subject.name for subject in (*cohort.subjects, *new))
     repeated = [name for name, count in names.items() if count > 1]
@@ -296,17 +284,15 @@ def _with_new(cohort: Cohort, paths: Sequence[Path], segment: str | None) -> Coh
     return Cohort((*cohort.subjects, *new), cohort.folder)
 
 
-def _subjects_of(path: Path, segment: str | None) -> tuple[Subject, ...]:
-    if path.is_dir() and segment:
-        from homolog.io.label_names import matching
-
-        if masks := matching(mask_files(path).items(), segment):  # one subject with a file per structure
-            return (Subject(path.name, masks[0].parent.resolve()),)
-    if path.is_dir() or path.suffix.lower() in TABLE_SUFFIXES:
-        return (read_cohort(path) if segment else with_both_sides(read_cohort(path))).subjects
-    if not path.is_file() or suffix_of(path) not in IMAGE_SUFFIXES + MESH_SUFFIXES:
+def _subjects_of(path: Path, structures: Collection[str]) -> tuple[Subject, ...]:
+    """Return the subjects of a file, table or folder; one with the result's structures is one subject."""
+    if structures and path.is_dir() and not structures_in(path).keys().isdisjoint(structures):
+        return (subject_at(path.resolve()),)
+    if path.suffix.lower() in TABLE_SUFFIXES or (path.is_dir() and not is_series(path)):
+        return read_cohort(path).subjects
+    if not path.is_dir() and (not path.is_file() or suffix_of(path) not in IMAGE_SUFFIXES + MESH_SUFFIXES):
         raise InputError(f"{path}: is not a segmentation or mesh; correct the path")
-    return (Subject(stem_of(path), path.resolve(), landmarks=landmarks_beside(path.resolve())),)
+    return (subject_at(path.resolve()),)
 
 
 def _adds_particles(

@@ -35,6 +35,7 @@ from homolog_app.exports.settings import TableSettings
 
 __all__ = [
     "Measures",
+    "cohort_rows",
     "compare",
     "distances",
     "group_lines",
@@ -203,23 +204,25 @@ def write_cohort(path: Path, cohort: Cohort) -> None:
     InputError
         If the file can't be written.
     """
-    relative = ProjectFolder(path.parent).describe(cohort)
-    columns = list(dict.fromkeys(name for item in relative for name in item.columns))
-    files = [name for name in ("landmarks", "image") if any(getattr(item, name) for item in relative)]
-    write_table(
-        path,
-        ["name", "path", "group", *files, *columns],
-        (
-            [
-                item.name,
-                item.path,
-                item.group,
-                *(getattr(item, name) for name in files),
-                *(item.columns.get(name) for name in columns),
-            ]
-            for item in relative
-        ),
-    )
+    heads, *rows = cohort_rows(cohort, path.parent)
+    write_table(path, heads, rows)
+
+
+def cohort_rows(cohort: Cohort, folder: Path) -> list[list[str]]:
+    """Return a cohort as rows of a table, the headings first, with paths relative to a folder."""
+    described = ProjectFolder(folder).describe(cohort)
+    structures = list(dict.fromkeys(name for item in described for name in item.structures))
+    columns = list(dict.fromkeys(name for item in described for name in item.columns))
+    further = [name for name in ("landmarks", "image") if any(getattr(item, name) for item in described)]
+    single = any(not item.structures for item in described)
+    heads = ["name", *(["path"] if single else []), *(f"path:{name}" for name in structures), "group"]
+    rows = [[*heads, *further, *columns]]
+    for item in described:
+        cells = [item.name, *([item.path if not item.structures else ""] if single else [])]
+        cells += [item.structures.get(name, "") for name in structures]
+        cells += [item.group or "", *(getattr(item, name) or "" for name in further)]
+        rows.append([*cells, *(item.columns.get(name, "") for name in columns)])
+    return rows
 
 
 _MM3_IN_ML, _MM2_IN_CM2 = 1000.0, 100.0

@@ -10,12 +10,10 @@ import numpy as np
 from homolog.arrays import Array
 from homolog.cohort import (
     TABLE_SUFFIXES,
-    Cohort,
     Subject,
-    dicom_files,
-    image_beside,
-    landmarks_beside,
+    is_series,
     read_cohort,
+    subject_at,
     suffix_of,
 )
 from homolog.errors import InputError, NumericalError
@@ -226,13 +224,10 @@ def patients_of(files: Sequence[Path]) -> tuple[Subject, ...]:
         if not path.exists():
             raise InputError(f"{path}: does not exist; correct the path")
         table = path.is_file() and suffix_of(path) in TABLE_SUFFIXES
-        series = path.is_dir() and bool(dicom_files(path))
-        if table or (path.is_dir() and not series):
-            cohort: Cohort = read_cohort(path)
-            subjects += cohort.subjects
+        if table or (path.is_dir() and not is_series(path)):
+            subjects += read_cohort(path).subjects
         else:
-            name = path.name if series else path.name[: len(path.name) - len(suffix_of(path))]
-            subjects.append(Subject(name, path, landmarks=landmarks_beside(path), image=image_beside(path)))
+            subjects.append(subject_at(path))
     names = [subject.name for subject in subjects]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

@@ -10,7 +10,7 @@ from homolog.arrays import Array, BoolArray, FloatArray, frozen
 from homolog.cohort import Subject
 from homolog.errors import InputError
 from homolog.io.images import Segmentation, Volume, read_segmentation, read_volume
-from homolog.io.structures import mask_of, masks_of, structures_of
+from homolog.io.structures import mask_of, structures_of
 from homolog.settings import Values
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -109,9 +109,9 @@ def survey_subject(
     """
     survey = FileSurvey(subject, label, segment=segment, values=values)
     try:
-        if masks := masks_of(subject):
-            survey = replace(survey, labels=_of_masks(subject, masks, values or Values.LABELS))
-            return _with_mask(survey, mask_of(subject, masks, label, segment))
+        if subject.structures:
+            survey = replace(survey, labels=_of_masks(subject, subject.structures, values or Values.LABELS))
+            return _with_mask(survey, mask_of(subject, label, segment))
         if subject.is_mesh:
             return _with_mesh(survey, subject.path)
         volume = read_volume(subject.path, values or Values.LABELS).with_names()

@@ -10,10 +10,10 @@ from typing import Annotated, Literal
 from filelock import FileLock, Timeout
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
-from homolog.cohort import Subject, checked_path
+from homolog.cohort import checked_path
 from homolog.errors import InputError
 from homolog.io.atomic import replace_folder, write_text
-from homolog.io.project import ProjectFolder
+from homolog.io.project import ProjectFolder, subject_of
 from homolog.io.project_table import update_table
 from homolog.io.records import ProjectRecord, SubjectRecord
 from homolog.settings import RunSettings
@@ -112,18 +112,7 @@ def study_of(record: StudyRecord, folder: Path) -> Study:
     """Return the study of a record whose paths are relative to a folder."""
     excluded = set(record.excluded)
     members = tuple(
-        Member(
-            Subject(
-                subject.name,
-                (folder / subject.path).resolve(),
-                subject.group,
-                subject.columns,
-                (folder / subject.landmarks).resolve() if subject.landmarks else None,
-                (folder / subject.image).resolve() if subject.image else None,
-            ),
-            subject.name not in excluded,
-        )
-        for subject in record.subjects
+        Member(subject_of(subject, folder), subject.name not in excluded) for subject in record.subjects
     )
     return Study(members, record.settings)
 

@@ -12,14 +12,10 @@ from homolog.cohort import (
     Cohort,
     Subject,
     TableChanges,
-    image_beside,
-    landmarks_beside,
-    mask_files,
     read_cohort,
-    stem_of,
+    subject_at,
     suffix_of,
     table,
-    with_both_sides,
 )
 from homolog.errors import InputError
 from homolog.io.records import ResultRecord
@@ -32,7 +28,6 @@ __all__ = [
     "Member",
     "Study",
     "extension_of",
-    "is_there",
     "outdated_text",
     "read_subjects",
     "with_current_table",
@@ -96,17 +91,17 @@ class Study:
 
     def adding(self, subjects: Iterable[Subject]) -> "Study":
         """Return the study with more subjects; files that are already listed are not added again."""
-        files = {member.subject.path for member in self.members}
+        files = {_files(member.subject) for member in self.members}
         names = {member.name for member in self.members}
         added = []
         for subject in subjects:
-            if subject.path in files:
+            if _files(subject) in files:
                 continue
             name, number = subject.name, 1
             while name in names:
                 number += 1
                 name = f"{subject.name} ({number})"
-            files.add(subject.path)
+            files.add(_files(subject))
             names.add(name)
             added.append(Member(replace(subject, name=name)))
         return replace(self, members=(*self.members, *added))
@@ -116,7 +111,7 @@ class Study:
         values = {
             member.name: replace(member, subject=_relocated(member.subject, folder))
             for member in self.members
-            if not is_there(member.subject) and is_there(_relocated(member.subject, folder))
+            if not member.subject.is_there and _relocated(member.subject, folder).is_there
         }
         return self.with_members(values)
 
@@ -126,9 +121,8 @@ class Study:
         return replace(self, members=tuple(member for member in self.members if member.name not in excluded))
 
 
-def is_there(subject: Subject) -> bool:
-    """Return whether a subject's file or files exist."""
-    return subject.path.exists() or bool(mask_files(subject.path))
+def _files(subject: Subject) -> tuple[Path, ...]:
+    return (subject.path, *subject.structures.values())
 
 
 def _relocated(subject: Subject, folder: Path) -> Subject:
@@ -136,7 +130,10 @@ def _relocated(subject: Subject, folder: Path) -> Subject:
     image = subject.image
     if image is not None and not image.exists() and (folder / image.name).exists():
         image = folder / image.name
-    return replace(subject, path=folder / subject.path.name, image=image)
+    structures = {
+        name: folder / file.relative_to(subject.path.parent) for name, file in subject.structures.items()
+    }
+    return replace(subject, path=folder / subject.path.name, image=image, structures=structures)
 
 
 def read_subjects(paths: Iterable[Path]) -> Cohort:
@@ -151,7 +148,7 @@ def read_subjects(paths: Iterable[Path]) -> Cohort:
     notes: list[str] = []
     for path in paths:
         if path.is_dir() or path.suffix.lower() in TABLE_SUFFIXES:
-            cohort = with_both_sides(read_cohort(path))
+            cohort = read_cohort(path)
             subjects += cohort.subjects
             notes += cohort.notes
         elif suffix_of(path) not in IMAGE_SUFFIXES + MESH_SUFFIXES:
@@ -160,8 +157,7 @@ def read_subjects(paths: Iterable[Path]) -> Cohort:
                 f"{', '.join(IMAGE_SUFFIXES + MESH_SUFFIXES)}"
             )
         else:
-            landmarks, image = landmarks_beside(path), image_beside(path)
-            subjects.append(Subject(stem_of(path), path, landmarks=landmarks, image=image))
+            subjects.append(subject_at(path))
     return Cohort(tuple(subjects), Path(), tuple(notes))
 
 

@@ -23,7 +23,7 @@ from homolog_app.studies.files import (
     suggested_folder,
 )
 from homolog_app.studies.loaded_result import write_from_memory
-from homolog_app.studies.study import FILES, Study, is_there, read_subjects, with_table
+from homolog_app.studies.study import FILES, Study, read_subjects, with_table
 from homolog_app.window.actions import Actions
 from homolog_app.window.dialogs import ask, wait_until, waited
 from homolog_app.window.explore.panel import ExplorePanel
@@ -373,7 +373,7 @@ class ProjectController(Controller):
 
     def _ask_location(self, study: Study) -> Path | None:
         """Ask for the folder of moved input files; None if no file has moved, or the dialog is cancelled."""
-        missing = [member.name for member in study.members if not is_there(member.subject)]
+        missing = [member.name for member in study.members if not member.subject.is_there]
         if not missing:
             return None
         text = f"{len(missing)} input files have moved, such as that of {missing[0]}."

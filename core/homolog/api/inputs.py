@@ -8,15 +8,7 @@ from typing import Any
 import numpy as np
 
 from homolog.arrays import Array, FloatArray
-from homolog.cohort import (
-    Cohort,
-    Subject,
-    image_beside,
-    landmarks_beside,
-    read_cohort,
-    suffix_of,
-    with_both_sides,
-)
+from homolog.cohort import Cohort, Subject, read_cohort, subject_at, suffix_of
 from homolog.errors import InputError
 from homolog.grooming.subject import Source
 from homolog.io.volumes import Volume
@@ -60,9 +52,7 @@ def cohort_of(
     if isinstance(shapes, Cohort):
         return shapes, {}
     if isinstance(shapes, str | PathLike):
-        cohort = read_cohort(Path(shapes))
-        chosen = settings.label is not None or settings.segment is not None
-        return cohort if chosen else with_both_sides(cohort), {}
+        return read_cohort(shapes), {}
     if isinstance(shapes, Mapping):
         pairs = [(str(name), shape) for name, shape in shapes.items()]
     elif isinstance(shapes, Iterable):
@@ -77,9 +67,7 @@ def cohort_of(
     subjects, sources = [], {}
     for name, shape in pairs:
         if isinstance(shape, str | PathLike):
-            path = Path(shape)
-            path = path.absolute()
-            subjects.append(Subject(name, path, landmarks=landmarks_beside(path), image=image_beside(path)))
+            subjects.append(subject_at(Path(shape).absolute(), name))
             continue
         subjects.append(Subject(name, Path(name)))
         sources[name] = _source(name, shape, voxel_size, settings)

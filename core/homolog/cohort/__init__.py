@@ -1,26 +1,19 @@
-"""Cohorts: the subjects' names, files and groups."""
+"""Cohorts: the subjects' names, files, groups and further columns."""
 
-import os
 from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
-from homolog.cohort.both_sides import with_both_sides
 from homolog.cohort.dicom import dicom_files, dicom_segmentations, dicom_slices, is_dicom_seg
 from homolog.cohort.entries import notes_on_skipped, readable_entries
-from homolog.cohort.folder import DERIVATIVES, read_folder
+from homolog.cohort.files import is_series, pictures_in
+from homolog.cohort.layouts import DERIVATIVES, read_folder, structures_in, structures_named, subject_at
 from homolog.cohort.manifest import MANIFESTS, PARTICIPANTS, names_files, read_manifest
-from homolog.cohort.pictures import pictures_in
-from homolog.cohort.sides import (
-    FROM_NAMES,
-    LEFT,
-    RIGHT,
-    SIDE_COLUMN,
-    Sides,
-    other_side,
-    side_of_word,
-    sides_of,
-)
+from homolog.cohort.numbers import declared_missing, notes_on_numbers, outside_notes
+from homolog.cohort.patterns import Proposal, proposals, proposals_text, read_pattern
+from homolog.cohort.sides import LEFT, RIGHT, SIDE_COLUMN, other_side, side_of_word, sides_of
 from homolog.cohort.subject import (
     IMAGE_SUFFIXES,
     MESH_SUFFIXES,
@@ -32,14 +25,12 @@ from homolog.cohort.subject import (
     stem_of,
     suffix_of,
 )
-from homolog.cohort.subject_folder import mask_files
 from homolog.cohort.table import TableChanges, with_table, with_values_of
 from homolog.cohort.unread import remedy_for
 from homolog.errors import InputError
-from homolog.spreadsheets import TABLE_SUFFIXES, lists_labels
+from homolog.spreadsheets import TABLE_SUFFIXES
 
 __all__ = [
-    "FROM_NAMES",
     "IMAGE_SUFFIXES",
     "LEFT",
     "MESH_SUFFIXES",
@@ -47,41 +38,62 @@ __all__ = [
     "SIDE_COLUMN",
     "TABLE_SUFFIXES",
     "Cohort",
-    "Sides",
+    "Proposal",
     "Subject",
     "TableChanges",
     "checked_path",
+    "declared_missing",
     "dicom_files",
     "dicom_segmentations",
     "dicom_slices",
     "image_beside",
     "is_dicom_seg",
+    "is_series",
     "landmarks_beside",
-    "mask_files",
     "other_side",
+    "outside_notes",
     "pictures_in",
+    "proposals",
+    "proposals_text",
     "read_cohort",
     "side_of_word",
     "sides_of",
     "stem_of",
+    "structures_in",
+    "structures_named",
+    "subject_at",
     "suffix_of",
-    "with_both_sides",
+    "tables_beside",
     "with_table",
     "with_values_of",
 ]
 
 
-def read_cohort(path: str | PathLike[str]) -> Cohort:
+def read_cohort(
+    path: str | PathLike[str],
+    pattern: str | None = None,
+    *,
+    table: str | PathLike[str] | None = None,
+    missing: Sequence[str] = (),
+) -> Cohort:
     r"""Read a cohort from a folder of segmentations or meshes, or from a table.
 
     Parameters
     ----------
     path : path
         A folder, or a table (CSV, TSV, XLSX) with the columns ``name,path[,group,…]`` and paths relative
-        to the table's folder. A ``cohort.csv``, ``.tsv`` or ``.xlsx`` in a folder takes precedence; without
-        paths, it gives groups and covariates of the folder's files, as a BIDS data set's ``participants.tsv``
-        does. A folder may contain the files, or folders by subject, structure, time point, side or group
-        (docs/formats.md).
+        to the table's folder, with ``path:femur,path:tibia`` for a file per structure. A ``cohort.csv``,
+        ``.tsv`` or ``.xlsx`` in a folder takes precedence; without paths, it gives groups and covariates of
+        the folder's files, as a BIDS data set's ``participants.tsv`` does. Layouts of folders that need no
+        pattern are in docs/formats.md.
+    pattern : str, optional
+        Path of the files below the folder with fields in braces, such as
+        ``{group}/{subject}/seg_{structure}.nii.gz``. ``{subject}`` is required; fields other than these
+        become columns, ``*`` is any text that does not matter.
+    table : path, optional
+        A table with groups and covariates of the subjects.
+    missing : sequence of str
+        Values that stand for missing ones, such as ``-999``; such cells are empty.
 
     Returns
     -------
@@ -107,9 +119,11 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
     [('anna', 'patient'), ('bert', 'control')]
     """
     path = Path(path)
+    if pattern is not None and not path.is_dir():
+        raise InputError(f"{path}: is not a folder; a pattern needs the folder of the files")
     if path.is_dir():
-        cohort = _read_folder(path)
-        cohort = Cohort(cohort.subjects, cohort.folder, (*cohort.notes, *notes_on_skipped(path)))
+        cohort = _of_folder(path, table is not None) if pattern is None else read_pattern(path, pattern)
+        cohort = Cohort(cohort.subjects, path, (*cohort.notes, *notes_on_skipped(path)))
     elif path.is_file() and path.suffix.lower() in TABLE_SUFFIXES:
         cohort = read_manifest(path)
     elif path.is_file():
@@ -123,37 +137,47 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
     ]
     if repeated:
         raise InputError(f"{path}: several subjects are named {', '.join(repeated)}; give each its own name")
-    return cohort
+    cohort = cohort if table is None else _with_values(cohort, Path(table))
+    cohort = declared_missing(cohort, missing)
+    return replace(cohort, notes=(*cohort.notes, *notes_on_numbers(cohort.subjects)))
 
 
-def _read_folder(folder: Path) -> Cohort:
+def _of_folder(folder: Path, has_table: bool) -> Cohort:
     manifest = next((place for name in MANIFESTS if (place := folder / name).is_file()), None)
-    if manifest is None:
-        return _with_participants(read_folder(folder), folder)
-    if names_files(manifest):
+    if manifest is not None and names_files(manifest):
         return read_manifest(manifest)
-    cohort = read_folder(folder)
-    changes = with_table(cohort.subjects, manifest)
-    remarks = [f"{manifest.name}: {line}" for line in changes.lines if changes.without_row or changes.unknown]
-    return Cohort(changes.subjects, folder, (*cohort.notes, *(remarks or changes.notes)))
-
-
-def _with_participants(cohort: Cohort, folder: Path) -> Cohort:
-    """Return the cohort of a folder without a table of its own, with the participants of a BIDS data set."""
-    table = next((place for place in _places_of_participants(folder) if place.is_file()), None)
-    notes = [*cohort.notes, *_unused_tables(folder, table)]
-    if table is None:
-        return Cohort(cohort.subjects, cohort.folder, tuple(notes))
     try:
-        changes = with_table(cohort.subjects, table)
+        cohort = read_folder(folder)
     except InputError as error:
-        return Cohort(cohort.subjects, cohort.folder, (*notes, f"not used: {error}"))
-    notes += [f"{table.name}: {line}" for line in changes.lines]
-    return Cohort(changes.subjects, cohort.folder, tuple(notes))
+        tables = [
+            f"\nor give a table that lies there: {place}"
+            for place in _tables_in(folder)
+            if _lists_files(place)
+        ]
+        raise InputError("".join([str(error), *tables])) from error
+    if manifest is not None:
+        return _with_values(cohort, manifest)
+    participants = next((place for place in _places_of_participants(folder) if place.is_file()), None)
+    if participants is not None:
+        try:
+            cohort = _with_values(cohort, participants)
+        except InputError as error:
+            cohort = Cohort(cohort.subjects, folder, (*cohort.notes, f"not used: {error}"))
+    unused = [] if has_table else [place for place in tables_beside(cohort) if place != participants]
+    notes = [f"not used: {place.name}, which names these subjects (table: {place})" for place in unused]
+    return Cohort(cohort.subjects, folder, (*cohort.notes, *notes))
+
+
+def _with_values(cohort: Cohort, table: Path) -> Cohort:
+    """Return a cohort with the values of a table, and a note if rows or subjects are without the other."""
+    changes = with_table(cohort.subjects, table)
+    partly = changes.coverage if changes.without_row or changes.unknown else []
+    notes = [f"{table.name}: {line}" for line in (*partly, *changes.notes)]
+    return Cohort(changes.subjects, cohort.folder, (*cohort.notes, *notes))
 
 
 def _places_of_participants(folder: Path) -> list[Path]:
-    """Return the possible folders of a BIDS data set's table: the folder, or that above ``derivatives``."""
+    """Return the possible places of a BIDS data set's table: the folder, or that above ``derivatives``."""
     absolute = folder.absolute()
     parents = [item.parent for item in (absolute, *absolute.parents) if item.name == DERIVATIVES]
     return [place / PARTICIPANTS for place in (folder, *parents[:1])]
@@ -162,21 +186,28 @@ def _places_of_participants(folder: Path) -> list[Path]:
 _TRUTH = "truth.csv"  # of generated beans; not a table of subjects
 
 
-def _unused_tables(folder: Path, used: Path | None) -> list[str]:
-    """Return a note on the unused tables of a folder without a table named cohort."""
-    tables = sorted(
-        entry.name
-        for entry in readable_entries(folder)
-        if entry.suffix.lower() in TABLE_SUFFIXES
-        and entry.is_file()
-        and entry.name[0] != "~"
-        and entry.name != _TRUTH
-        and entry != used
-        and not (os.access(entry, os.R_OK) and lists_labels(entry))
-    )
-    listed = f"{tables[0]} and {len(tables) - 1} more" if len(tables) > 1 else "".join(tables)
-    if not tables:
-        return []
-    name = f"cohort{Path(tables[0]).suffix.lower()}"
-    use = f"rename it to {name}, or import it later: homolog table PROJECT TABLE, or File > Import table"
-    return [f"not used: {listed}; {use}"]
+def tables_beside(cohort: Cohort) -> list[Path]:
+    """Return the tables in a cohort's folder, or in the one above, that name its subjects."""
+    tables = []
+    for place in _tables_in(cohort.folder) or _tables_in(cohort.folder.absolute().parent):
+        try:
+            changes = with_table(cohort.subjects, place)
+        except InputError:
+            continue
+        if not changes.is_empty:
+            tables.append(place)
+    return tables
+
+
+def _lists_files(table: Path) -> bool:
+    try:
+        return names_files(table)
+    except InputError:
+        return False
+
+
+def _tables_in(folder: Path) -> list[Path]:
+    """Return the tables of a folder."""
+    entries: Iterable[Path] = readable_entries(folder)
+    tables = [entry for entry in entries if entry.suffix.lower() in TABLE_SUFFIXES and entry.name[0] != "~"]
+    return [entry for entry in tables if entry.is_file() and entry.name != _TRUTH]

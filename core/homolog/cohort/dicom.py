@@ -9,11 +9,8 @@ __all__ = [
     "dicom_files",
     "dicom_segmentations",
     "dicom_slices",
-    "holds_dicom",
     "is_dicom_seg",
     "scan_beside",
-    "series_below",
-    "series_of",
 ]
 
 _SEG_CLASSES = (b"1.2.840.10008.5.1.4.1.1.66.4", b"1.2.840.10008.5.1.4.1.1.66.7")
@@ -29,11 +26,6 @@ def dicom_files(folder: Path) -> list[Path]:
     A DICOMDIR, the table of contents of a disc, is excluded.
     """
     return list(_dicom_files(folder))
-
-
-def holds_dicom(folder: Path) -> bool:
-    """Return whether a folder contains a DICOM file."""
-    return any(True for _ in _dicom_files(folder))
 
 
 def _dicom_files(folder: Path) -> Iterator[Path]:
@@ -69,29 +61,9 @@ def _slices(folder: Path) -> Iterator[Path]:
             yield file
 
 
-def series_below(folder: Path) -> list[Path]:
-    """Return the folders of a patient's series, as hospitals export them: PATIENT/STUDY/SERIES.
-
-    If there are DICOM SEGs, only these are returned, otherwise contours of radiotherapy structures.
-    """
-    places = [folder]
-    for _ in range(2):
-        places = [path for place in places for path in readable_entries(place) if path.is_dir()]
-        series = [series_of(path) for path in places if holds_dicom(path)]
-        if series:
-            return dicom_segmentations([path for path in series if path.is_file()]) or series
-    return []
-
-
-def series_of(folder: Path) -> Path:
-    """Return the single DICOM SEG or RTSTRUCT among the slices of a scan, otherwise the folder."""
-    segmentations = dicom_segmentations(dicom_files(folder))
-    return segmentations[0] if len(segmentations) == 1 else folder
-
-
 def scan_beside(segmentation: Path) -> Path | None:
     """Return the folder of a DICOM SEG's or RTSTRUCT's scan: its own, or the only one next to that."""
-    if not segmentation.is_file():
+    if not segmentation.is_file() or _beginning(segmentation)[128:132] != b"DICM":
         return None
     if any(_slices(segmentation.parent)):
         return segmentation.parent

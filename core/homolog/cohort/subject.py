@@ -47,9 +47,8 @@ class Subject:
     name : str
         Name, unique within the cohort and valid as a file name.
     path : Path
-        Segmentation (a file, the folder of a DICOM series, or a folder with one file per structure) or
-        surface mesh. If it does not exist, ``FOLDER/p1`` denotes the files ``p1_…`` of a folder, one per
-        structure.
+        Segmentation (a file, or the folder of a series of slices) or surface mesh; with a file per structure,
+        the folder that contains these.
     group : str or None
         Value of the table's ``group`` column, if any.
     columns : mapping of str to str
@@ -60,6 +59,8 @@ class Subject:
     image : Path or None
         The grey-value scan behind the segmentation: the table's ``image`` column, or ``<file>_image`` with
         the suffix of an image next to the file. It is only displayed and may be missing.
+    structures : mapping of str to Path
+        The files by structure, if each structure has its own; empty for a single file.
     """
 
     name: str
@@ -68,15 +69,21 @@ class Subject:
     columns: Mapping[str, str] = field(default_factory=dict)
     landmarks: Path | None = None
     image: Path | None = None
+    structures: Mapping[str, Path] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Refuse names that are not valid text, on which SimpleITK aborts."""
-        for item in (self.path, self.landmarks, self.image):
+        for item in (self.path, self.landmarks, self.image, *self.structures.values()):
             try:
                 str(item or "").encode()
             except UnicodeEncodeError as error:
                 shown = os.fsencode(str(item)).decode("utf-8", "backslashreplace")
                 raise InputError(f"{shown}: its name is not valid UTF-8; rename it") from error
+
+    @property
+    def is_there(self) -> bool:
+        """Whether all of its files exist."""
+        return all(file.exists() for file in self.structures.values() or [self.path])
 
     @property
     def is_mesh(self) -> bool:
@@ -87,6 +94,7 @@ class Subject:
         """Pickle the columns as a plain dict; Python 3.11.2 ignores `__getstate__` of classes with slots."""
         return _subject_of, (
             self.name, self.path, self.group, dict(self.columns), self.landmarks, self.image,
+            dict(self.structures),
         )  # fmt: skip
 
 
@@ -97,8 +105,9 @@ def _subject_of(
     columns: dict[str, str],
     landmarks: Path | None,
     image: Path | None,
+    structures: dict[str, Path],
 ) -> Subject:
-    return Subject(name, path, group, MappingProxyType(columns), landmarks, image)
+    return Subject(name, path, group, MappingProxyType(columns), landmarks, image, structures)
 
 
 @dataclass(frozen=True, slots=True)

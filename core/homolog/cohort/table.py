@@ -10,8 +10,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 from homolog.cohort.column_types import CATEGORY, plain_name, read_typed_rows
-from homolog.cohort.file_names import words_of_individual
-from homolog.cohort.manifest import OTHER_NAMES, own_columns, place_of
+from homolog.cohort.manifest import NAMES, own_columns, place_of
+from homolog.cohort.numbers import is_code, notes_on_numbers
 from homolog.cohort.sides import SIDE_COLUMN
 from homolog.cohort.subject import Subject, checked_path, suffix_of
 from homolog.errors import InputError
@@ -19,9 +19,8 @@ from homolog.spreadsheets import MISSING, Row, encoding_notes
 
 __all__ = ["Replaced", "TableChanges", "with_table", "with_values_of"]
 
-_KEYS = ("name", "subject", "id", *OTHER_NAMES["name"])
 _NOT_TAKEN = ("path", "landmarks")
-_GROUP, _IMAGE = "group", "image"
+_GROUP, _IMAGE, _PERSON = "group", "image", "subject"
 _SHOWN = 5
 _COLUMNS = 20
 _SHOWN_CHARACTERS = 80
@@ -76,7 +75,7 @@ class TableChanges:
     @property
     def lines(self) -> list[str]:
         """Descriptions of the changes, one line each."""
-        lines = [f"{len(self.matched)} of {len(self.subjects)} subjects have a row (column {self.key})"]
+        lines = self.coverage[:1]
         for number in dict.fromkeys(self.added.values()):
             names = [name for name, count in self.added.items() if count == number]
             each = " each" if len(names) > 1 else ""
@@ -90,31 +89,35 @@ class TableChanges:
             lines.append("side: only the next run mirrors shapes by it; existing particles do not change")
         if self.is_empty:
             lines.append("nothing changes: the project already has all values")
-        if self.without_row:
-            lines.append(f"without a row: {_listed(self.without_row)}")
-        if self.unknown:
-            lines.append(f"rows that name no subject: {_listed(self.unknown)}")
-        return [*lines, *self.notes]
+        return [*lines, *self.coverage[1:], *self.notes, *notes_on_numbers(self.subjects)]
+
+    @property
+    def coverage(self) -> list[str]:
+        """How many subjects have a row, which have none, and which rows name none, one line each."""
+        lines = [f"{len(self.matched)} of {len(self.subjects)} subjects have a row (column {self.key})"]
+        lines += [f"without a row: {_listed(self.without_row)}"] if self.without_row else []
+        return [*lines, *([f"rows that name no subject: {_listed(self.unknown)}"] if self.unknown else [])]
 
 
-def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
+def with_table(subjects: Sequence[Subject], path: Path, missing: Sequence[str] = ()) -> TableChanges:
     """Read groups and covariates of known subjects from a table.
 
-    The column named name, subject, id, path, … (the one that matches most subjects), otherwise the first one,
-    identifies the subject: by name, by file name with or without suffix, or by a prefix that ends before a
-    character other than a letter or digit (``acdc004`` matches ``acdc004_ED_myo``). A prefix of several names
-    matches all of them if they are one subject's sides or time points (``sub-01`` matches ``sub-01_ses-01``
-    and ``sub-01_ses-02``) and have no rows of their own. If no row matches, whole numbers in the column name,
-    subject, id, … match those in the names, if both have the same (``1`` matches ``sub-001``). Columns for
-    paths and landmarks are ignored; paths of scans (column image) are relative to the table's folder. An
-    empty cell keeps the current value. A row of types below the header declares categories and numbers
-    (`read_typed_rows`).
+    The column that matches most subjects identifies them: by name, by file name with or without suffix, or by
+    a prefix that ends before a character other than a letter or digit (``acdc004`` matches
+    ``acdc004_ED_myo``). A prefix of several names matches all of them if they are one person's, with the same
+    value in their column ``subject``, and have no rows of their own. If no row matches, whole numbers in the
+    column name, id, subject or participant_id match those in the names, if both have the same (``1`` matches
+    ``sub-001``). Columns for paths and landmarks are ignored; paths of scans (column image) are relative to
+    the table's folder. An empty cell keeps the current value. A row of types below the header declares
+    categories and numbers (`read_typed_rows`).
 
     Parameters
     ----------
     subjects : sequence of Subject
     path : Path
         CSV with commas, semicolons or tabs, or XLSX.
+    missing : sequence of str
+        Values that stand for missing ones; such cells, and those of the subjects, become empty.
 
     Returns
     -------
@@ -125,21 +128,21 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     InputError
         If the file can't be read, matches no subject, or has two rows for one subject.
     """
-    columns, lines = read_typed_rows(path, (*_KEYS, *_NOT_TAKEN, _GROUP, *OTHER_NAMES[_GROUP], _IMAGE))
+    columns, lines = read_typed_rows(path, (*NAMES, *_NOT_TAKEN, _GROUP, _IMAGE))
     own = own_columns(columns)
-    groups, paths = ([column for column in own if own[column] == kind] for kind in (_GROUP, "path"))
+    groups = [column for column in own if own[column] == _GROUP]
     named = [column for column in columns if column]
     if not lines or not named:
         raise InputError(f"{path}: contains no rows; choose another table")
     rows = [row for _, row in lines]
-    matches = [item for key in _KEYS for item in named if item.casefold() == key]
-    keys = [*matches, *paths] or named[:1]
-    candidates = {key: [_named(subjects, row[key]) for row in rows] for key in keys}
-    key = max(keys, key=lambda item: sum(map(bool, candidates[item])))
+    known = _Known(subjects)
+    candidates = {column: [known.named(row[column]) for row in rows] for column in named}
+    key = max(named, key=lambda item: sum(map(bool, candidates[item])))
     named_by = candidates[key]
     notes: tuple[str, ...] = ()
     if not any(named_by):
-        key, named_by, notes = _by_numbers(subjects, matches, rows, path, key)
+        matches = [item for item in named if item.casefold() in NAMES]
+        key, named_by, notes = _by_numbers(subjects, matches, rows, path)
         candidates[key] = named_by
     single = {names[0] for names in named_by if len(names) == 1}
     named_by = [
@@ -161,11 +164,12 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
         for name in names
     }
     unknown = [row[key] for names, row in zip(candidates[key], rows, strict=True) if not names]
-    return replace(_changes(subjects, values, unknown, key), notes=(*notes, *encoding_notes(path)))
+    changes = _changes(subjects, values, unknown, key, missing)
+    return replace(changes, notes=(*notes, *encoding_notes(path)))
 
 
 def _by_numbers(
-    subjects: Sequence[Subject], keys: Sequence[str], rows: Sequence[Row], path: Path, named: str
+    subjects: Sequence[Subject], keys: Sequence[str], rows: Sequence[Row], path: Path
 ) -> tuple[str, list[tuple[str, ...]], tuple[str, ...]]:
     """Return the column whose numbers are those in the subjects' names, their names by row, and a note.
 
@@ -182,8 +186,8 @@ def _by_numbers(
             note = f"rows of {path.name} were matched by number: {rows[0][key]} is {names[ids[0]]}"
             return key, [(names[number],) for number in ids], (note,)
     raise InputError(
-        f"{path}: its column {named!r} names none of the subjects, such as {subjects[0].name}; enter their "
-        "names there, or their files in a column path"
+        f"{path}: names none of the subjects, such as {subjects[0].name}; enter their names in a column "
+        "name, or their files in a column path"
     )
 
 
@@ -194,7 +198,11 @@ def with_values_of(subjects: Sequence[Subject], others: Sequence[Subject]) -> Ta
 
 
 def _changes(
-    subjects: Sequence[Subject], values: Mapping[str, Row], unknown: Sequence[str], key: str
+    subjects: Sequence[Subject],
+    values: Mapping[str, Row],
+    unknown: Sequence[str],
+    key: str,
+    missing: Sequence[str] = (),
 ) -> TableChanges:
     known = {name.casefold(): name for subject in subjects for name in subject.columns}
     declared = {
@@ -222,12 +230,17 @@ def _changes(
                 after.setdefault(column, "")
             elif column == _GROUP and value.casefold() in MISSING:
                 after[column] = was
+            elif is_code(value, missing):
+                after.setdefault(column, "")
             elif value != was:
                 after[column] = value
                 if was:
                     replaced.append(Replaced(item.name, column, was, value))
                 else:
                     added[column] += 1
+        for column in [name for name, value in after.items() if is_code(value, missing)]:
+            replaced.append(Replaced(item.name, column, after[column], "missing"))
+            after[column] = ""
         group, image = after.pop(_GROUP), after.pop(_IMAGE)
         result.append(
             replace(
@@ -261,29 +274,32 @@ def _scan(table: Path, text: str) -> str:
         raise InputError(f"{table}: the image {text[:_SHOWN_CHARACTERS]} {error}; correct it") from error
 
 
-def _named(subjects: Sequence[Subject], text: str) -> tuple[str, ...]:
-    """Return the subjects that a row identifies: one, or several times or sides of one individual."""
-    file = text.replace("\\", "/").rpartition("/")[2]
-    names = {_folded(text), _folded(file), _folded(_stem(file))} - {""}
-    for fits in (_is_called, _is_file, _begins):
-        matches = tuple(subject.name for subject in subjects if any(fits(subject, name) for name in names))
-        if matches:
-            is_one = len(matches) == 1 or (fits is _begins and len({*map(words_of_individual, matches)}) == 1)
-            return matches if is_one else ()
-    return ()
+class _Known:
+    """The subjects by what a row may call them: name, file, or beginning of the name."""
 
+    def __init__(self, subjects: Sequence[Subject]) -> None:
+        called: dict[str, list[Subject]] = {}
+        files: dict[str, list[Subject]] = {}
+        begun: dict[str, list[Subject]] = {}
+        for subject in subjects:
+            name = _folded(subject.name)
+            called.setdefault(name, []).append(subject)
+            for text in {_folded(subject.path.name), _folded(_stem(subject.path.name))}:
+                files.setdefault(text, []).append(subject)
+            for end in (index for index, letter in enumerate(name) if index and not letter.isalnum()):
+                begun.setdefault(name[:end], []).append(subject)
+        self._kinds = called, files, begun
 
-def _is_called(subject: Subject, name: str) -> bool:
-    return _folded(subject.name) == name
-
-
-def _is_file(subject: Subject, name: str) -> bool:
-    return name in (_folded(subject.path.name), _folded(_stem(subject.path.name)))
-
-
-def _begins(subject: Subject, text: str) -> bool:
-    name = _folded(subject.name)
-    return name.startswith(text) and not name[len(text) :][:1].isalnum()
+    def named(self, text: str) -> tuple[str, ...]:
+        """Return the subjects that a row identifies: one, or several of one person."""
+        file = text.replace("\\", "/").rpartition("/")[2]
+        names = {_folded(text), _folded(file), _folded(_stem(file))} - {""}
+        for kind in self._kinds:
+            known = {item.name: item for name in names for item in kind.get(name, ())}
+            if known:
+                persons = {item.columns.get(_PERSON) for item in known.values()}
+                return tuple(known) if len(known) == 1 or (len(persons) == 1 and None not in persons) else ()
+        return ()
 
 
 def _folded(text: str) -> str:

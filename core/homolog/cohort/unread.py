@@ -25,7 +25,7 @@ _REMEDIES = {
     **dict.fromkeys((".jpg", ".jpeg", ".gif"), "export label maps, or slices as PNG or TIFF"),
     ".img": "put their headers (.hdr) next to them",
     **dict.fromkeys((".raw", ".zraw"), "put their headers (.mhd or .nhdr) next to them"),
-    ".swproj": "import the ShapeWorks project: homolog import",
+    ".swproj": "run the ShapeWorks project itself: homolog run FILE.swproj",
     ".itksnap": "save the segmentation as NIfTI in ITK-SNAP",
     ".particles": "import the particles: homolog import",
 }

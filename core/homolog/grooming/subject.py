@@ -15,7 +15,7 @@ from homolog.grooming.missing_slices import with_missing_slices
 from homolog.grooming.triangles import check_triangles, level_of_triangles, notes_on_groomed
 from homolog.io.images import Segmentation, read_segmentation
 from homolog.io.meshes import read_mesh
-from homolog.io.structures import mask_of, masks_of
+from homolog.io.structures import mask_of
 from homolog.memory import Store
 from homolog.settings import GroomSettings, Values
 from homolog.surfaces.distance_field import DistanceField
@@ -178,9 +178,9 @@ def read_source(subject: Subject, settings: GroomSettings) -> Source:
         With the file, the fault and the remedy.
     """
     try:
-        if masks := masks_of(subject):
-            path = mask_of(subject, masks, settings.label, settings.segment)
-            subject = replace(subject, path=path)
+        if subject.structures:
+            path = mask_of(subject, settings.label, settings.segment)
+            subject = replace(subject, path=path, structures={})
             settings = settings.model_copy(update={"label": None, "segment": None})  # the whole file
         _check_beginning(subject.path)
         if not subject.is_mesh:

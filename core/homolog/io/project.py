@@ -31,12 +31,12 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 from pydantic import ValidationError
 
-from homolog.cohort import Cohort, Subject
+from homolog.cohort import Cohort, Subject, is_series, structures_in, structures_named
 from homolog.errors import InputError, InUseError
 from homolog.io.atomic import is_stale_temp, report_os_errors, write_text
 from homolog.io.records import FORMAT_VERSION, ProjectRecord, SubjectRecord
 
-__all__ = ["OUT_OF_DATE", "ProjectFolder"]
+__all__ = ["OUT_OF_DATE", "ProjectFolder", "subject_of"]
 
 _RECORD = "project.json"
 _NEXT = ".next"
@@ -170,18 +170,7 @@ class ProjectFolder:
 
     def cohort(self) -> Cohort:
         """Return the project's cohort, with paths relative to the project's present location."""
-        subjects = [
-            Subject(
-                subject.name,
-                (self.folder / subject.path).resolve(),
-                subject.group,
-                subject.columns,
-                (self.folder / subject.landmarks).resolve() if subject.landmarks else None,
-                (self.folder / subject.image).resolve() if subject.image else None,
-            )
-            for subject in self.read().subjects
-        ]
-        return Cohort(tuple(subjects), self.folder)
+        return Cohort(tuple(subject_of(item, self.folder) for item in self.read().subjects), self.folder)
 
     def describe(self, cohort: Cohort) -> list[SubjectRecord]:
         """Return the cohort for project.json, with paths relative to the project's folder."""
@@ -189,6 +178,7 @@ class ProjectFolder:
             SubjectRecord(
                 name=subject.name,
                 path=_relative(subject.path, self.folder),
+                structures={name: _relative(file, self.folder) for name, file in subject.structures.items()},
                 group=subject.group,
                 columns=dict(subject.columns),
                 landmarks=_relative(subject.landmarks, self.folder) if subject.landmarks else None,
@@ -332,3 +322,25 @@ def _read_holder(path: Path) -> str:
     except (OSError, UnicodeDecodeError):
         return ""
     return f" ({text})" if text and text.isprintable() else ""
+
+
+def subject_of(record: SubjectRecord, folder: Path) -> Subject:
+    """Return a subject of the disk, whose paths are relative to a folder."""
+    path = (folder / record.path).resolve()
+    files = {name: (folder / text).resolve() for name, text in record.structures.items()}
+    return Subject(
+        record.name,
+        path,
+        record.group,
+        record.columns,
+        (folder / record.landmarks).resolve() if record.landmarks else None,
+        (folder / record.image).resolve() if record.image else None,
+        files or _structures_before(path),
+    )
+
+
+def _structures_before(path: Path) -> dict[str, Path]:
+    """Return the files of a subject of version 0.2, which stored only their folder, or ``FOLDER/NAME``."""
+    if path.is_dir():
+        return {} if is_series(path) else structures_in(path)
+    return {} if path.exists() else structures_named(path)

@@ -42,10 +42,14 @@ class _Record(BaseModel):
 
 
 class SubjectRecord(_Record):
-    """A subject of the project's cohort; paths are relative to the project's folder, with forward slashes."""
+    """A subject of the project's cohort; paths are relative to the project's folder, with forward slashes.
+
+    `structures` are the files by structure, if each has its own.
+    """
 
     name: str
     path: _Path
+    structures: dict[str, _Path] = {}
     group: str | None = None
     columns: dict[str, str] = {}
     landmarks: _Path | None = None

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
 
-from homolog.cohort import Cohort, Subject, dicom_files, mask_files
+from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError
 from homolog.io.empty_masks import empty_masks
 from homolog.io.images import read_volume
@@ -23,7 +23,6 @@ __all__ = [
     "joined",
     "list_structures",
     "mask_of",
-    "masks_of",
     "structures_of",
     "structures_of_files",
 ]
@@ -111,23 +110,13 @@ class Structures:
     unavailable: tuple[str, ...] = ()
 
 
-def masks_of(subject: Subject) -> dict[str, Path]:
-    """Return a subject's files by structure if it has a folder of such files, otherwise an empty dict."""
-    if subject.path.is_file():
-        return {}
-    masks = mask_files(subject.path)
-    return masks if masks and not (subject.path.is_dir() and dicom_files(subject.path)) else {}
-
-
-def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segment: str | None) -> Path:
+def mask_of(subject: Subject, label: int | None, segment: str | None) -> Path:
     """Return the file of a structure.
 
     Parameters
     ----------
     subject : Subject
-        Subject with a folder that contains one mask per structure.
-    masks : mapping of str to Path
-        Files by structure.
+        Subject with a file per structure.
     label : int, optional
         Number of the structure.
     segment : str, optional
@@ -142,6 +131,7 @@ def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segm
     InputError
         If there is no such structure, or the name is ambiguous.
     """
+    masks = subject.structures
     listed = ", ".join(list(masks)[:_LISTED]) + (" …" if len(masks) > _LISTED else "")
     if segment is None and len(masks) == 1:
         return next(iter(masks.values()))
@@ -170,7 +160,7 @@ def structures_of_files(cohort: Cohort) -> Structures:
     A subject with an empty mask (`empty_masks`) does not have the structure; other files are not read. The
     result is empty if every subject has only one file.
     """
-    by_subject = {subject.name: masks for subject in cohort.subjects if (masks := masks_of(subject))}
+    by_subject = {subject.name: subject.structures for subject in cohort.subjects if subject.structures}
     if all(len(masks) == 1 for masks in by_subject.values()):
         return Structures((), {})
     absent = {subject: empty_masks(masks.values()) for subject, masks in by_subject.items()}
@@ -209,8 +199,8 @@ def _contents_of(subject: Subject, values: Values) -> tuple[list[SubjectStructur
     """Return the structures in a subject's files, and messages about those that can't be read."""
     if subject.is_mesh:
         return [], ()
-    if masks := masks_of(subject):
-        inside = [_structure_in(name, path, values) for name, path in masks.items()]
+    if subject.structures:
+        inside = [_structure_in(name, path, values) for name, path in subject.structures.items()]
         return [structure for structure in inside if structure is not None], ()
     volume = read_volume(subject.path, values).with_names()
     structures = [
@@ -247,7 +237,7 @@ def list_structures(cohort: Cohort, tick: Tick = no_tick, values: Values = Value
         except InputError as error:
             problems[subject.name] = str(error)
     structures = joined(_named_alike(by_subject))
-    names = (name for subject in cohort.subjects if subject.name in by_subject for name in masks_of(subject))
+    names = (name for subject in cohort.subjects if subject.name in by_subject for name in subject.structures)
     return Structures(structures, problems, _unknown(names, structures), _each_once(unavailable.values()))
 
 

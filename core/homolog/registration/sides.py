@@ -8,7 +8,7 @@ from typing import Protocol, Self, TypeVar
 import numpy as np
 
 from homolog.arrays import FloatArray
-from homolog.cohort import FROM_NAMES, LEFT, RIGHT, Cohort, other_side, sides_of
+from homolog.cohort import LEFT, RIGHT, Cohort, other_side, sides_of
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
 from homolog.registration.align import RegisterPair, Registrable, Registration, register
@@ -52,13 +52,10 @@ def align_cohort(
 ) -> tuple[list[_Subject], FloatArray]:
     """Align groomed subjects, those of one side of the body mirrored.
 
-    If the sides are known from names only, and most subjects to be mirrored fit the others far better
-    unmirrored, their files already contain mirror images. Then no subject is mirrored.
-
     Parameters
     ----------
     cohort : Cohort
-        Its columns and names give the sides.
+        Its column ``side`` gives the sides.
     groomed : sequence of Sided
         The groomed subjects, in the order of the cohort.
     settings : GroomSettings
@@ -89,12 +86,9 @@ def align_cohort(
     plan = _plan(cohort, settings, given)
     registrations = RegistrationCache(cache)
     pair = registrations.registered
-    registered, better = _aligned(groomed, plan, settings, given, pair, part_of(tick, 0.0, 0.6))
-    if plan.from_names and _are_opposed(plan.mirrored, better, len(groomed)):
-        plan = plan.without_mirroring()
-        registered, better = _aligned(groomed, plan, settings, given, pair, part_of(tick, 0.6, 1.0))
+    registered, better = _aligned(groomed, plan, settings, given, pair, tick)
     registrations.save()
-    remedy = _WRONG_SIDE if sides_of(cohort).of else _NO_SIDES
+    remedy = _WRONG_SIDE if sides_of(cohort) else _NO_SIDES
     result = []
     for item, registered_as in zip(groomed, registered.notes, strict=True):
         notes = [plan.notes[item.name]] if item.name in plan.notes else []
@@ -138,28 +132,12 @@ def _aligned(
     return replace(registered, alignments=reflected), better
 
 
-def _are_opposed(mirrored: Collection[str], better: Collection[str], subjects: int) -> bool:
-    """Return whether the mirrored subjects fit better unmirrored and the others do not, or the reverse."""
-    among = sum(name in better for name in mirrored)
-    others = (len(better) - among) / max(subjects - len(mirrored), 1)
-    return bool(abs(among / max(len(mirrored), 1) - others) > 0.5)
-
-
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """The mirrored subjects, notes, and whether only names give the sides of a new run."""
+    """The mirrored subjects, and notes."""
 
     mirrored: set[str]
     notes: dict[str, str]
-    from_names: bool = False
-
-    def without_mirroring(self) -> "_Plan":
-        """Return the plan for files that already contain mirror images."""
-        note = (
-            "was not mirrored although its name says the other side, because its shape already fits the "
-            "others; a column side of the cohort's table decides"
-        )
-        return _Plan(set(), dict.fromkeys(self.mirrored, note))
 
 
 def _plan(cohort: Cohort, settings: GroomSettings, given: Mapping[str, FloatArray]) -> _Plan:
@@ -168,21 +146,17 @@ def _plan(cohort: Cohort, settings: GroomSettings, given: Mapping[str, FloatArra
     if settings.mirror is Mirror.OFF:
         return _Plan(kept, notes)
     sides = sides_of(cohort)
-    fixed = _fixed_side(sides.of, kept, given) if given else _fewer(sides.of, settings.mirror, cohort)
+    fixed = _fixed_side(sides, kept, given) if given else _fewer(sides, settings.mirror, cohort)
     if fixed is None:
         return _Plan(kept, notes)
-    mirrored = kept | {name for name, side in sides.of.items() if side == fixed and name not in given}
-    for name in mirrored & sides.of.keys():
-        side = sides.of[name]
-        notes[name] = f"a {side} one, mirrored to {other_side(side)}; left or right is from {sides.source}"
+    mirrored = kept | {name for name, side in sides.items() if side == fixed and name not in given}
+    for name in mirrored & sides.keys():
+        notes[name] = f"a {sides[name]} one, mirrored to {other_side(sides[name])}"
     unknown = [
-        subject.name
-        for subject in cohort.subjects
-        if subject.name not in sides.of and subject.name not in given
+        subject.name for subject in cohort.subjects if subject.name not in sides and subject.name not in given
     ]
     notes |= dict.fromkeys(unknown, "its side is not given; it was not mirrored")
-    from_names = settings.mirror is Mirror.AUTO and not given and sides.source == FROM_NAMES
-    return _Plan(mirrored, notes, from_names)
+    return _Plan(mirrored, notes)
 
 
 def _fewer(sides: Mapping[str, str], wish: Mirror, cohort: Cohort) -> str | None:

@@ -274,9 +274,13 @@ def _groomed(project: ProjectFolder, subject: ResultSubject) -> GroomedSubject:
 
 
 def _cohort(project: ProjectFolder, result: ResultRecord) -> Cohort:
-    paths = {subject.name: subject.path for subject in project.cohort().subjects}
+    known = {subject.name: subject for subject in project.cohort().subjects}
     subjects = [
-        Subject(subject.name, paths.get(subject.name, project.folder), subject.group, subject.columns)
+        replace(
+            known.get(subject.name, Subject(subject.name, project.folder)),
+            group=subject.group,
+            columns=subject.columns,
+        )
         for subject in result.subjects
     ]
     return Cohort(tuple(subjects), project.folder)

@@ -240,7 +240,7 @@ def _record(
 ) -> ResultRecord:
     inputs = outcome.inputs
     mirror = inputs.settings.groom.mirror
-    sides: Mapping[str, Any] = {} if mirror is Mirror.OFF else sides_of(inputs.cohort).of
+    sides: Mapping[str, Any] = {} if mirror is Mirror.OFF else sides_of(inputs.cohort)
     subjects = [
         ResultSubject(
             name=subject.name,

@@ -69,6 +69,6 @@ def _same_sides(result: ResultRecord, cohort: Cohort, mirror: Mirror) -> bool:
     if mirror is Mirror.OFF:
         return True
     before = {subject.name: subject.side for subject in result.subjects if subject.side}
-    now = sides_of(cohort).of
+    now = sides_of(cohort)
     both = any(len(set(item.values())) > 1 for item in (before, now))
     return before == now or (mirror is Mirror.AUTO and not both)

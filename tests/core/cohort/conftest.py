@@ -6,14 +6,24 @@ from homolog.cohort import read_cohort
 
 
 @pytest.fixture(scope="session")
-def cohort_of():
-    """Return the function that makes files in a folder and reads the cohort."""
+def place():
+    """Return the function that makes empty files in a folder."""
 
     def made(folder, *names):
         for name in names:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(b"")
-        return read_cohort(folder)
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def cohort_of(place):
+    """Return the function that makes files in a folder and reads the cohort."""
+
+    def made(folder, *names, pattern=None):
+        place(folder, *names)
+        return read_cohort(folder, pattern)
 
     return made
 

@@ -51,7 +51,7 @@ def test_a_folder_of_slices_for_each_subject_is_a_cohort(tmp_path, ball, suffix,
         if inner == "masks":
             write_slices(tmp_path / name / "images", ball)
     size_file(tmp_path)
-    cohort = read_cohort(tmp_path)
+    cohort = read_cohort(tmp_path, "{subject}/masks" if inner == "masks" else None)
     assert [subject.name for subject in cohort.subjects] == ["anna", "ben"]
     check(read_segmentation(cohort.subjects[1].path, None), ball)
 
@@ -60,7 +60,7 @@ def test_masks_and_images_may_be_folders_above_the_subjects(tmp_path, ball):
     for kind in ("images", "masks"):
         for name in ("anna", "ben"):
             write_slices(tmp_path / kind / name, ball)
-    cohort = read_cohort(tmp_path)
+    cohort = read_cohort(tmp_path, "masks/{subject}")
     assert [subject.path for subject in cohort.subjects] == [tmp_path / "masks" / n for n in ("anna", "ben")]
 
 
@@ -161,7 +161,7 @@ def test_masks_in_one_colour_are_read_and_in_two_refused(tmp_path, ball):
 
 def test_the_folder_of_one_stack_is_no_cohort(tmp_path, ball):
     write_slices(tmp_path, ball)
-    with pytest.raises(InputError, match="the slices of one stack"):
+    with pytest.raises(InputError, match="the slices of one series"):
         read_cohort(tmp_path)
 
 
@@ -174,4 +174,5 @@ def test_pictures_beside_segmentations_are_left_alone(tmp_path, ball):
             tmp_path / "labels" / f"{name}.nii.gz"
         )
     write_slices(tmp_path / "figures", ball)
-    assert [subject.name for subject in read_cohort(tmp_path).subjects] == ["a", "b"]
+    with pytest.raises(InputError, match=r'  "labels/\{subject\}\.nii\.gz"  2 subjects'):
+        read_cohort(tmp_path)
