@@ -7,7 +7,7 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from homolog.cohort import with_table
+from homolog.cohort import with_table, with_values_of
 from homolog.errors import InputError, NumericalError
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ProjectRecord, ResultRecord, note_lines
@@ -130,7 +130,7 @@ def add_table(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
         "not change.",
     )
     parser.add_argument("project", type=Path, help="project folder")
-    parser.add_argument("table", type=Path, help="table to read")
+    parser.add_argument("table", type=Path, nargs="?", help="table to read; not needed with --missing")
     add_missing_option(parser)
     parser.add_argument("--dry-run", action="store_true", help="only show the changes")
 
@@ -140,8 +140,14 @@ def run_table(arguments: argparse.Namespace) -> int:
     from homolog.io.project_table import update_table
 
     project = ProjectFolder(arguments.project)
+    if arguments.table is None and not arguments.missing:
+        raise InputError(f"{project.folder}: name a table, or a value that stands for missing ones")
     with project.locked(new=False):
-        changes = with_table(project.cohort().subjects, arguments.table, arguments.missing)
+        subjects = project.cohort().subjects
+        if arguments.table is None:
+            changes = with_values_of(subjects, subjects, arguments.missing)
+        else:
+            changes = with_table(subjects, arguments.table, arguments.missing)
         sys.stdout.write("".join(f"{line}\n" for line in changes.lines))
         if arguments.dry_run:
             sys.stdout.write("nothing was written (--dry-run)\n")

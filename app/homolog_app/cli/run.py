@@ -196,7 +196,7 @@ def _update_table(arguments: argparse.Namespace, project: ProjectFolder, cohort:
     from homolog.io.project_table import update_table
 
     with project.locked(new=False):
-        changes = with_values_of(project.cohort().subjects, cohort.subjects)
+        changes = with_values_of(project.cohort().subjects, cohort.subjects, arguments.missing)
         if not changes.is_empty:
             update_table(project, changes.subjects)
     sys.stderr.write(

@@ -191,10 +191,12 @@ def _by_numbers(
     )
 
 
-def with_values_of(subjects: Sequence[Subject], others: Sequence[Subject]) -> TableChanges:
+def with_values_of(
+    subjects: Sequence[Subject], others: Sequence[Subject], missing: Sequence[str] = ()
+) -> TableChanges:
     """Return the changes of subjects to the groups and columns of others with the same names."""
     values = {other.name: _values(other) for other in others}
-    return _changes(subjects, values, [], "name")
+    return _changes(subjects, values, [], "name", missing)
 
 
 def _changes(

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from homolog.arrays import FloatArray, IntArray, frozen
+from homolog.cohort import outside_notes
 from homolog.cohort.column_types import CATEGORY
-from homolog.cohort.file_names import words_of_individual
 from homolog.comparison.question import Question
 from homolog.comparison.sample import SHAPE_SIZE, SIZE, Sample, category_of, levels
 from homolog.errors import InputError
@@ -27,6 +27,9 @@ from homolog.statistics.studies import (
 from homolog.surfaces.nearest import areas_of_particles, nearest_particles
 
 __all__ = ["Answer", "ask", "members_of_pairs"]
+
+_PERSON = "subject"
+"""Column of the person, for several scans or sides of one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,8 +134,9 @@ def ask(sample: Sample, question: Question, tick: Tick = no_tick) -> Answer:
         )
     notes = [*_notes(sample, question), *exclusion_notes(left_out)]
     if question.kind != "pairs":
-        compared = [sample.names[index] for index in overall.subjects.tolist()]
-        notes += repeated_notes({name: words_of_individual(name) for name in compared})
+        persons = sample.texts(_PERSON) if _PERSON in sample.columns else list(sample.names)
+        compared = {sample.names[index]: persons[index] for index in overall.subjects.tolist()}
+        notes += repeated_notes({name: person or name for name, person in compared.items()})
     others = _others(sample, question, overall, labels, left_out)
     return Answer(
         question,
@@ -311,6 +315,10 @@ def _notes(sample: Sample, question: Question) -> list[str]:
         values = sample.texts(column)
         if covariates.get(column, True) or numbers([value for value in values if value]) is None:
             notes += spelling_notes(f"Column {column!r}", values)
+    tested_numbers = [question.column] if question.kind == "regression" else []
+    tested_numbers += [column for column, is_category in covariates.items() if not is_category]
+    for column in tested_numbers:
+        notes += outside_notes(column, dict(zip(sample.names, sample.texts(column), strict=True)))
     if SIZE in sample.columns and SIZE in (question.column, *covariates):
         notes.append(f"'size' is the column of the cohort's table; the size of the shapes is {SHAPE_SIZE!r}.")
     if question.earlier:

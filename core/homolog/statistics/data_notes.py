@@ -45,9 +45,10 @@ def repeated_notes(individuals: Mapping[str, Hashable]) -> list[str]:
     if not several or len(names_of) == 1:
         return []
     return [
-        f"By their names, {len(individuals)} subjects are {len(names_of)} individuals, some at several times "
-        f"or with both sides ({' and '.join(several[0][:2])}). Such subjects are not independent, so that "
-        "p-values and intervals may be too small. Compare one subject per individual, or pairs."
+        f"By the column subject, {len(individuals)} subjects are {len(names_of)} individuals, some at "
+        f"several times or with both sides ({' and '.join(several[0][:2])}). Such subjects are not "
+        "independent, so that p-values and intervals may be too small. Compare one subject per "
+        "individual, or pairs."
     ]
 
 
