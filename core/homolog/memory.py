@@ -3,9 +3,9 @@
 import ctypes
 import gc
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, overload
 
 import numpy as np
 import psutil
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from homolog.errors import InputError
 
 __all__ = [
+    "OnDemand",
     "Store",
     "check_fits",
     "free_memory",
@@ -29,6 +30,38 @@ _LARGE, _LARGEST, _RETAINED = 2**21, 2**25, 2**26
 kept for smaller ones [bytes]."""
 
 _Item = TypeVar("_Item", bound=np.generic)
+_Any = TypeVar("_Any")
+
+
+class OnDemand(Sequence[_Any]):
+    """A lazy sequence, whose items are computed or read on each access.
+
+    Parameters
+    ----------
+    count : int
+    make : callable
+        Function of an index from 0 that returns the item.
+    """
+
+    def __init__(self, count: int, make: Callable[[int], _Any]) -> None:
+        self._count, self._make = count, make
+
+    def __len__(self) -> int:
+        """Return the number of items."""
+        return self._count
+
+    @overload
+    def __getitem__(self, index: int) -> _Any: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "OnDemand[_Any]": ...
+
+    def __getitem__(self, index: int | slice) -> "_Any | OnDemand[_Any]":
+        """Return an item, or a lazy sequence of some items."""
+        chosen = range(self._count)[index]
+        if isinstance(chosen, int):
+            return self._make(chosen)
+        return OnDemand(len(chosen), lambda place: self._make(chosen[place]))
 
 
 class Store(Protocol):

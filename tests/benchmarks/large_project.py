@@ -29,6 +29,7 @@ from homolog.beans.files import write_beans
 from homolog.beans.generate import draw_beans
 from homolog.cohort import Cohort, Subject, read_cohort
 from homolog.geometry import inverse_matrices, transform_points
+from homolog.inspection import judge
 from homolog.io.arrays import read_arrays
 from homolog.io.project import ProjectFolder
 from homolog.io.results import read_result, read_surface, surface_file
@@ -110,7 +111,7 @@ def make(folder, subjects, particles):
         alignments=alignments,
         voxels=(),
     )
-    loaded = LoadedResult(new, Stretched(names, meshes, maps), np.zeros((0, 4)), (), "", record)
+    loaded = LoadedResult(new, Stretched(names, meshes, maps), np.zeros((0, 4)), (), "", record, judge(world))
     os.fsync = lambda _: None  # only this copy could be lost
     with project.locked():
         project.groomed.mkdir(parents=True)

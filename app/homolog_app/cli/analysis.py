@@ -11,6 +11,7 @@ from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
 from homolog.io.report_details import ReportDetails, read_details, write_details
 from homolog_app.cli.options import (
+    add_anyway_option,
     add_former_name,
     add_options,
     add_progress_option,
@@ -62,6 +63,7 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
         "sequence. With several alignments it is the named one, or else the first. none: no study is primary",
     )
     add_options(parser, ReportDetails)
+    add_anyway_option(parser)
     add_progress_option(parser)
 
 
@@ -111,7 +113,9 @@ def run_analyze(arguments: argparse.Namespace) -> int:
     """Run the tests; return the exit code."""
     from homolog.comparison.project import analyze_result, primary_of, questions_of
     from homolog.comparison.stored import name_primary
+    from homolog.inspection.verdict import refuse_unusable
     from homolog.io.results import read_result
+    from homolog.progress import part_of
 
     project = ProjectFolder(arguments.project)
     alignments = _alignments(arguments)
@@ -124,6 +128,8 @@ def run_analyze(arguments: argparse.Namespace) -> int:
         )
     with project.locked(new=False), show_progress(arguments.progress) as progress:
         result = read_result(project)
+        if not arguments.anyway:
+            refuse_unusable(project, result.world, part_of(progress.tick, 0.0, 0.05))
         asked = questions_of(
             result,
             alignments,
@@ -137,7 +143,8 @@ def run_analyze(arguments: argparse.Namespace) -> int:
         )
         write_details(project, with_options(read_details(project), arguments))
         chosen = primary_of(asked, arguments.primary)
-        answers = analyze_result(project, result, asked, settings.seeds, progress.tick)
+        rest = part_of(progress.tick, 0.05, 1.0)
+        answers = analyze_result(project, result, asked, settings.seeds, rest)
         if arguments.primary is not None:
             name_primary(project, chosen)
     stream = sys.stderr if arguments.progress == "json" else sys.stdout
@@ -156,9 +163,10 @@ def add_check(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
     """Declare the command."""
     parser = subparsers.add_parser(
         "check",
-        description="List places where the correspondence may be wrong, the most severe first: exchanged "
-        "particles, swapped neighbourhoods, normals that disagree with the other subjects, folded triangles, "
-        "uncovered regions.",
+        description="Say how much of the model is reproducible (sound, doubtful or not usable, and why), and "
+        "list places where the correspondence may be wrong, the most severe first: exchanged particles, "
+        "swapped neighbourhoods, normals that disagree with the other subjects, folded triangles, uncovered "
+        "regions.",
     )
     parser.add_argument("project", type=Path, help="project folder")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the list to FILE.csv or FILE.json")
@@ -181,6 +189,8 @@ def add_check(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
 
 def run_check(arguments: argparse.Namespace) -> int:
     """List the suspects; return the exit code."""
+    from homolog.inspection.verdict import read_verdict
+    from homolog.io.results import read_result
     from homolog.progress import part_of
     from homolog.run.repair import inspect_project, rows, write_suspects
 
@@ -203,6 +213,8 @@ def run_check(arguments: argparse.Namespace) -> int:
         if arguments.repair:
             rest = part_of(progress.tick, share, 1.0)
             inspection, notes = _repair(project, result, inspection, arguments.repair, rest)
+            result = read_result(project)
+        verdict = read_verdict(project, result.world)
     table = rows(
         inspection,
         [suspect for suspect in inspection.suspects if suspect.severity >= arguments.min_severity],
@@ -217,7 +229,7 @@ def run_check(arguments: argparse.Namespace) -> int:
     suspects = "1 suspect" if len(table) == 1 else f"{len(table)} suspects"
     ending = f"{suspects} of {len(result.names)} subjects x {result.local.shape[1]} particles"
     stream = sys.stderr if arguments.progress == "json" else sys.stdout
-    stream.write("\n".join([*notes, *lines, ending]) + "\n")
+    stream.write("\n".join([verdict.line, *notes, *lines, ending]) + "\n")
     return 0
 
 
@@ -257,16 +269,21 @@ def add_report(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     parser.add_argument("project", type=Path, help="project folder")
     add_options(parser, ReportDetails)
     add_options(parser, CutSettings)
+    add_anyway_option(parser)
     add_progress_option(parser)
 
 
 def run_report(arguments: argparse.Namespace) -> int:
     """Write the report; return the exit code."""
+    from homolog.inspection.verdict import refuse_unusable
+    from homolog.io.results import read_result
     from homolog_app.report.write import write_report
 
     clip = with_options(CutSettings(), arguments).cutting
     project = ProjectFolder(arguments.project)
     with project.locked(new=False), show_progress(arguments.progress) as progress:
+        if not arguments.anyway:
+            refuse_unusable(project, read_result(project).world)
         write_details(project, with_options(read_details(project), arguments))
         path = write_report(project, progress.tick, clip)
     sys.stdout.write(f"{path}\n")

@@ -19,6 +19,7 @@ from homolog.settings import GroomSettings, RunSettings
 
 __all__ = [
     "Progress",
+    "add_anyway_option",
     "add_former_name",
     "add_options",
     "add_progress_option",
@@ -207,6 +208,13 @@ def _help(parameter: Parameter) -> str:
 _WIDTH = 28
 _REDRAW_S = 0.1
 _LINE_S = 10.0
+
+
+def add_anyway_option(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--anyway``, for commands that refuse models whose verdict is *not usable*."""
+    parser.add_argument(
+        "--anyway", action="store_true", help="use the model even if its verdict is: not usable"
+    )
 
 
 def add_progress_option(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
 from homolog_app.cli.export_pictures import exporting
-from homolog_app.cli.options import add_progress_option, show_progress
+from homolog_app.cli.options import add_anyway_option, add_progress_option, show_progress
 
 __all__ = [
     "add_patient",
@@ -59,19 +59,25 @@ def add_reference(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the
     )
     parser.add_argument("--names", action="store_true", help="store scores and names of the controls")
     parser.add_argument("--workers", type=int, help="number of processes (default: one per core)")
+    add_anyway_option(parser)
     add_progress_option(parser)
 
 
 def run_reference(arguments: argparse.Namespace) -> int:
     """Make the reference; return the exit code."""
+    from homolog.inspection.verdict import refuse_unusable
+    from homolog.io.results import read_result
     from homolog.patient.build import make_reference
     from homolog.patient.reference import check_name
     from homolog_app.report.patient_texts import reference_text
 
     check_name(arguments.out)
+    project = ProjectFolder(arguments.project)
     with show_progress(arguments.progress) as progress:
+        if not arguments.anyway:
+            refuse_unusable(project, read_result(project).world)
         reference = make_reference(
-            ProjectFolder(arguments.project),
+            project,
             group=arguments.group,
             column=arguments.column,
             adjust=arguments.adjust,

@@ -131,7 +131,7 @@ def run_run(arguments: argparse.Namespace) -> int:
     if arguments.progress == "json":
         sys.stdout.write(json.dumps({"reason": reason, "project": str(project.folder)}) + "\n")
     elif done:
-        sys.stdout.write(f"{_summary(project)}\nresults in {project.folder}\n")
+        sys.stdout.write(f"{_summary(project)}\n{_verdict(project)}\nresults in {project.folder}\n")
     if not done:
         _report_cancelled(job)
     return OK if done else CANCELLED
@@ -208,7 +208,7 @@ def _update_table(arguments: argparse.Namespace, project: ProjectFolder, cohort:
     if arguments.progress == "json":
         sys.stdout.write(json.dumps({"reason": "completed", "project": str(project.folder)}) + "\n")
     else:
-        sys.stdout.write(f"{_summary(project)}\nresults in {project.folder}\n")
+        sys.stdout.write(f"{_summary(project)}\n{_verdict(project)}\nresults in {project.folder}\n")
     return 0
 
 
@@ -238,6 +238,13 @@ def _summary(project: ProjectFolder) -> str:
     folds = f"; {result.folded_faces} folded faces on the mean" if result.folded_faces else ""
     size = f"{len(result.subjects)} subjects x {result.particles} particles"
     return f"{size}, {result.end_text}{folds}"
+
+
+def _verdict(project: ProjectFolder) -> str:
+    from homolog.inspection.verdict import read_verdict
+    from homolog.io.results import read_result
+
+    return read_verdict(project, read_result(project).world).line
 
 
 def _run_inputs(arguments: argparse.Namespace) -> tuple[ProjectFolder, Cohort, RunSettings]:

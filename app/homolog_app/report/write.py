@@ -16,6 +16,7 @@ from homolog.comparison.tables import store
 from homolog.errors import InputError, NumericalError
 from homolog.exchange import project_landmark_errors
 from homolog.inspection import inspect
+from homolog.inspection.verdict import Word, read_verdict
 from homolog.io.atomic import atomic_write, write_text
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ResultRecord
@@ -98,6 +99,8 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     of = f": {details.structure}" if details.structure else ""
     page = Page(f"Shape analysis of {project.folder.resolve().name}{of}", f"{NOTICE} {_made(record)}")
     _introduction(page, record, result, studies, details)
+    verdict = read_verdict(project, result.world, part_of(tick, 0.55, 0.58))
+    (page.paragraph if verdict.word is Word.SOUND else page.caution)(verdict.line)
     for text in lost:
         page.caution(f"Left out: {text}")
     page.heading("Main results")
@@ -111,6 +114,7 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
             page.caution(text)
         page.paragraph("No group comparison yet: run homolog analyze PROJECT --group COLUMN.")
     _model_section(page, folder, record, result, model, figures)
+    page.table(("measure", "value"), verdict.rows, as_text=True, caption="What the verdict follows from")
     add_correspondence(page, folder, correspondence)
     _add_check(page, result, meshes)
     _add_landmarks(page, project)

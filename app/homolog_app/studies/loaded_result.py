@@ -11,6 +11,7 @@ import numpy as np
 from homolog.arrays import FloatArray, frozen
 from homolog.cohort import Cohort
 from homolog.errors import InputError
+from homolog.inspection.verdict import Verdict, read_verdict, write_verdict
 from homolog.io.arrays import read_arrays, write_arrays
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ProjectRecord, ResultRecord, ResultSubject
@@ -119,6 +120,8 @@ class LoadedResult:
         Summary in one line.
     record : ResultRecord
         The record of the result.
+    verdict : Verdict
+        What the model is good for.
     """
 
     result: Result
@@ -127,6 +130,7 @@ class LoadedResult:
     frames: tuple[RecordedFrame, ...]
     summary: str
     record: ResultRecord
+    verdict: Verdict
 
     @property
     def method(self) -> Method:
@@ -193,7 +197,8 @@ def load_result(project: ProjectFolder, tick: Tick = no_tick) -> LoadedResult:
     if record is None:
         raise InputError(f"{project.folder}: has no result")
     surfaces = SubjectSurfaces(project, record.subjects)
-    surfaces.read_first(part_of(tick, 0.3, 1.0))
+    surfaces.read_first(part_of(tick, 0.3, 0.9))
+    verdict = read_verdict(project, result.world, part_of(tick, 0.9, 1.0))
     summary = f"{record.particles} particles on {len(record.subjects)} shapes, " + (
         f"imported from {record.source}{_remarks(record)}"
         if record.source
@@ -201,7 +206,7 @@ def load_result(project: ProjectFolder, tick: Tick = no_tick) -> LoadedResult:
         f"{sum(record.seconds.values()):.0f}\u00a0s on {record.device}"
     )
     summary += f"; {record.mirrored_text}" if record.mirrored_text else ""
-    return LoadedResult(result, surfaces, _energies(project), _frames(project), summary, record)
+    return LoadedResult(result, surfaces, _energies(project), _frames(project), summary, record, verdict)
 
 
 def write_from_memory(
@@ -243,6 +248,7 @@ def write_from_memory(
             write_mesh(surface_file(project, subject.file), mesh)
         write_model(new, own, model)
         write_surfaces(new, model, surface, part_of(tick, 0.5, 1.0))
+        write_verdict(new, loaded.verdict, result.world)
         rows = ([int(row[0]), *row[1:]] for row in loaded.energies.tolist())
         write_table(new.folder / "energies.csv", ["iteration", "sampling", "ensemble", "normals"], rows)
         subjects = project.describe(cohort)

@@ -110,6 +110,8 @@ class Session(QObject):
         self.result: LoadedResult | None = None
         self.written: LoadedResult | None = None
         """The result in the project's folder."""
+        self.used_anyway: LoadedResult | None = None
+        """The result that is analysed although it is not usable."""
         self.selection: tuple[str, ...] = ()
         self.step = "cohort"
         """The open step."""

@@ -7,6 +7,7 @@ from typing import Literal
 
 from homolog.comparison.project import StudyAnswer, analyze_result, primary_of, questions_of
 from homolog.comparison.stored import name_primary
+from homolog.inspection.verdict import refuse_unusable
 from homolog.io.project import ProjectFolder
 from homolog.io.results import read_result
 from homolog.progress import tick_of
@@ -32,6 +33,7 @@ def analyze(
     seed: int = 0,
     seeds: int | None = None,
     primary: str | None = None,
+    anyway: bool = False,
     callback: Callable[[float, str], object] | None = None,
 ) -> tuple[StudyAnswer, ...]:
     """Answer a question about a project, write its tables, and add it to the project's report.
@@ -70,6 +72,8 @@ def analyze(
     primary : str, optional
         Alignment of the primary study: reports begin with it, and the others follow in a fixed sequence.
         ``""`` means the first alignment, ``"none"`` removes the choice.
+    anyway : bool
+        Whether to use a model even if its verdict is *not usable*.
     callback : callable, optional
         ``callback(fraction, message)``; raise `Cancelled`, or any other error, in it to stop.
 
@@ -81,7 +85,7 @@ def analyze(
     Raises
     ------
     InputError
-        If there is no result, a column or group is missing, or an argument is invalid.
+        If there is no result or it is not usable, a column or group is missing, or an argument is invalid.
 
     See Also
     --------
@@ -91,6 +95,8 @@ def analyze(
     folder = ProjectFolder(Path(project))
     with folder.locked(new=False):
         result = read_result(folder)
+        if not anyway:
+            refuse_unusable(folder, result.world)
         asked = questions_of(
             result,
             alignments,

@@ -25,6 +25,7 @@ from homolog.device import choose_device
 from homolog.errors import InputError
 from homolog.grooming import GroomedSubject, check_cohort, groom_cohort
 from homolog.grooming.cache import content_key, save_groomed
+from homolog.inspection.verdict import Verdict, judge
 from homolog.io.atomic import report_os_errors
 from homolog.io.names import file_stems
 from homolog.io.project import ProjectFolder
@@ -131,6 +132,12 @@ class Correspondence(HasMeanShape):
         subjects, count = self.particles.shape[:2]
         ended = "converged" if self.converged else f"not converged in {self.iterations} iterations"
         return f"Correspondence({count} particles on {subjects} subjects, {ended})"
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """How much of the model is reproducible, and what follows."""
+        pairs = zip(self.meshes, self.alignments, strict=True)
+        return judge(self.aligned, [mesh.placed(alignment) for mesh, alignment in pairs])
 
     @cached_property
     def _modelled(self) -> tuple[ShapeModel, MeanSurface]:

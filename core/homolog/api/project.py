@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from homolog.api.mean_shape import HasMeanShape, MeanShape
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
+from homolog.inspection.verdict import Verdict, read_verdict
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ResultRecord
 from homolog.io.report_details import Axes, ReportDetails, read_details, write_details
@@ -136,6 +137,11 @@ class Project(HasMeanShape):
             raise InputError(f"{first['loc'][0]}: {fault_text(first)}") from error
         with self._folder.locked(new=False):
             write_details(self._folder, details)
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """How much of the model is reproducible, and what follows; judged now if it is not stored."""
+        return read_verdict(self._folder, self.aligned)
 
     @cached_property
     def _record(self) -> ResultRecord:

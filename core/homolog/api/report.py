@@ -6,6 +6,7 @@ from os import PathLike
 from pathlib import Path
 
 from homolog.api.project import Project
+from homolog.inspection.verdict import refuse_unusable
 from homolog.io.project import ProjectFolder
 from homolog.progress import tick_of
 
@@ -19,6 +20,7 @@ def report(
     cohort: str | None = None,
     axes: str | None = None,
     places: str | None = None,
+    anyway: bool = False,
     callback: Callable[[float, str], object] | None = None,
 ) -> Path:
     """Write the report of a project's model and studies, as HTML and PDF, as ``homolog report`` does.
@@ -36,6 +38,8 @@ def report(
         How locations are named.
     places : str, optional
         Own names of the structure's sides.
+    anyway : bool
+        Whether to use a model even if its verdict is *not usable*.
     callback : callable, optional
         ``callback(fraction, message)``; raise `Cancelled`, or any other error, in it to stop.
 
@@ -47,11 +51,14 @@ def report(
     Raises
     ------
     InputError
-        If there is no result, or the folder can't be written to.
+        If there is no result or it is not usable, or the folder can't be written to.
     """
     folder = ProjectFolder(Path(project))
     with folder.locked(new=False):
-        Project(project).describe(structure=structure, cohort=cohort, axes=axes, places=places)
+        opened = Project(project)
+        if not anyway:
+            refuse_unusable(folder, opened.aligned)
+        opened.describe(structure=structure, cohort=cohort, axes=axes, places=places)
         # The report is drawn, and so the application's; the core must not depend on it.
         written: Path = import_module("homolog_app.report.write").write_report(folder, tick_of(callback))
         return written

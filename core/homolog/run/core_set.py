@@ -36,10 +36,10 @@ from homolog.geometry import scale_of, transform_points
 from homolog.grooming import GroomedSubject
 from homolog.io.arrays import read_arrays, write_arrays
 from homolog.io.atomic import report_os_errors
-from homolog.memory import Store, in_memory
+from homolog.memory import OnDemand, Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.registration.procrustes import align_to_mean, generalized_procrustes
-from homolog.run.result import OnDemand, OptimizationInput, OptimizationOutcome
+from homolog.run.result import OptimizationInput, OptimizationOutcome
 from homolog.run.subject_fits import Reached, SubjectFits, groomed_shape
 from homolog.settings import OptimizeSettings, Procrustes, RunSettings
 from homolog.surfaces.mirroring import MIRROR

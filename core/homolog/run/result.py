@@ -1,9 +1,9 @@
 """A finished run on disk: particles, shape model, tables, and the record."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Any, TypeVar, overload
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from homolog.cohort import Cohort, sides_of
 from homolog.correspondence import OptimizedParticles, Shape
 from homolog.device import describe_device
 from homolog.grooming import GroomedSubject
+from homolog.inspection.verdict import judge, write_verdict
 from homolog.io.meshes import write_mesh
 from homolog.io.names import file_stems
 from homolog.io.particle_array import write_all_particles
@@ -19,6 +20,7 @@ from homolog.io.project import ProjectFolder
 from homolog.io.records import ProjectRecord, ResultRecord, ResultSubject
 from homolog.io.results import surface_file
 from homolog.io.tables import write_table
+from homolog.memory import OnDemand
 from homolog.progress import Tick, part_of
 from homolog.run.fingerprints import surface_hash, versions
 from homolog.run.shape_files import surface_of_model, write_model, write_surfaces
@@ -29,7 +31,6 @@ from homolog.threads import blas_threads, cores, in_threads
 
 __all__ = [
     "CANCELLED",
-    "OnDemand",
     "OptimizationInput",
     "OptimizationOutcome",
     "add_note",
@@ -38,41 +39,8 @@ __all__ = [
     "write_result",
 ]
 
-_Item = TypeVar("_Item")
-
 CANCELLED = "cancelled"
 """Value of `ended` for results saved from unfinished runs."""
-
-
-class OnDemand(Sequence[_Item]):
-    """A lazy sequence, whose items are computed or read on each access.
-
-    Parameters
-    ----------
-    count : int
-    make : callable
-        Function of an index from 0 that returns the item.
-    """
-
-    def __init__(self, count: int, make: Callable[[int], _Item]) -> None:
-        self._count, self._make = count, make
-
-    def __len__(self) -> int:
-        """Return the number of items."""
-        return self._count
-
-    @overload
-    def __getitem__(self, index: int) -> _Item: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> "OnDemand[_Item]": ...
-
-    def __getitem__(self, index: int | slice) -> "_Item | OnDemand[_Item]":
-        """Return an item, or a lazy sequence of some items."""
-        chosen = range(self._count)[index]
-        if isinstance(chosen, int):
-            return self._make(chosen)
-        return OnDemand(len(chosen), lambda place: self._make(chosen[place]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,7 +173,12 @@ def write_result(
         _write_subjects(new, project, outcome, stems, part_of(tick, 0.0, 0.6))
         tick(0.6, "shape model")
         write_model(new, inputs.cohort, model)
-        write_surfaces(new, model, surface, part_of(tick, 0.7, 1.0))
+        write_surfaces(new, model, surface, part_of(tick, 0.7, 0.8))
+        surfaces = OnDemand(
+            len(inputs.shapes), lambda index: inputs.shapes[index].mesh.placed(outcome.alignments[index])
+        )
+        verdict = judge(outcome.world, surfaces, tick=part_of(tick, 0.8, 1.0))
+        write_verdict(new, verdict, outcome.world)
         write_table(
             new.folder / "energies.csv",
             ["iteration", "sampling", "ensemble", "normals"],

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from homolog.arrays import FloatArray, frozen
+from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick
 from homolog.statistics.checks import checked_particles
@@ -21,6 +21,7 @@ __all__ = [
     "description_length",
     "generalization",
     "leave_one_out_residual",
+    "left_out_shapes",
     "modes_above_chance",
     "specificity",
 ]
@@ -192,18 +193,30 @@ def leave_one_out_residual(particles: FloatArray, *, weights: FloatArray | None 
     count = len(gram)
     if count < 3:
         raise InputError(f"generalization leaves one subject out and needs three, not {count}; add subjects")
-    values, vectors = np.linalg.eigh(gram)
-    kept = values > _FLAT * max(values[-1], np.finfo(float).tiny)
-    values, vectors = values[kept], vectors[:, kept]
-    # A subject lies outside the flat of the others only if its own axis is spanned by the modes.
-    apart = np.square(vectors).sum(axis=1) > 1.0 - 1.0 / count - 1e-6
-    inverse = (np.square(vectors) / values).sum(axis=1)
-    residuals = np.where(apart, 1.0 / np.sqrt(np.where(apart, inverse, 1.0)), 0.0)
+    inverse, apart = _inverse(gram)
+    along = np.diagonal(inverse)
+    residuals = np.where(apart, 1.0 / np.sqrt(np.where(apart, along, 1.0)), 0.0)
     spreads = np.sqrt(np.maximum(np.diagonal(gram), 0.0)) * count / (count - 1)
     return LeaveOneOut(residuals, spreads)
 
 
-def modes_above_chance(particles: FloatArray, *, repeats: int = 100, seed: int = 0) -> int:
+def left_out_shapes(particles: FloatArray) -> FloatArray:
+    """Return the best fit of each subject by all modes of the others, (M, N, 3) [mm].
+
+    Parameters
+    ----------
+    particles : (M, N, 3) array_like
+        Aligned positions of three or more subjects [mm].
+    """
+    shapes = checked_particles(particles)
+    inverse, apart = _inverse(_centred_gram(shapes, None))
+    weights = np.where(apart[:, None], inverse / np.where(apart, np.diagonal(inverse), 1.0)[:, None], 0.0)
+    rest = weights @ (shapes - shapes.mean(axis=0)).reshape(len(shapes), -1)
+    fits: FloatArray = shapes - rest.reshape(shapes.shape)
+    return fits
+
+
+def modes_above_chance(particles: FloatArray, *, repeats: int = 200, seed: int = 0) -> int:
     """Return the number of leading modes with more variance than in uncorrelated particles.
 
     Parallel analysis; see `parallel_analysis` for the eigenvalues.
@@ -253,3 +266,13 @@ def _centred_gram(particles: FloatArray, weights: FloatArray | None) -> FloatArr
     rows = ((shapes - shapes.mean(axis=0)) * roots).reshape(len(shapes), -1)
     gram: FloatArray = rows @ rows.T
     return gram
+
+
+def _inverse(gram: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return the pseudo-inverse of a centred Gram matrix, and which subjects the others don't span."""
+    values, vectors = np.linalg.eigh(gram)
+    kept = values > _FLAT * max(values[-1], np.finfo(float).tiny)
+    values, vectors = values[kept], vectors[:, kept]
+    # A subject lies outside the flat of the others only if its own axis is spanned by the modes.
+    apart = np.square(vectors).sum(axis=1) > 1.0 - 1.0 / len(gram) - 1e-6
+    return (vectors / values) @ vectors.T, apart

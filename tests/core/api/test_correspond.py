@@ -91,6 +91,16 @@ def test_a_saved_correspondence_is_a_project_that_runs_add_to(result, tmp_path, 
     assert hl.Project(folder.folder).particles.shape == (4, 96, 3)
 
 
+def test_a_correspondence_and_its_project_have_the_same_verdict(result, tmp_path):
+    saved = result.save(tmp_path / "project").verdict
+    assert (saved.word, saved.reproducible, saved.landmark) == (
+        result.verdict.word,
+        result.verdict.reproducible,
+        result.verdict.landmark,
+    )
+    assert saved.surface == pytest.approx(result.verdict.surface, rel=1e-3)
+
+
 def test_nothing_is_saved_among_other_files(result, tmp_path):
     (tmp_path / "thesis.txt").write_text("x")
     with pytest.raises(hl.InputError, match="other files"):

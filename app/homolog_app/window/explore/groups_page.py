@@ -26,6 +26,7 @@ from homolog_app.window.explore.controls import CompareBox, NumbersTable, Player
 from homolog_app.window.explore.group_form import GroupForm
 from homolog_app.window.explore.group_results import GroupPlot, GroupResults, SeedAnswers, correction_sentence
 from homolog_app.window.explore.page import ExplorePage, ModelCache
+from homolog_app.window.explore.verdict_bar import may_use
 from homolog_app.window.form import named_rows
 from homolog_app.window.session import PAGE_OF_JOB
 from homolog_app.window.widgets import (
@@ -186,7 +187,7 @@ class GroupsPage(ExplorePage):
         if turns:
             self.page_wanted.emit()
         models = self.fitted.both
-        if not models or not self.form.is_possible:
+        if not models or not self.form.is_possible or not may_use(self.window(), self.workspace.session):
             return
         requests = self.form.requests
         answer = partial(answer_question, models, self.workspace.session.study, requests)

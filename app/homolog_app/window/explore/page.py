@@ -303,6 +303,11 @@ class OverviewPage(ExplorePage):
         self.body.addWidget(label("Result", "SectionTitle"))
         self.body.addWidget(self.summary)
         self.body.addSpacing(GRID)
+        self.verdict = label("", wrap=True)
+        self.verdict.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.body.addWidget(label("Verdict", "SectionTitle"))
+        self.body.addWidget(self.verdict)
+        self.body.addSpacing(GRID)
         self.body.addWidget(label("What next", "SectionTitle"))
         for command, title in _NEXT.items():
             self.body.addWidget(ActionButton(title, actions[command]))
@@ -378,6 +383,7 @@ class OverviewPage(ExplorePage):
         self._show_kept()
         loaded = self._session.result
         self.summary.setText(loaded.summary if loaded else "")
+        self.verdict.setText(loaded.verdict.summary if loaded else "")
         self.playback.setText(
             "Space replays the run from its stored frames; the slider below the views seeks."
             if loaded and loaded.frames

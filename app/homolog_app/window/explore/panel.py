@@ -13,6 +13,7 @@ from homolog.arrays import Array
 from homolog.comparison.question import Question
 from homolog.comparison.stored import stored_answers
 from homolog.errors import InputError
+from homolog.inspection.verdict import Word
 from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.studies.study import FILES, outdated_text
 from homolog_app.window.actions import Actions
@@ -24,6 +25,7 @@ from homolog_app.window.explore.page import ExplorePage, ModelCache, OverviewPag
 from homolog_app.window.explore.patient_page import PatientPage
 from homolog_app.window.explore.plot import plots_of
 from homolog_app.window.explore.printing import drawn_report, print_pages
+from homolog_app.window.explore.verdict_bar import VerdictBar
 from homolog_app.window.widgets import GRID, button, label, set_dimmed
 from homolog_app.window.workspace import Controller, Workspace, reported
 
@@ -81,6 +83,8 @@ class ExplorePanel(QWidget):
         self.fit = button("Fit shape model")
         self.fit.clicked.connect(self.fitted.retry)
         row.addWidget(self.fit)
+        self.verdict = VerdictBar(workspace.session)
+        layout.addWidget(self.verdict)
         layout.addWidget(self.outdated)
         layout.addWidget(self.unfitted)
         layout.addWidget(self._stack, 1)
@@ -241,6 +245,8 @@ class ExploreController(Controller):
             or self._wanted is not None
             or session.folder is None
             or not session.is_result_written
+            or session.result is None
+            or session.result.verdict.word is Word.UNUSABLE
         ):
             return
         with suppress(InputError):  # *Overview* shows the reason

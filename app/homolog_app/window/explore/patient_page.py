@@ -43,6 +43,7 @@ from homolog_app.window.explore.measure_parts import PercentileBars
 from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.explore.patient_parts import FollowUpPart, PatientForm, region_table, remark_texts
 from homolog_app.window.explore.printing import report_buttons
+from homolog_app.window.explore.verdict_bar import may_use
 from homolog_app.window.form import named_rows
 from homolog_app.window.session import PAGE_OF_JOB
 from homolog_app.window.widgets import (
@@ -244,6 +245,8 @@ class PatientPage(ExplorePage):
 
     def make_reference(self) -> None:
         """Freeze the model of the chosen group of the open project, fitting each control as a patient."""
+        if not may_use(self.window(), self.workspace.session):
+            return
         project = self.workspace.project
         group = None if self.group.currentIndex() <= 0 else self.group.currentText()
         columns = self.adjust.text().replace(",", " ").split()

@@ -16,6 +16,7 @@ from homolog_app.studies.study import with_current_table
 from homolog_app.window.dialogs import ask
 from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.panel import ExplorePanel
+from homolog_app.window.explore.verdict_bar import may_use
 from homolog_app.window.export.choosers import KINDS
 from homolog_app.window.workspace import Controller, Workspace, reported
 
@@ -55,6 +56,8 @@ class ExportController(Controller):
         from homolog_app.window.export.dialog import ExportDialog
 
         kind = KINDS[name]
+        if name == "report" and not may_use(self._window, self._workspace.session):
+            return
         dialog = ExportDialog(self._window, kind, self._exported())
         if not kind.place:  # written into the project, which the window locks
             folder = self._workspace.session.folder
@@ -133,6 +136,7 @@ class ExportController(Controller):
             mode=min(self._explore.page_of(ModesPage).sliders.chosen + 1, modes),
             columns=columns,
             caution=self._caution(),
+            anyway=session.result is not None and session.used_anyway is session.result,
             camera=self._camera(),
             clip=views.stage.scene.canvas.clip if (views := self.views) is not None else None,
         )

@@ -66,6 +66,8 @@ class Exported:
         Camera of the window's views (`exports.settings.camera_direction`); may be empty.
     clip : Clip or None
         Cutting plane of the window's views.
+    anyway : bool
+        Whether a report is written although the model is not usable.
     caution : str
         Data of the open study that are not in the project's folder; may be empty.
     """
@@ -79,6 +81,7 @@ class Exported:
     caution: str = ""
     camera: str = ""
     clip: Clip | None = None
+    anyway: bool = False
 
 
 class ExportDialog(QDialog):
@@ -122,7 +125,7 @@ class ExportDialog(QDialog):
         """Return the arguments of ``homolog``."""
         settings = options_of(self.settings) if self.settings else []
         if isinstance(self.settings, ReportSettings):
-            settings += self.settings.emptied
+            settings += [*self.settings.emptied, *(["--anyway"] if self.exported.anyway else [])]
         place = [f"--out={self.out}"] if self.out else []
         return ["export", self.kind.name, str(self.exported.project), *self.content(), *settings, *place]
 

@@ -1,0 +1,50 @@
+"""The verdict on the model, above the pages of *Explore*."""
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QVBoxLayout, QWidget
+
+from homolog.inspection.verdict import Verdict, Word
+from homolog_app.window.dialogs import ask
+from homolog_app.window.session import Session
+from homolog_app.window.widgets import GRID, label
+
+__all__ = ["VerdictBar", "may_use"]
+
+_ANSWERS = "Use it anyway", "Cancel"
+
+
+class VerdictBar(QWidget):
+    """Why a model is doubtful or not usable, and what to do; hidden if it is sound."""
+
+    def __init__(self, session: Session) -> None:
+        super().__init__()
+        self._session = session
+        self.text = label("", "Problem", wrap=True)
+        self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(2 * GRID, GRID, 2 * GRID, 0)
+        layout.addWidget(self.text)
+        session.result_changed.connect(self._show)
+        self._show()
+
+    def _show(self) -> None:
+        verdict = _verdict(self._session)
+        self.setVisible(verdict is not None and verdict.word is not Word.SOUND)
+        if verdict is not None:
+            self.text.setText(f"This model is {verdict.word}. {verdict.cause} {verdict.remedy}")
+
+
+def may_use(window: QWidget, session: Session) -> bool:
+    """Return whether the result may be analysed: it is usable, or the user says so now or has said so."""
+    loaded, verdict = session.result, _verdict(session)
+    if verdict is None or verdict.word is not Word.UNUSABLE or session.used_anyway is loaded:
+        return True
+    details = f"{verdict.cause} {verdict.remedy}\n\n{verdict.numbers}"
+    if ask(window, "This model is not usable.", details, _ANSWERS, 1) != _ANSWERS[0]:
+        return False
+    session.used_anyway = loaded
+    return True
+
+
+def _verdict(session: Session) -> Verdict | None:
+    return session.result.verdict if session.result is not None else None

@@ -1,0 +1,591 @@
+"""How much of a model's variation is reproducible: a verdict in one of three words."""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from homolog.arrays import ArrayLike, FloatArray, IntArray
+from homolog.errors import InputError
+from homolog.io.atomic import write_text
+from homolog.io.json_files import read_json
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_surface
+from homolog.memory import OnDemand
+from homolog.progress import Tick, no_tick, part_of
+from homolog.statistics.checks import checked_particles
+from homolog.statistics.evaluation import (
+    description_length,
+    leave_one_out_residual,
+    left_out_shapes,
+    modes_above_chance,
+)
+from homolog.surfaces.closest import distances_to, thickness
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.nearest import nearest_particles
+from homolog.surfaces.topology import check_mesh
+
+__all__ = ["Verdict", "Word", "judge", "read_verdict", "refuse_unusable", "write_verdict"]
+
+_SEEN = 100
+"""Most subjects that are judged; of more, these are drawn at random."""
+_LOOKED_AT = 2048
+"""Most particles that are judged; their neighbours are among all."""
+_TARGETS = 25
+"""Most subjects to which the particles of one are carried."""
+_MEASURED = 25
+"""Most surfaces that are measured."""
+_POINTS = 2000
+"""About how many points of a surface are measured."""
+_NEIGHBOURS = 9
+"""Particles from which a particle's displacement is predicted: thrice the three unknowns of a linear map."""
+_RING = 6
+"""Mean number of neighbours of a particle on a surface (Euler)."""
+_PERMUTATIONS = 399
+"""With 399 permutations, chance exceeds them all once in 400 times."""
+_EVEN = 5.0 / (18.0 * np.sqrt(3.0))
+"""Mean squared distance of a plane from the nearest point of a hexagonal lattice, per area of a point."""
+_SCATTERED = 1.0 / np.pi
+"""The same for points placed at random."""
+
+
+class Word(StrEnum):
+    """The verdict in a word."""
+
+    SOUND = "sound"
+    DOUBTFUL = "doubtful"
+    UNUSABLE = "not usable"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What a model is good for, the numbers it follows from, and what to do.
+
+    Lengths are those of aligned shapes.
+
+    Attributes
+    ----------
+    word : Word
+    cause, remedy : str
+        Why the model is not sound, and what to do; empty for a sound model.
+    reproducible : float
+        Share of a subject's variance that all modes of the other subjects reproduce.
+    chance : float
+        The largest such share of 399 models in which each particle was permuted among the subjects.
+    local, local_chance : float
+        Share of a particle's variance that the mean of its six neighbours reproduces, and the largest such
+        share of these models.
+    residual, spread : float
+        Root mean square distance of a left-out subject's particles from their best fit by the others' modes,
+        and from the others' mean [mm].
+    modes : int
+        Number of modes above chance, by parallel analysis.
+    landmark : float
+        Mean error of a particle carried from one subject to another by its neighbours [mm], as landmarks
+        are. It does not tell if all particles of a region slide together. NaN with ten particles or fewer.
+    exchanged : float
+        That error if each particle were exchanged at random with its neighbours [mm].
+    spacing : float
+        Mean distance of neighbouring particles [mm].
+    surface, surface_spread : float
+        Distance of a left-out subject's surface from its best fit by the others' modes, and from the others'
+        mean, root mean square in both directions [mm]; NaN without surfaces.
+    unevenness : float
+        Mean squared distance of the surface from the nearest particle: 0 as in an even layout, 1 as with
+        particles scattered at random; NaN without surfaces.
+    thin : float
+        Share of the surface whose walls are thinner than the spacing; NaN without surfaces.
+    wall : float
+        Median thickness [mm]; NaN without surfaces.
+    precision : float
+        Least displacement that counts in `description_length`: a hundredth of the spacing [mm].
+    description_length : float
+        Sum over the modes, in the sense of Davies et al. (2002) [nat].
+    """
+
+    word: Word
+    cause: str
+    remedy: str
+    reproducible: float
+    chance: float
+    local: float
+    local_chance: float
+    residual: float
+    spread: float
+    modes: int
+    landmark: float
+    exchanged: float
+    spacing: float
+    surface: float
+    surface_spread: float
+    unevenness: float
+    thin: float
+    wall: float
+    precision: float
+    description_length: float
+
+    @property
+    def line(self) -> str:
+        """The verdict in one line: word, cause and remedy, numbers."""
+        return " ".join(filter(None, [f"Verdict: {self.word}.", self.cause, self.remedy, self.numbers]))
+
+    @property
+    def summary(self) -> str:
+        """Word and numbers."""
+        return f"{self.word.capitalize()}. {self.numbers}"
+
+    @property
+    def numbers(self) -> str:
+        """The numbers in sentences."""
+        texts = []
+        if np.isfinite(self.reproducible):
+            modes = "1 mode" if self.modes == 1 else f"{self.modes} modes"
+            texts.append(
+                f"{_percent(self.reproducible)} of the variation is reproducible (by chance up to "
+                f"{_percent(self.chance)}), {modes} above chance."
+            )
+        if np.isfinite(self.surface):
+            texts.append(
+                f"A left-out surface is reproduced to {self.surface:.2g} mm of {self.surface_spread:.2g} mm."
+            )
+        if np.isfinite(self.landmark):
+            texts.append(
+                f"Landmark error about {self.landmark:.2g} mm, particles {self.spacing:.2g} mm apart."
+            )
+        return " ".join(texts)
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Names and values of all numbers, for tables."""
+        return [
+            ("variation that is reproducible", _percent(self.reproducible)),
+            ("the same by chance, at most", _percent(self.chance)),
+            ("variation shared with neighbours", _percent(self.local)),
+            ("the same by chance, at most", _percent(self.local_chance)),
+            ("left-out particles, residual of spread", _of(self.residual, self.spread)),
+            ("left-out surface, residual of spread", _of(self.surface, self.surface_spread)),
+            ("modes above chance", str(self.modes)),
+            ("landmark error, about", _length(self.landmark)),
+            ("the same if neighbours were exchanged", _length(self.exchanged)),
+            ("distance of neighbouring particles", _length(self.spacing)),
+            ("surface with walls below that", _percent(self.thin)),
+            ("median thickness", _length(self.wall)),
+            ("unevenness (0 even, 1 random)", _plain(self.unevenness)),
+            ("description length", f"{self.description_length:.1f} nat"),
+        ]
+
+
+def judge(
+    particles: ArrayLike,
+    surfaces: Sequence[TriangleMesh] | None = None,
+    *,
+    seed: int = 0,
+    tick: Tick = no_tick,
+) -> Verdict:
+    """Judge a model by what its subjects tell about each other.
+
+    Limits are those of chance. A model is not usable if particles are carried no better than after exchanging
+    them at random with their neighbours, or if they agree neither with those of other subjects nor with their
+    neighbours better than after permuting each among the subjects. It is doubtful if they don't agree with
+    other subjects, if more than half of the variation is not reproducible, if carried particles are off by
+    more than half the distance of their neighbours, so that the next one may be meant, or if the surface is
+    covered less evenly than by chance.
+
+    Parameters
+    ----------
+    particles : (M, N, 3) array_like
+        Aligned positions of corresponding particles [mm].
+    surfaces : sequence of M TriangleMesh, optional
+        The subjects' surfaces in the same coordinates.
+    seed : int
+        Same seed, same verdict.
+    tick : Tick
+        Progress and cancellation.
+
+    Raises
+    ------
+    InputError
+        If the particles are not those of two or more subjects.
+    """
+    shapes = checked_particles(particles)
+    generator = np.random.default_rng(seed)
+    if len(shapes) > _SEEN:
+        chosen = np.sort(generator.choice(len(shapes), _SEEN, replace=False))
+        shapes = shapes[chosen]
+        if surfaces is not None:
+            of_all = surfaces
+            surfaces = OnDemand(len(chosen), lambda index: of_all[int(chosen[index])])
+    tick(0.0, "judging the model")
+    number = shapes.shape[1]
+    some = np.sort(generator.choice(number, min(number, _LOOKED_AT), replace=False))
+    landmark, exchanged, spacing = _carried(shapes, some)
+    tick(0.2, "judging the model")
+    against = _against_chance(shapes[:, some], generator, part_of(tick, 0.2, 0.6))
+    measured = _Measured()
+    if surfaces is not None:
+        measured = _measure(shapes, surfaces, spacing, generator, part_of(tick, 0.6, 1.0))
+    precision = 0.01 * spacing
+    verdict = Verdict(
+        word=Word.SOUND,
+        cause="",
+        remedy="",
+        **dataclasses.asdict(against),
+        landmark=landmark,
+        exchanged=exchanged,
+        spacing=spacing,
+        **dataclasses.asdict(measured),
+        precision=precision,
+        description_length=description_length(shapes, precision) if precision > 0.0 else np.nan,
+    )
+    word, cause, remedy = _word(verdict, *shapes.shape[:2])
+    return dataclasses.replace(verdict, word=word, cause=cause, remedy=remedy)
+
+
+def write_verdict(project: ProjectFolder, verdict: Verdict, world: FloatArray) -> None:
+    """Store the verdict on a project's particles (M, N, 3) in aligned coordinates."""
+    numbers = {
+        name: None if isinstance(value, float) and not np.isfinite(value) else value
+        for name, value in dataclasses.asdict(verdict).items()
+    }
+    content = {"particles": _digest(world), **numbers}
+    write_text(_file(project), json.dumps(content, indent=2) + "\n")
+
+
+def read_verdict(project: ProjectFolder, world: FloatArray, tick: Tick = no_tick) -> Verdict:
+    """Return the verdict on a project's particles; older results, and changed ones, are judged now.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+        A project with a result; the verdict is stored if this program has it locked.
+    world : (M, N, 3) array
+        Its particles in aligned coordinates.
+    tick : Tick
+        Progress and cancellation.
+    """
+    stored = _stored(_file(project), _digest(world))
+    if stored is not None:
+        return stored
+    record = project.read().result
+    subjects = record.subjects if record is not None else []
+
+    def surface(index: int) -> TriangleMesh:
+        mesh = read_surface(project, subjects[index])
+        check_mesh(mesh, subjects[index].name)
+        return mesh.placed(np.array(subjects[index].alignment))
+
+    try:
+        verdict = judge(world, OnDemand(len(subjects), surface) if subjects else None, tick=tick)
+    except InputError:  # imported without surfaces, or one is damaged
+        verdict = judge(world, tick=tick)
+    if project.is_held:
+        with suppress(InputError):  # a full or read-only disk
+            write_verdict(project, verdict, world)
+    return verdict
+
+
+def refuse_unusable(project: ProjectFolder, world: FloatArray, tick: Tick = no_tick) -> None:
+    """Raise InputError if the verdict on a project's particles is that they are not usable."""
+    verdict = read_verdict(project, world, tick)
+    if verdict.word is Word.UNUSABLE:
+        raise InputError(
+            f"{project.folder}: the model is not usable. {verdict.cause} {verdict.remedy} To use it all the "
+            "same, add the option anyway"
+        )
+
+
+def _file(project: ProjectFolder) -> Path:
+    return project.model / "verdict.json"
+
+
+def _digest(world: FloatArray) -> str:
+    return hashlib.sha256(np.ascontiguousarray(world).tobytes()).hexdigest()
+
+
+def _stored(path: Path, digest: str) -> Verdict | None:
+    """Return the stored verdict; None if there is none for these particles."""
+    try:
+        content = read_json(path, "verdict")
+        if content.pop("particles") != digest:
+            return None
+        word, modes = Word(content.pop("word")), int(content.pop("modes"))
+        cause, remedy = str(content.pop("cause")), str(content.pop("remedy"))
+        numbers = {name: np.nan if value is None else float(value) for name, value in content.items()}
+        return Verdict(word=word, cause=cause, remedy=remedy, modes=modes, **numbers)
+    except (InputError, KeyError, TypeError, ValueError):
+        return None
+
+
+def _word(numbers: Verdict, subjects: int, particles: int) -> tuple[Word, str, str]:
+    """Return the word, its cause and its remedy."""
+    if numbers.landmark >= numbers.exchanged:
+        return (
+            Word.UNUSABLE,
+            f"Corresponding particles are as far apart as if neighbours were exchanged at random "
+            f"({numbers.exchanged:.2g} mm){_walls(numbers)}.",
+            _remedy_of_noise(numbers, particles),
+        )
+    by_chance = numbers.reproducible <= numbers.chance
+    if by_chance and numbers.local <= numbers.local_chance:
+        return (
+            Word.UNUSABLE,
+            "Particles vary as by chance: they agree neither with other subjects nor with their neighbours.",
+            "Place them again, add subjects, or choose another structure: these differ by noise only.",
+        )
+    if numbers.landmark > 0.5 * numbers.spacing:
+        return (
+            Word.DOUBTFUL,
+            "The error of a landmark exceeds half the distance of neighbouring particles: the next one may "
+            f"be meant{_walls(numbers)}.",
+            _remedy_of_noise(numbers, particles),
+        )
+    if subjects < 3:
+        return (
+            Word.DOUBTFUL,
+            "Two subjects don't tell what is reproducible.",
+            "Add subjects.",
+        )
+    if by_chance or numbers.reproducible < 0.5:
+        return (
+            Word.DOUBTFUL,
+            "The subjects reproduce each other no better than by chance."
+            if by_chance
+            else "Less than half of the variation is reproducible.",
+            f"Add subjects: each of these {subjects} still differs in its own way.",
+        )
+    if numbers.unevenness > 1.0:
+        return (
+            Word.DOUBTFUL,
+            f"Particles cover the surface less evenly than by chance ({numbers.unevenness:.2g} times the "
+            "squared distance).",
+            "Use more particles, or a smaller ensemble weight.",
+        )
+    return Word.SOUND, "", ""
+
+
+def _walls(numbers: Verdict) -> str:
+    if not numbers.thin > 0.5:
+        return ""
+    return f"; {_percent(numbers.thin)} of the surface has walls thinner than the distance of particles"
+
+
+def _remedy_of_noise(numbers: Verdict, particles: int) -> str:
+    others = "give landmarks, smooth fine details, or choose a structure without them"
+    if numbers.thin > 0.5:  # spacing goes with the root of the number
+        enough = particles * (numbers.spacing / numbers.wall) ** 2
+        return f"Use more particles (about {float(f'{enough:.1g}'):.0f} for the walls), {others}."
+    return f"{others[0].upper()}{others[1:]}."
+
+
+def _carried(shapes: FloatArray, some: IntArray) -> tuple[float, float, float]:
+    """Return errors of some carried particles, as they are and if neighbours were exchanged, and the spacing.
+
+    The displacement of a particle from one subject to another is predicted by a linear fit, along the
+    surface, to those of its neighbours. If the errors of neighbours are independent, that of the prediction
+    is 1 + |w|² times that of a particle, w being the weights of the fit (Gasser, Sroka, Jennen-Steinmetz
+    1986).
+    """
+    count, particles = shapes.shape[:2]
+    near = min(_RING, particles - 1)
+    if near < 1:
+        return np.nan, np.nan, np.nan
+    errors, exchanged, spacing = np.zeros(count), np.zeros(count), np.zeros(count)
+    for index, own in enumerate(shapes):
+        distances, neighbours = _nearest(own, own[some], min(_NEIGHBOURS + 1, particles))
+        spacing[index] = distances[:, 1 : near + 1].mean()
+        ring = own[neighbours[:, : near + 1]]
+        exchanged[index] = np.linalg.norm(ring[:, :, None] - ring[:, None], axis=3).mean()
+        if particles > _NEIGHBOURS:
+            weights = _linear_weights(own[some], own[neighbours[:, 1:]])
+            others = np.setdiff1d(np.arange(count), [index])
+            steps = np.unique(np.linspace(0, len(others) - 1, min(_TARGETS, len(others))).astype(np.int64))
+            moved = shapes[others[np.roll(np.arange(len(others)), index)[steps]]] - own
+            apart = moved[:, some] - np.einsum("nk,mnkj->mnj", weights, moved[:, neighbours[:, 1:]])
+            scale = np.sqrt(1.0 + np.square(weights).sum(axis=1))
+            errors[index] = (np.linalg.norm(apart, axis=2) / scale).mean()
+    error = float(errors.mean()) if particles > _NEIGHBOURS else np.nan
+    return error, float(exchanged.mean()), float(spacing.mean())
+
+
+def _nearest(points: FloatArray, places: FloatArray, count: int) -> tuple[FloatArray, IntArray]:
+    """Return distances and indices of the points nearest to places, both (n, count)."""
+    distances, neighbours = KDTree(points).query(places, k=np.arange(1, count + 1))
+    return np.asarray(distances, np.float64), np.asarray(neighbours, np.int64)
+
+
+def _linear_weights(points: FloatArray, neighbours: FloatArray) -> FloatArray:
+    """Return weights (N, K) of neighbours (N, K, 3) in linear fits along the surface, at points (N, 3)."""
+    apart = neighbours - points[:, None]
+    axes = np.linalg.svd(apart - apart.mean(axis=1, keepdims=True), full_matrices=False)[2][:, :2]
+    along = np.einsum("nkj,naj->nka", apart, axes)
+    columns = np.concatenate([np.ones((*along.shape[:2], 1)), along], axis=2)
+    return np.asarray(np.linalg.pinv(columns)[:, 0], np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class _AgainstChance:
+    """Numbers of a verdict that compare subjects."""
+
+    reproducible: float = np.nan
+    chance: float = np.nan
+    local: float = np.nan
+    local_chance: float = np.nan
+    residual: float = np.nan
+    spread: float = np.nan
+    modes: int = 0
+
+
+def _against_chance(shapes: FloatArray, generator: np.random.Generator, tick: Tick) -> _AgainstChance:
+    """Compare what subjects, and neighbours, reproduce of each other with models of permuted particles."""
+    count, particles = shapes.shape[:2]
+    if count < 3:
+        return _AgainstChance()
+    mean = shapes.mean(axis=0)
+    near = _nearest(mean, mean, min(_RING + 1, particles))[1][:, 1:]
+    chance = local_chance = 0.0
+    for repeat in range(_PERMUTATIONS):
+        tick(repeat / _PERMUTATIONS, "judging the model")
+        order = generator.permuted(np.tile(np.arange(count), (particles, 1)), axis=1).T
+        drawn = np.take_along_axis(shapes, order[..., None], axis=0)
+        chance = max(chance, leave_one_out_residual(drawn).reproducible)
+        local_chance = max(local_chance, _local(drawn, near))
+    own = leave_one_out_residual(shapes)
+    return _AgainstChance(
+        reproducible=own.reproducible,
+        chance=chance,
+        local=_local(shapes, near),
+        local_chance=local_chance,
+        residual=own.residual,
+        spread=own.spread,
+        modes=modes_above_chance(shapes),
+    )
+
+
+def _local(shapes: FloatArray, near: IntArray) -> float:
+    """Return the share of a particle's variance that the mean of its neighbours (N, k) reproduces."""
+    apart = shapes - shapes.mean(axis=0)
+    total = float(np.square(apart).sum()) * (1.0 + 1.0 / max(near.shape[1], 1))
+    if near.shape[1] == 0 or total == 0.0:
+        return 0.0
+    return float(1.0 - np.square(apart - apart[:, near].mean(axis=2)).sum() / total)
+
+
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """Numbers of a verdict that need surfaces."""
+
+    surface: float = np.nan
+    surface_spread: float = np.nan
+    unevenness: float = np.nan
+    thin: float = np.nan
+    wall: float = np.nan
+
+
+def _measure(
+    shapes: FloatArray,
+    surfaces: Sequence[TriangleMesh],
+    spacing: float,
+    generator: np.random.Generator,
+    tick: Tick,
+) -> _Measured:
+    """Measure coverage, walls, and distances of surfaces that the other subjects reproduce."""
+    count, particles = shapes.shape[:2]
+    chosen = np.sort(generator.choice(count, min(count, _MEASURED), replace=False))
+    mean = shapes.mean(axis=0)
+    middle = int(np.square(shapes - mean).sum(axis=(1, 2)).argmin())
+    template = _Template.of(surfaces[middle], shapes[middle]) if particles > _NEIGHBOURS else None
+    fits = left_out_shapes(shapes) if count > 2 else None
+    gaps, thin, walls, apart = [], [], [], []
+    for place, index in enumerate(chosen):
+        tick(place / len(chosen), "judging the model")
+        mesh, own = surfaces[int(index)], shapes[index]
+        owner = nearest_particles(mesh, own)
+        squares = np.square(mesh.vertices - own[owner]).sum(axis=1)
+        shares = mesh.vertex_areas / mesh.area
+        gaps.append(float(shares @ squares) * particles / mesh.area)
+        every = 1 + len(mesh.faces) // _POINTS
+        depth, areas = thickness(mesh, every), mesh.face_areas[::every]
+        thin.append(float(areas[depth < spacing].sum() / areas.sum()))
+        walls.append(float(np.median(depth)))
+        if template is not None and fits is not None:
+            without = (count * mean - own) / (count - 1)
+            apart.append([template.distance(fits[index], mesh), template.distance(without, mesh)])
+    squared = np.square(apart).mean(axis=0) if apart else np.full(2, np.nan)
+    return _Measured(
+        surface=float(np.sqrt(squared[0])),
+        surface_spread=float(np.sqrt(squared[1])),
+        unevenness=(float(np.mean(gaps)) - _EVEN) / (_SCATTERED - _EVEN),
+        thin=float(np.mean(thin)),
+        wall=float(np.median(walls)),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Template:
+    """A surface that follows its particles, linearly around each.
+
+    Attributes
+    ----------
+    mesh : TriangleMesh
+    particles : (N, 3) array
+    near : (V, K) int array
+        The particles that move a vertex.
+    weights : (V, K) array
+    """
+
+    mesh: TriangleMesh
+    particles: FloatArray
+    near: IntArray
+    weights: FloatArray
+
+    @classmethod
+    def of(cls, mesh: TriangleMesh, particles: FloatArray) -> "_Template":
+        """Return the template of a subject's surface and particles."""
+        owner = nearest_particles(mesh, particles)
+        near = _nearest(particles, particles, _NEIGHBOURS)[1][owner]
+        centre = particles[owner]
+        apart = particles[near] - centre[:, None]
+        axes = np.linalg.svd(apart - apart.mean(axis=1, keepdims=True), full_matrices=False)[2][:, :2]
+        columns = np.concatenate([np.ones((*near.shape, 1)), np.einsum("vkj,vaj->vka", apart, axes)], axis=2)
+        at = np.concatenate(
+            [np.ones((len(owner), 1)), np.einsum("vj,vaj->va", mesh.vertices - centre, axes)], axis=1
+        )
+        weights = np.einsum("va,vak->vk", at, np.linalg.pinv(columns))
+        return cls(mesh, particles, near, weights)
+
+    def distance(self, particles: FloatArray, mesh: TriangleMesh) -> float:
+        """Return the distance of the surface moved to other particles from a mesh, both ways [mm]."""
+        moved = particles - self.particles
+        vertices = self.mesh.vertices + np.einsum("vk,vkj->vj", self.weights, moved[self.near])
+        squares = 0.0
+        for surface, other in (
+            (TriangleMesh(vertices, self.mesh.faces), mesh),
+            (mesh, TriangleMesh(vertices, self.mesh.faces)),
+        ):
+            some = slice(None, None, 1 + len(surface.vertices) // _POINTS)
+            areas = surface.vertex_areas[some]
+            squares += float(areas @ np.square(distances_to(other, surface.vertices[some])) / areas.sum())
+        return float(np.sqrt(0.5 * squares))
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %" if np.isfinite(share) else "-"
+
+
+def _length(value: float) -> str:
+    return f"{value:.2g} mm" if np.isfinite(value) else "-"
+
+
+def _of(rest: float, whole: float) -> str:
+    return f"{rest:.2g} of {whole:.2g} mm ({_percent(rest / whole)})" if whole > 0.0 else "-"
+
+
+def _plain(value: float) -> str:
+    return f"{value:.2f}" if np.isfinite(value) else "-"
