@@ -256,6 +256,15 @@ class OptimizeSettings(_Settings):
             description="Weight of the ensemble entropy H(Z) relative to the sampling entropy.",
         ),
     ] = 0.014
+    coherence: Annotated[
+        float,
+        Field(
+            ge=0.0,
+            le=100.0,
+            description="How closely particles move along with their neighbours. 4 keeps two standard "
+            "deviations within a particle's share of the surface; 0 gives the paper's objective.",
+        ),
+    ] = 4.0
     normals_weight: Annotated[
         float, Field(gt=0.0, le=10.0, description="Weight of the entropy of the surface normals, H(V).")
     ] = 0.1

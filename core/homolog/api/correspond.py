@@ -72,6 +72,7 @@ class Settings(TypedDict, total=False):
     core_set: int | None
     landmarks: bool
     ensemble_weight: float
+    coherence: float
     normals_weight: float
     opening_weight: float
     regularization_start: float

@@ -9,7 +9,7 @@ own, the first device has fewer shapes.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, permutations
 
 import numpy as np
@@ -17,6 +17,7 @@ import warp as wp
 
 from homolog.arrays import BoolArray, DeviceArray, FloatArray
 from homolog.correspondence.engine import Engine, Particles
+from homolog.correspondence.entropy.coherence import Neighbourhoods
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
 from homolog.correspondence.fields import opening_scale
 from homolog.correspondence.launcher import Launcher, Transfer, copy_between
@@ -190,6 +191,13 @@ class _PartEngine(Engine):
     def _tie(self, *, any_fixed: bool) -> None:
         self.stiffness = wp.zeros(1, dtype=float, device=self.launch.device)
 
+    def _restore_neighbourhoods(self, saved: Particles) -> None:
+        """Leave them to the engine of all shapes."""
+
+    def neighbourhoods(self) -> Neighbourhoods:
+        """Return none."""
+        return np.zeros((self.count, 0), np.int32), np.zeros((self.count, 0), np.float32)
+
 
 class DividedEngine(Engine):
     """The particles of a divided cohort: one engine couples them, and one on each device moves its own."""
@@ -228,6 +236,7 @@ class DividedEngine(Engine):
         self._gather_surface()
         if isinstance(particles, Particles):
             self.means = wp.array(particles.means, dtype=wp.vec3, device=launcher.device)
+            self._restore_neighbourhoods(particles)
         else:
             self._take_means()
 
@@ -243,7 +252,9 @@ class DividedEngine(Engine):
         widths, faces = (
             np.concatenate([getattr(item, name) for item in parts]) for name in ("widths", "faces")
         )
-        return Particles(self.host_positions(), widths, self.means.numpy().copy(), faces)
+        return Particles(
+            self.host_positions(), widths, self.means.numpy().copy(), faces, self.neighbourhoods()
+        )
 
     def start_stage(self, weights: Sequence[Weights], done: int = 0) -> None:
         """Load the parameters of a stage's iterations; the first `done` have been run."""
@@ -253,6 +264,7 @@ class DividedEngine(Engine):
 
     def iterate(self, times: int = LIST_ITERATIONS) -> None:
         """Rebuild the neighbour lists, then move all particles `times` times."""
+        self._find_neighbourhoods(times)
         for part in self._parts:
             part.locate()
             part.sampling.rebuild_neighbour_lists(part.positions, part.faces, part.closest)
@@ -260,10 +272,11 @@ class DividedEngine(Engine):
             self._move()
         self._receive_surface()
 
-    def energy(self) -> FloatArray:
+    def energy(self, coherence: float = 0.0) -> FloatArray:
         """Return H(P), H(Z) and H(V) of the last iteration, per particle and shape, (3,)."""
         energies = np.concatenate([part.sampling.energies.numpy() for part in self._parts])
-        return np.array([energies.mean(dtype=np.float64), *self.coupling.entropies()])
+        parts = np.array([energies.mean(dtype=np.float64), *self.coupling.entropies()])
+        return parts + self._coherence_part(coherence)
 
     def set_positions(self, positions: FloatArray) -> None:
         """Set the positions (M, n, 3); free particles are projected onto the surfaces."""
@@ -288,6 +301,8 @@ class DividedEngine(Engine):
         self.coupling.gradients(
             self.stage, self.iteration, (self.centred, self.logs), (self.ensemble_part, self.normals_part)
         )
+        if self.is_coherent:
+            self.coherence.add_gradient(self.stage, self.iteration, self.centred, self.ensemble_part)
         self._scatter("ensemble_part")
         kept = self.coupling.kept_gradient
         self._give("normals_part", self.normals_part if kept is None else kept)
@@ -297,6 +312,8 @@ class DividedEngine(Engine):
             part.combine()
         self._gather("steps")
         self.coupling.damp(self.stage, self.iteration, self.steps, self.ensemble_part)
+        if self.is_coherent:
+            self.coherence.damp(self.stage, self.iteration, self.ensemble_part)
         self._scatter("ensemble_part")
         for part in self._parts:
             part.take_step()
@@ -344,4 +361,9 @@ def _of_span(particles: Particles | FloatArray, own: slice) -> Particles | Float
     """Return the particles of some of the shapes."""
     if not isinstance(particles, Particles):
         return particles[own]
-    return Particles(particles.positions[own], particles.widths[own], particles.means, particles.faces[own])
+    return replace(
+        particles,
+        positions=particles.positions[own],
+        widths=particles.widths[own],
+        faces=particles.faces[own],
+    )

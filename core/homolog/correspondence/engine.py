@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from homolog.arrays import BoolArray, DeviceArray, Float32Array, FloatArray, IntArray
+from homolog.correspondence.entropy.coherence import Coherence, Neighbourhoods, find_neighbourhoods
 from homolog.correspondence.entropy.coupling import coupling
 from homolog.correspondence.entropy.means import DeviceMeans, Means
 from homolog.correspondence.entropy.sampling import LIST_CUTOFF, LIST_ITERATIONS, Sampling
@@ -25,6 +26,7 @@ from homolog.threads import cores, in_threads
 __all__ = ["Engine", "Particles"]
 
 NEWTON_STEPS = 2
+NEIGHBOURHOOD_ITERATIONS = 4 * LIST_ITERATIONS  # between two searches; the mean shape hardly changes in them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +37,7 @@ class Particles:
     widths: Float32Array
     means: Float32Array
     faces: IntArray
+    neighbourhoods: Neighbourhoods
 
 
 _PARAMETERS: Any = kernels.StepParameters
@@ -138,6 +141,7 @@ class Engine:
         """Create the coupling of the shapes."""
         self.coupling = coupling(self.layout, self.free, any_fixed, self.launch, self.second)
         self.stiffness = self.coupling.stiffness
+        self.coherence = Coherence(self.layout, self.free, self.launch)
         self._compare = (Means if self.launch.device == "cpu" else DeviceMeans)(self.layout, self.launch)
 
     def _allocate(self, positions: FloatArray | Float32Array) -> None:
@@ -175,6 +179,25 @@ class Engine:
         self.sampling.widths = wp.array(saved.widths.ravel(), dtype=float, **on_device)
         self.means = wp.array(saved.means, dtype=wp.vec3, **on_device)
         self.faces = wp.array(saved.faces.ravel(), dtype=int, **on_device)
+        self._restore_neighbourhoods(saved)
+
+    def _restore_neighbourhoods(self, saved: Particles) -> None:
+        if saved.neighbourhoods[0].size:
+            self.coherence.set(saved.neighbourhoods)
+
+    def mean_shape(self) -> tuple[FloatArray, FloatArray]:
+        """Return the mean positions and normals of the particles, (n, 3) each."""
+        return self.aligned_positions().mean(axis=0), self.host_means()
+
+    def _find_neighbourhoods(self, times: int) -> None:
+        """Find the neighbourhoods again if that is due in this iteration, and count those that follow."""
+        if self.is_coherent and (
+            self._done % NEIGHBOURHOOD_ITERATIONS == 0 or self.coherence.neighbourhoods is None
+        ):
+            centres, normals = self.mean_shape()
+            if np.isfinite(centres).all():  # else the next record of the energies says so
+                self.coherence.set(find_neighbourhoods(centres, normals))
+        self._done += times
 
     def set_poses(self, poses: FloatArray) -> None:
         """Set the similarities (M, 4, 4) that align the shapes."""
@@ -193,7 +216,13 @@ class Engine:
             self.sampling.widths.numpy().reshape(shape).copy(),
             self.means.numpy().copy(),
             self.faces.numpy().reshape(shape).copy(),
+            self.neighbourhoods(),
         )
+
+    def neighbourhoods(self) -> Neighbourhoods:
+        """Return the neighbourhoods on the mean shape; empty ones before the first iteration."""
+        found = self.coherence.neighbourhoods
+        return found or (np.zeros((self.count, 0), np.int32), np.zeros((self.count, 0), np.float32))
 
     def host_positions(self) -> Float32Array:
         """Return the particles in the optimizer's coordinates, shape (M, n, 3)."""
@@ -232,15 +261,19 @@ class Engine:
         parameters["step"] = [w.step * self.width**2 for w in weights]
         parameters["max_step"] = 0.25
         parameters["ensemble_weight"] = [w.ensemble.weight for w in weights]
+        parameters["coherence"] = [w.coherence / self.width**2 for w in weights]
         parameters["normals_weight"] = [w.normals.weight for w in weights]
         parameters["regularization"] = [w.ensemble.regularization for w in weights]
         parameters["normals_regularization"] = [w.normals.regularization for w in weights]
         self.stage = wp.array(parameters, dtype=kernels.StepParameters, device=self.launch.device)
         self.iteration.fill_(done)
         self._graph = None
+        self._done = done
+        self.is_coherent = any(w.coherence > 0.0 for w in weights)
 
     def iterate(self, times: int = LIST_ITERATIONS) -> None:
         """Rebuild the neighbour lists, then move all particles `times` times."""
+        self._find_neighbourhoods(times)
         self.locate()
         self.sampling.rebuild_neighbour_lists(self.positions, self.faces, self.closest)
         if self.launch.device == "cpu" or times != LIST_ITERATIONS:
@@ -254,14 +287,20 @@ class Engine:
             self._graph = capture.graph
         wp.capture_launch(self._graph)
 
-    def energy(self) -> FloatArray:
+    def energy(self, coherence: float = 0.0) -> FloatArray:
         """Return H(P), H(Z) and H(V) of the last iteration, per particle and shape, (3,).
 
+        H(Z) contains the coherence with the neighbours, whose weight relative to that of H(Z) is given.
         H(P) is -(mean log density); the objective is the weighted sum of the three. Shapes on which all
         particles are fixed contribute nothing.
         """
         sampling = float(self.sampling.energies.numpy().mean(dtype=np.float64))
-        return np.array([sampling, *self.coupling.entropies()])
+        return np.array([sampling, *self.coupling.entropies()]) + self._coherence_part(coherence)
+
+    def _coherence_part(self, weight: float) -> FloatArray:
+        """Return what coherence adds to the three parts of the energy."""
+        roughness = self.coherence.roughness() / self.width**2 if weight > 0.0 else 0.0
+        return np.array([0.0, weight * roughness, 0.0])
 
     def set_positions(self, positions: FloatArray) -> None:
         """Set the positions (M, n, 3); free particles are projected onto the surfaces."""
@@ -309,8 +348,12 @@ class Engine:
             self.coupling.gradients(
                 self.stage, self.iteration, (self.centred, self.logs), (self.ensemble_part, self.normals_part)
             )
+        if self.is_coherent:
+            self.coherence.add_gradient(self.stage, self.iteration, self.centred, self.ensemble_part)
         self.combine()
         self.coupling.damp(self.stage, self.iteration, self.steps, self.ensemble_part)
+        if self.is_coherent:
+            self.coherence.damp(self.stage, self.iteration, self.ensemble_part)
         self.launch.in_order(self.take_step, self.count)
         self.count_iteration()
 

@@ -6,6 +6,7 @@ import warp as wp
 from homolog.arrays import DeviceArray, Float32Array, FloatArray
 from homolog.correspondence.engine import Engine, Particles
 from homolog.correspondence.ensemble import Ensemble, ShapeState
+from homolog.correspondence.entropy.coherence import Coherence
 from homolog.correspondence.entropy.coupling import HostCoupling
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort
@@ -107,15 +108,20 @@ class FitEngine(Engine):
             self._ensemble, is_in_it=self._is_in_it
         )
         self.coupling, self.stiffness = self._own_coupling, self._own_coupling.stiffness
+        self.coherence = Coherence(self.layout, self.free, self.launch)
 
-    def energy(self) -> FloatArray:
+    def mean_shape(self) -> tuple[FloatArray, FloatArray]:
+        """Return the ensemble's mean positions and normals."""
+        return np.asarray(self._ensemble.mean, np.float64), np.asarray(self._ensemble.normals, np.float64)
+
+    def energy(self, coherence: float = 0.0) -> FloatArray:
         """Return H(P), H(Z) and H(V), (3,).
 
         Densities are bounded, because that at a single isolated particle could outweigh a wrong pose.
         """
         densities = self.sampling.energies.numpy().astype(np.float64)
         sampling = float(np.maximum(densities, np.median(densities) - _ISOLATED).mean())
-        return np.array([sampling, *self.coupling.entropies()])
+        return np.array([sampling, *self.coupling.entropies()]) + self._coherence_part(coherence)
 
     def compare(self) -> None:
         """Centre positions and normals on the ensemble's means."""

@@ -19,7 +19,13 @@ MIN_PIECE_THREADS = 512  # below it another core does not pay
 MAX_PIECE_THREADS = 32768  # some 0.1 s, so that the run can be cancelled
 PIECES_PER_CORE = 4  # of a sequence of kernels, so that cores which are done early take from the others
 MAX_RECORDED = 32
-CPU_KERNELS = ("functions", "particles", "sampling", "step")  # the others are of CUDA devices only
+CPU_KERNELS = (
+    "coherence",
+    "functions",
+    "particles",
+    "sampling",
+    "step",
+)  # others: CUDA only
 
 _Launch = tuple[Any, int, Sequence[Any]]  # kernel, number of threads, inputs after the index of the first
 

@@ -36,6 +36,7 @@ from homolog.registration.procrustes import (
     procrustes_step,
 )
 from homolog.settings import OptimizeSettings, Procrustes
+from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["OptimizationLoop"]
 
@@ -95,7 +96,7 @@ class OptimizationLoop:
         on_checkpoint: CheckpointCallback | None = None,
     ) -> None:
         self.cohort, self.settings, self.initial, self.stages = cohort, settings, initial, stages
-        self.alignments = alignments
+        self.shapes, self.alignments = shapes, alignments
         scales = None if settings.procrustes is Procrustes.SIMILARITY else scale_of(alignments)
         compared = np.array([shape.alignment for shape in shapes]) if shapes else alignments
         self.log = RunRecorder(compared, scales, cohort.unit, observe, on_checkpoint)
@@ -122,7 +123,13 @@ class OptimizationLoop:
             begin, done = self._stage_of(resume), resume.done
             self.log.restore(resume)
             self.poses = resume.poses
-            saved = Particles(resume.positions, resume.widths, resume.means, resume.faces)
+            saved = Particles(
+                resume.positions,
+                resume.widths,
+                resume.means,
+                resume.faces,
+                (resume.neighbours, resume.coefficients),
+            )
             self._set_particles(self.stages[begin].count, saved, resume.repaired.copy())
         reason = Reason.ITERATIONS
         for index in range(begin, len(self.stages)):
@@ -148,9 +155,16 @@ class OptimizationLoop:
             return
         start, tick = self.poses, self.initial_tick
         registration = InitialRegistration(
-            self.cohort.surface_set(count).meshes, count, self.settings.seed, self.landmarks,
-            part_of(tick, 0.0, 0.1), self.cohort.device,
-        )  # fmt: skip
+            [
+                TriangleMesh(similarity.apply(shape.mesh.vertices), shape.mesh.faces)
+                for similarity, shape in zip(self.cohort.to_optimizer, self.shapes, strict=True)
+            ],
+            count,
+            self.settings.seed,
+            self.landmarks,
+            part_of(tick, 0.0, 0.1),
+            self.cohort.device,
+        )
         first = 0.5 if self.aligns else 1.0  # of the progress; the rest is of a second try, if one is made
         self._register(registration, TANGENTIAL_WEIGHT, part_of(tick, 0.1, first))
         if not self.aligns or largest_turn(self.poses) < DOUBTFUL_TURN:
@@ -310,7 +324,7 @@ class OptimizationLoop:
             raise
 
     def _record(self, plan: StagePlan) -> None:
-        parts = self.engine.energy() * plan.factors
+        parts = self.engine.energy(plan.coherence / plan.ensemble.weight) * plan.factors
         if not np.isfinite(parts).all():
             raise NumericalError(
                 f"the objective is not a number at iteration {self.log.iteration}; run with another seed, or "

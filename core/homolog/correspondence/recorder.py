@@ -150,6 +150,8 @@ class RunRecorder:
                 positions=particles.positions,
                 widths=particles.widths,
                 means=particles.means,
+                neighbours=particles.neighbourhoods[0],
+                coefficients=particles.neighbourhoods[1],
                 poses=poses,
                 faces=particles.faces,
                 energies=self.energies,

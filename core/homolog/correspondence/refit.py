@@ -207,4 +207,5 @@ def _warp(
     control = registration.control
     through = ThinPlateMap.fit(source.vertices[control], points)
     near = cKDTree(features(source.vertices, source.vertex_normals)).query(features(points, normals))[1]
-    return through.apply(deformed.vertices[control], INTERPOLATION_SMOOTHING), deformed.vertex_normals[near]
+    mesh = deformed.mesh
+    return through.apply(mesh.vertices[control], INTERPOLATION_SMOOTHING), mesh.vertex_normals[near]

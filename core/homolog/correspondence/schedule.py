@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from homolog.correspondence.entropy.terms import Term, TermSchedule
 from homolog.correspondence.types import Stage
-from homolog.settings import OptimizeSettings
+from homolog.settings import Method, OptimizeSettings
 from homolog.threads import MOST_THREADS
 
 __all__ = ["StagePlan", "TimeShares", "Weights", "particle_counts", "plan_stages"]
@@ -38,11 +38,14 @@ class Weights:
         H(Z) and H(V).
     step : float
         tau over the squared Parzen width.
+    coherence : float
+        Of the particles with their neighbours (`entropy.coherence`).
     """
 
     ensemble: Term
     normals: Term
     step: float
+    coherence: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +62,8 @@ class StagePlan:
         Largest number of iterations.
     ensemble, normals : TermSchedule
         H(Z) and H(V).
+    coherence : float
+        Of the particles with their neighbours.
     until_converged : bool
         Whether the stage ends at convergence. Its steps decay, to damp the jitter of simultaneous moves.
     expected_settling : int
@@ -70,6 +75,7 @@ class StagePlan:
     iterations: int
     ensemble: TermSchedule
     normals: TermSchedule
+    coherence: float
     until_converged: bool = False
     expected_settling: int = MOST_SETTLING
 
@@ -92,6 +98,7 @@ class StagePlan:
             step=STEP_FRACTION * math.exp(-3.0 * min(1.0, iteration / STEP_DECAY_ITERATIONS))
             if self.until_converged
             else STEP_FRACTION,
+            coherence=self.coherence,
         )
 
 
@@ -112,6 +119,7 @@ def plan_stages(
     """
     ensemble_weight = settings.ensemble_weight
     normals_weight = settings.normals_weight if settings.method.uses_normals else 0.0
+    coherence = settings.coherence if settings.method is not Method.EUCLIDEAN else 0.0  # as published
     first, last = settings.regularization_start, settings.regularization_end
     split = settings.split_iterations
 
@@ -121,18 +129,18 @@ def plan_stages(
             iterations = round((end - begin) * settings.anneal_iterations)
         ensemble = TermSchedule(ensemble_weight, first, last).part(begin, end)
         normals = TermSchedule(normals_weight, *NORMALS_ANNEALING).part(begin, end)
-        return StagePlan(Stage.OPTIMIZING, count, iterations, ensemble, normals)
+        return StagePlan(Stage.OPTIMIZING, count, iterations, ensemble, normals, coherence)
 
     def splitting(count: int) -> StagePlan:
         terms = TermSchedule(ensemble_weight, 10.0, 0.2), TermSchedule(normals_weight, 0.3, 0.03)
-        return StagePlan(Stage.SPLITTING, count, split, *terms)
+        return StagePlan(Stage.SPLITTING, count, split, *terms, coherence)
 
     annealed = 0.0
     if present is None:
         counts = particle_counts(settings.particles)
         to_mean = TermSchedule(MEAN_WEIGHT * MEAN_REGULARIZATION, MEAN_REGULARIZATION, MEAN_REGULARIZATION)
         constant = TermSchedule(normals_weight, 0.3, 0.3)
-        stages = [StagePlan(Stage.SPLITTING, counts[0], split, to_mean, constant)]
+        stages = [StagePlan(Stage.SPLITTING, counts[0], split, to_mean, constant, coherence)]
         stages.append(splitting(counts[0]))
         if len(counts) > 1:
             annealed = COARSE_ANNEALING
@@ -148,7 +156,7 @@ def plan_stages(
     expected = min(MOST_SETTLING, max(FEWEST_SETTLING, expected))
     stages.append(
         StagePlan(
-            Stage.OPTIMIZING, settings.particles, iterations, *settling,
+            Stage.OPTIMIZING, settings.particles, iterations, *settling, coherence,
             until_converged=True, expected_settling=expected,
         )
     )  # fmt: skip

@@ -331,7 +331,7 @@ class _FitLoop(OptimizationLoop):
             self.engine.iterate(min(LIST_ITERATIONS, plan.iterations - done))
             term = plan.weights(min(done + LIST_ITERATIONS, plan.iterations)).ensemble
             self._align(regularization=min(term.regularization, MAX_POSE_REGULARIZATION))
-        parts = self.engine.energy() * plan.factors
+        parts = self.engine.energy(plan.coherence / plan.ensemble.weight) * plan.factors
         return float(parts.sum()) if np.isfinite(parts).all() else np.inf
 
     def _set_particles(self, count: int, particles: Particles | FloatArray, repaired: object = None) -> None:

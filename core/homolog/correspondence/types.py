@@ -148,6 +148,10 @@ class Checkpoint:
         Parzen widths.
     means : (n, 3) float32 array
         Mean normals.
+    neighbours : (n, k) int32 array
+        Of each particle on the mean shape; k is 0 before the first iteration.
+    coefficients : (n, k) float32 array
+        With which they predict its deviation from the mean.
     poses : (M, 4, 4) float64 array
         Alignment so far, in the optimizer's coordinates.
     faces : (M, n) int32 array
@@ -166,6 +170,8 @@ class Checkpoint:
     positions: Float32Array
     widths: Float32Array
     means: Float32Array
+    neighbours: IntArray
+    coefficients: Float32Array
     poses: FloatArray
     faces: IntArray
     energies: FloatArray

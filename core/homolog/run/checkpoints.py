@@ -70,10 +70,15 @@ def _fits_together(stored: dict[str, Array]) -> bool:
         and shape[2] == 3
         and stored["widths"].shape == stored["faces"].shape == stored["repaired"].shape == shape[:2]
         and stored["means"].shape == shape[1:]
+        and stored["neighbours"].shape
+        == stored["coefficients"].shape
+        == (shape[1], stored["neighbours"].shape[-1])
+        and stored["neighbours"].dtype == np.int32
+        and bool(((stored["neighbours"] >= 0) & (stored["neighbours"] < shape[1])).all())
         and stored["poses"].shape == (shape[0], 4, 4)
         and stored["energies"].shape[1:] == (4,)
         and stored["faces"].dtype == stored["repaired"].dtype == np.int32
-        and all(stored[name].dtype == np.float32 for name in ("positions", "widths", "means"))
+        and all(stored[name].dtype == np.float32 for name in ("positions", "widths", "means", "coefficients"))
         and all(stored[name].dtype == np.float64 for name in ("energies", "poses"))
         and all(np.isfinite(item).all() for item in stored.values() if item.dtype.kind == "f")
     )

@@ -19,9 +19,8 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.correspondence.initialization.device_registration import DeviceRegistration, mean_distances
+from homolog.correspondence.initialization.device_registration import mean_distances
 from homolog.correspondence.initialization.spreading import spread_vertices
-from homolog.correspondence.kernels.registration import N_MATCHES
 from homolog.geometry import farthest_point_sampling, inverse_matrices, transform_points
 from homolog.progress import Tick, no_tick, part_of, run_in_background, run_in_threads
 from homolog.registration.procrustes import posed_meshes
@@ -37,17 +36,18 @@ __all__ = [
 ]
 
 N_CONTROL_POINTS = 400  # of the thin-plate map, on the reference
+N_MATCHES = 8  # vertices averaged for a closest point
+LEAST_TURN = 1e-3  # of equal normals, as an error
 N_ROUNDS = 12  # of closest points
 N_TOGETHER, N_TOGETHER_OF_MANY = 8, 32  # shapes registered in one piece of work, on any number of cores
 MANY_SHAPES = 128  # from which larger pieces pay
 MIN_LANDMARKS = 6  # for a thin-plate map; four points determine an affine map
 FIRST_SMOOTHING, LAST_SMOOTHING = 1e3, 10.0  # of the thin-plate map in the first and last round
 SMOOTHINGS = np.geomspace(FIRST_SMOOTHING, LAST_SMOOTHING, N_ROUNDS).tolist()
-MATCH_WIDTH = 4.0  # width of the weights of the vertices averaged for a closest point [optimizer lengths]
 N_CANDIDATES, N_SAMPLES = 40, 200  # for the reference; points of each shape that are compared
 FEWEST_CANDIDATES, MAX_COMPARED = 10, 8000  # of large cohorts; pairs of shapes that are compared
 MIN_NORMAL_COSINE = 0.5  # between normals on the same wall
-NORMAL_LENGTH = 20.0  # distance [optimizer lengths] equivalent to one radian between normals
+NORMAL_LENGTH = 20.0  # distance [optimizer lengths] equivalent to one radian, where no registration tells it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,12 +85,72 @@ class ThinPlateMap:
         return result
 
 
+@dataclass(frozen=True, slots=True)
+class MatchErrors:
+    """Errors of closest points on one target, as standard deviations of a coordinate.
+
+    Attributes
+    ----------
+    position : float
+        In optimizer lengths; at least that of vertices in place of points between them.
+    normal : float or None
+        Of unit normals; None before any was measured, when positions alone decide.
+    """
+
+    position: float
+    normal: float | None = None
+
+    @property
+    def normal_length(self) -> float:
+        """The distance equivalent to a difference of one between unit normals."""
+        return 0.0 if self.normal is None else self.position / self.normal
+
+    @classmethod
+    def measured(
+        cls,
+        points: FloatArray,
+        normals: FloatArray,
+        matched: FloatArray,
+        matched_normals: FloatArray,
+        target: TriangleMesh,
+    ) -> Self:
+        """Return the errors of closest points (n, 3) of some points, where their sides agree."""
+        agree = np.einsum("nd,nd->n", normals, matched_normals) > 0.0
+        agree |= not agree.any()
+        squared = np.square(matched - points)[agree].sum(axis=1).mean() / 3.0
+        turned = np.square(matched_normals - normals)[agree].sum(axis=1).mean() / 2.0
+        least = _vertex_error(target)
+        return cls(max(float(np.sqrt(squared)), least), max(float(np.sqrt(turned)), LEAST_TURN))
+
+
+def _vertex_error(mesh: TriangleMesh) -> float:
+    """Return the standard deviation of a coordinate between a point and the nearest vertex."""
+    return mesh.mean_edge / float(np.sqrt(12.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Deformed:
+    """A source mesh deformed onto a target.
+
+    Attributes
+    ----------
+    mesh : TriangleMesh
+    normal_length : float
+        The distance [optimizer lengths] that counts as much as a difference of one between unit normals.
+    """
+
+    mesh: TriangleMesh
+    normal_length: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
     """A source mesh to be deformed onto others by closest points, under softening thin plates.
 
     A closest point is the mean of a few vertices, weighted by distance, because the surface continues between
-    them.
+    them. Distances are in position and normal, each in units of its error (Mahalanobis), which is measured on
+    the closest points of the round before: normals decide where shapes are far apart and smooth, positions
+    where they are near and rough. A control point that meets only the other side of a wall stays where it is.
     """
 
     source: TriangleMesh
@@ -115,7 +175,7 @@ class Registration:
 
     def deform(
         self, targets: Sequence[TriangleMesh], guesses: Sequence[FloatArray], tick: Tick = no_tick
-    ) -> list[TriangleMesh]:
+    ) -> list[Deformed]:
         """Return the source deformed onto each of some targets.
 
         Parameters
@@ -127,25 +187,26 @@ class Registration:
         tick : Tick
             Cancelling.
         """
-        trees = [cKDTree(features(target.vertices, target.vertex_normals)) for target in targets]
-        vertices = np.concatenate([target.vertices for target in targets])
-        counts = np.array([len(target.vertices) for target in targets])
-        starts = (np.cumsum(counts) - counts)[:, None, None]
         deformed = np.stack(guesses, axis=1)  # (V, targets, 3)
-        for smoothing in SMOOTHINGS:
-            goal = features(deformed[self.control], self._control_normals(deformed))
-            distances = np.empty((len(targets), len(self.control), N_MATCHES))
-            rows = np.empty(distances.shape, dtype=np.int64)
-            for index, tree in enumerate(trees):
+        errors = [MatchErrors(_vertex_error(target)) for target in targets]
+        trees = [cKDTree(target.vertices) for target in targets]
+        for smoothing in (None, *SMOOTHINGS):
+            places, normals = deformed[self.control], self._control_normals(deformed)
+            matched = np.empty((len(targets), *self.control.shape, 3))
+            for index, target in enumerate(targets):
                 tick(0.0, "first particles")
-                distances[index], rows[index] = tree.query(goal[:, index], k=N_MATCHES)
-            squared = np.square(distances)
-            weights = np.exp(-0.5 * (squared - squared[..., :1]) / MATCH_WIDTH**2)
-            weights /= weights.sum(axis=-1, keepdims=True)
-            matched = np.einsum("tnk,tnkd->ntd", weights, vertices[rows + starts])
-            moved = self.maps.apply(matched.reshape(len(self.control), -1), smoothing)
-            deformed = moved.reshape(deformed.shape)
-        return [TriangleMesh(deformed[:, index].copy(), self.source.faces) for index in range(len(targets))]
+                own = places[:, index], normals[:, index]
+                found = _closest_points(target, trees[index], *own, errors[index])
+                errors[index] = MatchErrors.measured(*own, *found, target)
+                opposes = np.einsum("nd,nd->n", own[1], found[1]) <= 0.0
+                matched[index] = np.where(opposes[:, None], own[0], found[0])
+            if smoothing is not None:  # the first closest points tell their errors only
+                flat = matched.transpose(1, 0, 2).reshape(len(self.control), -1)
+                deformed = self.maps.apply(flat, smoothing).reshape(deformed.shape)
+        return [
+            Deformed(TriangleMesh(deformed[:, index].copy(), self.source.faces), error.normal_length)
+            for index, error in enumerate(errors)
+        ]
 
     def _control_normals(self, deformed: FloatArray) -> FloatArray:
         """Return the normals (n, targets, 3) at the control points of meshes (V, targets, 3)."""
@@ -154,6 +215,27 @@ class Registration:
         sums = (self.incidence @ across).reshape(len(self.control), -1, 3)
         normals: FloatArray = sums / np.maximum(np.linalg.norm(sums, axis=2, keepdims=True), 1e-300)
         return normals
+
+
+def _closest_points(
+    target: TriangleMesh, tree: cKDTree, points: FloatArray, normals: FloatArray, errors: MatchErrors
+) -> tuple[FloatArray, FloatArray]:
+    """Return the closest points of a target, and unit normals there, (n, 3) each.
+
+    They are means of the vertices nearest in position and normal, weighted by their distances.
+    """
+    length = errors.normal_length
+    if length > 0.0:
+        tree = cKDTree(features(target.vertices, target.vertex_normals, length))
+        points = features(points, normals, length)
+    distances, rows = tree.query(points, k=min(N_MATCHES, len(target.vertices)))
+    squared = np.square(distances)
+    weights = np.exp(-0.5 * (squared - squared[:, :1]) / errors.position**2)
+    weights /= weights.sum(axis=1, keepdims=True)
+    matched = np.einsum("nk,nkd->nd", weights, target.vertices[rows])
+    turned = np.einsum("nk,nkd->nd", weights, target.vertex_normals[rows])
+    turned /= np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-9)
+    return matched, turned
 
 
 class InitialRegistration:
@@ -198,13 +280,6 @@ class InitialRegistration:
         self._registration = run_in_background(
             lambda _: Registration.of(source), part_of(tick, 1.0, 1.0), "first particles"
         )
-        self._on_device = (
-            None
-            if device == "cpu"
-            else DeviceRegistration(
-                self._registration, match_width=MATCH_WIDTH, normal_length=NORMAL_LENGTH, device=device
-            )
-        )
 
     @on_one_thread
     def particles(self, poses: FloatArray, tick: Tick = no_tick) -> FloatArray:
@@ -220,7 +295,7 @@ class InitialRegistration:
         relative = inverse_matrices(poses[self._reference][None])[0] @ poses  # to the reference's frame
         meshes = posed_meshes(self._meshes, relative)
         source, chosen = meshes[self._reference], self._chosen
-        deformed = {self._reference: source}
+        deformed = {self._reference: Deformed(source, 0.0)}
         while len(deformed) < len(meshes):
             ready = [k for k in range(len(meshes)) if k not in deformed and int(self._parents[k]) in deformed]
             done, end = len(deformed) / len(meshes), (len(deformed) + len(ready)) / len(meshes)
@@ -229,8 +304,13 @@ class InitialRegistration:
         del deformed[self._reference]
 
         def snapped(index: int) -> FloatArray:
-            mesh = deformed[index]
-            points = snap_to_mesh(mesh.vertices[chosen], mesh.vertex_normals[chosen], meshes[index])
+            mesh = deformed[index].mesh
+            points = snap_to_mesh(
+                mesh.vertices[chosen],
+                mesh.vertex_normals[chosen],
+                meshes[index],
+                deformed[index].normal_length,
+            )
             own = self._landmarks[index]
             points[: len(own)] = meshes[index].vertices[own]
             return points
@@ -242,12 +322,12 @@ class InitialRegistration:
         return transform_points(inverse_matrices(relative), result)
 
     def _guess(
-        self, meshes: Sequence[TriangleMesh], deformed: Mapping[int, TriangleMesh], index: int
+        self, meshes: Sequence[TriangleMesh], deformed: Mapping[int, Deformed], index: int
     ) -> FloatArray:
         """Return the reference's vertices as the first closest points of a shape are searched from."""
         of_reference, own = self._landmarks[self._reference], self._landmarks[index]
         guess = _guess_of_landmarks(meshes[self._reference], of_reference, meshes[index].vertices[own])
-        return deformed[int(self._parents[index])].vertices if guess is None else guess
+        return deformed[int(self._parents[index])].mesh.vertices if guess is None else guess
 
     def _deform(
         self,
@@ -255,18 +335,13 @@ class InitialRegistration:
         chosen: Sequence[int],
         guesses: Sequence[FloatArray],
         tick: Tick,
-    ) -> dict[int, TriangleMesh]:
+    ) -> dict[int, Deformed]:
         """Return the reference deformed onto some of the shapes."""
 
-        def deform(some: slice, inner: Tick) -> list[TriangleMesh]:
+        def deform(some: slice, inner: Tick) -> list[Deformed]:
             targets = [meshes[index] for index in chosen[some]]
             return self._registration.deform(targets, guesses[some], inner)
 
-        if self._on_device is not None:
-            tick(0.0, "first particles")
-            targets = [meshes[index] for index in chosen]
-            made = self._on_device.deform(targets, guesses, SMOOTHINGS)
-            return dict(zip(chosen, made, strict=True))
         size = N_TOGETHER if len(chosen) < MANY_SHAPES else N_TOGETHER_OF_MANY
         works = [partial(deform, slice(k, k + size)) for k in range(0, len(chosen), size)]
         deformed = chain(*run_in_threads(works, tick, "first particles", cores()))
@@ -298,9 +373,9 @@ def _guess_of_landmarks(
     return maps.apply(targets, LAST_SMOOTHING)
 
 
-def features(vertices: FloatArray, normals: FloatArray) -> FloatArray:
+def features(vertices: FloatArray, normals: FloatArray, normal_length: float = NORMAL_LENGTH) -> FloatArray:
     """Return the features for closest points: positions and weighted normals, shape (..., 6)."""
-    return np.concatenate([vertices, NORMAL_LENGTH * normals], axis=-1)
+    return np.concatenate([vertices, normal_length * normals], axis=-1)
 
 
 def shape_distances(
@@ -359,7 +434,9 @@ def registration_tree(candidates: IntArray, distances: FloatArray) -> tuple[int,
     return reference, np.where(parents < 0, reference, parents)
 
 
-def snap_to_mesh(points: FloatArray, normals: FloatArray, mesh: TriangleMesh) -> FloatArray:
+def snap_to_mesh(
+    points: FloatArray, normals: FloatArray, mesh: TriangleMesh, normal_length: float = NORMAL_LENGTH
+) -> FloatArray:
     """Return points on a mesh close to the given ones, where the normals agree.
 
     Parameters
@@ -368,6 +445,8 @@ def snap_to_mesh(points: FloatArray, normals: FloatArray, mesh: TriangleMesh) ->
         Points near the mesh, and the outward unit normals that are expected there.
     mesh : TriangleMesh
         In the same coordinates.
+    normal_length : float
+        The distance equivalent to a difference of one between unit normals.
 
     Returns
     -------
@@ -376,7 +455,9 @@ def snap_to_mesh(points: FloatArray, normals: FloatArray, mesh: TriangleMesh) ->
     """
     normals_of_mesh = mesh.vertex_normals
     nearest: IntArray = np.asarray(
-        cKDTree(features(mesh.vertices, normals_of_mesh)).query(features(points, normals))[1]
+        cKDTree(features(mesh.vertices, normals_of_mesh, normal_length)).query(
+            features(points, normals, normal_length)
+        )[1]
     )
     closest, closest_normals = mesh.vertices[nearest], normals_of_mesh[nearest]
     tangential = points - closest

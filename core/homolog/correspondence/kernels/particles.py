@@ -72,6 +72,7 @@ class StepParameters:
     step: float  # tau of the implicit step, a squared length
     max_step: float  # longest move, in Parzen widths
     ensemble_weight: float
+    coherence: float  # 1 / squared length
     normals_weight: float
     regularization: wp.float64  # squared length
     normals_regularization: wp.float64  # rad²
