@@ -106,3 +106,21 @@ def test_first_particles_follow_a_known_deformation(ellipsoid_shapes):
     turned[1, :3, :3] = Rotation.from_euler("z", 4.0, degrees=True).as_matrix()
     again = registration.particles(turned)
     assert np.linalg.norm(again[1] - expected, axis=1).mean() < 0.25 * spacing
+
+
+def test_a_rough_shell_is_registered_to_the_nearest_point_of_the_same_side(ball):
+    random = np.random.default_rng(0)
+    sphere = ball.mesh.vertices / np.linalg.norm(ball.mesh.vertices, axis=1, keepdims=True)
+
+    def shell():
+        """A wall of two hundredths, with its rough inner side turned inside out."""
+        sides = [size * (1.0 + 0.001 * random.normal(size=(len(sphere), 1))) * sphere for size in (1.0, 0.98)]
+        faces = [ball.mesh.faces, ball.mesh.faces[:, ::-1] + len(sphere)]
+        return TriangleMesh(25.0 * np.concatenate(sides), np.concatenate(faces))
+
+    meshes = [shell(), shell(), shell()]
+    points = InitialRegistration(meshes, 100).particles(np.tile(np.eye(4), (3, 1, 1)))
+    apart = np.linalg.norm(points - points.mean(axis=0), axis=2)
+    inside = np.linalg.norm(points, axis=2) < 25.0 * 0.99
+    assert (inside == inside[0]).all()
+    assert apart.mean() < 0.5  # a tenth of the distance between particles
