@@ -23,7 +23,7 @@ from homolog.cohort import Cohort
 from homolog.correspondence import Reason
 from homolog.device import choose_device
 from homolog.errors import InputError
-from homolog.grooming import GroomedSubject, check_cohort, groom_cohort
+from homolog.grooming import GroomedSubject, Reading, check_cohort, groom_cohort
 from homolog.grooming.cache import content_key, save_groomed
 from homolog.inspection.verdict import Verdict, judge
 from homolog.io.atomic import report_os_errors
@@ -269,14 +269,21 @@ def correspond(
     if callback is not None:
         control.observer = _observer(callback)
     control.enter(Phase.READING, "reading")
-    if bad := check_cohort(cohort, chosen.groom, control.tick, sources=sources):
+    readings: dict[str, Reading] = {}
+    if bad := check_cohort(cohort, chosen.groom, control.tick, sources=sources, readings=readings):
         raise InputError("\n".join(problem.message for problem in bad))
     check_sides(cohort, chosen.groom)
     control.enter(Phase.GROOMING, "grooming")
     keys: dict[str, str] = {}
     with _executor(workers) as executor:
         groomed = groom_cohort(
-            cohort, chosen.groom, executor=executor, tick=control.tick, sources=sources, keys=keys
+            cohort,
+            chosen.groom,
+            executor=executor,
+            tick=control.tick,
+            sources=sources,
+            readings=readings,
+            keys=keys,
         )
     control.enter(Phase.ALIGNING, "aligning")
     if grows:

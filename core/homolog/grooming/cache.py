@@ -22,7 +22,7 @@ from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = [
     "check_names", "content_key", "is_outdated", "load_groomed", "load_report",
-    "read_groomed", "save_groomed",
+    "read_groomed", "save_groomed", "stored_key",
 ]  # fmt: skip
 
 _VERSION = "12"
@@ -59,26 +59,16 @@ def check_names(names: Sequence[str]) -> None:
         owners[stem] = name
 
 
-def is_outdated(folder: Path, name: str, key: str) -> bool:
-    """Return whether the cache entry of a subject was made from another content of its file.
-
-    Parameters
-    ----------
-    folder : Path
-        The cache.
-    name : str
-        Name of the subject.
-    key : str
-        Result of `content_key`.
-
-    Returns
-    -------
-    bool
-    """
+def stored_key(folder: Path, name: str) -> str:
+    """Return the key with which a subject was stored in the cache; empty if it is missing or damaged."""
     try:
-        stored = str(read_arrays(_file(folder, name, "npz"))["key"])
+        return str(read_arrays(_file(folder, name, "npz"), names=("key",))["key"])
     except (InputError, KeyError):
-        return False
+        return ""
+
+
+def is_outdated(stored: str, key: str) -> bool:
+    """Return whether a stored key is that of another content of the same subject's file."""
     before, now = stored.partition(" ")[0], key.partition(" ")[0]
     return before.partition(".")[0] == now.partition(".")[0] and before != now
 

@@ -1,6 +1,7 @@
 """Grooming of a cohort: checks in advance, parallel grooming, cache."""
 
 import logging
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
@@ -10,10 +11,18 @@ from pathlib import Path
 
 import numpy as np
 
+from homolog.arrays import Array
 from homolog.cluster import each_in_workers
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError, NumericalError, WorkerDiedError
-from homolog.grooming.cache import check_names, content_key, is_outdated, load_groomed, save_groomed
+from homolog.grooming.cache import (
+    check_names,
+    content_key,
+    is_outdated,
+    load_groomed,
+    save_groomed,
+    stored_key,
+)
 from homolog.grooming.clean import is_pair
 from homolog.grooming.missing_slices import with_missing_slices
 from homolog.grooming.subject import GroomedSubject, Source, check_source, groom, read_source
@@ -26,7 +35,7 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import cores
 from homolog.workers import main_guard_hint, worker_processes
 
-__all__ = ["Problem", "check_cohort", "groom_cohort"]
+__all__ = ["Problem", "Reading", "check_cohort", "groom_cohort"]
 
 _log = logging.getLogger(__name__)
 
@@ -41,7 +50,50 @@ _PAIR = (
 )
 
 NO_SOURCES: Mapping[str, Source] = {}
-_Job = tuple[Subject, GroomSettings, Source | None]
+_LOOKING = 0.1
+"""Fraction of the progress in which the cache is read."""
+_MOST_KEPT = 2**28
+"""Memory for the shapes of checked files, in bytes; those of further files are read again by the workers."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """What was read of a subject's file.
+
+    Attributes
+    ----------
+    key : str
+        The `content_key` of its shape.
+    source : _Packed or TriangleMesh or None
+        The shape, if it is kept.
+    """
+
+    key: str
+    source: "_Packed | TriangleMesh | None" = None
+
+
+NOTHING_READ: Mapping[str, Reading] = {}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Packed:
+    """A segmentation with eight voxels in a byte."""
+
+    bits: Array
+    shape: tuple[int, ...]
+    rest: Segmentation
+
+    @classmethod
+    def of(cls, whole: Segmentation) -> "_Packed":
+        nothing = np.zeros((0, 0, 0), np.bool_)
+        return cls(np.packbits(whole.mask), whole.mask.shape, replace(whole, mask=nothing))
+
+    def unpacked(self) -> Segmentation:
+        bits = np.unpackbits(self.bits, count=math.prod(self.shape))
+        return replace(self.rest, mask=bits.reshape(self.shape).view(np.bool_))
+
+
+_Job = tuple[Subject, GroomSettings, Source | _Packed | None, str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +110,7 @@ def check_cohort(
     tick: Tick = no_tick,
     *,
     sources: Mapping[str, Source] = NO_SOURCES,
+    readings: dict[str, Reading] | None = None,
 ) -> list[Problem]:
     """Read every file and return the problems, in the cohort's order.
 
@@ -72,12 +125,14 @@ def check_cohort(
         Called once per subject.
     sources : mapping of str to Segmentation or TriangleMesh, optional
         Shapes in memory, by subject, in place of their files.
+    readings : dict, optional
+        Receives what was read of each file, for `groom_cohort`.
 
     Returns
     -------
     list of Problem
     """
-    problems = []
+    problems, kept = [], 0
     called: dict[str, str] = {}
     pairs: list[str] = []
     for index, subject in enumerate(cohort.subjects):
@@ -90,6 +145,11 @@ def check_cohort(
                 pairs.append(subject.name)
             if subject.landmarks is not None:
                 read_markups(subject.landmarks)
+            if readings is not None and subject.name not in sources:
+                shape = _Packed.of(source) if isinstance(source, Segmentation) else source
+                kept += shape.bits.nbytes if isinstance(shape, _Packed) else _size(shape)
+                key = content_key(source, settings)
+                readings[subject.name] = Reading(key, shape if kept <= _MOST_KEPT else None)
         except InputError as error:
             problems.append(Problem(subject.name, str(error)))
     problems += _of_other_names(called)
@@ -123,6 +183,7 @@ def groom_cohort(
     tick: Tick = no_tick,
     left_out: list[Problem] | None = None,
     sources: Mapping[str, Source] = NO_SOURCES,
+    readings: Mapping[str, Reading] = NOTHING_READ,
     keys: dict[str, str] | None = None,
     reduced: Callable[[GroomedSubject], GroomedSubject] | None = None,
 ) -> list[GroomedSubject]:
@@ -146,6 +207,8 @@ def groom_cohort(
         the first failure is raised.
     sources : mapping of str to Segmentation or TriangleMesh, optional
         Shapes in memory, by subject, in place of their files; they are not cached.
+    readings : mapping of str to Reading, optional
+        What `check_cohort` has read, by subject; other files are read by the workers.
     keys : dict, optional
         Receives the `content_key` of each groomed subject, for `save_groomed`.
     reduced : callable, optional
@@ -159,19 +222,28 @@ def groom_cohort(
     Raises
     ------
     InputError, NumericalError
-        If a subject fails, a file changes during the grooming, or a worker process dies.
+        If a subject fails, or a worker process dies.
     Cancelled
         From the tick. Own processes end at once; a given executor finishes pending work.
     """
     taken = reduced or _whole
     if cache:
         check_names([subject.name for subject in cohort.subjects])
-    groomed, cached = _from_cache(cohort, settings, cache, part_of(tick, 0.0, 0.1), taken)
-    missing = [subject for subject in cohort.subjects if subject.name not in groomed]
-    if missing:
-        jobs = {item.name: (item, settings, sources.get(item.name)) for item in missing}
-        with nullcontext(executor) if executor else worker_processes(min(len(missing), cores())) as used:
-            for name, future in _each_groomed(used, jobs, part_of(tick, 0.1, 1.0)):
+    groomed: dict[str, GroomedSubject] = {}
+    jobs: dict[str, _Job] = {}
+    for index, subject in enumerate(cohort.subjects):
+        tick(_LOOKING * index / len(cohort.subjects), f"looking for the groomed shape of {subject.name}")
+        name, known = subject.name, stored_key(cache, subject.name) if cache else ""
+        read = readings.get(name, Reading(""))
+        whole = load_groomed(cache, name, known) if cache and read.key == known else None
+        if whole is None:
+            jobs[name] = (subject, settings, sources.get(name, read.source), known)
+        else:
+            groomed[name] = taken(whole)
+    with nullcontext(executor) if executor or not jobs else worker_processes(min(len(jobs), cores())) as used:
+        while jobs and used:
+            damaged: dict[str, _Job] = {}
+            for name, future in _each_groomed(used, jobs, part_of(tick, _LOOKING, 1.0)):
                 try:
                     key, done = future.result()
                 except (InputError, NumericalError) as error:
@@ -179,15 +251,16 @@ def groom_cohort(
                         raise
                     left_out.append(Problem(name, str(error)))
                     continue
-                if cache and key != cached[name]:
-                    raise InputError(
-                        f"{jobs[name][0].path}: changed while it was read; run again when it is complete"
-                    )
-                groomed[name] = taken(_noted(cache, done, key) if cache else done)
+                whole = load_groomed(cache, name, key) if cache and done is None else done
+                if whole is None:
+                    damaged[name] = (*jobs[name][:3], "")
+                    continue
+                groomed[name] = taken(_noted(whole, jobs[name][3], key))
                 if keys is not None:
                     keys[name] = key
-                if cache:
+                if cache and done is not None:
                     save_groomed(cache, done, key)
+            jobs = damaged
     ordered = [groomed[subject.name] for subject in cohort.subjects if subject.name in groomed]
     if left_out is not None:
         sizes = [float(np.cbrt(subject.report.volume_after)) for subject in ordered]
@@ -251,25 +324,6 @@ def _handles(count: int) -> str:
     return f"{count or 'no'} handle{'' if count == 1 else 's'} (tunnels through it)"
 
 
-def _from_cache(
-    cohort: Cohort,
-    settings: GroomSettings,
-    cache: Path | None,
-    tick: Tick,
-    taken: Callable[[GroomedSubject], GroomedSubject],
-) -> tuple[dict[str, GroomedSubject], dict[str, str]]:
-    """Return the cached subjects, and every subject's key."""
-    cached: dict[str, GroomedSubject] = {}
-    keys: dict[str, str] = {}
-    for index, subject in enumerate(cohort.subjects if cache else ()):
-        tick(index / len(cohort.subjects), f"looking for the groomed shape of {subject.name}")
-        keys[subject.name] = content_key(read_source(subject, settings), settings)
-        groomed = load_groomed(cache, subject.name, keys[subject.name]) if cache else None
-        if groomed:
-            cached[subject.name] = taken(groomed)
-    return cached, keys
-
-
 def _whole(groomed: GroomedSubject) -> GroomedSubject:
     return groomed
 
@@ -279,16 +333,23 @@ def _source(subject: Subject, settings: GroomSettings, source: Source | None) ->
     return read_source(subject, settings) if source is None else check_source(source, settings, subject.name)
 
 
-def _groomed(job: _Job) -> tuple[str, GroomedSubject]:
-    """Groom a subject, in a worker, and return the key of its file."""
-    subject, settings, source = job
+def _groomed(job: _Job) -> tuple[str, GroomedSubject | None]:
+    """Groom a subject, in a worker, and return the key of its shape; no subject if it has the known key."""
+    subject, settings, source, known = job
+    if isinstance(source, _Packed):
+        source = source.unpacked()
     source = read_source(subject, settings) if source is None else source
-    return content_key(source, settings), groom(subject.name, source, settings)
+    key = content_key(source, settings)
+    return key, None if key == known else groom(subject.name, source, settings)
+
+
+def _size(mesh: TriangleMesh) -> int:
+    return mesh.vertices.nbytes + mesh.faces.nbytes
 
 
 def _each_groomed(
     executor: Executor, jobs: Mapping[str, _Job], tick: Tick
-) -> Iterator[tuple[str, Future[tuple[str, GroomedSubject]]]]:
+) -> Iterator[tuple[str, Future[tuple[str, GroomedSubject | None]]]]:
     """Yield subjects as they are groomed."""
     try:
         for name, future in each_in_workers(executor, _groomed, jobs, "grooming", tick):
@@ -302,9 +363,9 @@ def _each_groomed(
         ) from error
 
 
-def _noted(cache: Path, done: GroomedSubject, key: str) -> GroomedSubject:
+def _noted(done: GroomedSubject, known: str, key: str) -> GroomedSubject:
     """Return a subject with a note if its file has changed since it was last groomed."""
-    if not is_outdated(cache, done.name, key):
+    if not is_outdated(known, key):
         return done
     note = "its file has changed since it was last groomed; it was groomed again"
     _log.warning("%s: %s", done.name, note)

@@ -13,7 +13,7 @@ from homolog.correspondence import Checkpoint, Frame
 from homolog.device import choose_device, device_faults
 from homolog.errors import Cancelled, InputError
 from homolog.geometry import inverse_matrices, transform_points
-from homolog.grooming import GroomedSubject, Problem, check_cohort, groom_cohort
+from homolog.grooming import GroomedSubject, Problem, Reading, check_cohort, groom_cohort
 from homolog.io.atomic import report_os_errors
 from homolog.io.mapped import mapped_within
 from homolog.io.project import ProjectFolder
@@ -96,6 +96,7 @@ class Run:
         self._study: OptimizationInput | None = None
         self._energies = np.empty((0, 4))
         self._excluded: dict[str, str] = {}
+        self._readings: dict[str, Reading] = {}
         self._store: Store = in_memory
 
     @property
@@ -246,7 +247,10 @@ class Run:
 
     def _checked(self) -> Cohort:
         self._control.enter(Phase.READING, "reading")
-        problems = check_cohort(self._cohort, self._settings.groom, self._control.tick)
+        self._readings.clear()
+        problems = check_cohort(
+            self._cohort, self._settings.groom, self._control.tick, readings=self._readings
+        )
         self._excluded = {problem.subject: problem.message for problem in problems}
         if problems and not self._skip_bad:
             raise InputError(self.refusal)
@@ -311,11 +315,13 @@ class Run:
                 cache=self.project.groomed,
                 tick=self._control.tick,
                 left_out=left_out if self._skip_bad else None,
+                readings=self._readings,
                 reduced=reduced,
             )
 
         workers, announce = self._settings.workers or cores(), self._control.work_on
         groomed = retried_on_workers(work, "grooming", workers, self._settings.cluster, announce)
+        self._readings.clear()
         if left_out:
             self._excluded |= {item.subject: item.message for item in left_out}
             cohort = cohort.without({item.subject for item in left_out})
