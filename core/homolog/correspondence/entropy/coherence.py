@@ -52,7 +52,8 @@ def find_neighbourhoods(centres: FloatArray, normals: FloatArray) -> Neighbourho
     """
     n = len(centres)
     k = min(N_NEIGHBOURS, n - 1)
-    distances, candidates = cKDTree(centres).query(centres, k=min(n, N_CANDIDATES + 1))
+    found = cKDTree(centres).query(centres, k=min(n, N_CANDIDATES + 1))
+    distances, candidates = np.asarray(found[0]), np.asarray(found[1])
     others = candidates != np.arange(n)[:, None]
     others[others.all(axis=1), -1] = False  # particles in one place: the tree may list others first
     distances = distances[others].reshape(n, -1)
