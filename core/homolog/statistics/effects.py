@@ -7,41 +7,32 @@ import numpy as np
 from scipy import optimize, special, stats
 
 from homolog.arrays import BoolArray, FloatArray
-from homolog.statistics.design import Design
-from homolog.statistics.permutation import (
-    PermutedDesigns,
-    null_distribution,
-    permutation_count,
-    permutation_p_value,
-)
-from homolog.statistics.statistics import (
-    WelchStatistic,
-    equalize_groups,
-    equalize_subjects,
-    null_weights,
-    observed_design,
-    rao_f,
-    restores_mean,
-    studentized_ratio,
-)
-from homolog.threads import on_one_thread
+from homolog.statistics.design import Hypothesis
+from homolog.statistics.randomization import Randomization, adjusted_columns
+from homolog.statistics.wilks import rao_f
 
 __all__ = [
     "CONFIDENCE",
+    "STEIGER",
     "Effect",
     "SizeVariance",
     "corrected_distance",
+    "degrees",
     "distance_of_several",
     "effect_bounds",
     "explained_variance",
     "size_effect",
     "size_variance",
     "standardized_size",
+    "unit_parts",
 ]
 
 CONFIDENCE = 0.95
 _TAILS = (1.0 + CONFIDENCE) / 2.0, (1.0 - CONFIDENCE) / 2.0
-_CHUNK = 500
+STEIGER = 0.90
+"""Level of intervals of D, omega squared and other effects that can't be negative: with 95 %, intervals of one in
+three significant effects begin at 0, since F is tested on one side at 5 % (Steiger 2004)."""
+_ONE_SIDED = (1.0 + STEIGER) / 2.0, (1.0 - STEIGER) / 2.0
 _NEGLIGIBLE = 1e-9
 """Least residual fraction of the variation of size; below it, size is adjusted for and not tested."""
 
@@ -95,7 +86,7 @@ def corrected_distance(t_squared: float, modes: int, error_dof: int, scale: floa
         return None
     square = (error_dof - modes - 1) / error_dof * t_squared / scale - modes / scale
     f = t_squared * within / (modes * error_dof)
-    low, high = (_noncentrality(f, modes, within, tail) / scale for tail in _TAILS)
+    low, high = (_noncentrality(f, modes, within, tail) / scale for tail in _ONE_SIDED)
     return Effect(float(np.sqrt(max(square, 0.0))), float(np.sqrt(low)), float(np.sqrt(high)))
 
 
@@ -133,7 +124,7 @@ def distance_of_several(
     within = 4.0 + (product + 2.0) / (ratio - 1.0)
     f = lawley * (left - 1) / product * within / (within - 2.0)
     square = ((left - 1) * lawley - product) / subjects
-    low, high = (_noncentrality(f, product, within, tail) / subjects for tail in _TAILS)
+    low, high = (_noncentrality(f, product, within, tail) / subjects for tail in _ONE_SIDED)
     return Effect(float(np.sqrt(max(square, 0.0))), float(np.sqrt(low)), float(np.sqrt(high)))
 
 
@@ -167,7 +158,7 @@ def explained_variance(
     f, between, within = (float(item) for item in rao_f(np.array(wilks), modes, columns, error_dof))
     root = (within + between / 2.0 - 1.0) / (error_dof - (modes - columns + 1.0) / 2.0)
     unbiased = max(between * (f * (within - 2.0) / within - 1.0), 0.0)
-    low, high = (_noncentrality(f, between, within, tail) for tail in _TAILS)
+    low, high = (_noncentrality(f, between, within, tail) for tail in _ONE_SIDED)
     value, low, high = (item / (item + root * subjects) for item in (unbiased, low, high))
     return Effect(value, low, high)
 
@@ -186,66 +177,95 @@ def _noncentrality(f: float, between: float, within: float, probability: float) 
     return float(optimize.brentq(above, 0.0, limit, xtol=1e-10 * limit))
 
 
+def unit_parts(
+    values: FloatArray, hypothesis: Hypothesis, members: Sequence[BoolArray] = ()
+) -> FloatArray:
+    """Return what each unit contributes to ``tested.T @ values`` of one column, (K, N).
+
+    The sum of their squares is its variance: of groups without covariates Welch's (HC2), otherwise HC4.
+
+    Parameters
+    ----------
+    values : (M, N) array
+        Variables of each row.
+    hypothesis : Hypothesis
+        With one tested column.
+    members : sequence of (M,) bool arrays, optional
+        Groups of a design without covariates.
+    """
+    columns = np.hstack([hypothesis.tested, hypothesis.nuisance])
+    rest = values - columns @ (columns.T @ values)
+    parts = adjusted_columns(hypothesis, hc4=not members) * rest
+    sums = np.zeros((hypothesis.n_units, values.shape[1]))
+    np.add.at(sums, hypothesis.units, parts)
+    return sums
+
+
+def degrees(squares: FloatArray, hypothesis: Hypothesis, members: Sequence[BoolArray] = ()) -> FloatArray:
+    """Return the degrees of freedom (N,) of the sum over units of squares (K, N).
+
+    Those of Welch (1947) for groups without covariates, otherwise units less columns.
+    """
+    columns = hypothesis.nuisance.shape[1] + hypothesis.tested.shape[1]
+    most = float(max(hypothesis.n_units - columns, 1))
+    if not members:
+        return np.full(squares.shape[1], most)
+    spread = sum(np.square(squares[own].sum(axis=0)) / (np.count_nonzero(own) - 1.0) for own in members)
+    whole = np.square(squares.sum(axis=0))
+    return np.clip(whole / np.maximum(spread, np.finfo(float).tiny), 1.0, most)
+
+
 def effect_bounds(
-    values: FloatArray, design: Design, members: Sequence[BoolArray] = ()
+    values: FloatArray, hypothesis: Hypothesis, members: Sequence[BoolArray] = ()
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the coefficient of one tested column for many variables, with bounds of its 95 % interval.
 
     Parameters
     ----------
     values : (M, N) array
-        Variables of each subject.
-    design : Design
-        Design with one tested column.
+        Variables of each row.
+    hypothesis : Hypothesis
+        With one tested column.
     members : sequence of (M,) bool arrays, optional
-        Groups of a design without covariates. Degrees of freedom are then those of Welch (1947), otherwise
-        those of the design.
+        Groups of a design without covariates; intervals are then Welch's.
 
     Returns
     -------
     value, low, high : (N,) arrays
-        Standard errors use each group's own variance (HC2 with covariates or a variable).
+        Standard errors are those that units show: Welch's, or HC4 (of units of several rows its extension to
+        clusters).
     """
-    column = design.tested[:, 0]
-    unit = float(np.linalg.norm(design.columns[:, 0]))
-    residuals = design.residuals(values)
-    along = column @ residuals
-    rest = residuals - column[:, None] * along
-    parts = null_weights(observed_design(design), design)[0][:, None] * np.square(rest)
-    variance = parts.sum(axis=0)
-    dof = np.full(values.shape[1], float(design.error_dof))
-    if members:
-        spread = sum(
-            np.square(parts[member].sum(axis=0)) / (np.count_nonzero(member) - 1.0) for member in members
-        )
-        dof = np.square(variance) / np.maximum(spread, np.finfo(float).tiny)
-        dof = np.clip(dof, 1.0, float(design.error_dof))
-    reach = stats.t.ppf((1.0 + CONFIDENCE) / 2.0, dof) * np.sqrt(variance) / unit
-    value = along / unit
+    unit = float(np.linalg.norm(hypothesis.columns[:, 0]))
+    squares = np.square(unit_parts(values, hypothesis, members))
+    dof = degrees(squares, hypothesis, members)
+    reach = stats.t.ppf((1.0 + CONFIDENCE) / 2.0, dof) * np.sqrt(squares.sum(axis=0)) / unit
+    value = hypothesis.tested[:, 0] @ values / unit
     return value, value - reach, value + reach
 
 
-@on_one_thread
 def size_effect(
     size: FloatArray,
-    design: Design,
+    hypothesis: Hypothesis,
     members: Sequence[BoolArray] = (),
     *,
+    shapes: FloatArray | None = None,
     permutations: int = 10_000,
     seed: int = 0,
 ) -> Effect | None:
-    """Test whether size differs or changes, by permutation of its studentized statistic.
+    """Test whether size differs or changes, by residual randomization.
 
     Parameters
     ----------
     size : (M,) array
         Size of each subject, or the differences of pairs [mm].
-    design : Design
-        The tested design.
+    hypothesis : Hypothesis
+        What is tested.
     members : sequence of (M,) bool arrays, optional
         The groups, without covariates; see `effect_bounds`.
+    shapes : (M, P) array, optional
+        Shapes whose dispersions are the weights of the reduced model; by default equal weights.
     permutations, seed : int
-        See `homolog.statistics.mode_test.mode_test`.
+        Number of randomizations, and their seed.
 
     Returns
     -------
@@ -253,34 +273,18 @@ def size_effect(
         Difference or change per unit [mm]; value and bounds are NaN for more than two groups. None if size
         itself is tested or adjusted for.
     """
-    residuals = design.residuals(size[:, None])
-    spread = float(np.square(size - (size.mean() if design.nuisance.shape[1] else 0.0)).sum())
-    left = residuals - design.tested @ (design.tested.T @ residuals)
+    residuals = hypothesis.residuals(size[:, None])
+    spread = float(np.square(size - (size.mean() if hypothesis.nuisance.shape[1] else 0.0)).sum())
+    left = residuals - hypothesis.tested @ (hypothesis.tested.T @ residuals)
     if spread == 0.0 or float(np.square(left).sum()) <= _NEGLIGIBLE * spread:
         return None
-    count, _ = permutation_count(design, permutations)
-    groups = equalize_groups(residuals, design)
-    welch = None if groups is None else WelchStatistic(groups.values[None], np.ones(1), groups, design)
-    equalized = None if groups is not None else equalize_subjects(residuals, design)
-
-    def statistic(some: PermutedDesigns) -> FloatArray:
-        if welch is not None:
-            return welch.deviate(some)[:, 0]
-        if equalized is not None:
-            return studentized_ratio(equalized.restored(equalized.values, some), some, design)
-        rest = residuals[None, :, :]
-        rest = rest - some.covariates @ (np.swapaxes(some.covariates, 1, 2) @ rest)
-        return studentized_ratio(rest, some, design)
-
-    means = restores_mean(welch, equalized)
-    null_statistics = null_distribution(statistic, design, permutations, chunk=_CHUNK, seed=seed, means=means)
-    p = float(permutation_p_value(statistic(observed_design(design)), null_statistics, count)[0])
-    if design.tested.shape[1] > 1:
-        return Effect(float("nan"), float("nan"), float("nan"), p, count)
-    value, low, high = (
-        float(effect_bound[0]) for effect_bound in effect_bounds(size[:, None], design, members)
-    )
-    return Effect(value, low, high, p, count)
+    drawn = Randomization(hypothesis, shapes, draws=permutations, seed=seed)
+    p = drawn.ratio(size[:, None]).p
+    if hypothesis.tested.shape[1] > 1:
+        return Effect(float("nan"), float("nan"), float("nan"), p, drawn.count)
+    bounds = effect_bounds(size[:, None], hypothesis, members)
+    value, low, high = (float(bound[0]) for bound in bounds)
+    return Effect(value, low, high, p, drawn.count)
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,47 +307,47 @@ class SizeVariance:
     omega_squared: Effect
 
 
-def size_variance(size: FloatArray, design: Design, members: Sequence[BoolArray] = ()) -> SizeVariance:
+def size_variance(size: FloatArray, hypothesis: Hypothesis, members: Sequence[BoolArray] = ()) -> SizeVariance:
     """Return the share of the variance of size between groups.
 
     Parameters
     ----------
     size : (M,) array
         Size of each subject [mm].
-    design : Design
+    hypothesis : Hypothesis
         Design of three or more groups.
     members : sequence of (M,) bool arrays, optional
         The groups, without covariates.
     """
-    between, count = design.tested.shape[1], len(size)
+    between, count = hypothesis.tested.shape[1], len(size)
     if members:
         f, within = _welch_f([size[own] for own in members])
     else:
-        residuals = design.residuals(size[:, None])[:, 0]
-        explained = float(np.square(design.tested.T @ residuals).sum())
-        within = float(design.error_dof)
+        residuals = hypothesis.residuals(size[:, None])[:, 0]
+        explained = float(np.square(hypothesis.tested.T @ residuals).sum())
+        within = float(hypothesis.error_dof)
         f = explained / between / ((float(np.square(residuals).sum()) - explained) / within)
     share = between * (f - 1.0)
-    low, high = (_noncentrality(f, between, within, tail) for tail in _TAILS)
+    low, high = (_noncentrality(f, between, within, tail) for tail in _ONE_SIDED)
     omega = Effect(max(share, 0.0) / (max(share, 0.0) + count), low / (low + count), high / (high + count))
     return SizeVariance(f, (float(between), within), omega)
 
 
-def standardized_size(size: FloatArray, design: Design) -> Effect | None:
+def standardized_size(size: FloatArray, hypothesis: Hypothesis) -> Effect | None:
     """Return the effect of one tested column on size in residual standard deviations.
 
     For two groups this is Hedges' g; for pairs, the mean difference in standard deviations of the
     differences. Bounds from the noncentral t distribution assume equal variances. None for several columns,
     or without residual variation.
     """
-    residuals = design.residuals(size[:, None])[:, 0]
-    along = design.tested.T @ residuals
-    left = float(np.square(residuals - design.tested @ along).sum())
-    dof = design.error_dof
+    residuals = hypothesis.residuals(size[:, None])[:, 0]
+    along = hypothesis.tested.T @ residuals
+    left = float(np.square(residuals - hypothesis.tested @ along).sum())
+    dof = hypothesis.error_dof
     if len(along) > 1 or dof < 2 or left <= _NEGLIGIBLE * float(np.square(residuals).sum()):
         return None
     t = float(along[0]) / np.sqrt(left / dof)
-    unit = float(np.linalg.norm(design.columns[:, 0]))
+    unit = float(np.linalg.norm(hypothesis.columns[:, 0]))
     unbiased = np.exp(special.gammaln(dof / 2) - special.gammaln((dof - 1) / 2)) * np.sqrt(2 / dof)
     low, high = (_noncentral_t(t, dof, tail) for tail in _TAILS)
     return Effect(float(unbiased * t / unit), low / unit, high / unit)
