@@ -33,7 +33,7 @@ def test_an_imported_model_is_described_analyzed_and_reported(exported, tmp_path
     facts = capsys.readouterr().out
     assert "source       particles in the folder project_particles" in facts
     assert "imported, not optimized here" in facts
-    options = ["--permutations", "99", "--null-repeats", "20", "--size", "with", "--progress", "none"]
+    options = ["--permutations", "99", "--size", "with", "--progress", "none"]
     assert main(["analyze", str(project), "--regress", "size", *options]) == 0
     with (project / "analysis" / "regression_size" / "subjects.csv").open() as file:
         assert [row["name"] for row in csv.DictReader(file)] == ["a", "b", "c", "d", "e", "f"]

@@ -67,7 +67,6 @@ def test_each_bad_value_is_named_with_its_option(parser):
         (["batch", "scans", "--out", "models"], ["--anew"], "--restart", "restart", True),
         (["check", "project"], ["--least", "2.5"], "--min-severity", "min_severity", 2.5),
         (["check", "project"], ["--mend", "3"], "--repair", "repair", 3),
-        (["analyze", "project"], ["--null", "20"], "--null-repeats", "null_repeats", "20"),
     ],
 )
 def test_an_option_works_by_its_former_name_with_a_hint(command, former, present, name, value, capsys):

@@ -16,7 +16,7 @@ from homolog.statistics.effects import Effect
 from homolog_app.cli import main
 from homolog_app.report.study_section import interval_cell
 
-QUICK = ["--permutations", "99", "--null-repeats", "0", "--alignment", "rigid", "--progress", "none"]
+QUICK = ["--permutations", "99", "--alignment", "rigid", "--progress", "none"]
 
 
 @pytest.fixture

@@ -199,7 +199,7 @@ class Trial:
 
     def analyze(self) -> Program:
         """Start the statistics."""
-        how = ["--permutations", 999, "--null-repeats", 20, "--modes", 1, "--progress", "json"]
+        how = ["--permutations", 999, "--modes", 1, "--progress", "json"]
         return self.programs.start("analyze", self.project.folder, *how)
 
     def files(self, name: str) -> dict[str, bytes]:

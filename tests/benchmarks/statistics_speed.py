@@ -15,7 +15,6 @@ import numpy as np
 from homolog.statistics.design import covariate_columns, group_design
 from homolog.statistics.discriminant import discriminant
 from homolog.statistics.mode_test import mode_test
-from homolog.statistics.null_simulation import null_simulation
 from homolog.statistics.parallel import parallel_analysis
 from homolog.statistics.pointwise_test import pointwise_test
 from homolog.statistics.shape_model import ShapeModel
@@ -53,7 +52,6 @@ def main() -> None:
         "discriminant, 20 x 10 folds, 1000 bootstraps, 499 permutations",
         lambda: discriminant(shapes, np.arange(34) > 15, 4),
     )
-    timed("null simulation, 1000 permutations", lambda: null_simulation(shapes, two, modes=4))
     if arguments.large:
         large = generator.normal(size=(5000, 1024, 3))
         timed("shape model of 5000 subjects", lambda: ShapeModel.fit(large))

@@ -51,8 +51,7 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
     )
     parser.add_argument("project", type=Path, help="project folder")
     _add_question(parser)
-    actions = add_options(parser, AnalysisSettings)
-    add_former_name(parser, "--null", actions["null_repeats"])
+    add_options(parser, AnalysisSettings)
     parser.add_argument(
         "--primary",
         nargs="?",

@@ -62,7 +62,6 @@ def compare(
         between=(first, second),
         alignment=alignment,
         permutations=permutations,
-        null_repeats=0,
         seed=seed,
     )
     return ask(Sample.of(result), request, tick)

@@ -7,7 +7,6 @@ from math import factorial, prod
 from homolog.comparison.answer import Answer
 from homolog.comparison.findings import LEVEL, correction_text
 from homolog.io.records import ResultRecord
-from homolog.statistics.cautions import LOOSE, f_excess
 from homolog.statistics.procrustes import Alignment
 from homolog_app.report.model_section import model_methods
 
@@ -97,11 +96,6 @@ def _statistics(study: Answer) -> list[str]:
         *_further_measures(study),
         *_discriminants(study),
     ]
-    if study.overall.false_positives:
-        sentences.append(
-            f"{_EXCHANGED[request.kind]} {request.null_repeats} times to compare the type I error rate of F "
-            f"with that of the permutation test: {_f_verdict(study)}"
-        )
     return sentences
 
 
@@ -117,11 +111,6 @@ _SIZE_STATISTIC = {
     "pairs": "the signs of the studentized mean difference of the pairs",
 }
 _OF_ALL_GROUPS = ", that of all groups together by permutation of its F"
-_EXCHANGED = {
-    "groups": "Labels were permuted",
-    "regression": "Values were permuted",
-    "pairs": "Signs of the differences were drawn",
-}
 
 
 def _exchangeable(study: Answer) -> str:
@@ -131,15 +120,6 @@ def _exchangeable(study: Answer) -> str:
     others = f"subjects and, without an effect, {what} that{scaled} could be exchanged"
     pairs = "pairs and, without an effect, differences that are symmetric about zero"
     return f"The permutation tests assume independent {pairs if study.question.kind == 'pairs' else others}."
-
-
-def _f_verdict(study: Answer) -> str:
-    """Return in which comparisons F of the whole shape has more false positives than permutations."""
-    off = [comparison.title for comparison in study.comparisons if f_excess(comparison) > LOOSE]
-    most = f"more than {100.0 * LOOSE:g} percentage points above it"
-    if not off:
-        return f"it is nowhere {most}."
-    return f"it is {most} in {'; '.join(off)}, so that p (F) should not be used there."
 
 
 def _one_sided(study: Answer) -> str:

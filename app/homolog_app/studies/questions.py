@@ -202,8 +202,6 @@ def number_rows(answers: "list[GroupAnswer]") -> list[tuple[str, ...]]:
 
 
 def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
-    from homolog.statistics.null_simulation import WHOLE_SHAPE_F
-
     pair, study = answer.pair, answer.study
     slope = answer.values is not None
     rows = [*_subject_rows(answer), *_test_rows(answer)]
@@ -216,10 +214,6 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     if study.question.covariates:
         rows.append(("Adjusted for", ", ".join(study.question.covariates)))
     rows += [*_classification_rows(answer), *_size_rows(answer)]
-    for simulated in pair.false_positives[:1]:
-        assert simulated.test == WHOLE_SHAPE_F
-        low, high = (f"{100 * bound:.1f}" for bound in (simulated.low, simulated.high))
-        rows.append(("Type I error (F test)", f"{100 * simulated.rate:.1f} % (95 % CI {low} to {high})"))
     return rows
 
 

@@ -132,11 +132,9 @@ def _groups(
     models = _models(project, loaded, wanted, part_of(tick, 0.1, 0.5))
     if view.request is None:
         return group_scene(view, models, [])
-    # Pictures don't show the result of the repeated null tests.
-    request = view.request.model_copy(update={"null_repeats": 0})
     ticks = [part_of(tick, 0.5 + 0.4 * n / len(models), 0.9) for n in range(len(models))]
     answers = [
-        answer_groups(model, model.result, request, t, view.pair)
+        answer_groups(model, model.result, view.request, t, view.pair)
         for model, t in zip(models, ticks, strict=True)
     ]
     return group_scene(view, models, answers)

@@ -29,7 +29,6 @@ def analyze(
     alignment: _Alignment | Sequence[_Alignment] = "similarity",
     modes: int | None = None,
     permutations: int = 10_000,
-    null_repeats: int = 0,
     seed: int = 0,
     seeds: int | None = None,
     primary: str | None = None,
@@ -62,8 +61,6 @@ def analyze(
         Number of modes to test; chosen by parallel analysis if not given.
     permutations : int
         Permutations of each test.
-    null_repeats : int
-        Repeats of the null simulation; 0 omits it.
     seed : int
         Random seed.
     seeds : int, optional
@@ -108,7 +105,6 @@ def analyze(
             complete_cases=complete_cases,
             modes=modes,
             permutations=permutations,
-            null_repeats=null_repeats,
             seed=seed,
         )
         chosen = primary_of(asked, primary)

@@ -33,7 +33,6 @@ def compare_groups(
     alignment: _Alignment,
     modes: int | None = None,
     permutations: int = 10_000,
-    null_repeats: int = 0,
     seed: int = 0,
     names: Sequence[str] | None = None,
     callback: Callable[[float, str], object] | None = None,
@@ -52,7 +51,6 @@ def compare_groups(
     alignment: tuple[_Alignment, ...] | list[_Alignment] = _BOTH,
     modes: int | None = None,
     permutations: int = 10_000,
-    null_repeats: int = 0,
     seed: int = 0,
     names: Sequence[str] | None = None,
     callback: Callable[[float, str], object] | None = None,
@@ -70,7 +68,6 @@ def compare_groups(
     alignment: _Alignment | Sequence[_Alignment] = _BOTH,
     modes: int | None = None,
     permutations: int = 10_000,
-    null_repeats: int = 0,
     seed: int = 0,
     names: Sequence[str] | None = None,
     callback: Callable[[float, str], object] | None = None,
@@ -103,8 +100,6 @@ def compare_groups(
         Number of modes in which the whole shape is tested; chosen by parallel analysis if not given.
     permutations : int
         Number of permutations of each test; p-values are at least 1 / (permutations + 1).
-    null_repeats : int
-        Repeats of the null simulation, which estimates type I error rates; 0 omits it.
     seed : int
         Random seed of the permutations; the same seed gives the same result.
     names : sequence of str, optional
@@ -164,7 +159,6 @@ def compare_groups(
         "complete_cases": complete_cases,
         "modes": modes,
         "permutations": permutations,
-        "null_repeats": null_repeats,
         "seed": seed,
     }
     return _comparisons(sample, alignment, callback, question)
@@ -181,7 +175,6 @@ def regress(
     alignment: _Alignment,
     modes: int | None = None,
     permutations: int = 10_000,
-    null_repeats: int = 0,
     seed: int = 0,
     names: Sequence[str] | None = None,
     callback: Callable[[float, str], object] | None = None,
@@ -199,7 +192,6 @@ def regress(
     alignment: tuple[_Alignment, ...] | list[_Alignment] = _BOTH,
     modes: int | None = None,
     permutations: int = 10_000,
-    null_repeats: int = 0,
     seed: int = 0,
     names: Sequence[str] | None = None,
     callback: Callable[[float, str], object] | None = None,
@@ -216,7 +208,6 @@ def regress(
     alignment: _Alignment | Sequence[_Alignment] = _BOTH,
     modes: int | None = None,
     permutations: int = 10_000,
-    null_repeats: int = 0,
     seed: int = 0,
     names: Sequence[str] | None = None,
     callback: Callable[[float, str], object] | None = None,
@@ -242,8 +233,6 @@ def regress(
         Number of modes in which the whole shape is tested; chosen by parallel analysis if not given.
     permutations : int
         Number of permutations of each test.
-    null_repeats : int
-        Repeats of the null simulation; 0 omits it.
     seed : int
         Random seed of the permutations.
     names : sequence of str, optional
@@ -291,7 +280,6 @@ def regress(
         "complete_cases": complete_cases,
         "modes": modes,
         "permutations": permutations,
-        "null_repeats": null_repeats,
         "seed": seed,
     }
     return _comparisons(sample, alignment, callback, question)

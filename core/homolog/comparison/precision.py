@@ -20,9 +20,6 @@ class Precision(BaseModel):
         # With fewer than 19, no p could be 0.05.
         Field(ge=19, le=1_000_000, description="Permutations of each test."),
     ] = 10_000
-    null_repeats: Annotated[
-        int, Field(ge=0, le=100_000, description="Repeats of the null simulation; 0 omits it.")
-    ] = 0
     seed: Annotated[
         int,
         Field(ge=0, le=2**31 - 1, description="Random seed of permutations, folds and bootstrap."),

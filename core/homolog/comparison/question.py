@@ -14,6 +14,7 @@ from homolog.statistics.procrustes import Alignment
 
 __all__ = ["ALIGNED", "NOUNS", "Question", "questions"]
 
+_FORMER = ("answers", "null_repeats")
 _LONGEST = 90
 ALIGNED = {
     Alignment.AS_IT_LIES: "as the shapes lie",
@@ -62,10 +63,10 @@ class Question(Precision):
     @model_validator(mode="before")
     @classmethod
     def _read_earlier(cls, values: Any) -> Any:  # noqa: ANN401 - whatever the file holds
-        """Read what earlier versions stored: `scaling`, and `answers`, for which p was corrected."""
+        """Read what earlier versions stored: `scaling`, `answers` and `null_repeats`."""
         if not isinstance(values, dict):
             return values
-        values = {name: value for name, value in values.items() if name != "answers"}
+        values = {name: value for name, value in values.items() if name not in _FORMER}
         if "scaling" in values:
             alignment = Alignment.SIMILARITY if values.pop("scaling") is True else Alignment.RIGID
             values = {"alignment": alignment, "earlier": alignment is Alignment.RIGID} | values
@@ -118,7 +119,7 @@ class Question(Precision):
     @property
     def identity(self) -> str:
         """What makes it the same question, regardless of the precision of its answer."""
-        return self.model_dump_json(exclude={"permutations", "null_repeats", "earlier"})
+        return self.model_dump_json(exclude={"permutations", "earlier"})
 
     @property
     def options(self) -> Options:
@@ -127,7 +128,6 @@ class Question(Precision):
             alignment=self.alignment,
             modes=self.modes,
             permutations=self.permutations,
-            null_repeats=self.null_repeats,
             seed=self.seed,
         )
 

@@ -121,8 +121,7 @@ def answer_by_seed(
         sample = Sample.of(again)
         for index, question in enumerate(questions):
             low, high = 0.8 + 0.2 * index / len(questions), 0.8 + 0.2 * (index + 1) / len(questions)
-            quick = question.model_copy(update={"null_repeats": 0})
-            one = ask(sample, quick, part_of(part, low, high))
+            one = ask(sample, question, part_of(part, low, high))
             answers[index] += _answers(one, seed, record.fingerprint)
     return answers
 

@@ -131,15 +131,6 @@ def _tables(
     if covariates:
         yield "covariates.csv", list(covariates[0]), (list(row.values()) for row in covariates)
     yield (
-        "null_simulation.csv",
-        ["comparison", "test", "false_positives", "repeats", "rate", "low_95", "high_95"],
-        (
-            [comparison.title, test.test, test.false_positives, test.repeats, test.rate, test.low, test.high]
-            for comparison in answer.comparisons
-            for test in comparison.false_positives
-        ),
-    )
-    yield (
         "dispersion.csv",
         [
             "comparison", "group", "n", "mean_distance_mm", "mean_distance_low_95_mm",

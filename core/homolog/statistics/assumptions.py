@@ -1,8 +1,8 @@
 """Assumptions of the tests: dispersion of the groups, skewness of sizes, outliers.
 
-Equal dispersion: each subject's distance to its group's centroid in the retained modes is compared between
-the groups (Anderson 2006, PERMDISP). Residuals are permuted, and centroids are fitted to them again. Without
-groups, the residuals are compared along the variable (the idea of Breusch and Pagan). Tests of means are not
+Equal covariances: the products of residual scores in the retained modes, whose expectation is the covariance,
+are compared between the groups, or along the variable, by permutation: covariances may differ in amount (then
+distances to the centroid do, as by Anderson 2006) or in pattern. Tests of means are not
 robust to skewed data in few and unequal groups. A shape far from all others usually has a faulty segmentation
 or correspondence.
 """
@@ -14,11 +14,10 @@ import numpy as np
 from scipy import stats
 
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
-from homolog.statistics.design import Design, Exchange
+from homolog.statistics.design import Hypothesis
 from homolog.statistics.effects import CONFIDENCE, Effect
-from homolog.statistics.permutation import PermutedDesigns, null_distribution, permutation_p_value
+from homolog.statistics.randomization import p_values
 from homolog.statistics.shape_model import leading_scores
-from homolog.statistics.statistics import design_columns, observed_design
 from homolog.threads import on_one_thread
 
 __all__ = [
@@ -52,10 +51,9 @@ class Dispersion:
     by_group : dict
         Mean distance in each group [mm]; empty without groups.
     f : float
-        Ratio of the variances of the distances between and within groups.
+        F of the products of residual scores: how much covariances differ, in amount or pattern.
     p : float
-        Share of the permutations with a ratio at least as large. Residuals are permuted, and distances are
-        those from centroids fitted to them again.
+        Share of the permutations of residuals with an F at least as large. The model is fitted to them again.
     permutations : int
         Number of permutations.
     intervals : dict
@@ -88,7 +86,7 @@ class Dispersion:
 @on_one_thread
 def dispersion_test(
     particles: FloatArray,
-    design: Design,
+    design: Hypothesis,
     modes: int,
     members: dict[str, BoolArray],
     *,
@@ -101,7 +99,7 @@ def dispersion_test(
     ----------
     particles : (M, N, 3) array
         Aligned positions [mm].
-    design : Design
+    design : Hypothesis
         Of groups or of a continuous variable.
     modes : int
         Number of leading modes.
@@ -117,36 +115,25 @@ def dispersion_test(
     Dispersion or None
         None without a mode, and for pairs, whose differences form one group.
     """
-    if design.exchange is Exchange.SIGNS or modes == 0:
+    if modes == 0 or not design.nuisance.shape[1] or design.n_units < len(design.units):
         return None
     scores, _ = leading_scores(design.residuals(particles.reshape(len(particles), -1)), modes)
-    columns = design_columns(observed_design(design))
-    rest, left = _rest(scores, columns)
+    columns = np.hstack([design.nuisance, design.tested])
+    rest, left = _rest(scores, columns[None])
     standardized = rest[0] / np.sqrt(left[0])[:, None]
-
-    def ratio(rows: FloatArray, permuted: PermutedDesigns) -> FloatArray:
-        columns = design_columns(permuted)
-        rest, left = _rest(rows, columns)
-        return _ratio(np.sqrt(np.square(rest).sum(axis=2) / left), columns, permuted.tested.shape[2])
-
-    # Distances from fitted means are dependent, in the data as under the null.
-    null_statistics = null_distribution(
-        lambda chunk: ratio(standardized, chunk),
-        design,
-        permutations,
-        chunk=max(1, min(_CHUNK, _CHUNK_VALUES // scores.size)),
-        seed=seed,
+    lengths = np.linalg.norm(standardized, axis=0)
+    observed, null_statistics = _covariances(
+        standardized / np.where(lengths > 0.0, lengths, 1.0), design, permutations, seed
     )
-    observed = ratio(scores, observed_design(design))
     distances = np.sqrt(np.square(standardized).sum(axis=1) / particles.shape[1])
     by_group = {name: float(distances[own].mean()) for name, own in members.items()}
-    p = float(permutation_p_value(observed, null_statistics)[0])
-    held_out = _HeldOut(scores / np.sqrt(particles.shape[1]), columns[0])
+    p = float(p_values(observed, null_statistics))
+    held_out = _HeldOut(scores / np.sqrt(particles.shape[1]), columns)
     if members:
         intervals, effect = _of_groups(held_out, by_group, members)
     else:
         intervals, effect = {}, _along(held_out, distances, float(np.linalg.norm(design.columns[:, 0])))
-    return Dispersion(distances, by_group, float(observed[0]), p, len(null_statistics), intervals, effect)
+    return Dispersion(distances, by_group, observed, p, len(null_statistics), intervals, effect)
 
 
 class _HeldOut:
@@ -219,13 +206,41 @@ def _rest(rows: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray
     return rest, np.maximum(1.0 - np.square(columns).sum(axis=2), _LEAST_LEFT)
 
 
-def _ratio(values: FloatArray, columns: FloatArray, tested: int) -> FloatArray:
-    """Return the F ratio (c,) of values (c, M) for the last columns (c, M, q), adjusted for the others."""
-    squares = np.square(np.swapaxes(columns, 1, 2) @ values[:, :, None])[:, :, 0]
-    explained = squares[:, -tested:].sum(axis=1)
-    rest = np.maximum(np.square(values).sum(axis=1) - squares.sum(axis=1), np.finfo(float).tiny)
-    ratio: FloatArray = (explained / tested) / (rest / (columns.shape[1] - columns.shape[2]))
-    return ratio
+def _covariances(
+    scores: FloatArray, design: Hypothesis, permutations: int, seed: int
+) -> tuple[float, FloatArray]:
+    """Return F of the products of residual scores (M, k), and its permutation distribution.
+
+    The covariance at a row is the expectation of these products. They are divided by the row's distance from
+    its fitted shape, so that their sum over modes is this distance (Anderson 2006), and outliers weigh less.
+    The model is fitted to them again, since residuals from fitted means are dependent, and since an outlier
+    attracts the mean of a small group.
+    """
+    columns = np.hstack([design.nuisance, design.tested])
+    left = np.maximum(1.0 - np.square(columns).sum(axis=1), _LEAST_LEFT)
+    first, second = np.triu_indices(scores.shape[1])
+    counted = np.where(first == second, 1.0, np.sqrt(2.0))
+
+    def ratio(rows: FloatArray) -> FloatArray:
+        rest = rows - columns @ (columns.T @ rows)
+        rest /= np.sqrt(left)[:, None]
+        lengths = np.linalg.norm(rest, axis=2, keepdims=True)
+        rest /= np.sqrt(np.where(lengths > 0.0, lengths, 1.0))
+        products = rest[:, :, first] * rest[:, :, second] * counted
+        explained = np.square(design.tested.T @ products).sum(axis=(1, 2))
+        nuisance = np.square(design.nuisance.T @ products).sum(axis=(1, 2))
+        error = np.square(products).sum(axis=(1, 2)) - nuisance - explained
+        share: FloatArray = explained / np.maximum(error, np.finfo(float).tiny)
+        f: FloatArray = share * (design.error_dof / design.tested.shape[1])
+        return f
+
+    generator, null = np.random.default_rng(seed), np.empty(permutations)
+    chunk = max(1, min(_CHUNK, _CHUNK_VALUES // (len(scores) * len(first))))
+    for start in range(0, permutations, chunk):
+        size = min(chunk, permutations - start)
+        orders = generator.random((size, len(scores))).argsort(axis=1)
+        null[start : start + size] = ratio(scores[orders])
+    return float(ratio(scores[None])[0]), null
 
 
 _FEWEST = 8
@@ -256,7 +271,7 @@ class SizeSkewness:
 
 
 def size_skewness(
-    size: FloatArray, shapes: FloatArray, design: Design, members: Mapping[str, BoolArray]
+    size: FloatArray, shapes: FloatArray, design: Hypothesis, members: Mapping[str, BoolArray]
 ) -> SizeSkewness | None:
     """Test whether sizes and shapes are skewed within groups; None for a variable or under eight subjects.
 
@@ -268,12 +283,12 @@ def size_skewness(
         Size of each subject, or the differences of pairs [mm].
     shapes : (M, N, 3) array
         Aligned positions, or the differences of pairs [mm].
-    design : Design
+    design : Hypothesis
         The tested design.
     members : mapping of str to (M,) bool arrays
         Members of each group; empty for pairs and for a variable.
     """
-    paired = design.exchange is Exchange.SIGNS
+    paired = not design.nuisance.shape[1]
     if len(size) < _FEWEST or not (paired or members):
         return None
     residuals = _within(size[:, None], design)[:, 0]
@@ -292,7 +307,7 @@ def size_skewness(
     )
 
 
-def _within(values: FloatArray, design: Design) -> FloatArray:
+def _within(values: FloatArray, design: Hypothesis) -> FloatArray:
     """Return the residuals of values (M, P) after nuisance columns and tested effect."""
     residuals = design.residuals(values)
     residuals -= design.tested @ (design.tested.T @ residuals)
@@ -332,7 +347,7 @@ def shape_outliers(particles: FloatArray, *, limit: float = _LIMIT) -> IntArray:
 
 
 def relative_distances(
-    particles: FloatArray, design: Design, members: Collection[BoolArray] = ()
+    particles: FloatArray, design: Hypothesis, members: Collection[BoolArray] = ()
 ) -> FloatArray:
     """Return the distance of each subject from the mean of its group, relative to the group's median, (M,).
 
@@ -340,7 +355,7 @@ def relative_distances(
     ----------
     particles : (M, N, 3) array
         Aligned positions, or differences of pairs [mm].
-    design : Design
+    design : Hypothesis
         Distances are those from the shape that the design fits to a subject.
     members : collection of (M,) bool arrays
         The groups; distances are divided by the median of their group.

@@ -6,17 +6,14 @@ from typing import TYPE_CHECKING
 
 from homolog.arrays import IntArray
 from homolog.statistics.assumptions import Dispersion, SizeSkewness
-from homolog.statistics.null_simulation import WHOLE_SHAPE_F, WHOLE_SHAPE_PERMUTATION
 
 if TYPE_CHECKING:
     from homolog.statistics.comparison import Comparison
 
 __all__ = [
     "LEVEL",
-    "LOOSE",
     "cautions_of",
     "dispersion_caution",
-    "f_excess",
     "outlier_caution",
     "p_number",
     "p_text",
@@ -25,8 +22,6 @@ __all__ = [
 
 LEVEL = 0.05
 """Significance level of corrected p-values."""
-LOOSE = 0.02
-"""Excess of false positives of F that raises a caution."""
 _UNLIKE = 1.5
 """Ratio of two groups' dispersions, or of their numbers of subjects, that raises a caution."""
 
@@ -47,7 +42,6 @@ def cautions_of(comparison: "Comparison", names: Sequence[str] | None = None) ->
         dispersion_caution(comparison.dispersion, comparison.counts),
         size_caution(comparison.size_skewness, comparison.counts) if of_size else "",
         outlier_caution(comparison.outliers, comparison.counts, names, comparison.without_outliers),
-        _f_caution(comparison),
         *comparison.notes,
     ]
     return tuple(f"{comparison.title}: {sentence}" for sentence in sentences if sentence)
@@ -64,8 +58,8 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
     p = p_text(dispersion.p, dispersion.permutations)
     if not numbers:
         return (
-            f"dispersion changes with the variable (test of dispersion {p}). The permutation tests account "
-            "for this only approximately; T² and F do not."
+            f"covariances change with the variable ({p}). The tests of the whole shape, particles and size "
+            "allow for this; T², F and the interval of D do not."
         )
     mean = ", ".join(f"{name} {value:.2f} mm" for name, value in dispersion.by_group.items())
     what = (
@@ -77,11 +71,9 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
         "caution, its D, accuracy and AUC may be used."
     )
     return (
-        f"the groups differ in dispersion (mean distance to the centroid: {mean}; {p})"
+        f"the groups differ in covariance (mean distance to the centroid: {mean}; {p})"
         f"{' and in number of subjects' if uneven else ''}. {what} "
-        "The permutation tests of the whole shape, particles and size restore each group's dispersion and "
-        "hold approximately; with few subjects or skewed shapes their type I error rate may still differ "
-        "from the nominal one."
+        "The tests of the whole shape, particles and size keep each subject's own covariance and hold."
     )
 
 
@@ -181,22 +173,3 @@ def p_number(p: float, permutations: int | None = None) -> str:
 
 def _unlike(values: Sequence[float]) -> bool:
     return bool(values) and max(values) >= _UNLIKE * min(values)
-
-
-def f_excess(comparison: "Comparison") -> float:
-    """Return the excess of the type I error rate of F over that of permutations of the same null data.
-
-    Excesses up to `LOOSE` are tolerated.
-    """
-    rates = {test.test: test.rate for test in comparison.false_positives}
-    return rates.get(WHOLE_SHAPE_F, 0.0) - rates.get(WHOLE_SHAPE_PERMUTATION, 0.0)
-
-
-def _f_caution(comparison: "Comparison") -> str:
-    excess = f_excess(comparison)
-    if excess <= LOOSE:
-        return ""
-    return (
-        f"the type I error rate of the F test is {100 * excess:.1f} percentage points higher than that of "
-        "the permutation test; use the permutation p-value."
-    )

@@ -18,7 +18,7 @@ from homolog.statistics.assumptions import (
     size_skewness,
 )
 from homolog.statistics.cautions import cautions_of, p_text
-from homolog.statistics.design import Design
+from homolog.statistics.design import Hypothesis
 from homolog.statistics.discriminant import Discriminant
 from homolog.statistics.effects import (
     Effect,
@@ -31,7 +31,6 @@ from homolog.statistics.effects import (
     standardized_size,
 )
 from homolog.statistics.mode_test import ModeTest, mode_test
-from homolog.statistics.null_simulation import FalsePositives, null_simulation
 from homolog.statistics.pointwise_test import PointwiseTest, pointwise_test
 from homolog.statistics.procrustes import Alignment, aligned, rms_radii
 
@@ -55,8 +54,6 @@ class Options:
         Bootstrap samples for the bounds of the discriminant.
     classifications : int
         Permutations for the p-values of the discriminant's accuracy and AUC.
-    null_repeats : int
-        Permutations of the null simulation; 0 omits it.
     answers : int
         Number of answers to the same question that are reported together, such as form and shape. p-values of
         the whole shape, of particles and of the discriminant are corrected for it (Bonferroni).
@@ -69,7 +66,6 @@ class Options:
     permutations: int = 10_000
     bootstraps: int = 1000
     classifications: int = 1999
-    null_repeats: int = 0
     answers: int = 1
     seed: int = 0
 
@@ -122,8 +118,6 @@ class Comparison:
     accuracy_p_adjusted, auc_p_adjusted : float or None
         Permutation p of the discriminant's accuracy and AUC, corrected for pairs of groups (Holm) and answers
         (Bonferroni).
-    false_positives : tuple of FalsePositives
-        Type I error rates on this cohort with permuted labels; empty without a null simulation.
     size_skewness : SizeSkewness or None
         Test of skewness of size; None for a continuous variable.
     outliers : (n,) int array
@@ -165,7 +159,6 @@ class Comparison:
     p_adjusted: float
     p_fwe: FloatArray
     size_p_adjusted: float | None
-    false_positives: tuple[FalsePositives, ...]
     size_skewness: SizeSkewness | None
     outliers: IntArray
     without_outliers: "Comparison | None" = None
@@ -216,7 +209,7 @@ class _Sample:
 
     shapes: FloatArray
     subjects: IntArray
-    design: Design
+    design: Hypothesis
     title: str
     counts: dict[str, int]
     members: dict[str, BoolArray]
@@ -245,7 +238,7 @@ class _Sample:
 def run_comparison(
     shapes: FloatArray,
     subjects: IntArray,
-    design: Design,
+    design: Hypothesis,
     title: str,
     counts: dict[str, int],
     options: Options,
@@ -265,8 +258,8 @@ def run_comparison(
         Checked positions of the whole cohort [mm].
     subjects : (m,) int array
         Indices of the compared subjects.
-    design : Design
-        The tested design, with m rows.
+    design : Hypothesis
+        What is tested, with m rows.
     title, counts, options
         See `Comparison`.
     tick : Tick
@@ -293,7 +286,7 @@ def run_comparison(
     if not nested or kept.all() or any(np.count_nonzero(own & kept) < 2 for own in sample.members.values()):
         return done
     with suppress(InputError):  # too few subjects remain
-        remainder = _compared(sample.of(kept), replace(options, null_repeats=0), part_of(tick, 0.9, 1.0))
+        remainder = _compared(sample.of(kept), options, part_of(tick, 0.9, 1.0))
         return replace(done, without_outliers=remainder)
     return done
 
@@ -304,9 +297,8 @@ def _compared(sample: _Sample, options: Options, tick: Tick) -> Comparison:
     drawn = {"permutations": options.permutations, "seed": options.seed}
     test = mode_test(data, design, modes=options.modes, **drawn, tick=part_of(tick, 0.0, 0.4))
     alike = () if design.covariates.shape[1] else tuple(sample.members.values())
-    pointwise = pointwise_test(data, design, members=alike, **drawn, tick=part_of(tick, 0.4, 0.8))
-    false_positives = _false_positives(data, design, test.modes, options, part_of(tick, 0.8, 1.0))
-    effect = size_effect(size, design, alike, **drawn)
+    pointwise = pointwise_test(data, design, members=alike, **drawn, tick=part_of(tick, 0.4, 1.0))
+    effect = size_effect(size, design, alike, shapes=data.reshape(len(data), -1), **drawn)
     several = effect is not None and design.tested.shape[1] > 1
     distances = relative_distances(data, design, list(sample.members.values()))
     outliers = outliers_by(distances)
@@ -329,7 +321,6 @@ def _compared(sample: _Sample, options: Options, tick: Tick) -> Comparison:
         size_p_adjusted=None if effect is None else effect.p,
         size_variance=size_variance(size, design, alike) if several else None,
         size_standardized=None if effect is None else standardized_size(size, design),
-        false_positives=false_positives,
         size_skewness=size_skewness(size, data, design, sample.members),
         outliers=sample.subjects[outliers],
         outlier_distances=tuple(distances[outliers].tolist()),
@@ -338,21 +329,12 @@ def _compared(sample: _Sample, options: Options, tick: Tick) -> Comparison:
     )
 
 
-def _false_positives(
-    data: FloatArray, design: Design, modes: int, options: Options, tick: Tick
-) -> tuple[FalsePositives, ...]:
-    repeats = options.null_repeats if modes else 0
-    if not repeats:
-        return ()
-    return null_simulation(data, design, modes=modes, repeats=repeats, seed=options.seed, tick=tick)
-
-
 def prepare_shapes(shapes: FloatArray, options: Options) -> FloatArray:
     """Return the shapes, aligned for the comparison."""
     return aligned(shapes, options.alignment)
 
 
-def _distance(test: ModeTest, design: Design) -> Effect | None:
+def _distance(test: ModeTest, design: Hypothesis) -> Effect | None:
     if test.t_squared is None:
         columns = design.tested.shape[1]
         return distance_of_several(test.lawley, test.modes, columns, design.error_dof, len(design.tested))

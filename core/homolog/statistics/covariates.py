@@ -92,7 +92,7 @@ def with_covariate_effects(
                 adjusted_design(block, nuisance, title),
                 name,
                 {"all": len(main)},
-                replace(options, null_repeats=0),
+                options,
                 part_of(tick, number / len(table), (number + 1) / len(table)),
                 nested=False,
             )

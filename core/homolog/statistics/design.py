@@ -400,7 +400,7 @@ class Design:
         nuisance = left[:, sizes > 0.5]
         return Hypothesis(name, column[:, None] / float(column @ column), unit[:, None], nuisance, self.units)
 
-    def at(self, **values: str | float) -> FloatArray:
+    def at(self, values: Mapping[str, str | float]) -> FloatArray:
         """Return the row (p,) of `matrix` for a subject with given values.
 
         Numbers that are not given are at their mean; over categories not given, and strata, levels are
@@ -425,31 +425,28 @@ class Design:
             blocks.append(block)
         return np.concatenate(blocks)
 
-    def differences(self, factor: str, **values: str | float) -> list[Hypothesis]:
+    def differences(self, factor: str, values: Mapping[str, str | float] | None = None) -> list[Hypothesis]:
         """Return the difference of adjusted means of each pair of levels, the later minus the earlier.
 
         Parameters
         ----------
         factor : str
             A category.
-        **values
+        values : mapping, optional
             Values of other columns, as in `at`.
         """
+        given = values or {}
         return [
-            self.contrast(self.at(**{**values, factor: b}) - self.at(**{**values, factor: a}), f"{b} - {a}")
+            self.contrast(self.at({**given, factor: b}) - self.at({**given, factor: a}), f"{b} - {a}")
             for a, b in combinations(self._levels(factor), 2)
         ]
 
     def slopes(self, number: str, factor: str | None = None) -> list[Hypothesis]:
         """Return the slope along a number: one, or one for each level of a category."""
-        if number not in self.numbers:
-            raise InputError(f"{number!r} is no number of {self.formula!r}")
-        along = [{}] if factor is None else [{factor: level} for level in self._levels(factor)]
+        levels = [] if factor is None else self._levels(factor)
+        along: list[dict[str, str | float]] = [{str(factor): level} for level in levels] or [{}]
         return [
-            self.contrast(
-                self.at(**{**own, number: 1.0}) - self.at(**{**own, number: 0.0}),
-                ", ".join([number, *own.values()]),
-            )
+            self.contrast(self._slope(number, own), ", ".join([number, *map(str, own.values())]))
             for own in along
         ]
 
@@ -459,14 +456,16 @@ class Design:
             raise InputError(f"{self.formula!r} has no {factor}:{number}; slopes can't differ")
         return [
             self.contrast(
-                self.at(**{factor: b, number: 1.0})
-                - self.at(**{factor: b, number: 0.0})
-                - self.at(**{factor: a, number: 1.0})
-                + self.at(**{factor: a, number: 0.0}),
-                f"{number}, {b} - {a}",
+                self._slope(number, {factor: b}) - self._slope(number, {factor: a}), f"{number}, {b} - {a}"
             )
             for a, b in combinations(self._levels(factor), 2)
         ]
+
+    def _slope(self, number: str, given: Mapping[str, str | float]) -> FloatArray:
+        if number not in self.numbers:
+            raise InputError(f"{number!r} is no number of {self.formula!r}")
+        slope: FloatArray = self.at({**given, number: 1.0}) - self.at({**given, number: 0.0})
+        return slope
 
     def common_slope(self, number: str, factor: str) -> Hypothesis:
         """Return the hypothesis that a number has the same slope in all levels of a category.
@@ -553,6 +552,11 @@ class Design:
                     f"from the other terms (variance inflation {term.inflation:.1f}); remove a term, or "
                     "compare fewer levels"
                 )
+
+    def _code(self, factor: str, level: str) -> int:
+        if level not in self.levels[factor]:
+            raise InputError(f"{factor}: {level!r} is not among {', '.join(self.levels[factor])}")
+        return self.levels[factor].index(level)
 
     def _levels(self, factor: str) -> tuple[str, ...]:
         if factor not in self.levels:

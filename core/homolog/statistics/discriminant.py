@@ -11,7 +11,7 @@ from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
 from homolog.statistics.effects import Effect
 from homolog.statistics.held_out import accuracy_bounds, auc_bounds, held_out_by_moments, stratified_folds
-from homolog.statistics.permutation import permutation_p_value
+from homolog.statistics.randomization import p_values
 from homolog.statistics.shape_model import leading_scores, principal_components
 from homolog.threads import on_one_thread
 
@@ -178,7 +178,7 @@ def discriminant(
     leading = reduced[:, : modes + _FURTHER_OF_P]
     rates = _permuted_rates(leading, second, extra, modes, folds, permutations, generator, tick_of_p)
     p = [
-        float(permutation_p_value(item, column)) if permutations else None
+        float(p_values(item, column)) if permutations else None
         for item, column in zip(rates[0], rates[1:].T, strict=True)
     ]
     held_out = np.mean(rounds, axis=0)

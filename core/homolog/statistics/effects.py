@@ -1,4 +1,4 @@
-"""Effects with 95 % confidence intervals: distance of the means, size, displacement at particles."""
+"""Effects with confidence intervals: distance of the means, size, displacement at particles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,8 +30,8 @@ __all__ = [
 CONFIDENCE = 0.95
 _TAILS = (1.0 + CONFIDENCE) / 2.0, (1.0 - CONFIDENCE) / 2.0
 STEIGER = 0.90
-"""Level of intervals of D, omega squared and other effects that can't be negative: with 95 %, intervals of one in
-three significant effects begin at 0, since F is tested on one side at 5 % (Steiger 2004)."""
+"""Level of intervals of D, omega squared and other effects that can't be negative: F is tested on one side,
+so that with 95 % the intervals of one in three significant effects begin at 0 (Steiger 2004)."""
 _ONE_SIDED = (1.0 + STEIGER) / 2.0, (1.0 - STEIGER) / 2.0
 _NEGLIGIBLE = 1e-9
 """Least residual fraction of the variation of size; below it, size is adjusted for and not tested."""
@@ -44,11 +44,13 @@ class Effect:
     Attributes
     ----------
     value, low, high : float
-        Estimate and bounds of the 95 % interval.
+        Estimate and bounds of the interval.
     p : float or None
         Two-sided (for accuracy and AUC: one-sided) permutation p-value; None if not tested.
     permutations : int
         Number of permutations; 0 if not tested.
+    level : float
+        Level of the interval: 0.95, or 0.90 for effects that can't be negative (see `STEIGER`).
     """
 
     value: float
@@ -56,6 +58,7 @@ class Effect:
     high: float
     p: float | None = None
     permutations: int = 0
+    level: float = CONFIDENCE
 
 
 def corrected_distance(t_squared: float, modes: int, error_dof: int, scale: float) -> Effect | None:
@@ -87,7 +90,7 @@ def corrected_distance(t_squared: float, modes: int, error_dof: int, scale: floa
     square = (error_dof - modes - 1) / error_dof * t_squared / scale - modes / scale
     f = t_squared * within / (modes * error_dof)
     low, high = (_noncentrality(f, modes, within, tail) / scale for tail in _ONE_SIDED)
-    return Effect(float(np.sqrt(max(square, 0.0))), float(np.sqrt(low)), float(np.sqrt(high)))
+    return Effect(float(np.sqrt(max(square, 0.0))), float(np.sqrt(low)), float(np.sqrt(high)), level=STEIGER)
 
 
 def distance_of_several(
@@ -125,7 +128,7 @@ def distance_of_several(
     f = lawley * (left - 1) / product * within / (within - 2.0)
     square = ((left - 1) * lawley - product) / subjects
     low, high = (_noncentrality(f, product, within, tail) / subjects for tail in _ONE_SIDED)
-    return Effect(float(np.sqrt(max(square, 0.0))), float(np.sqrt(low)), float(np.sqrt(high)))
+    return Effect(float(np.sqrt(max(square, 0.0))), float(np.sqrt(low)), float(np.sqrt(high)), level=STEIGER)
 
 
 def explained_variance(
@@ -160,7 +163,7 @@ def explained_variance(
     unbiased = max(between * (f * (within - 2.0) / within - 1.0), 0.0)
     low, high = (_noncentrality(f, between, within, tail) for tail in _ONE_SIDED)
     value, low, high = (item / (item + root * subjects) for item in (unbiased, low, high))
-    return Effect(value, low, high)
+    return Effect(value, low, high, level=STEIGER)
 
 
 def _noncentrality(f: float, between: float, within: float, probability: float) -> float:
@@ -177,9 +180,7 @@ def _noncentrality(f: float, between: float, within: float, probability: float) 
     return float(optimize.brentq(above, 0.0, limit, xtol=1e-10 * limit))
 
 
-def unit_parts(
-    values: FloatArray, hypothesis: Hypothesis, members: Sequence[BoolArray] = ()
-) -> FloatArray:
+def unit_parts(values: FloatArray, hypothesis: Hypothesis, members: Sequence[BoolArray] = ()) -> FloatArray:
     """Return what each unit contributes to ``tested.T @ values`` of one column, (K, N).
 
     The sum of their squares is its variance: of groups without covariates Welch's (HC2), otherwise HC4.
@@ -212,7 +213,8 @@ def degrees(squares: FloatArray, hypothesis: Hypothesis, members: Sequence[BoolA
         return np.full(squares.shape[1], most)
     spread = sum(np.square(squares[own].sum(axis=0)) / (np.count_nonzero(own) - 1.0) for own in members)
     whole = np.square(squares.sum(axis=0))
-    return np.clip(whole / np.maximum(spread, np.finfo(float).tiny), 1.0, most)
+    dof: FloatArray = np.clip(whole / np.maximum(spread, np.finfo(float).tiny), 1.0, most)
+    return dof
 
 
 def effect_bounds(
@@ -307,7 +309,9 @@ class SizeVariance:
     omega_squared: Effect
 
 
-def size_variance(size: FloatArray, hypothesis: Hypothesis, members: Sequence[BoolArray] = ()) -> SizeVariance:
+def size_variance(
+    size: FloatArray, hypothesis: Hypothesis, members: Sequence[BoolArray] = ()
+) -> SizeVariance:
     """Return the share of the variance of size between groups.
 
     Parameters
@@ -329,7 +333,9 @@ def size_variance(size: FloatArray, hypothesis: Hypothesis, members: Sequence[Bo
         f = explained / between / ((float(np.square(residuals).sum()) - explained) / within)
     share = between * (f - 1.0)
     low, high = (_noncentrality(f, between, within, tail) for tail in _ONE_SIDED)
-    omega = Effect(max(share, 0.0) / (max(share, 0.0) + count), low / (low + count), high / (high + count))
+    omega = Effect(
+        max(share, 0.0) / (max(share, 0.0) + count), low / (low + count), high / (high + count), level=STEIGER
+    )
     return SizeVariance(f, (float(between), within), omega)
 
 

@@ -148,11 +148,9 @@ def mode_test(
     )
     n_modes = parallel.n_retained if modes is None else modes
     _check_modes(n_modes, hypothesis, len(parallel.eigenvalues))
-    drawn = Randomization(
-        hypothesis, rows, draws=permutations, seed=seed, tick=part_of(tick, 0.3, 1.0)
-    )
+    drawn = Randomization(hypothesis, rows, draws=permutations, seed=seed, tick=part_of(tick, 0.3, 1.0))
     whole = drawn.ratio(rows)
-    scores = _unit_columns(leading_scores(residuals, n_modes)[0])
+    scores = _unit_columns(leading_scores(residuals, max(n_modes, 1))[0])[:, :n_modes]
     projected = (hypothesis.tested.T @ scores)[None]
     wilks = float(_wilks(projected)[0])
     columns = hypothesis.tested.shape[1]
@@ -209,19 +207,17 @@ def _check_modes(n_modes: int, hypothesis: Hypothesis, available: int) -> None:
     most = min(hypothesis.error_dof, available)
     if not 0 <= n_modes <= most:
         raise InputError(
-            f"{n_modes} modes are more than the {most} that {len(hypothesis.tested)} subjects with this design "
-            "can be tested in; use fewer modes, fewer covariates or more subjects"
+            f"{n_modes} modes are more than the {most} that {len(hypothesis.tested)} subjects with this "
+            "design can be tested in; use fewer modes, fewer covariates or more subjects"
         )
 
 
 def _warnings(n_modes: int, hypothesis: Hypothesis) -> tuple[str, ...]:
     if n_modes == 0:
-        return (
-            "Parallel analysis retains no mode: the shapes can't be distinguished from noise, and D is not known.",
-        )
+        return ("Parallel analysis retains no mode: the shapes can't be told from noise, and there is no D.",)
     if hypothesis.error_dof < _MIN_DOF_PER_MODE * n_modes:
         return (
-            f"Low power: {hypothesis.error_dof} degrees of freedom for {n_modes} modes. Only large effects can "
-            "be detected, and intervals are wide.",
+            f"Low power: {hypothesis.error_dof} degrees of freedom for {n_modes} modes. Only large effects "
+            "can be detected, and intervals are wide.",
         )
     return ()

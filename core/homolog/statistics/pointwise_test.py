@@ -1,9 +1,9 @@
 """Pointwise tests: one at every particle, corrected over the surface.
 
-Each position is tested in all directions by a Wald statistic, studentized by the covariance that subjects show
-(`homolog.statistics.randomization`), so that dispersions may differ in amount and pattern. Over the surface,
-family-wise error is controlled by the null distribution of the largest statistic (Westfall and Young 1993),
-and the false discovery rate by the method of Benjamini and Hochberg (1995).
+Each position is tested in all directions by a Wald statistic, studentized by the covariance that subjects
+show (`homolog.statistics.randomization`), so that dispersions may differ in amount and pattern. Over the
+surface, family-wise error is controlled by the null distribution of the largest statistic (Westfall and Young
+1993), and the false discovery rate by the method of Benjamini and Hochberg (1995).
 Hotelling's T² (Wilks' lambda for several columns) and its parametric p are reported in addition.
 """
 

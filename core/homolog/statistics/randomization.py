@@ -23,12 +23,20 @@ from math import factorial, prod
 
 import numpy as np
 
-from homolog.arrays import FloatArray, IntArray, frozen
+from homolog.arrays import Array, FloatArray, IntArray, frozen
 from homolog.progress import Tick, no_tick
 from homolog.statistics.design import Hypothesis
 from homolog.threads import MOST_THREADS, blas_threads, cores
 
-__all__ = ["Randomization", "RandomizationTest", "SurfaceTest", "adjusted_columns", "dispersions", "p_values", "shape_test"]
+__all__ = [
+    "Randomization",
+    "RandomizationTest",
+    "SurfaceTest",
+    "adjusted_columns",
+    "dispersions",
+    "p_values",
+    "shape_test",
+]
 
 LEAST_FLIPS = 1000
 """Fewer flips than this can't show p < 0.001."""
@@ -214,7 +222,9 @@ class Randomization:
         self._columns = np.hstack([tested, hypothesis.nuisance])
         flips = 2 ** min(self._units - 1, 62)
         orders = factorial(rows) // prod(map(factorial, self._alike())) if rows <= 20 else 0
-        self.permuted = self._units == rows and flips < LEAST_FLIPS and orders > flips and self._intercept
+        self.permuted: bool = (
+            self._units == rows and flips < LEAST_FLIPS and orders > flips and hypothesis.nuisance.size > 0
+        )
         possible = factorial(rows) if self.permuted else flips
         self.exact = possible - 1 <= draws
         self.count = possible - 1 if self.exact else draws
@@ -233,10 +243,6 @@ class Randomization:
             solved = np.linalg.lstsq(scaled, np.diag(1.0 / spread), rcond=None)[0]
             self._reduced = np.eye(rows) - nuisance @ solved
             self._unrelated = self._reduced * spread
-
-    @property
-    def _intercept(self) -> bool:
-        return self.hypothesis.nuisance.shape[1] > 0
 
     def _alike(self) -> list[int]:
         """Return the numbers of equal rows of the design."""
@@ -304,7 +310,7 @@ class Randomization:
         positions : (M, N, v) array
             Variables that are tested together, v at each of N particles.
         """
-        statistic = self._wald(positions)
+        statistic = self.wald(positions)
         particles, width = positions.shape[1], self._columns.shape[1]
         cost = particles * positions.shape[2] * width * (1 + self.hypothesis.tested.shape[1] ** 2)
         largest, done = np.empty(self.count), 0
@@ -322,11 +328,13 @@ class Randomization:
         p = (beyond + 1.0) / (self.count + 1.0)
         return SurfaceTest(observed, p, p_values(observed, largest), self.count, self.exact)
 
-    def _wald(self, positions: FloatArray) -> Callable[[_Rows], FloatArray]:
+    def wald(self, positions: FloatArray) -> Callable[[_Rows], FloatArray]:
         """Return the Wald statistics (c, N) of all particles as a function of exchanged rows."""
         subjects, particles, directions = positions.shape
-        rest = (self._reduced @ positions.reshape(subjects, -1)).reshape(positions.shape)
-        rest = np.ascontiguousarray(rest.swapaxes(1, 2))
+        flat = positions.reshape(subjects, -1)
+        rest = self._reduced @ flat
+        rest[:, np.square(rest).sum(axis=0) <= _ROUNDING**2 * np.square(flat).sum(axis=0)] = 0.0
+        rest = np.ascontiguousarray(rest.reshape(positions.shape).swapaxes(1, 2))
         flat = rest.reshape(subjects, -1)
         tested, width = self.hypothesis.tested.shape[1], self._columns.shape[1]
         own = self._summed(np.einsum("md,mvn->mdvn", self._adjusted, rest))
@@ -398,7 +406,7 @@ def _permuting(orders: IntArray) -> _Rows:
     return lambda array: array[orders]
 
 
-def _flipping(signs: FloatArray) -> _Rows:
+def _flipping(signs: Array) -> _Rows:
     return lambda array: signs.reshape(*signs.shape, *[1] * (array.ndim - 1)) * array
 
 

@@ -9,13 +9,14 @@ import numpy as np
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
+from homolog.statistics.anova import holm
 from homolog.statistics.checks import checked_particles, refuse_duplicates
 from homolog.statistics.comparison import DEFAULT, Comparison, Options, prepare_shapes, run_comparison
 from homolog.statistics.design import group_design, paired_design, regression_design
 from homolog.statistics.discriminant import discriminant
 from homolog.statistics.procrustes import rms_radii
 
-__all__ = ["compare_groups", "compare_pairs", "compare_two_groups", "holm", "pair_members", "regress"]
+__all__ = ["compare_groups", "compare_pairs", "compare_two_groups", "pair_members", "regress"]
 
 
 def compare_two_groups(
@@ -332,15 +333,6 @@ def pair_members(
         raise InputError(f"a paired comparison needs at least two pairs; {where} {len(by_pair)}")
     first, second = (np.array([both[label] for both in by_pair.values()], np.int64) for label in between)
     return first, second
-
-
-def holm(p: FloatArray) -> FloatArray:
-    """Return p-values adjusted for their number by the method of Holm (1979)."""
-    order = np.argsort(p)
-    raised = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
-    adjusted = np.empty(len(p))
-    adjusted[order] = np.minimum(raised, 1.0)
-    return adjusted
 
 
 def _refuse_duplicates_among(shapes: FloatArray, subjects: IntArray, names: Sequence[str] | None) -> None:

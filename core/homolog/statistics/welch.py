@@ -10,14 +10,10 @@ from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick
 from homolog.statistics.design import group_design
-from homolog.statistics.effects import CONFIDENCE, Effect
-from homolog.statistics.permutation import null_distribution, permutation_count, permutation_p_value
-from homolog.statistics.statistics import WelchStatistic, equalize_groups, observed_design
-from homolog.threads import on_one_thread
+from homolog.statistics.effects import CONFIDENCE, Effect, degrees, unit_parts
+from homolog.statistics.randomization import Randomization
 
 __all__ = ["GroupMeasure", "WelchMap", "compare_measure", "mean_difference", "welch_map"]
-
-_CHUNK_VALUES = 200_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,8 +29,8 @@ class WelchMap:
     p : (N,) array
         Parametric, two-sided p at each particle, not corrected.
     p_fwe : (N,) array
-        p corrected by the permutation distribution of the largest magnitude of t over the surface; t is
-        expressed as a normal deviate to make different degrees of freedom comparable.
+        p corrected by the null distribution of the largest magnitude of t over the surface
+        (`homolog.statistics.randomization`).
     q : (N,) array
         Benjamini-Hochberg false discovery rate.
     """
@@ -51,7 +47,6 @@ class WelchMap:
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
 
-@on_one_thread
 def welch_map(
     values: FloatArray,
     second: BoolArray,
@@ -86,30 +81,16 @@ def welch_map(
     """
     if min(np.count_nonzero(second), np.count_nonzero(~second)) < 2 or not np.isfinite(values).all():
         raise InputError("a pointwise comparison needs finite values and at least two subjects in each group")
-    design = group_design(np.where(second, "b", "a").tolist(), ["a", "b"])
-    centred = values - values.mean(axis=0)
-    floor = np.sqrt(np.square(centred).mean(axis=0))
-    centred = centred / np.where(floor > 0.0, floor, 1.0)
-    groups = equalize_groups(centred, design)
-    assert groups is not None
-    welch = WelchStatistic(groups.values[None], np.ones(values.shape[1]), groups, design)
-    original = observed_design(design)
-    (f,), (dof,) = welch.f(original)
+    hypothesis = group_design(np.where(second, "b", "a").tolist(), ["a", "b"])
+    members = [~second, second]
+    unit = float(np.linalg.norm(hypothesis.columns))
+    squares = np.square(unit_parts(values, hypothesis, members) / unit)
     difference = values[second].mean(axis=0) - values[~second].mean(axis=0)
-    largest = null_distribution(
-        lambda draws: welch.deviate(draws).max(axis=1),
-        design,
-        permutations,
-        chunk=max(1, _CHUNK_VALUES // values.shape[1]),
-        seed=seed,
-        means=welch.restores_mean,
-        tick=tick,
-        message="permutations of the outward map",
-    )
-    t = np.copysign(np.sqrt(f), difference)
-    p = np.asarray(2.0 * stats.t.sf(np.abs(t), dof), np.float64)
-    count, _ = permutation_count(design, permutations)
-    p_fwe = permutation_p_value(welch.deviate(original)[0], largest, count)
+    error = np.sqrt(squares.sum(axis=0))
+    t = np.where(error > 0.0, difference / np.where(error > 0.0, error, 1.0), 0.0)
+    p = np.asarray(2.0 * stats.t.sf(np.abs(t), degrees(squares, hypothesis, members)), np.float64)
+    drawn = Randomization(hypothesis, values, draws=permutations, seed=seed, tick=tick)
+    p_fwe = drawn.surface(values[:, :, None]).p_fwe
     return WelchMap(difference, t, p, p_fwe, stats.false_discovery_control(p))
 
 

@@ -16,7 +16,7 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.cli import main
 
 HOSTILE = "<script>alert('x')</script> & co"
-QUICK = ["--permutations", "199", "--null-repeats", "0", "--progress", "none"]
+QUICK = ["--permutations", "199", "--progress", "none"]
 
 
 @pytest.fixture(scope="session")

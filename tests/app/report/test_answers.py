@@ -211,7 +211,7 @@ def test_tables_say_what_they_are_of_and_what_each_column_holds(project, analyze
 
 def test_the_least_p_of_all_signs_is_that_of_the_observed_ones_and_their_opposites(project):
     result = read_result(project)
-    signs = Question(kind="pairs", between=("A", "B"), pairs="couple", null_repeats=0)
+    signs = Question(kind="pairs", between=("A", "B"), pairs="couple")
     study = ask(Sample.of(result), signs)
     assert study.overall.test.exact
     assert "With all 64 permutations the smallest possible p" in least_text(study)
@@ -232,7 +232,7 @@ def test_an_individual_that_was_measured_twice_raises_a_caution_unless_pairs_are
     project, names, kind, is_raised
 ):
     pairs = {"pairs": "couple"} if kind == "pairs" else {}
-    request = Question(kind=kind, between=("A", "B"), permutations=99, null_repeats=0, **pairs)
+    request = Question(kind=kind, between=("A", "B"), permutations=99, **pairs)
     study = ask(Sample.of(replace(read_result(project), names=tuple(names))), request)
     assert any("not independent" in note for note in study.notes) is is_raised
 

@@ -99,7 +99,7 @@ class _Page(HTMLParser):
 def report(tmp_path_factory, make_project, analyze):
     """The report's path, after a study of two groups."""
     project = make_project(tmp_path_factory.mktemp("report") / "study")
-    assert analyze(project, "--between", "A", "C", "--null-repeats", "50") == 0
+    assert analyze(project, "--between", "A", "C") == 0
     assert main(["report", str(project.folder), "--progress", "none"]) == 0
     return project.folder / "report" / "report.html"
 

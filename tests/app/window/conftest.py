@@ -344,7 +344,7 @@ def _few_permutations(request, monkeypatch):
         from homolog.comparison.question import Question
 
         def quick(**question):
-            return Question(**(question | {"permutations": 499, "null_repeats": 20}))
+            return Question(**(question | {"permutations": 499}))
 
         monkeypatch.setattr("homolog_app.window.explore.group_form.Question", quick)
 

@@ -96,7 +96,7 @@ def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait)
     from homolog_app.studies.study import with_current_table
 
     result = with_current_table(answer.shape.result, window.workspace.session.study)
-    question = Question(between=("slim", "wide"), covariates=("slot",), permutations=499, null_repeats=0)
+    question = Question(between=("slim", "wide"), covariates=("slot",), permutations=499)
     question = question.model_copy(update={"complete_cases": True})
     same = ask(Sample.of(result), question)
     assert same.overall.test.p_permutation == answer.pair.test.p_permutation
@@ -112,8 +112,8 @@ def test_settings_of_the_tests_are_those_of_the_command_line_and_of_stored_answe
     from homolog.parameters import parameters
     from homolog_app.cli import command_parser
 
-    options = command_parser()[0].parse_args(["analyze", "PROJECT", "--modes=3", "--null-repeats=0"])
-    assert (options.modes, options.null_repeats) == ("3", "0")
+    options = command_parser()[0].parse_args(["analyze", "PROJECT", "--modes=3", "--permutations=99"])
+    assert (options.modes, options.permutations) == ("3", "99")
     names = {parameter.name for parameter in parameters(AnalysisSettings)}
     assert names <= set(analyze.__kwdefaults__)
     settings = AnalysisSettings()

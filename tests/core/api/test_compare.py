@@ -77,7 +77,7 @@ def test_pairs_name_the_pair_of_each_subject_as_on_the_command_line(shapes):
 
     names = [*(6 * [None]), *"uvwxyz", *"zyxwvu"]
     result = hl.compare_groups(shapes, GROUPS, ("b", "c"), pairs=names, **FORM)
-    options = Options(permutations=QUICK["permutations"], null_repeats=0)
+    options = Options(permutations=QUICK["permutations"])
     same = compare_pairs(shapes, np.arange(6, 12), np.arange(17, 11, -1), "c - b", options=options)
     assert (result.title, result.counts) == ("c - b", {"pairs": 6})
     assert result.test.p_permutation == same.test.p_permutation

@@ -98,7 +98,7 @@ def test_comparisons_have_the_defaults_of_the_analysis():
         parameter.name: parameter.default
         for parameter in inspect.signature(hl.compare_groups).parameters.values()
     }
-    for name in ("modes", "permutations", "null_repeats", "seed"):
+    for name in ("modes", "permutations", "seed"):
         assert taken[name] == getattr(Options(), name)
     assert taken["alignment"] == ("rigid", "similarity")  # both, as without --alignment
     for name in ("modes", "permutations", "seed"):

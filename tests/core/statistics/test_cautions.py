@@ -23,9 +23,9 @@ def test_three_groups_of_unequal_dispersion_raise_a_caution_in_the_api():
     shapes = _shapes(np.where(np.array(LABELS) == "a", 2.0, 1.0))
     result = hl.compare_groups(shapes, LABELS, modes=3, permutations=99, alignment="rigid")
     assert result.title == "a, b, c"
-    assert any("differ in dispersion" in caution for caution in result.cautions)
+    assert any("differ in covariance" in caution for caution in result.cautions)
     raised = {
-        pair.title: any("differ in dispersion" in item for item in pair.cautions) for pair in result.pairwise
+        pair.title: any("differ in covariance" in item for item in pair.cautions) for pair in result.pairwise
     }
     assert raised == {"b - a": True, "c - a": True, "c - b": False}
 

@@ -1,17 +1,24 @@
+import re
+
 import numpy as np
+import pandas as pd
 import pytest
+import statsmodels.formula.api as smf
+from statsmodels.stats.anova import anova_lm
 
 from homolog.errors import InputError
 from homolog.statistics.design import (
+    Squares,
     covariate_columns,
     group_design,
     is_missing,
     lookalikes,
+    make_design,
     numbers,
-    paired_design,
+    refuse_repeated,
     regression_design,
+    shorthand,
 )
-from homolog.statistics.permutation import draw_permutations, permutation_count, permutation_p_value
 
 
 def test_coefficients_are_those_of_least_squares_with_all_columns(covariates):
@@ -120,38 +127,133 @@ def test_variables_that_cannot_be_regressed_on_are_refused(values, message):
         regression_design(np.array(values))
 
 
-def test_relabellings_keep_group_sizes_and_do_not_depend_on_the_chunk():
-    design = group_design(["a"] * 3 + ["b"] * 5, ["a", "b"])
-    whole = next(iter(draw_permutations(design, 50, chunk=50, seed=4))).tested
-    parts = np.concatenate([some.tested for some in draw_permutations(design, 50, chunk=7, seed=4)])
-    np.testing.assert_array_equal(whole, parts)
-    np.testing.assert_allclose(np.sort(whole[:, :, 0]), np.sort(np.repeat(design.tested.T, 50, axis=0)))
-
-
-def test_pairs_are_relabelled_by_signs():
-    flipped = next(iter(draw_permutations(paired_design(16), 200, chunk=200, seed=0))).tested[:, :, 0]
-    np.testing.assert_allclose(np.abs(flipped), 0.25)
-    assert len(np.unique(flipped, axis=0)) > 190
+def cohort(rows=40):
+    """Return columns of a table, and a number that depends on them."""
+    generator = np.random.default_rng(0)
+    table = {
+        "group": np.resize(list("abc"), rows).tolist(),
+        "sex": generator.choice(["f", "m"], rows).tolist(),
+    }
+    table["age"] = generator.normal(60.0, 5.0, rows).tolist()
+    return table, generator.normal(size=rows) + 0.1 * np.array(table["age"])
 
 
 @pytest.mark.parametrize(
-    ("design", "different"),
+    ("squares", "formula"),
     [
-        (paired_design(4), 16),
-        (group_design(["a", "b", "a", "b", "b"], ["a", "b"]), 10),
-        (group_design(["a", "b", "c"] * 2, ["a", "b", "c"]), 90),
-        (regression_design(np.array([1.0, 2.0, 4.0, 4.0])), 12),
+        (Squares.SEQUENTIAL, "y ~ group + sex + group:sex"),
+        (Squares.MARGINAL, "y ~ group * age + sex"),
+        (Squares.PARTIAL, "y ~ C(group, Sum) * age + C(sex, Sum)"),
     ],
 )
-def test_small_designs_are_relabelled_in_each_way_once(design, different):
-    assert permutation_count(design, 200) == (different - 1, True)
-    rows = [some.tested for some in draw_permutations(design, 200, chunk=7, seed=0)]
-    everything = np.concatenate([*rows, design.tested[None]]).round(9)
-    assert len(everything) == len(np.unique(everything, axis=0)) == different
-    assert permutation_count(design, 5) == (5, False)
+def test_sums_of_squares_of_each_type_are_those_of_statsmodels(squares, formula):
+    table, y = cohort()
+    fit = smf.ols(formula, pd.DataFrame(table | {"y": y})).fit()
+    expected = anova_lm(fit, typ=int(squares))["sum_sq"].to_dict()
+    plain = formula.replace("C(", "").replace(", Sum)", "").removeprefix("y ")
+    design = make_design(plain, table)
+    for term in design.terms:
+        ours = np.square(design.hypothesis(term.name, squares).tested.T @ y).sum()
+        names = {name.replace("C(", "").replace(", Sum)", ""): value for name, value in expected.items()}
+        assert ours == pytest.approx(names[term.name], rel=1e-8)
 
 
-def test_counted_p_counts_ties_and_the_real_labels():
-    drawn = np.array([1.0, 2.0, 2.0, 3.0])
-    np.testing.assert_allclose(permutation_p_value(np.array([2.0, 5.0, 0.0]), drawn), [4 / 5, 1 / 5, 1.0])
-    assert permutation_p_value(2.0 * (1 + 1e-12), drawn) == pytest.approx(4 / 5)
+def test_adjusted_means_and_slopes_are_combinations_of_the_coefficients_of_statsmodels():
+    table, y = cohort()
+    fit = smf.ols("y ~ group * age + sex", pd.DataFrame(table | {"y": y})).fit()
+    design = make_design("~ group * age + sex", table)
+    assert [item.name for item in design.differences("group")] == ["b - a", "c - a", "c - b"]
+    difference = design.differences("group")[0].coefficients(y[:, None])[0, 0]
+    mean = np.mean(table["age"])
+    assert difference == pytest.approx(
+        fit.params["group[T.b]"] + mean * fit.params["group[T.b]:age"], rel=1e-8
+    )
+    slopes = [item.coefficients(y[:, None])[0, 0] for item in design.slopes("age", "group")]
+    expected = fit.params["age"] + np.array([0.0, *fit.params[["group[T.b]:age", "group[T.c]:age"]]])
+    np.testing.assert_allclose(slopes, expected, rtol=1e-8)
+    apart = design.slope_differences("age", "group")[2]
+    assert (apart.name, apart.coefficients(y[:, None])[0, 0]) == (
+        "age, c - b",
+        pytest.approx(slopes[2] - slopes[1]),
+    )
+
+
+def test_a_common_slope_is_the_interaction_that_the_design_may_lack():
+    table, _ = cohort()
+    lacking, has = (make_design(formula, table) for formula in ("~ group + age", "~ group * age"))
+    ours, expected = lacking.common_slope("age", "group"), has.hypothesis("group:age")
+    np.testing.assert_allclose(ours.tested @ ours.tested.T, expected.tested @ expected.tested.T, atol=1e-9)
+
+
+def test_strata_are_removed_before_terms():
+    table, y = cohort()
+    design = make_design("~ age", table, strata=table["sex"])
+    other = make_design("~ sex + age", table)
+    for one, two in ((design.hypothesis("age"), other.hypothesis("age")),):
+        assert (one.tested.T @ y)[0] ** 2 == pytest.approx((two.tested.T @ y)[0] ** 2)
+
+
+@pytest.mark.parametrize(
+    ("formula", "table", "message"),
+    [
+        ("~ group + oops", {}, "no column 'oops'; columns are: group, sex, age"),
+        ("~ log(age)", {}, "'log(age)' is no column"),
+        ("~ group +", {}, "can't be read"),
+        ("~ 0 + group", {}, "the intercept belongs to every design"),
+        ("shape ~ group", {}, "begin with '~'"),
+        ("~ 1", {}, "name a column"),
+        (
+            "~ group + other",
+            {"other": np.resize(["x", "y", "z"], 40).tolist()},
+            "other can't be told from group",
+        ),
+        (
+            "~ sex * half",
+            {"sex": ["f"] * 20 + ["m"] * 20, "half": ["x"] * 10 + ["y"] * 30},
+            "sex m and half x",
+        ),
+        ("~ sex + one", {"one": ["x"] * 39 + ["y"]}, "one 'y' has 1 of the two"),
+        ("~ sex + same", {"same": ["x"] * 40}, "same is the same for all"),
+    ],
+)
+def test_designs_that_cannot_be_estimated_are_refused_with_the_reason(formula, table, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        make_design(formula, cohort()[0] | table)
+
+
+def test_a_term_that_hangs_on_one_subject_is_refused_with_its_variance_inflation():
+    table = {"group": list("aaaaaaaaaabbbbbbbbbb"), "site": list("xxxxxxxxxxyyyyyyyyyx")}
+    with pytest.raises(InputError, match=r"by p20 alone.*variance inflation 5\.5"):
+        make_design("~ group + site", table, names=[f"p{k + 1}" for k in range(20)])
+
+
+def test_too_few_rows_for_so_many_terms_are_refused():
+    table = {name: np.random.default_rng(k).normal(size=6).tolist() for k, name in enumerate("abcdef")}
+    with pytest.raises(
+        InputError, match=r"6 rows are too few for ~ a [+] b [+] c [+] d [+] e, which has 6 columns"
+    ):
+        make_design("~ a + b + c + d + e", table)
+
+
+def test_the_variance_inflation_of_a_number_is_that_of_its_regression_on_the_others():
+    generator = np.random.default_rng(1)
+    first = generator.normal(size=50)
+    second = first + generator.normal(size=50)
+    design = make_design("~ first + second", {"first": first.tolist(), "second": second.tolist()})
+    expected = 1.0 / (1.0 - np.corrcoef(first, second)[0, 1] ** 2)
+    assert [term.inflation for term in design.terms] == pytest.approx([expected, expected])
+
+
+def test_rows_of_one_subject_are_refused_without_a_column_of_subjects():
+    with pytest.raises(InputError, match="p1 stands in more than one row"):
+        refuse_repeated(["p1", "p2", "p1"], {})
+    names = [f"scan{k}" for k in range(20)]
+    patients = [f"p{k // 2}" for k in range(20)]
+    with pytest.raises(InputError, match="use --subject patient"):
+        refuse_repeated(names, {"patient": patients})
+    refuse_repeated(names, {"site": np.resize(["x", "y", "z"], 20).tolist(), "scanner": [*patients[:-1], ""]})
+
+
+def test_simple_questions_are_formulas():
+    assert shorthand("group", ["age", "shape-size"]) == "~ age + `shape-size` + group"
+    assert shorthand("group", ["visit"], interaction=True) == "~ visit + group + visit:group"

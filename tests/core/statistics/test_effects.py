@@ -30,7 +30,7 @@ def test_the_distance_is_unbiased_where_the_plain_one_is_too_large():
         inside += result.low <= 1.2 <= result.high
     assert np.mean(squares) == pytest.approx(1.44, abs=0.15)
     assert np.mean(plain) > 1.5
-    assert 0.92 < inside / 400 < 0.98
+    assert 0.86 < inside / 400 < 0.94  # intervals of 90 %
 
 
 def test_effects_of_several_groups_are_unbiased_and_their_intervals_cover_the_truth():
@@ -58,7 +58,7 @@ def test_effects_of_several_groups_are_unbiased_and_their_intervals_cover_the_tr
         inside += result.low <= truth <= result.high, explained.low <= share <= explained.high
     assert np.mean(squares) == pytest.approx(truth**2, abs=0.03)
     assert np.mean(shares) == pytest.approx(share, abs=0.02)
-    assert (abs(inside / 400 - 0.95) < 0.03).all()
+    assert (abs(inside / 400 - 0.90) < 0.04).all()
     two = corrected_distance(9.0, 3, 26, 7.0)
     both = distance_of_several(9.0 / 26, 3, 1, 26, 28)
     np.testing.assert_allclose(

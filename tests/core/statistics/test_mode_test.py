@@ -6,8 +6,7 @@ from statsmodels.regression.linear_model import OLS
 
 from homolog.errors import Cancelled, InputError
 from homolog.statistics.design import covariate_columns, group_design, paired_design, regression_design
-from homolog.statistics.mode_test import ModeStatistic, mode_test
-from homolog.statistics.permutation import PermutedDesigns
+from homolog.statistics.mode_test import mode_test
 
 
 def _scores(residuals, modes):
@@ -93,42 +92,9 @@ def test_pairs_give_the_one_sample_t_squared(correlated):
     assert result.p == pytest.approx(stats.f.sf(f, 3, 21), abs=1e-8)
 
 
-def test_choosing_modes_again_for_permuted_labels_changes_nothing_without_covariates(correlated):
-    shapes = correlated()
-    rows = shapes.reshape(24, -1) - shapes.reshape(24, -1).mean(axis=0)
-    design = group_design(["a", "b"] * 12, ["a", "b"])
-    statistic = ModeStatistic(rows, design, 4)
-    generator = np.random.default_rng(2)
-    for _ in range(5):
-        order = generator.permutation(24)
-        fast = statistic.log_p(PermutedDesigns(design.tested[order][None], design.covariates[order][None]))
-        shuffled = ModeStatistic(rows[np.argsort(order)], design, 4)
-        slow = shuffled.log_p(PermutedDesigns(design.tested[None], design.covariates[None]))
-        np.testing.assert_allclose(fast, slow, rtol=1e-9)
-
-
-def test_freedman_lane_refits_covariates_and_computes_the_modes_again(correlated, covariates):
-    shapes, columns = correlated(), covariate_columns(covariates())
-    rows = shapes.reshape(24, -1)
-    design = group_design(["a", "b"] * 12, ["a", "b"], columns)
-    residuals = design.residuals(rows)
-    statistic = ModeStatistic(residuals, design, 3)
-    nuisance = np.column_stack([np.ones(24), columns])
-    generator = np.random.default_rng(3)
-    for _ in range(20):
-        order = generator.permutation(24)
-        permuted = PermutedDesigns(design.tested[order][None], design.covariates[order][None])
-        # By the book: fitted values plus permuted residuals are the new data; everything is fitted again.
-        data = (rows - residuals) + residuals[np.argsort(order)]
-        again = data - nuisance @ np.linalg.lstsq(nuisance, data, rcond=None)[0]
-        vt = np.linalg.svd(again, full_matrices=False)[2]
-        wilks, _ = _manova(data @ vt[:3].T, np.column_stack([nuisance, np.tile([0.0, 1.0], 12)]), [3])
-        assert np.exp(statistic.log_p(permuted)[0]) == pytest.approx(wilks["Pr > F"], abs=1e-8)
-
-
 def test_permutation_p_is_near_the_parametric_one_for_normal_data(correlated):
     result = mode_test(correlated(seed=4), group_design(["a", "b"] * 12, ["a", "b"]), permutations=4000)
-    assert result.p_permutation == pytest.approx(result.p, abs=0.03)
+    assert result.p_modes == pytest.approx(result.p, abs=0.03)
 
 
 def test_a_difference_that_is_there_is_found(correlated):
@@ -143,7 +109,8 @@ def test_noise_that_keeps_no_mode_has_p_of_one_and_says_so():
     noise = np.random.default_rng(1).normal(size=(20, 64, 3))
     result = mode_test(noise, group_design(["a", "b"] * 10, ["a", "b"]), permutations=99)
     assert result.modes == 0
-    assert (result.p, result.p_permutation, result.t_squared, result.f) == (1.0, 1.0, 0.0, 0.0)
+    assert (result.p, result.p_modes, result.t_squared, result.f) == (1.0, 1.0, 0.0, 0.0)
+    assert 0.0 < result.p_permutation <= 1.0
     assert len(result.warnings) == 1
 
 
@@ -162,20 +129,3 @@ def test_the_test_stops_where_it_is_cancelled(correlated):
 
     with pytest.raises(Cancelled):
         mode_test(correlated(), group_design(["a", "b"] * 12, ["a", "b"]), tick=cancel)
-
-
-@pytest.mark.parametrize("adjusted", [False, True])
-def test_many_subjects_give_the_p_values_that_whole_inner_products_give(
-    correlated, covariates, monkeypatch, adjusted
-):
-    shapes = correlated(subjects=60)
-    columns = covariate_columns(covariates(60)) if adjusted else None
-    design = group_design(["a"] * 25 + ["b"] * 35, ["a", "b"], columns)
-    shapes = shapes + 0.6 * (np.arange(60) >= 25)[:, None, None] * shapes[3]
-    whole = mode_test(shapes, design, permutations=400, seed=3)
-    monkeypatch.setattr("homolog.statistics.mode_test.MANY", 10)
-    reduced = mode_test(shapes, design, permutations=400, seed=3)
-    assert reduced.modes == whole.modes > 0
-    assert reduced.wilks == pytest.approx(whole.wilks, rel=1e-6)
-    assert reduced.studentized == pytest.approx(whole.studentized, rel=1e-6)
-    assert reduced.p_permutation == pytest.approx(whole.p_permutation, abs=0.01)

@@ -1,14 +1,11 @@
 import numpy as np
 import pytest
-from scipy import stats
 from statsmodels.multivariate.manova import MANOVA
 from statsmodels.stats.multitest import multipletests
 
 from homolog.errors import InputError
 from homolog.statistics.design import covariate_columns, group_design, paired_design
-from homolog.statistics.permutation import PermutedDesigns, draw_permutations, permutation_p_value
-from homolog.statistics.pointwise_test import PointwiseStatistic, pointwise_test
-from homolog.statistics.statistics import observed_design
+from homolog.statistics.pointwise_test import pointwise_test
 
 
 def _wilks(endog, exog, tested):
@@ -32,58 +29,6 @@ def test_each_particle_is_tested_as_statsmodels_tests_it(correlated, covariates,
         np.testing.assert_allclose(result.effect[:, particle], effect, atol=1e-9)
 
 
-def test_freedman_lane_refits_covariates_at_each_particle(correlated, covariates):
-    shapes, columns = correlated(particles=4), covariate_columns(covariates())
-    design = group_design(["a", "b"] * 12, ["a", "b"], columns)
-    rows = shapes.reshape(24, -1)
-    residuals = design.residuals(rows)
-    statistic = PointwiseStatistic(residuals.reshape(shapes.shape), design)
-    exog = np.column_stack([np.ones(24), columns, np.tile([0.0, 1.0], 12)])
-    generator = np.random.default_rng(5)
-    for _ in range(5):
-        order = generator.permutation(24)
-        data = ((rows - residuals) + residuals[np.argsort(order)]).reshape(shapes.shape)
-        result = statistic.explained(
-            PermutedDesigns(design.tested[order][None], design.covariates[order][None])
-        )
-        for particle in range(4):
-            expected = 1.0 - _wilks(data[:, particle], exog, [3])["Value"]
-            assert result[0, particle] == pytest.approx(expected, abs=1e-8)
-
-
-def test_the_family_wise_p_of_few_subjects_is_counted_over_all_splits(correlated):
-    shapes = correlated(subjects=10, particles=8)
-    design = group_design(["a", "b"] * 5, ["a", "b"])
-    assert pointwise_test(shapes, design, permutations=1000).permutations == 251
-    (every,) = draw_permutations(design, 1000, chunk=1000, seed=0)
-    statistic = PointwiseStatistic(shapes - shapes.mean(axis=0), design, scaled=False)
-    observed = statistic.studentized(observed_design(design))[0]
-    p_fwe = permutation_p_value(observed, statistic.studentized(every).max(axis=1))
-    studentized = statistic.statistic()
-    splits = every.tested[:, :, 0] > 0
-    least = [min(_welch(shapes[:, index], split)[1] for index in range(8)) for split in splits]
-    second = np.tile([False, True], 5)
-    for particle in range(8):
-        f, p = _welch(shapes[:, particle], second)
-        assert studentized[particle] == pytest.approx(f)
-        beyond = np.count_nonzero(np.array(least) <= p)
-        assert p_fwe[particle] == pytest.approx((beyond + 1) / 252, abs=0.02)
-
-
-def _welch(positions, second):
-    """F and p of two means in coordinates of equal total scatter, whose variances are pooled."""
-    centred = positions - positions.mean(axis=0)
-    values, vectors = np.linalg.eigh(centred.T @ centred)
-    white = centred @ (vectors / np.sqrt(values))
-    apart = white[second].mean(axis=0) - white[~second].mean(axis=0)
-    errors = [np.trace(np.cov(white[item], rowvar=False)) / item.sum() for item in (second, ~second)]
-    dof = sum(errors) ** 2 / sum(
-        error**2 / (item.sum() - 1) for error, item in zip(errors, (second, ~second), strict=True)
-    )
-    f = apart @ apart / sum(errors)
-    return f, stats.f.sf(f, 3, 3 * dof)
-
-
 def test_dispersions_that_differ_do_not_make_differences():
     labels = ["a"] * 8 + ["b"] * 12 + ["c"] * 20
     design = group_design(labels, ["a", "b", "c"])
@@ -94,26 +39,6 @@ def test_dispersions_that_differ_do_not_make_differences():
         shapes = generator.normal(size=(40, 12, 3)) * spread
         smallest.append(pointwise_test(shapes, design, permutations=99, seed=repeat).p_fwe.min())
     assert 0 < np.count_nonzero(np.array(smallest) <= 0.05) < 17  # 7.5 expected; 18 is beyond 99.9 %
-
-
-def test_the_studentized_ratio_with_covariates_is_that_of_a_refit(correlated, covariates):
-    shapes = correlated(particles=5)
-    groups = np.random.default_rng(1).choice(list("abc"), 24).tolist()
-    design = group_design(groups, list("abc"), covariate_columns(covariates()))
-    residuals = design.residuals(shapes.reshape(24, -1)).reshape(shapes.shape)
-    some = next(iter(draw_permutations(design, 4, chunk=4, seed=2)))
-    result = PointwiseStatistic(residuals, design, scaled=False).studentized(some)
-    for particle in range(5):
-        values, vectors = np.linalg.eigh(residuals[:, particle].T @ residuals[:, particle])
-        own = residuals[:, particle] @ (vectors / np.sqrt(values))
-        for draw in range(4):
-            basis = np.hstack([np.full((24, 1), 24**-0.5), some.covariates[draw], some.tested[draw]])
-            leverage = np.square(basis).sum(axis=1)
-            tested = np.square(some.tested[draw]).sum(axis=1)
-            rest = own - basis @ (basis.T @ own)
-            expected = (tested / (1 - leverage)) @ np.square(rest).sum(axis=1)
-            explained = np.square(some.tested[draw].T @ own).sum()
-            assert result[draw, particle] == pytest.approx(explained / expected, rel=1e-9)
 
 
 def test_q_values_are_those_of_statsmodels(correlated):

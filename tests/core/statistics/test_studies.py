@@ -140,15 +140,6 @@ def test_a_cohort_that_differs_by_noise_only_has_no_discriminant_and_no_nan():
     assert np.isfinite([result.test.p, result.size.p, result.test.wilks, result.p_adjusted]).all()
 
 
-def test_the_null_simulation_comes_with_the_comparison_where_it_is_asked_for(correlated):
-    shapes = correlated(subjects=20)
-    groups = ["a", "b"] * 10
-    options = Options(permutations=99, bootstraps=5, classifications=9, null_repeats=50)
-    with_null = compare_two_groups(shapes, groups, ("a", "b"), options=options)
-    assert [false_positive.repeats for false_positive in with_null.false_positives] == [50] * 4
-    assert compare_two_groups(shapes, groups, ("a", "b"), options=QUICK).false_positives == ()
-
-
 def test_p_of_all_permutations_depends_neither_on_the_seed_nor_on_the_order_of_groups_and_subjects():
     generator = np.random.default_rng(3)
     labels = np.repeat(["a", "b"], [4, 5])
