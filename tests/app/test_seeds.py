@@ -81,7 +81,7 @@ def test_other_seeds_are_run_once_and_their_answers_reported(project, capsys):
 
 
 ANSWER = SeedAnswer(
-    "b - a", 0, 0.011, Effect(1.3, 0.4, 2.2), 6, 4.7, Effect(0.8, 0.6, 0.9, 0.02),
+    "b - a", 0, 0.011, Effect(1.3, 0.4, 2.2, level=0.9), 6, 4.7, Effect(0.8, 0.6, 0.9, 0.02),
     Effect(0.9, 0.7, 1.0, 0.01), Effect(0.5, -0.1, 1.1, 0.1), 999, "abc",
 )  # fmt: skip
 
@@ -94,7 +94,7 @@ def answer_of(p):
 def test_the_median_over_seeds_takes_each_number_by_itself():
     seeds = [replace(ANSWER, seed=seed, p=p, accuracy=None) for seed, p in enumerate((0.03, 0.2, 0.01))]
     seeds[1] = replace(seeds[1], distance=None)
-    seeds[2] = replace(seeds[2], distance=Effect(0.9, 0.2, 1.4), percent=8.0)
+    seeds[2] = replace(seeds[2], distance=Effect(0.9, 0.2, 1.4, level=0.9), percent=8.0)
     median = median_answer(seeds, "b - a")
     assert (median.p, median.percent, median.accuracy) == (0.03, 4.7, None)
     distance = median.distance
@@ -121,7 +121,9 @@ def test_answers_that_version_0_2_wrote_are_read(tmp_path):
     table = tmp_path / "seeds.csv"
     (row,) = read_rows(table)
     kept = {
-        name: cell for name, cell in row.items() if not name.endswith(("_95", "auc_p_permutation_corrected"))
+        name: cell
+        for name, cell in row.items()
+        if not name.endswith(("_90", "_95", "auc_p_permutation_corrected"))
     }
     names = [name.replace("p_fwe", "p_family") for name in kept]
     table.write_text(f"{','.join(names)}\n{','.join(kept.values())}\n", "utf-8")

@@ -56,8 +56,9 @@ def _of_answers(studies: Sequence[Answer]) -> Iterator[tuple[str, str]]:
     )
     yield (
         "p, significant",
-        "p is the permutation p, two-sided (of accuracy and AUC one-sided), corrected as described in the "
-        f"methods; significant is p ≤ {LEVEL:g}. Intervals (95 % CI) are not corrected.",
+        "p is that of randomization, two-sided (of accuracy and AUC one-sided), corrected as described in "
+        f"the methods; significant is p ≤ {LEVEL:g}. Intervals (CI) are not corrected; those of "
+        "D and ω², which can't be negative, are of 90 % [steiger]: they begin at 0 where F has p > 0.05.",
     )
     yield "D", " ".join(text for kind, text in _DISTANCE.items() if kind in kinds)
     yield (
@@ -159,11 +160,14 @@ _REFERENCES = {
         "Welch BL. On the comparison of several mean values: an alternative approach. Biometrika 1951; 38: "
         "330-336."
     ),
-    "alekseyenko": (
-        "Alekseyenko AV. Multivariate Welch t-test on distances. Bioinformatics 2016; 32: 3552-3558."
+    "wu": (
+        "Wu CFJ. Jackknife, bootstrap and other resampling methods in regression analysis. Ann Stat 1986; "
+        "14: 1261-1295."
     ),
-    "chung": (
-        "Chung E, Romano JP. Exact and asymptotically robust permutation tests. Ann Stat 2013; 41: 484-507."
+    "davidson": ("Davidson R, Flachaire E. The wild bootstrap, tamed at last. J Econom 2008; 146: 162-169."),
+    "cribari": (
+        "Cribari-Neto F. Asymptotic inference under heteroskedasticity of unknown form. Comput Stat Data "
+        "Anal 2004; 45: 215-233."
     ),
     "brown": (
         "Brown MB, Forsythe AB. The small sample behavior of some statistics which test the equality of "
@@ -192,10 +196,6 @@ _REFERENCES = {
         "Stat 1983; 1: 292-298."
     ),
     "holm": "Holm S. A simple sequentially rejective multiple test procedure. Scand J Stat 1979; 6: 65-70.",
-    "paulson": (
-        "Paulson E. An approximate normalization of the analysis of variance distribution. Ann Math Stat "
-        "1942; 13: 233-235."
-    ),
     "reiser": (
         "Reiser B. Confidence intervals for the Mahalanobis distance. Commun Stat Simul Comput 2001; 30: "
         "37-45."

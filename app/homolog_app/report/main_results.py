@@ -161,7 +161,7 @@ def _table(page: Page, studies: Sequence[Answer], seeds: Sequence[Sequence[SeedA
         for comparison in study.comparisons
     ]
     page.table(
-        ["study", "comparison", "modes", "D (SD, 95 % CI)", "p", "area (%)", "accuracy (%, 95 % CI)",
+        ["study", "comparison", "modes", "D (SD, 90 % CI)", "p", "area (%)", "accuracy (%, 95 % CI)",
          "p of accuracy"],
         rows,
         as_text=True,
@@ -297,9 +297,9 @@ def _cautions(studies: Sequence[Answer], correspondence: Sequence[Correspondence
     ]  # fmt: skip
     if uneven:
         yield (
-            f"Dispersion differs or changes: {', '.join(uneven)}. There T², Λ, F, the intervals of D and ω², "
-            "and any p of accuracy and AUC, can't be relied on; permutation tests of shape, particles and "
-            "size hold approximately."
+            f"Covariances differ or change: {', '.join(uneven)}. There T², Λ, F, the intervals of D and ω², "
+            "and any p of accuracy and AUC, can't be relied on; the tests of shape, particles and size "
+            "hold."
         )
     further: dict[str, list[str]] = {}
     for number, study in enumerate(studies, start=1):

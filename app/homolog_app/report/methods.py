@@ -1,8 +1,6 @@
 """Text on methods, with which the analysis can be repeated."""
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from math import factorial, prod
 
 from homolog.comparison.answer import Answer
 from homolog.comparison.findings import LEVEL, correction_text
@@ -76,19 +74,17 @@ _ALIGNED = {
 
 def _statistics(study: Answer) -> list[str]:
     """Return the sentences on a study's tests."""
-    request = study.question
     sentences = [
         *_test_of_the_shape(study),
         _ALIGNED[study.question.alignment],
-        "At every particle the position was tested by the same statistic as the whole shape, with its "
-        "coordinates along the principal axes of their scatter instead of modes, each scaled to a sum "
-        "of squares of 1; p-values were corrected over the surface by the permutation distribution of the "
-        "largest statistic (family-wise error [westfall]); false discovery rates [benjamini] are in the "
-        "tables.",
+        "At every particle the position was tested by a Wald statistic b'V^-1 b, b being its effect in "
+        "three directions and V the covariance of b that subjects show, as in the test of the whole "
+        "shape; p-values were corrected over the surface by the null distribution of the largest "
+        "statistic (family-wise error [westfall]); false discovery rates [benjamini] are in the tables.",
         _exchangeable(study),
         f"The level was alpha = {LEVEL:g}; tests are two-sided{_one_sided(study)}.",
-        "Size is the root mean square distance of a shape's particles from their centroid; it was tested by "
-        f"permutation of {_SIZE_STATISTIC[request.kind]}{_OF_ALL_GROUPS if study.pairwise else ''}.",
+        "Size is the root mean square distance of a shape's particles from their centroid; it was tested "
+        "like the whole shape.",
         *_size_of_groups(study),
         f"95 % intervals of size and of displacements at particles {_intervals(study)}.",
         "Intervals of size and displacements are not corrected over the surface or for pairs.",
@@ -101,25 +97,17 @@ def _statistics(study: Answer) -> list[str]:
 
 def _intervals(study: Answer) -> str:
     if study.question.kind == "regression" or study.question.covariates:
-        return "have HC2 standard errors"
+        return "have HC4 standard errors [cribari]"
     return "are those of Student's t" if study.question.kind == "pairs" else "are those of Welch"
 
 
-_SIZE_STATISTIC = {
-    "groups": "its studentized difference [welch]",
-    "regression": "its studentized slope",
-    "pairs": "the signs of the studentized mean difference of the pairs",
-}
-_OF_ALL_GROUPS = ", that of all groups together by permutation of its F"
-
-
 def _exchangeable(study: Answer) -> str:
-    """Return the assumptions of the permutation tests."""
-    what = "residuals" if study.question.covariates or study.question.kind == "regression" else "subjects"
-    scaled = ", once scaled to one dispersion," if study.question.kind == "groups" else ""
-    others = f"subjects and, without an effect, {what} that{scaled} could be exchanged"
-    pairs = "pairs and, without an effect, differences that are symmetric about zero"
-    return f"The permutation tests assume independent {pairs if study.question.kind == 'pairs' else others}."
+    """Return the assumptions of the tests."""
+    pairs = study.question.kind == "pairs"
+    return (
+        f"The tests assume independent {'pairs' if pairs else 'subjects'} and, without an effect, "
+        f"{'differences' if pairs else 'residuals'} that are symmetric about zero; covariances may differ."
+    )
 
 
 def _one_sided(study: Answer) -> str:
@@ -144,9 +132,10 @@ def _test_of_the_shape(study: Answer) -> Iterator[str]:
         "signs of the differences under the null",
     }[request.kind]
     yield f"{tested[0].upper()}{tested[1:]}."
-    yield f"The whole shape was tested in {modes}, by permutation of a studentized statistic."
+    yield "The whole shape was tested on the coordinates of all particles, by randomization of residuals."
     yield from _statistic(study)
     yield _permutations(study)
+    yield f"D and ω² were computed in {modes}."
     yield (
         "Hotelling's T² [hotelling] or Wilks' lambda [wilks] with the F distribution are also reported; "
         "they assume normal data and equal covariances and are not corrected."
@@ -159,7 +148,7 @@ def _adjustments(study: Answer) -> Iterator[str]:
     if request.covariates:
         yield (
             f"Shapes were adjusted for {', '.join(request.covariates)} by a linear model of each coordinate; "
-            "residuals were permuted [freedman]. Each covariate was tested in the same way, adjusted for "
+            "residuals were randomized [freedman]. Each covariate was tested in the same way, adjusted for "
             "the study's own effect and the other covariates; p-values were not "
             "corrected for the number of covariates."
         )
@@ -191,8 +180,9 @@ def _further_measures(study: Answer) -> Iterator[str]:
     request = study.question
     if study.overall.dispersion is not None:
         yield (
-            "Equality of dispersion was tested [anderson] by the distances of subjects in the tested modes: "
-            "residuals were permuted, and distances computed from the fit to the permuted residuals "
+            "Equality of covariances was tested by the products of residual scores in the retained modes, "
+            "divided by the distance from the fitted shape [anderson]: residuals were permuted, and the "
+            "model fitted to them again "
             f"({study.overall.dispersion.permutations} permutations, p not corrected). Intervals of "
             f"dispersions {_JACKKNIFE[request.kind]} come from the jackknife."
         )
@@ -268,57 +258,31 @@ def _discriminants(study: Answer) -> Iterator[str]:
         yield "The effects of covariates were also fitted without the held-out subjects."
 
 
-_WELCH = (
-    "The statistic of G groups in k modes is Welch's F for unequal variances [welch] with squared distances "
-    "in all modes [alekseyenko, chung]: F = Σ w_g |m_g - m|² / (k (G - 1) (1 + 2 L (G - 2) / (G² - 1))), "
-    "where w_g = k n_g (n_g - 1) / Σ |x_i - m_g|² over the n_g subjects of group g with mean m_g, m is the "
-    "mean of the m_g weighted by w_g, and L = Σ (1 - w_g / Σ w)² / (k (n_g - 1)). Permutations were ordered "
-    "by the normal deviate [paulson] of F with k (G - 1) and (G² - 1) / (3 L) degrees of freedom."
-)
-_MODES = (
-    "Its modes, and the axes at particles, are those of the scaled data z_i in the formulas below, each "
-    "with a sum of squares of 1."
-)
-_GROUPS_SCALED = (
-    "For permuted groups to have the dispersions of the real ones, let s_g² = Σ |x_i - m_g|² / (n_g - 1) "
-    "over all coordinates, divided so that the s_g have a geometric mean of 1, c the mean of the m_g "
-    "weighted by n_g / s_g², and z_i = (x_i - c) / s_g. A subject that a permutation assigns to group h has "
-    "the value s_h (z_i + u) there. The same u for all subjects replaces the mean that centring removed: "
-    "u = a n^(-1/2) Σ e_j z_j with random signs e_j for each permutation and a = n^(-1) (Σ n_g / s_g) (Σ "
-    "n_g / s_g²)^(-1/2); where all permutations were used, each was used with u = a z_j and u = - a z_j "
-    "for every subject j."
-)
 _RATIO = (
-    "The statistic is the tested sum of squares in standardized modes divided by its expectation without an "
-    "effect, estimated from each subject's own residual [brown, mackinnon]: Σ |t'y|² over the orthonormal "
-    "tested columns t, divided by Σ w_i |r_i|², where y are the data with the other columns regressed out, "
-    "r_i the residuals of the whole model, h_i their leverages, and w_i = Σ t_i² / (1 - h_i)."
+    "The statistic is the tested sum of squares divided by its expectation without an effect, estimated from "
+    "each subject's own residual [brown, mackinnon]: Σ |t'y|² over the orthonormal tested columns t, divided "
+    "by Σ w_i |r_i|², where y are the data with the other columns regressed out, r_i the residuals of the "
+    "whole model, h_i their leverages, and w_i = Σ t_i² / (1 - h_i); both sums are relative to those of "
+    "independent errors. "
 )
-_RESIDUALS_SCALED = (
-    "For permuted groups to have the dispersions of the real ones, let s_g² be the mean of |r_i|² / (1 - "
-    "h_i) in group g over all coordinates, divided so that log s_g has a mean of 0 over the subjects; z_i "
-    "is y_i / s_g less its least squares fit by the intercept and the covariates, each divided by s_g. A "
-    "subject that a permutation assigns to group h has the value s_h (z_i + u) there, from which the "
-    "permuted covariates are regressed out. The same u for all subjects replaces the mean that this fit "
-    "removed: u = a n^(-1/2) Σ e_j z_j with random signs e_j for each permutation and a = |Q'1| / n, Q "
-    "being an orthonormal basis of the divided columns; where all permutations were used, each was used "
-    "with u = a z_j and u = - a z_j for every subject j."
+_FLIPPED = (
+    "In the null distribution each subject keeps its own covariance (wild bootstrap with the null "
+    "hypothesis imposed [wu, davidson]): the residuals of the model without the tested columns get random "
+    "signs, and the statistic is computed again. That model is fitted with weights from the dispersion "
+    "of subjects, whose logarithm is a linear function of all columns."
 )
-_VARIABLE_SCALED = (
-    "For the whole shape, before permutation subjects were divided by their dispersion along the variable, "
-    "and afterwards multiplied by that at the new value. Its logarithm is fitted to half the logarithms of "
-    "|r_i|² / (1 - h_i) over all coordinates by a linear model of the same columns."
+_SIGNS = "In the null distribution the differences of pairs get random signs."
+_PERMUTED = (
+    "In the null distribution the residuals of the model without the tested columns are permuted [freedman], "
+    "since so few subjects have hardly any signs; this assumes equal covariances."
 )
 
 
 def _statistic(study: Answer) -> tuple[str, ...]:
-    """Return the statistic of a study's permutation tests and the treatment of dispersions."""
-    request = study.question
-    if request.kind == "pairs":
-        return (_RATIO,)
-    if request.kind == "regression":
-        return _RATIO, _VARIABLE_SCALED
-    return (_MODES, _RATIO, _RESIDUALS_SCALED) if request.covariates else (_MODES, _WELCH, _GROUPS_SCALED)
+    """Return the statistic of a study's tests, and its null distribution."""
+    if study.question.kind == "pairs":
+        return (_RATIO + _SIGNS,)
+    return (_RATIO + (_PERMUTED if study.overall.test.permuted else _FLIPPED),)
 
 
 def _permutations(study: Answer) -> str:
@@ -332,11 +296,9 @@ def _permutations(study: Answer) -> str:
     all_of = [f"all {count + 1} of {title}" for title, (count, exact) in counts.items() if exact]
     if not random:
         listed = f"all {study.overall.test.permutations + 1}" if len(counts) == 1 else ", ".join(all_of)
-        return f"{tests} used {listed} permutations. {least_text(study)}"
+        return f"{tests} used {listed} randomizations. {least_text(study)}"
     few = f", and {', '.join(all_of)}" if all_of else ""
-    return (
-        f"{tests} used {random[0]} random permutations (seed {study.question.seed}){few}. {least_text(study)}"
-    )
+    return f"{tests} used {random[0]} randomizations (seed {study.question.seed}){few}. {least_text(study)}"
 
 
 def tested_text(study: Answer, *further: str) -> str:
@@ -357,24 +319,9 @@ def least_text(study: Answer) -> str:
     if len(counts) != 1:
         return ""
     ((count, exact),) = counts
-    least = (_alike(study) if exact else 1) / (count + 1)
+    least = 1 / (count + 1)
     how = f"all {count + 1}" if exact else f"{count}"
     return (
-        f"With {how} permutations the smallest possible p of whole shape and particles is {least:.2g}, "
+        f"With {how} randomizations the smallest possible p of whole shape and particles is {least:.2g}, "
         "before correction."
-    )
-
-
-def _alike(study: Answer) -> int:
-    """Return how many of all permutations necessarily have the observed statistic.
-
-    These are opposite signs, and exchanges of groups with equal numbers of subjects.
-    """
-    if study.question.kind == "pairs":
-        return 2
-    if study.question.kind == "regression":
-        return 1
-    return min(
-        prod(factorial(times) for times in Counter(comparison.counts.values()).values())
-        for comparison in study.comparisons
     )

@@ -44,7 +44,7 @@ def add_study(
     tested = list(tested_comparisons(study))
     page.table(
         [
-            "comparison", "modes (variance)", f"D (SD{_per(study)}, 95 % CI)", "ω² (95 % CI)", "p of the "
+            "comparison", "modes (variance)", f"D (SD{_per(study)}, 90 % CI)", "ω² (90 % CI)", "p of the "
             "whole shape",
             "significant particles", "area (mm²; %)", "smallest p of a particle",
         ],
@@ -65,7 +65,7 @@ def add_study(
     )  # fmt: skip
     page.table(
         [
-            "covariate", "modes", "D (SD, 95 % CI)", "p", f"significant particles (p ≤ {LEVEL:g})",
+            "covariate", "modes", "D (SD, 90 % CI)", "p", f"significant particles (p ≤ {LEVEL:g})",
             "area (%)", "smallest p", "size (mm, 95 % CI)", "p of size",
         ],
         _covariate_rows(study),

@@ -22,9 +22,9 @@ __all__ = [
 
 
 def interval_text(effect: Effect, digits: int = 2) -> str:
-    """Return an estimate with its interval, such as ``"1.27 (95 % CI 0.41 to 2.02)"``."""
+    """Return an estimate with its interval, such as ``"1.27 (90 % CI 0.41 to 2.02)"``."""
     value, low, high = (f"{item:.{digits}f}" for item in (effect.value, effect.low, effect.high))
-    return f"{value} (95 % CI {low} to {high})"
+    return f"{value} ({100.0 * effect.level:.0f} % CI {low} to {high})"
 
 
 def percent_text(effect: Effect) -> str:
@@ -43,11 +43,12 @@ def _statistics_text(comparison: Comparison, *, corrected: bool) -> str:
     how = f"all {test.permutations + 1}" if test.exact else f"{test.permutations}"
     before = " before correction" if corrected else ""
     share = f", ω² = {interval_text(comparison.explained)}" if comparison.explained is not None else ""
+    p = p_text(test.p_permutation, test.permutations)
     return (
-        f"Permutation test of the whole shape in {test.modes} {noun} with {shown_variance(comparison):.0f} % "
-        f"of the variance ({how} permutations): studentized statistic {test.studentized:.2f}, "
-        f"{p_text(test.p_permutation, test.permutations)}{before}. {name}, F({test.dof[0]:g}, "
-        f"{test.dof[1]:.4g}) = {test.f:.2f}, {p_text(test.p)}{share}."
+        f"Randomization test of the whole shape ({how} randomizations): statistic {test.studentized:.2f}, "
+        f"R² = {test.r_squared:.3f}, {p}{before}. In {test.modes} {noun} with "
+        f"{shown_variance(comparison):.0f} % of the variance: {name}, "
+        f"F({test.dof[0]:g}, {test.dof[1]:.4g}) = {test.f:.2f}, {p_text(test.p)}{share}."
     )
 
 
@@ -218,7 +219,7 @@ def covariate_interval(effect: Effect, unit: str) -> str:
     value, low, high = ("0" if bound == 0.0 else f"{bound:#.3g}".rstrip(".") for bound in bounds)
     if not unit:
         return f"{value} ({low} to {high})"
-    return f"{value}{unit} (95 % CI {low} to {high})"
+    return f"{value}{unit} ({100.0 * effect.level:.0f} % CI {low} to {high})"
 
 
 _NOTHING = {

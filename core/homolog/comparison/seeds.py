@@ -21,25 +21,37 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.run import FinishReason, Run
 from homolog.settings import RunSettings
 from homolog.statistics.cautions import LEVEL, p_text
-from homolog.statistics.effects import Effect
+from homolog.statistics.effects import CONFIDENCE, STEIGER, Effect
 
 __all__ = [
-    "COLUMNS", "FILE", "SeedAnswer", "answer_by_seed", "median_answer", "read_spread",
+    "COLUMNS", "FILE", "SeedAnswer", "answer_by_seed", "level_of", "median_answer", "read_spread",
     "seed_numbers", "spread_text", "stored_seeds", "write_spread",
 ]  # fmt: skip
 
 FILE = "seeds.csv"
 _FOLDER = "seeds"
 _P = "p_permutation_corrected"
+_NOT_NEGATIVE = ("mahalanobis_d_corrected", "omega_squared", "size_omega_squared")
 _EFFECTS = {
     "mahalanobis_d_corrected": "", "balanced_accuracy": f"balanced_accuracy_{_P}", "auc": f"auc_{_P}",
     "size_effect_mm": f"size_{_P}",
 }  # fmt: skip
 """Columns of estimates, and of their p-values, if any; intervals are in adjacent columns."""
+
+
+def level_of(name: str) -> int:
+    """Return the level of the interval of an effect's column [%]."""
+    return round(100.0 * (STEIGER if name in _NOT_NEGATIVE else CONFIDENCE))
+
+
+def _ends(name: str) -> tuple[str, str, str]:
+    return "", f"_low_{level_of(name)}", f"_high_{level_of(name)}"
+
+
 COLUMNS = [
     "comparison", "seed_of_correspondence", _P, "particles_p_fwe_corrected_05",
     "area_p_fwe_corrected_05_percent",
-    *(f"{name}{end}" for name in _EFFECTS for end in ("", "_low_95", "_high_95")),
+    *(f"{name}{end}" for name in _EFFECTS for end in _ends(name)),
     *filter(None, _EFFECTS.values()), "permutations", "result_fingerprint",
 ]  # fmt: skip
 
@@ -315,16 +327,17 @@ def _answers(answer: Answer, seed: int, fingerprint: str) -> list[SeedAnswer]:
 
 def _plain(effect: Effect, p: float | None) -> Effect:
     """Return the estimate and its interval with the corrected p."""
-    return Effect(effect.value, effect.low, effect.high, p)
+    return replace(effect, p=p, permutations=0)
 
 
 def _effect_of(row: Mapping[str, str], name: str) -> Effect | None:
     """Return the effect in the columns of a name, None if it has no value."""
     if not row[name]:
         return None
-    low, high = (float(row.get(f"{name}{end}") or "nan") for end in ("_low_95", "_high_95"))
+    level = level_of(name) if f"{name}_low_{level_of(name)}" in row else 95  # all of earlier versions
+    low, high = (float(row.get(f"{name}_{end}_{level}") or "nan") for end in ("low", "high"))
     p = row.get(_EFFECTS[name])
-    return Effect(float(row[name]), low, high, float(p) if p else None)
+    return Effect(float(row[name]), low, high, float(p) if p else None, level=level / 100.0)
 
 
 def median_answer(answers: Sequence[SeedAnswer], title: str) -> SeedAnswer | None:
@@ -352,4 +365,4 @@ def _median(effects: Sequence[Effect | None]) -> Effect | None:
         return None
     value, low, high = np.median([(item.value, item.low, item.high) for item in known], axis=0).tolist()
     tested = [item.p for item in known if item.p is not None]
-    return Effect(value, low, high, float(np.median(tested)) if tested else None)
+    return Effect(value, low, high, float(np.median(tested)) if tested else None, level=known[0].level)

@@ -195,7 +195,7 @@ def _stored_test(row: Mapping[str, str]) -> StoredTest:
     return StoredTest(
         float(row["p_permutation_corrected"]),
         int(row["permutations"]),
-        Effect(float(far[0]), float(far[1]), float(far[2])) if far[0] else None,
+        Effect(float(far[0]), float(far[1]), float(far[2]), level=int(percent) / 100.0) if far[0] else None,
     )
 
 

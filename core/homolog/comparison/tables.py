@@ -15,7 +15,7 @@ from homolog.comparison.findings import covariate_unit
 from homolog.comparison.places import Directions, SurfaceCarrier, directions_of, significant_regions
 from homolog.comparison.question import Question
 from homolog.comparison.sample import SHAPE_SIZE, Sample, sample_rows
-from homolog.comparison.seeds import COLUMNS, FILE, read_spread
+from homolog.comparison.seeds import COLUMNS, FILE, level_of, read_spread
 from homolog.comparison.stored import PRIMARY, Provenance, folder_of, is_primary, write_question
 from homolog.io.names import file_stems
 from homolog.io.project import ProjectFolder
@@ -254,8 +254,8 @@ def _effect(name: str, effect: Effect | None) -> dict[str, _Cell]:
     is_known = effect is not None and np.isfinite(effect.value)
     return {
         name: effect.value if effect is not None and is_known else None,
-        f"{name}_low_95": effect.low if effect is not None and is_known else None,
-        f"{name}_high_95": effect.high if effect is not None and is_known else None,
+        f"{name}_low_{level_of(name)}": effect.low if effect is not None and is_known else None,
+        f"{name}_high_{level_of(name)}": effect.high if effect is not None and is_known else None,
     }
 
 
@@ -375,14 +375,10 @@ def _meaning(column: str, meanings: Mapping[str, str]) -> str:
     """Return the meaning of a column, from the dictionary or from its suffix."""
     plain = column.removesuffix("_per_unit")
     unit = ", per unit of the variable" if plain != column else ""
-    for end, bound in (
-        ("_low_95", "lower"),
-        ("_high_95", "upper"),
-        ("_low_95_mm", "lower"),
-        ("_high_95_mm", "upper"),
-    ):
-        if plain.endswith(end) and len(plain) > len(end):
-            return f"{bound} bound of the 95 % confidence interval of {plain.removesuffix(end)}{unit}"
+    interval = re.fullmatch(r"(.+)_(low|high)_(\d+)(_mm)?", plain)
+    if interval:
+        bound = "lower" if interval[2] == "low" else "upper"
+        return f"{bound} bound of the {interval[3]} % confidence interval of {interval[1]}{unit}"
     if plain.startswith("discriminant_") and plain != "discriminant_outward_mm":
         return "position of the subject along the discriminant, root mean square over the particles"
     several = re.fullmatch(r"(effect_[xyz]|outward)_(\d+)_mm", plain)

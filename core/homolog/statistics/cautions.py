@@ -124,7 +124,7 @@ def outlier_caution(
         effect = ""
         if far is not None:
             value, low, high = (f"{bound:.{digits}f}" for bound in (far.value, far.low, far.high))
-            effect = f"D = {value} {unit} (95 % CI {low} to {high}), "
+            effect = f"D = {value} {unit} ({100.0 * far.level:.0f} % CI {low} to {high}), "
         p = p_text(without.p_adjusted, test.permutations)
         pronoun = "it" if len(outliers) == 1 else "them"
         rest = f" Without {pronoun}, the whole shape has {effect}{p}."

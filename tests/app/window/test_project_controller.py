@@ -514,7 +514,7 @@ def test_stored_answers_are_listed_those_of_an_earlier_result_apart_and_one_is_p
     page.enter()
     assert page.kept.texts == [(requests[0].title, "", "")]
     effect = "mahalanobis_d_corrected"
-    heads = f"comparison,p_permutation_corrected,permutations,{effect},{effect}_low_95,{effect}_high_95"
+    heads = f"comparison,p_permutation_corrected,permutations,{effect},{effect}_low_90,{effect}_high_90"
     table = f"{heads}\nb - a,0.034,999,1.5,0.52,2.5\n"
     (folder_of(project, requests[0]) / "tests.csv").write_text(table, encoding="utf-8")
     page.enter()
