@@ -34,8 +34,8 @@ class Shape:
     field : DistanceField
         Implicit surface in local coordinates.
     mesh, coarse_mesh : TriangleMesh
-        Closed surfaces in local coordinates: the fine one carries the truncated geodesic table of the late
-        stages, the coarse one a complete table for the first splits, when particles are far apart.
+        Closed surfaces in local coordinates, of the same topology; the coarse one is for alignment and for
+        the first splits, when particles are few.
     alignment : (4, 4) float64 array
         Similarity from local to world coordinates.
     landmarks : (L, 3) float64 array or None

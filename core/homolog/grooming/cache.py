@@ -25,7 +25,7 @@ __all__ = [
     "read_groomed", "save_groomed", "stored_key",
 ]  # fmt: skip
 
-_VERSION = "12"
+_VERSION = "13"
 """Increase this number whenever results of grooming change: older archives are then recomputed."""
 
 

@@ -13,7 +13,7 @@ from homolog.grooming.slices import interpolated
 from homolog.io.images import Segmentation
 from homolog.surfaces.closest import thickness
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.mesh_level import REACH, mesh_level, mesh_sides
+from homolog.surfaces.mesh_level import BETWEEN, REACH, mesh_level, mesh_sides
 from homolog.surfaces.noise import without_noise
 from homolog.surfaces.redistance import redistanced
 from homolog.surfaces.solid import Solid
@@ -176,15 +176,24 @@ def level_of_solid(solid: Solid, spacing: float | None) -> Level:
     boundary = TriangleMesh(solid.mesh.vertices, solid.mesh.faces[solid.bounds])
     shape, start, step, affine = _grid_around(boundary, spacing)
     values = mesh_level(solid.mesh, start, step, shape, bounds=solid.bounds, is_closed=solid.is_closed)
-    if solid.bounds.all() and solid.is_closed:
-        return Level(values, affine, step)
     inside = values < 0.0 if solid.is_closed else mesh_sides(solid.mesh, start, step, values)
+    if solid.is_closed and not _turns_far_from_faces(inside, values):
+        return Level(values, affine, step)
     if inside.any():
         apart = np.clip(np.abs(values) - 1.0, 0.0, 1.0)
         even = np.clip(antialiased(inside, near_only=True), -REACH, REACH)
         exact = np.where(inside, -1.0, 1.0) * np.abs(values)
         values = ((1.0 - apart) * exact + apart * even).astype(np.float32)
     return Level(_closed_at_border(values), affine, step)
+
+
+def _turns_far_from_faces(inside: BoolArray, values: Float32Array) -> bool:
+    """Return whether the side changes between two nodes that no face separates."""
+    for axis in range(3):
+        sides, apart = (np.moveaxis(item, axis, 0) for item in (inside, np.abs(values)))
+        if ((sides[1:] != sides[:-1]) & (apart[1:] + apart[:-1] > BETWEEN)).any():
+            return True
+    return False
 
 
 def _grid_around(

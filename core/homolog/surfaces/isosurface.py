@@ -14,7 +14,7 @@ from homolog.surfaces.closest import distances_to
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.remesh import Sizes, curvature_sizes, remeshed
-from homolog.surfaces.simplify import levels_of_detail, simplified
+from homolog.surfaces.simplify import simplified
 from homolog.surfaces.topology import check_mesh, face_components, is_sound
 from homolog.surfaces.topology import edges as edges_of
 
@@ -38,7 +38,6 @@ _START = 1.5  # initial number of vertices of the remeshing, relative to the exp
 _GRADING = 0.25  # largest gradient of the edge length [mm/mm]
 _STEP = 1.2  # factor of the shortest edges until there are few enough vertices
 _MOST_TIMES = 2.0  # largest number of vertices relative to the target
-_TOO_FINE = 4.0  # the same for the source, which is used if no other mesh is good enough
 _LEAST = 12  # least number of vertices of a mesh: an icosahedron
 _VOLUME = 0.2  # fraction of the source's volume that is lost if triangles are too large for thin parts
 _REFERENCES = 20_000  # least number of points at which a mesh is compared with the surface
@@ -102,8 +101,7 @@ def isosurface(
 def coarse_isosurface(field: DistanceField, mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
     """Return a coarse mesh of the zero level, made from a finer one.
 
-    It has the topology of the finer mesh, and is that mesh itself if fewer triangles can't represent the
-    shape.
+    It has the topology of the finer mesh, and more vertices where the shape needs them.
 
     Parameters
     ----------
@@ -176,14 +174,11 @@ def _euler_number(mesh: TriangleMesh) -> int:
 
 
 def _uneven(source: TriangleMesh, count: int, field: DistanceField, volume: float) -> TriangleMesh:
-    """Return a simplified source, projected to the zero level, or the source if that fails."""
-    counts = [max(count, _LEAST)]
-    while _TOO_FINE * counts[-1] < len(source.vertices):
-        counts.append(2 * counts[-1])
-    for fewer in reversed(levels_of_detail(source, counts[-2::-1])):
-        moved = TriangleMesh(field.projected(fewer.vertices), fewer.faces)
-        if is_sound(moved) and _is_close(moved, field, volume):
-            return moved
+    """Return a simplified source, projected to the zero level where that is sound, or the source itself."""
+    fewer = simplified(source, max(count, _LEAST))
+    for mesh in (TriangleMesh(field.projected(fewer.vertices), fewer.faces), fewer):
+        if is_sound(mesh) and _is_close(mesh, field, volume):
+            return mesh
     check_mesh(source, "surface")
     return source
 

@@ -12,13 +12,13 @@ from homolog.surfaces.kernels import distances as kernels
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import without_cavities
 
-__all__ = ["REACH", "escaping", "mesh_level", "mesh_sides", "winding_around"]
+__all__ = ["BETWEEN", "REACH", "escaping", "mesh_level", "mesh_sides", "winding_around"]
 
 REACH = 2.5
 """Range of exact distances from the mesh [nodes]."""
 _BLOCK = 4
 """Edge length of the blocks that are tested or skipped as a whole [nodes]."""
-_BETWEEN = 1.001
+BETWEEN = 1.001
 """Sum of the distances of two neighbours above which no face lies between them [nodes]."""
 _COARSE = 3
 """Spacing of the nodes whose side is determined first, far from the mesh [nodes]."""
@@ -118,7 +118,7 @@ def _sides(surface: wp.Mesh, distances: Float32Array) -> BoolArray:
         for step in (*steps, *(-step for step in steps)):
             neighbour = np.clip(left + step, 0, len(flat) - 1)
             adopted = np.where(
-                (adopted == 0) & (flat[left] + flat[neighbour] > _BETWEEN), result[neighbour], adopted
+                (adopted == 0) & (flat[left] + flat[neighbour] > BETWEEN), result[neighbour], adopted
             )
         result[left] = adopted
         left = left[adopted == 0]

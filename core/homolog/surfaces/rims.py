@@ -11,7 +11,7 @@ from scipy.spatial import Delaunay, KDTree, QhullError
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.surfaces.loops import apart, loops, straightened
 
-__all__ = ["Capped", "capped", "sides_of"]
+__all__ = ["LOOSE", "Capped", "Finished", "capped", "capped_to_resolution", "sides_of"]
 
 _FLAT = 0.05
 """Largest distance of a flat rim from its plane, relative to its width."""
@@ -25,6 +25,8 @@ _GAP = 1e-3
 """Largest distance of an open side from a coinciding one, relative to its length."""
 _SEAM = 0.9
 """Least share of a rim's sides that coincide with those of another rim, if both are a seam."""
+LOOSE = 0.1
+"""Least share of open sides in a soup of loose faces."""
 _NEIGHBOURS = 12
 _FEW = 4
 """Number of faces per side of the rim; patches with fewer may be as flat as the rim."""
@@ -120,6 +122,97 @@ def capped(vertices: FloatArray, faces: IntArray, patches: IntArray) -> Capped:
         left[~_covered(vertices, left[:, :2])],
         joined,
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finished:
+    """Faces that close small openings of oriented faces, and what remains open.
+
+    Attributes
+    ----------
+    vertices : (V', 3) float64 array
+        The vertices, and one at the centre of each cap.
+    caps : (C, 3) int array
+        Faces of the caps.
+    widths : (R,) float64 array
+        Widths of the openings that were closed [mm].
+    left : (B, 2) int array
+        The sides that remain open, without cracks.
+    """
+
+    vertices: FloatArray
+    caps: IntArray
+    widths: FloatArray
+    left: IntArray
+
+
+def capped_to_resolution(vertices: FloatArray, faces: IntArray) -> Finished:
+    """Close openings whose rim leaves its plane by at most half of its sides: the file tells nothing finer.
+
+    Openings are those that winding numbers see: sides that more faces run along in one direction than in the
+    other. They form loops also where three faces or more meet at an edge. The loop of a face that meets no
+    other is closed as well, so that the face no longer counts. Nothing is closed if a tenth of all sides are
+    open: such faces are loose, and bound a solid only together.
+
+    Parameters
+    ----------
+    vertices : (V, 3) array
+        Positions [mm].
+    faces : (F, 3) int array
+        Oriented faces.
+
+    Returns
+    -------
+    Finished
+    """
+    sides = _net_sides(faces, len(vertices))
+    middles: list[FloatArray] = []
+    caps: list[IntArray] = [np.empty((0, 3), np.int64)]
+    left: list[IntArray] = [np.empty((0, 2), np.int64)]
+    widths: list[float] = []
+    if len(sides) > LOOSE * faces.size:
+        left.append(sides)
+    elif len(sides):
+        ordered = np.sort(faces, axis=1)
+        loose = set(map(tuple, ordered[np.isin(ordered, sides).all(axis=1)].tolist()))
+        for chosen in loops(sides, np.zeros(len(sides), np.int64)):
+            rim = sides[chosen]
+            if _is_crack(vertices, rim):
+                continue
+            if (np.roll(rim[:, 0], -1) != rim[:, 1]).any() or not _is_flat_to_resolution(vertices[rim]):
+                left.append(rim)
+                continue
+            number = len(vertices) + len(middles)
+            middles.append(vertices[rim[:, 0]].mean(axis=0))
+            caps.append(np.column_stack([rim[:, ::-1], np.full(len(rim), number)]))
+            if tuple(sorted(rim[:, 0].tolist())) not in loose:
+                widths.append(2.0 * float(np.linalg.norm(vertices[rim[:, 0]] - middles[-1], axis=1).max()))
+    remaining = np.concatenate(left)
+    return Finished(
+        np.concatenate([vertices, np.reshape(middles, (-1, 3))]),
+        np.concatenate(caps),
+        np.array(widths),
+        remaining[~_covered(vertices, remaining)],
+    )
+
+
+def _is_flat_to_resolution(ends: FloatArray) -> bool:
+    """Return whether a loop of sides (N, 2, 3) leaves its plane by at most half a side's length in it."""
+    arms = ends - ends[:, 0].mean(axis=0)
+    axes = np.linalg.svd(arms[:, 0], full_matrices=False)[2]
+    along = np.linalg.norm((arms[:, 1] - arms[:, 0]) @ axes[:2].T, axis=1)
+    return bool(np.abs(arms[:, 0] @ axes[2]).max() <= 0.5 * np.median(along))
+
+
+def _net_sides(faces: IntArray, n_vertices: int) -> IntArray:
+    """Return the boundary of oriented faces: directed sides, as often as they outnumber opposite ones."""
+    sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    ordered = np.sort(sides, axis=1)
+    keys, same = np.unique(ordered[:, 0] * n_vertices + ordered[:, 1], return_inverse=True)
+    excess = np.bincount(same, np.where(sides[:, 0] == ordered[:, 0], 1, -1), len(keys)).astype(np.int64)
+    keys, excess = keys[excess != 0], excess[excess != 0]
+    ends = np.column_stack([keys // n_vertices, keys % n_vertices])
+    return np.repeat(np.where(excess[:, None] > 0, ends, ends[:, ::-1]), np.abs(excess), axis=0)
 
 
 def _rims(vertices: FloatArray, faces: IntArray, patches: IntArray) -> tuple[list[_Rim], IntArray]:

@@ -1,14 +1,12 @@
 """Coarser meshes of the same surface."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from homolog.errors import NumericalError
 from homolog.surfaces.half_edges import HalfEdges, ascending
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["levels_of_detail", "simplified"]
+__all__ = ["simplified"]
 
 _SHARE = 1.0 / 3.0  # fraction of the edges, the cheapest, that are collapsed in one round
 _ROUNDS = 60  # at most: if the topology permits few collapses, rounds make little progress
@@ -34,47 +32,26 @@ def simplified(mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
     """
     if len(mesh.vertices) <= n_vertices:
         return mesh
-    return levels_of_detail(mesh, [n_vertices])[0]
-
-
-def levels_of_detail(mesh: TriangleMesh, counts: Sequence[int]) -> list[TriangleMesh]:
-    """Return meshes by `simplified`, each from the previous one.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        A closed manifold; other meshes are returned unchanged.
-    counts : sequence of int
-        Target numbers of vertices, the largest first.
-
-    Returns
-    -------
-    list of TriangleMesh
-    """
     centre = mesh.vertices.mean(axis=0)  # small numbers are more precise
     try:
         edges = HalfEdges(mesh.vertices - centre, mesh.faces)
     except NumericalError:
-        return [mesh] * len(counts)
-    number, levels = len(mesh.vertices), []
-    for count in counts:
-        number -= _merge(edges, number - count)
-        edges.compact()
-        levels.append(TriangleMesh(edges.vertices + centre, edges.faces))
-    return levels
+        return mesh
+    _merge(edges, len(mesh.vertices) - n_vertices)
+    edges.compact()
+    return TriangleMesh(edges.vertices + centre, edges.faces)
 
 
-def _merge(edges: HalfEdges, most: int) -> int:
-    """Collapse at most `most` of the cheapest edges, if the topology permits, and return their number."""
+def _merge(edges: HalfEdges, most: int) -> None:
+    """Collapse at most `most` of the cheapest edges, if the topology permits."""
     left, share = most, _SHARE
     for _ in range(_ROUNDS):
         if left <= 0:
-            break
+            return
         sides, costs = edges.costs()
         cheapest = ascending(costs)[: int(np.ceil(share * len(costs)))]
         done = edges.merge(sides[cheapest], left)
         if not done and share == 1.0:
-            break
+            return
         share = _SHARE if done else 1.0
         left -= done
-    return most - left

@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mesh_level import escaping, winding_around
-from homolog.surfaces.rims import capped, sides_of
+from homolog.surfaces.rims import LOOSE, capped, capped_to_resolution, sides_of
 from homolog.surfaces.topology import FLATTEST, face_components
 
 __all__ = ["Solid", "clusters", "solid_of"]
@@ -24,8 +24,6 @@ __all__ = ["Solid", "clusters", "solid_of"]
 _SAME = (1e-6, 1e-5, 1e-4)
 """Distances within which vertices are welded, relative to the diagonal; the larger ones are for loose
 faces."""
-_LOOSE = 0.1
-"""Fraction of sides without a second face above which vertices were rounded separately for each face."""
 _LOST = 0.01
 """Fraction of faces that lose a corner above which the welding distance is too large."""
 _SAMPLES = 24
@@ -93,7 +91,9 @@ def solid_of(mesh: TriangleMesh) -> Solid:
     Vertices that coincide are welded; faces without area and duplicates are removed. Faces that meet in pairs
     at their sides form consistently oriented patches. Openings with a flat rim are closed by caps. Closed
     patches are oriented to positive volume. From open patches rays are sent to both sides: the side from
-    which more rays escape is outside, and a patch from which none escapes is an inner wall.
+    which more rays escape is outside, and a patch from which none escapes is an inner wall. Openings that
+    remain are closed where the file's own resolution tells how (`capped_to_resolution`): with whole winding
+    numbers, the side of a few nodes tells that of all others.
 
     Parameters
     ----------
@@ -120,20 +120,22 @@ def solid_of(mesh: TriangleMesh) -> Solid:
     about = sides[owners] < 0
     result = np.where(about[:, None], every.faces[:, ::-1], every.faces)
     hidden = sides[owners] == 0
-    used, numbers = np.unique(result[~hidden], return_inverse=True)
-    solid = TriangleMesh(vertices[used], numbers.reshape(-1, 3))
+    finished = capped_to_resolution(vertices, result[~hidden])
+    is_cap = np.append(np.flatnonzero(~hidden) >= len(faces), np.full(len(finished.caps), True))
+    used, numbers = np.unique(np.concatenate([result[~hidden], finished.caps]), return_inverse=True)
+    solid = TriangleMesh(finished.vertices[used], numbers.reshape(-1, 3))
     bounds = np.ones(len(solid.faces), dtype=bool)
     if len(solid.faces) and (len(left) or len(sides) > 1):
-        bounds = _bounding(solid, owners[~hidden])
-    ends = vertices[left[:, :2]]
+        bounds = _bounding(solid, np.append(owners[~hidden], np.full(len(finished.caps), len(sides))))
+    ends = vertices[finished.left]
     return Solid(
         solid,
         bounds,
-        np.flatnonzero(~hidden) >= len(faces),
-        len(left) == 0,
-        np.sort(closed.widths)[::-1],
+        is_cap,
+        len(finished.left) == 0,
+        np.sort(np.append(closed.widths, finished.widths))[::-1],
         closed.notches,
-        _widths(vertices, left[:, :2]),
+        _widths(vertices, finished.left),
         float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).sum()),
         _count_turned(owners[: len(faces)], turned, unsure & (sides < 0)),
         len(mesh.faces) - len(faces),
@@ -271,7 +273,7 @@ def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray
     tree = KDTree(vertices)
     joined = _merged(tree, faces, _SAME[0] * size)
     for reach in _SAME[1:]:
-        if np.mean(sides_of(joined)[2] == 1) <= _LOOSE:
+        if np.mean(sides_of(joined)[2] == 1) <= LOOSE:
             break
         wider = _merged(tree, faces, reach * size)
         if len(wider) < (1.0 - _LOST) * len(joined):

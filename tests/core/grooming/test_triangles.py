@@ -262,14 +262,23 @@ def test_subjects_whose_open_ends_are_closed_otherwise_than_most_get_a_note(tmp_
     assert noted == ["c"]
 
 
-def test_faces_that_hang_by_a_corner_leave_a_rim_flat():
+def test_a_face_that_hangs_by_a_corner_leaves_a_rim_flat_and_does_not_count():
     cup = shaft(np.arange(0.0, 21.0, 2.0), 32)
     count = len(cup.vertices)
     ear = np.array([[10.0, 0.0, 24.0], [9.0, 2.0, 24.0]])
     faces = np.concatenate([cup.faces, [[32 * 10, count, count + 1]]]).astype(np.int32)
     solid = solid_of(TriangleMesh(np.concatenate([cup.vertices, ear]), faces))
     assert solid.rims == pytest.approx([20.0], rel=0.02)
-    assert solid.openings.max() < 5.0
+    assert solid.is_closed
+    assert not solid.bounds[-1]
+
+
+def test_a_face_that_meets_two_others_at_an_edge_leaves_the_solid_closed():
+    cup = shaft([0.0, 10.0, 20.0])
+    fin = np.array([[17, 32, 8]])  # from a side of the wall across the cup
+    solid = solid_of(TriangleMesh(cup.vertices, np.concatenate([cup.faces, fin])))
+    assert solid.is_closed
+    assert np.count_nonzero(solid.bounds) == np.count_nonzero(solid_of(cup).bounds)
 
 
 def test_a_rim_that_leaves_its_plane_for_half_its_length_is_not_closed_flat():
