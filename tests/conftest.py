@@ -15,7 +15,6 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 WINDOWS = "tests/app/window/"
-CRASHED = set()  # tests during which a process of pytest-xdist crashed
 
 try:  # pytest-qt would end the whole session where Qt lacks a system library, so it is not loaded by itself
     import PySide6.QtWidgets  # noqa: F401
@@ -243,16 +242,12 @@ def pytest_xdist_make_scheduler(config, log):
     return ByFile(config, log)
 
 
-@pytest.hookimpl(optionalhook=True)
-def pytest_handlecrashitem(crashitem, report):
-    """Count the first crash of a window test as a crash, not as a failure: pytest-xdist runs the test again.
-
-    In about one run of the suite in eight a process crashes while Qt deletes a window, for an unknown cause.
-    A test that crashes again fails.
-    """
-    if crashitem.startswith(WINDOWS) and crashitem not in CRASHED:
-        CRASHED.add(crashitem)
-        report.outcome = "crashed"
+@pytest.fixture(scope="module", autouse=True)
+def _garbage():
+    """Collect the garbage of a file's tests: the application of the windows turns Python's collection off."""
+    yield
+    if not gc.isenabled():
+        gc.collect()
 
 
 def pytest_runtest_setup(item):

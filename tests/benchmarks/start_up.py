@@ -37,7 +37,7 @@ def until(condition):
         app.processEvents()
         time.sleep(0.001)
 until(lambda: window.views is not None)
-window.workspace.garbage_collector.settle()
+app.garbage_collector.settle()
 ready = time.process_time()
 print("3-D views loaded", ready, flush=True)
 window.projects.open_paths([Path(sys.argv[2])])

@@ -43,7 +43,7 @@ def measure(project: Path, home: Path, *, run: bool) -> list[tuple[str, float, f
     window.workspace.preferences.ask_on_close = False
     window.show()
     window.load_views()
-    window.workspace.garbage_collector.settle()  # as `start` does
+    app.garbage_collector.settle()  # as `start` does
 
     def settle(condition=lambda: True, least: float = 0.3) -> None:
         end = time.monotonic() + least

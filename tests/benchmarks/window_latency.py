@@ -39,7 +39,7 @@ def measure(options: argparse.Namespace, folder: Path) -> None:
     window.workspace.preferences.ask_on_close = False
     window.show()
     window.load_views()
-    window.workspace.garbage_collector.settle()  # as `start` does
+    app.garbage_collector.settle()  # as `start` does
 
     def until(condition) -> None:
         while not condition():

@@ -34,7 +34,7 @@ from homolog_app.window.rail import STEPS, DockSizes, Rail, StatusBar, least_ins
 from homolog_app.window.run_panel import GroomPanel, RunPanel
 from homolog_app.window.run_particles import EnergyCurves
 from homolog_app.window.start_page import StartPage
-from homolog_app.window.theme import scaled
+from homolog_app.window.theme import scaled, screen_room
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -197,7 +197,7 @@ class MainWindow(QMainWindow):
         self.workspace = workspace
         workspace.setParent(self)
         self.setAcceptDrops(True)
-        self.resize(_SIZE.boundedTo(self.screen().availableSize() - _FRAME))
+        self.resize(_SIZE.boundedTo(screen_room().size() - _FRAME))
         self._take_colours()
         workspace.theme.changed.connect(self._take_colours)
         self.commands = Actions(self, workspace.theme)

@@ -122,11 +122,18 @@ class JobOutcome:
     cancelled: bool = False
 
 
+_OUTLIVED: "list[SimpleQueue[JobOutcome]]" = []
+"""Results of computing threads that outlive their window: kept until the process ends."""
+
+
 class Runner(QObject):
     """Owns the computing thread. Its signals are emitted in the GUI thread.
 
     A timer polls the thread's results: no signal crosses threads, and a slow window drops frames instead
     of queueing them. Results of an abandoned job are dropped.
+
+    A job refers to objects of Qt, which may be freed in the GUI thread only. The thread therefore knows two
+    queues and nothing else of the window, and passes each job back with its outcome.
     """
 
     progressed = Signal(object)
@@ -138,7 +145,9 @@ class Runner(QObject):
         self._results: SimpleQueue[JobOutcome] = SimpleQueue()
         self._job: Job | None = None
         self._shown: Status | None = None
-        self._thread = threading.Thread(target=self._work, name="homolog-compute", daemon=True)
+        self._thread = threading.Thread(
+            target=_work, args=[self._orders, self._results], name="homolog-compute", daemon=True
+        )
         self._thread.start()
         self._timer = QTimer(self, interval=POLL_MS)
         self._timer.timeout.connect(self._look)
@@ -147,6 +156,11 @@ class Runner(QObject):
     def job(self) -> Job | None:
         """The current job, or None."""
         return self._job
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the thread has not ended."""
+        return self._thread.is_alive()
 
     def start(self, job: Job) -> None:
         """Start a job; none may be running."""
@@ -163,12 +177,17 @@ class Runner(QObject):
             self._job.cancel()
 
     def close(self, seconds: float = 3.0) -> bool:
-        """Stop the thread; return whether it ended in time. No more signals are emitted."""
+        """Stop the thread; return whether it ended in time. No more signals are emitted.
+
+        A thread that is in native code, such as a compiler, ends later; what it computes is dropped.
+        """
         self._timer.stop()
         self.cancel()
         self._orders.put(None)
         self._thread.join(seconds)
-        return not self._thread.is_alive()
+        if self.is_alive:
+            _OUTLIVED.append(self._results)
+        return not self.is_alive
 
     def _look(self) -> None:
         job = self._job
@@ -182,16 +201,21 @@ class Runner(QObject):
                 self._timer.stop()
                 self.ended.emit(ended)
 
-    def _work(self) -> None:
-        _step_back()
-        while (job := self._orders.get()) is not None:
-            try:
-                ended = JobOutcome(job, result=job.execute())
-            except Cancelled:
-                ended = JobOutcome(job, cancelled=True)
-            except BaseException as error:  # noqa: BLE001 - a job's every error is shown, the thread goes on
-                ended = JobOutcome(job, error=error)
-            self._results.put(ended)
+
+def _work(orders: "SimpleQueue[Job | None]", results: "SimpleQueue[JobOutcome]") -> None:
+    """Execute jobs until None is ordered."""
+    _step_back()
+    while (order := [orders.get()])[0] is not None:
+        results.put(_executed(order.pop()))  # no variable of this thread refers to the job any more
+
+
+def _executed(job: Job) -> JobOutcome:
+    try:
+        return JobOutcome(job, result=job.execute())
+    except Cancelled:
+        return JobOutcome(job, cancelled=True)
+    except BaseException as error:  # noqa: BLE001 - a job's every error is shown, the thread goes on
+        return JobOutcome(job, error=error)
 
 
 def _step_back() -> None:
@@ -205,25 +229,17 @@ REST = 100.0
 """Pause after a full collection, relative to its duration."""
 
 
-_ACTIVE: set[int] = set()
-"""Active collectors, which replace the automatic one."""
-
-
-def _release(number: int, *_: object) -> None:
-    _ACTIVE.discard(number)
-    if not _ACTIVE:
-        gc.enable()
-
-
 class GarbageCollector(QObject):
-    """Replaces Python's automatic garbage collection until `close`."""
+    """Collects garbage in the GUI thread, in place of Python, as long as the application lives.
+
+    Python collects in whichever thread allocates. Qt deletes widgets without Python's lock, so that their
+    wrappers, or anything of VTK, freed by another thread at the same time end the process; this also holds
+    when a window is being closed and between two windows.
+    """
 
     def __init__(self, parent: QObject) -> None:
         super().__init__(parent)
         self._next_whole = 0.0
-        self._release = partial(_release, id(self))
-        _ACTIVE.add(id(self))
-        self.destroyed.connect(self._release)
         gc.disable()
         self._timer = QTimer(self, interval=_EVERY_MS)
         self._timer.timeout.connect(self.sweep)
@@ -232,11 +248,6 @@ class GarbageCollector(QObject):
     def settle(self) -> None:
         """Exclude existing objects from further collections to keep these short."""
         gc.freeze()
-
-    def close(self) -> None:
-        """Enable Python's automatic collection again, unless another window's collector is active."""
-        self._timer.stop()
-        self._release()
 
     @Slot()
     def sweep(self) -> None:

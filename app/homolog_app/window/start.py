@@ -3,6 +3,7 @@
 import faulthandler
 import importlib
 import logging
+import os
 import signal
 import sys
 import threading
@@ -11,17 +12,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 
-from PySide6.QtCore import QStandardPaths, QTimer
+from PySide6.QtCore import QEvent, QStandardPaths, QTimer
 from PySide6.QtGui import QSurfaceFormat
 from PySide6.QtWidgets import QApplication
 
 from homolog_app.cli.options import handling
 from homolog_app.window.dialogs import LogMemory
 from homolog_app.window.main_window import MainWindow
+from homolog_app.window.runner import GarbageCollector
 from homolog_app.window.theme import Theme, application_icon
 from homolog_app.window.workspace import Preferences, Workspace
 
-__all__ = ["interrupt_closes", "make_application", "make_window", "start"]
+__all__ = ["Application", "discard", "interrupt_closes", "make_application", "make_window", "start"]
 
 _log = logging.getLogger("homolog_app")
 _LOOK_MS = 50
@@ -39,7 +41,7 @@ def start(paths: list[str]) -> int:
     window.show()
 
     def go_on() -> None:
-        window.workspace.garbage_collector.settle()
+        app.garbage_collector.settle()
         if paths:
             window.projects.open_paths([Path(path).resolve() for path in paths])
         else:
@@ -49,18 +51,38 @@ def start(paths: list[str]) -> int:
     _load_views_soon(window)
     with interrupt_closes(window):
         code = app.exec()
+    computes = window.workspace.work.runner.is_alive
+    discard(window)
     faulthandler.disable()
     faults.close()
+    if computes:  # files are replaced whole, so that a computation can end anywhere; Python's end would wait
+        logging.shutdown()
+        sys.stdout.flush()
+        os._exit(code)
     return code
 
 
-def make_application() -> QApplication:
+class Application(QApplication):
+    """The process's application, which collects Python's garbage in its thread."""
+
+    def __init__(self) -> None:
+        super().__init__(["homolog"])
+        self.garbage_collector = GarbageCollector(self)
+
+
+def discard(window: MainWindow) -> None:
+    """Delete a closed window with all that is in it, while the application is whole."""
+    window.deleteLater()
+    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+
+
+def make_application() -> Application:
     """Return the process's application, with the surface format that VTK needs."""
     running = QApplication.instance()
-    if isinstance(running, QApplication):
+    if isinstance(running, Application):
         return running
     QSurfaceFormat.setDefaultFormat(_surface_format())
-    app = QApplication(["homolog"])
+    app = Application()
     app.setApplicationName("homolog")
     app.setApplicationDisplayName("Homolog")
     app.setWindowIcon(application_icon())

@@ -6,14 +6,14 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-from PySide6.QtCore import QByteArray, QObject, QSize, Qt, Signal, Slot
+from PySide6.QtCore import QByteArray, QObject, QRect, QSize, Qt, Signal, Slot
 from PySide6.QtGui import QColor, QFontInfo, QGuiApplication, QIcon, QPainter, QPalette, QPixmap, QPixmapCache
 from PySide6.QtSvg import QSvgRenderer
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QWidget
 
 from homolog_app.rendering.colours import DARK_SCHEME, LIGHT_SCHEME, Colours
 
-__all__ = ["Theme", "application_icon", "icon", "pixmap", "scaled", "text_scale"]
+__all__ = ["Theme", "application_icon", "icon", "pixmap", "scaled", "screen_room", "text_scale"]
 
 
 _SIZES, _USUAL, _CARD = (12, 15, 17, 32), 12, 144
@@ -90,6 +90,16 @@ def scaled(size: int) -> int:
 def text_scale() -> float:
     """Return the size of the system's font relative to one of 12 pixels."""
     return QFontInfo(QGuiApplication.font()).pixelSize() / _USUAL
+
+
+def screen_room(beside: QWidget | None = None) -> QRect:
+    """Return the usable part of the screen that a widget is on, or of the first one.
+
+    Widgets are not asked for their screen: PySide would make it their child, and delete Qt's only screen
+    when it collects the garbage of such a widget.
+    """
+    screen = QGuiApplication.screenAt(beside.frameGeometry().center()) if beside is not None else None
+    return (screen or QGuiApplication.primaryScreen()).availableGeometry()
 
 
 def _icon_folder() -> str:

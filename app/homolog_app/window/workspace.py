@@ -25,7 +25,6 @@ from homolog.settings import RunSettings
 from homolog_app.studies.files import Journal, JournalRecord, ViewRecord, record_of, save_view
 from homolog_app.window.dialogs import LogMemory
 from homolog_app.window.form import named_rows
-from homolog_app.window.runner import GarbageCollector
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme
 from homolog_app.window.widgets import GRID, label, set_primary
@@ -208,7 +207,6 @@ class Workspace(QObject):
         self.sessions = home / "sessions"
         self.journal = Journal(self.sessions)
         self.session = Session(self)
-        self.garbage_collector = GarbageCollector(self)  # before the computing thread starts
         self.work = Work(self.session, self)
         self.closed = False
         self._held = ExitStack()
@@ -319,8 +317,7 @@ class Workspace(QObject):
         self.closed = True
         self._autosave.stop()
         if not self.work.runner.close():
-            _log.error("the computing thread did not stop in time")
-        self.garbage_collector.close()
+            _log.warning("the computing thread ends later; what it computes is dropped")
         self._held.close()
         self.journal.close()
 

@@ -250,7 +250,9 @@ def test_a_dimmed_plot_is_paler_on_the_screen(qapp, plots, wait):
 
     def contrast():
         corner = plot.mapToGlobal(QPoint(0, 0))
-        shot = plot.screen().grabWindow(0, corner.x(), corner.y(), plot.width(), plot.height()).toImage()
+        shot = (
+            qapp.primaryScreen().grabWindow(0, corner.x(), corner.y(), plot.width(), plot.height()).toImage()
+        )
         grey = shot.convertToFormat(QImage.Format.Format_Grayscale8)
         return np.frombuffer(grey.constBits(), np.uint8).std()
 

@@ -82,3 +82,50 @@ def test_progress_is_told_in_order_and_the_newest_wins(runner, wait):
     wait(lambda: runner.ends)
     assert messages == sorted(messages)
     assert len(messages) < 1000
+
+
+class Widget:
+    """Stands for an object of Qt that a job refers to; notes in which thread it is freed."""
+
+    def __init__(self, freed):
+        self.freed = freed
+
+    def __del__(self):
+        self.freed.append(threading.current_thread())
+
+    def work(self, tick):
+        tick(0.5, "working")
+
+
+def test_what_a_job_refers_to_is_freed_in_the_windows_thread(runner, wait):
+    freed = []
+    for _ in range(50):
+        runner.start(Task(Widget(freed).work, ""))
+        wait(lambda: runner.job is None)
+        runner.ends.clear()
+    assert runner.close()
+    assert freed == [threading.main_thread()] * 50
+
+
+def test_a_computation_that_can_not_be_stopped_frees_nothing_when_it_ends_after_its_window(qapp):
+    from PySide6.QtCore import QObject
+
+    freed, begun, released = [], threading.Event(), threading.Event()
+
+    class Compiler(Widget):
+        def work(self, tick):
+            begun.set()
+            released.wait(60.0)  # native code looks at no tick
+
+    owner = QObject()
+    runner = Runner(owner)
+    runner.start(Task(Compiler(freed).work, ""))
+    begun.wait()
+    assert not runner.close(0.0)
+    (thread,) = (thread for thread in threading.enumerate() if thread.name == "homolog-compute")
+    owner.deleteLater()
+    del owner, runner
+    released.set()
+    thread.join()
+    assert threading.main_thread() is threading.current_thread()
+    assert thread not in freed

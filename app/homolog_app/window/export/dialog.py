@@ -37,7 +37,7 @@ from homolog_app.window.export.choosers import (
 )
 from homolog_app.window.export.process import ExportProcess, Preview
 from homolog_app.window.form import SettingsForm, SettingsPair
-from homolog_app.window.theme import scaled
+from homolog_app.window.theme import scaled, screen_room
 from homolog_app.window.widgets import GRID, ProgressBar, button, label
 
 __all__ = ["ExportDialog", "Exported", "ScreenshotDialog"]
@@ -181,7 +181,7 @@ class ExportDialog(QDialog):
         self.show_.hide()
         self.go.setDefault(True)
         height = 300 if self.settings is None else 600
-        room = self.screen().availableGeometry()
+        room = screen_room(self.parentWidget())
         wide, high = (1168, 840) if self.preview else (640, 640)
         high = min(high, room.height() - _FRAME) if self.chooser else height
         self.resize(min(wide, room.width()), high)
