@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from homolog_app.pictures import write_picture
 from homolog_app.plots import draw_discriminant, new_figure
 from homolog_app.rendering import text as fonts
+from homolog_app.rendering.colour_bar import scale_height, scale_picture
 from homolog_app.rendering.colours import GREY, LIGHT_SCHEME, displacement_scale
-from homolog_app.views.colour_bar import scale_height, scale_picture
 
 HAN = "王"
 

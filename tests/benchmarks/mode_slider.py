@@ -88,8 +88,8 @@ def time_parts(shape, modes: int, moves: int) -> dict[str, list[float]]:
 
 def content(shape, deviations):
     """Return what the views are given."""
-    from homolog_app.views.scenes import mode_scene
-    from homolog_app.views.view_states import ModesView
+    from homolog_app.scenes.shapes import mode_scene
+    from homolog_app.scenes.states import ModesView
 
     return mode_scene(ModesView(deviations=tuple(deviations)), [shape])
 

@@ -150,9 +150,9 @@ def run_distances(arguments: argparse.Namespace) -> int:
     """Write the surface and print the statistics; return the exit code."""
     from homolog.progress import part_of
     from homolog_app.exports.meshes import write_distances
+    from homolog_app.scenes.shapes import aligned_surfaces, named_surface
     from homolog_app.studies.loaded_result import load_result
     from homolog_app.studies.model_shape import fit_model_shape
-    from homolog_app.views.contents import aligned_surfaces, named_surface
 
     project = ProjectFolder(arguments.project)
     with exporting(arguments) as tick:

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
     from homolog_app.exports.motion import Motion
     from homolog_app.rendering.camera import Canvas
-    from homolog_app.views.content import ViewContents
-    from homolog_app.views.view_states import Snapshot
+    from homolog_app.rendering.content import ViewContents
+    from homolog_app.scenes.states import Snapshot
 
 __all__ = [
     "add_film",
@@ -220,9 +220,9 @@ def run_screenshot(arguments: argparse.Namespace) -> int:
     """Write the picture; return the exit code."""
     settings = with_options(ScreenshotSettings(), arguments)
     from homolog_app.exports.pictures import write_still
+    from homolog_app.rendering.content import KEPT, open_page, read_shown
     from homolog_app.rendering.draw import with_opengl
-    from homolog_app.views.content import KEPT, open_page, read_shown
-    from homolog_app.views.snapshot import view_contents_of
+    from homolog_app.scenes.snapshot import view_contents_of
 
     with exporting(arguments) as tick:
         if arguments.scene.endswith(KEPT):
@@ -239,7 +239,7 @@ def run_screenshot(arguments: argparse.Namespace) -> int:
 
 
 def _drawn(shown: "ViewContents", canvas: "Canvas", scale: int, transparent: bool) -> "NDArray[np.uint8]":
-    from homolog_app.views.grid import drawn
+    from homolog_app.rendering.grid import drawn
 
     return drawn(shown, canvas, scale, transparent=transparent)
 
@@ -248,7 +248,7 @@ def _snapshot(text: str) -> "Snapshot":
     from pydantic import ValidationError
 
     from homolog.parameters import fault_text
-    from homolog_app.views.view_states import Snapshot
+    from homolog_app.scenes.states import Snapshot
 
     try:
         content = text if text.lstrip().startswith("{") else Path(text).read_bytes()

@@ -19,9 +19,9 @@ from homolog.io.records import note_kinds
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog.surfaces.mirroring import mirrors
 from homolog_app.rendering.text import millilitres, signed
+from homolog_app.scenes.subjects import Groomed
 from homolog_app.studies.files import interrupted_text
 from homolog_app.studies.study import outdated_text
-from homolog_app.views.contents import Groomed
 from homolog_app.window.actions import Actions
 from homolog_app.window.form import SettingsForm, SettingsPair
 from homolog_app.window.runner import Status

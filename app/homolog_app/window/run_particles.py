@@ -8,7 +8,7 @@ from PySide6.QtCore import QObject, Signal, Slot
 from PySide6.QtGui import QAction
 
 from homolog.arrays import Array, FloatArray
-from homolog_app.views.contents import moment_of, realigned
+from homolog_app.scenes.subjects import moment_of, realigned
 from homolog_app.window.explore.controls import Pace
 from homolog_app.window.explore.plot import Plot
 from homolog_app.window.theme import Theme

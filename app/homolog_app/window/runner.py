@@ -205,8 +205,10 @@ class Runner(QObject):
 def _work(orders: "SimpleQueue[Job | None]", results: "SimpleQueue[JobOutcome]") -> None:
     """Execute jobs until None is ordered."""
     _step_back()
-    while (order := [orders.get()])[0] is not None:
-        results.put(_executed(order.pop()))  # no variable of this thread refers to the job any more
+    while (job := orders.get()) is not None:
+        outcome = [_executed(job)]
+        del job
+        results.put(outcome.pop())  # no variable of this thread refers to the job any more
 
 
 def _executed(job: Job) -> JobOutcome:

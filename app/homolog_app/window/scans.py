@@ -12,8 +12,8 @@ from PySide6.QtWidgets import QMenu, QWidget
 from homolog.arrays import FloatArray
 from homolog.cohort import IMAGE_SUFFIXES, dicom_files, suffix_of
 from homolog.geometry import inverse_matrices, transform_points
-from homolog_app.views.content import Content
-from homolog_app.views.slices import Outline, SliceScene
+from homolog_app.rendering.content import Content
+from homolog_app.scenes.slices import Outline, SliceScene
 from homolog_app.window.cohort_panel import CohortPanel
 from homolog_app.window.explore.panel import ExplorePanel
 from homolog_app.window.session import Session

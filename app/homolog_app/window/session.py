@@ -11,11 +11,11 @@ from PySide6.QtGui import QUndoCommand, QUndoStack
 
 from homolog.cohort import Subject
 from homolog.settings import RunSettings
+from homolog_app.scenes.subjects import Groomed
 from homolog_app.studies.jobs import Devices, RunJob
 from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.studies.model_shape import PreliminaryModel
 from homolog_app.studies.study import Extension, Member, Study, extension_of
-from homolog_app.views.contents import Groomed
 from homolog_app.window.runner import Status
 
 if TYPE_CHECKING:

@@ -28,7 +28,7 @@ from homolog.io.scans import Scan, check_frame, read_scan
 from homolog.progress import Tick
 from homolog_app.rendering.camera import round_length
 from homolog_app.rendering.text import short
-from homolog_app.views.slices import SliceScene, first_preset
+from homolog_app.scenes.slices import SliceScene, first_preset
 from homolog_app.window.runner import JobOutcome, Runner, Task
 from homolog_app.window.theme import Theme
 

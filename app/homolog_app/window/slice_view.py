@@ -12,7 +12,7 @@ from homolog.arrays import Array, FloatArray
 from homolog.geometry import transform_points
 from homolog_app.rendering.colours import rgb
 from homolog_app.rendering.text import typeset
-from homolog_app.views.slices import (
+from homolog_app.scenes.slices import (
     AUTOMATIC,
     PRESETS,
     GreyWindow,

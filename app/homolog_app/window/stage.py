@@ -22,8 +22,8 @@ from PySide6.QtWidgets import (
 
 from homolog_app.rendering.camera import Clip, ClipPlane
 from homolog_app.rendering.colours import ColourScale
+from homolog_app.rendering.grid import VIEWS
 from homolog_app.rendering.text import parse_number, short
-from homolog_app.views.cell import VIEWS
 from homolog_app.window.actions import Actions
 from homolog_app.window.form import named_rows
 from homolog_app.window.scene import Scene

@@ -10,19 +10,19 @@ from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QApplication, QMainWindow
 
 from homolog.arrays import FloatArray
+from homolog_app.rendering.content import SubjectContents, ViewContents
+from homolog_app.rendering.grid import VIEWS
+from homolog_app.scenes.states import ColouredView, Snapshot, SubjectsView
+from homolog_app.scenes.subjects import Groomed, subject_contents
 from homolog_app.studies.files import ViewRecord
 from homolog_app.studies.loaded_result import LoadedResult
-from homolog_app.views.cell import VIEWS
-from homolog_app.views.content import SubjectContents, ViewContents
-from homolog_app.views.contents import Groomed, subject_contents
-from homolog_app.views.view_states import ColouredView, Snapshot, SubjectsView
 from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_panel import CohortPanel
 from homolog_app.window.commands import LAYOUTS
 from homolog_app.window.explore.panel import ExplorePanel
-from homolog_app.window.interactor import Pick
 from homolog_app.window.run_particles import EnergyCurves, RunParticles
 from homolog_app.window.scans import ScanController
+from homolog_app.window.scene import Pick
 from homolog_app.window.stage import RangeDialog, view_menu
 from homolog_app.window.workspace import Workspace
 

@@ -13,6 +13,7 @@ from homolog.cohort import Cohort, Subject
 from homolog.io.project import ProjectFolder
 from homolog.progress import Tick
 from homolog.settings import GroomSettings
+from homolog_app.scenes.subjects import Groomed
 from homolog_app.studies.jobs import (
     Devices,
     RunJob,
@@ -24,7 +25,6 @@ from homolog_app.studies.jobs import (
     read_files,
 )
 from homolog_app.studies.loaded_result import LoadedResult, load_result
-from homolog_app.views.contents import Groomed
 from homolog_app.window.runner import JobOutcome, Runner, Status, Task, TaskStatus
 from homolog_app.window.session import BACKGROUND, Job, Session
 from homolog_app.window.start_page import Sample

@@ -285,7 +285,7 @@ def test_both_particles_of_an_exchange_have_their_colour_and_number_on_every_sha
 
 
 def test_of_many_particles_of_a_suspect_only_the_chosen_one_has_its_number(checking):
-    from homolog_app.views.check import Marks, checked_scene
+    from homolog_app.scenes.check import Marks, checked_scene
 
     page, shown = page_of(checking), checking.views.subjects
     inspection, names = page.checked.inspection, [content.name for content in shown]
@@ -323,7 +323,7 @@ def test_distances_along_the_surface_stand_beside_straight_ones_on_one_scale(che
     assert (distances.along >= distances.straight - 1e-3).all()
     assert distances.along.max() <= scene.bar.scale.high < 1.35 * distances.along.max()
     # another place is picked on the surface
-    from homolog_app.window.interactor import Pick
+    from homolog_app.window.scene import Pick
 
     place = page.checked.inspection.located.world[0, 30]
     page.handle_pick(Pick(scene.shown[1].name, place, None))
@@ -334,7 +334,7 @@ def test_distances_along_the_surface_stand_beside_straight_ones_on_one_scale(che
 
 
 def test_the_last_of_several_places_clicked_in_a_row_is_the_one_that_is_measured(checking, wait):
-    from homolog_app.window.interactor import Pick
+    from homolog_app.window.scene import Pick
 
     page, names = page_of(checking), checking.workspace.session.result.result.names
     world = page.checked.inspection.located.world

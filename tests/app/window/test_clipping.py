@@ -7,9 +7,9 @@ import pytest
 
 from homolog_app.rendering.camera import CameraState, Clip
 from homolog_app.rendering.colours import LIGHT_SCHEME, rgb
-from homolog_app.views.content import Content, ViewContents
-from homolog_app.views.grid import drawn
-from homolog_app.views.view_states import Snapshot, SubjectsView
+from homolog_app.rendering.content import Content, ViewContents
+from homolog_app.rendering.grid import drawn
+from homolog_app.scenes.states import Snapshot, SubjectsView
 
 pytestmark = [pytest.mark.window, pytest.mark.own_window]
 

@@ -183,8 +183,8 @@ def test_a_second_run_stands_below_with_the_same_colours_and_its_own_numbers(
 
 def test_the_original_method_stands_above_the_proposed_one(compare, bean_project, window):
     from homolog.settings import Method
-    from homolog_app.views.scenes import group_scene
-    from homolog_app.views.view_states import GroupsView
+    from homolog_app.scenes.shapes import group_scene
+    from homolog_app.scenes.states import GroupsView
 
     (answer,) = compare(bean_project, "slim", "wide").answers
     original = replace(answer.shape, name="first", method=Method.EUCLIDEAN)

@@ -12,8 +12,7 @@ from homolog.surfaces.comparison import surface_distances
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.walls import mean_over_area, wall_thickness
 from homolog_app.rendering.colours import common_limit
-from homolog_app.views.contents import aligned_surfaces
-from homolog_app.views.scenes import distance_text
+from homolog_app.scenes.shapes import aligned_surfaces, distance_text
 from homolog_app.window.explore.mode_plots import axis_menu
 
 pytestmark = pytest.mark.window
@@ -66,7 +65,7 @@ def test_the_distance_is_that_of_the_chosen_particles(page, window):
 
 
 def test_clicks_on_the_shape_set_the_two_particles_in_turn(page):
-    from homolog_app.window.interactor import Pick
+    from homolog_app.window.scene import Pick
 
     page.place.setValue(100)
     particles = page.fitted.shape.model.instance(np.array([1.0]))

@@ -146,7 +146,7 @@ def test_the_page_shows_how_far_its_comparison_is_and_the_status_bar_does_elsewh
 def test_notes_of_grooming_are_not_among_the_cautions():
     from types import SimpleNamespace
 
-    from homolog_app.window.explore.patient_parts import remark_texts
+    from homolog_app.window.explore.patient_page import remark_texts
 
     comparison = SimpleNamespace(
         remarks=("holes were filled", "age is extrapolated"), cautions=("age is extrapolated",)
@@ -162,7 +162,7 @@ def test_a_region_is_looked_at_on_the_surface_of_the_patient(ball):
 
     from homolog.patient.own_surface import OwnSurface
     from homolog.surfaces.mesh import TriangleMesh
-    from homolog_app.views.patient import region_place
+    from homolog_app.scenes.patient import region_place
 
     expected = ball
     middle, count = expected.vertices.mean(axis=0), len(expected.vertices)
@@ -201,7 +201,7 @@ def test_views_show_the_map_and_what_leads_to_it(patient, explored):
 
 
 def test_differences_within_the_limit_are_called_faint_or_grey_but_not_both(patient):
-    from homolog_app.views.content import SubjectContents
+    from homolog_app.rendering.content import SubjectContents
 
     subjects = SubjectContents()
     patient.only_beyond.setChecked(False)

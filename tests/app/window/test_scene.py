@@ -10,13 +10,12 @@ import pytest
 from homolog.geometry import transform_points
 from homolog_app.rendering.camera import round_length
 from homolog_app.rendering.colours import colours_by_place
+from homolog_app.rendering.content import KEPT, Content, Numbers, ViewContents, read_shown, write_shown
+from homolog_app.rendering.grid import Grid, drawn
 from homolog_app.rendering.opengl import pixels_of
 from homolog_app.rendering.text import direction_letters, edge_letters
-from homolog_app.views.captions import Caption, ScaleBar, text_box
-from homolog_app.views.content import KEPT, Content, Numbers, ViewContents, read_shown, write_shown
-from homolog_app.views.contents import moment_of
-from homolog_app.views.grid import Grid, drawn
-from homolog_app.views.strip import NumberLabels, Strip
+from homolog_app.rendering.view_texts import Caption, NumberLabels, ScaleBar, Strip, text_box
+from homolog_app.scenes.subjects import moment_of
 
 pytestmark = pytest.mark.own_window  # views keep layout and camera
 
@@ -409,7 +408,7 @@ def test_shapes_leave_room_for_the_texts_of_their_views(groomed, count):
 
 
 def test_wide_shapes_stand_below_captions_and_narrow_ones_beside_them():
-    from homolog_app.views.cell import ViewMargins
+    from homolog_app.rendering.grid import ViewMargins
 
     margins = ViewMargins(width=360.0, height=300.0, beside=24.0, above=26.0, caption=80.0, below=44.0)
     for across, rim in ((20.0, 26.0), (50.0, 44.0)):

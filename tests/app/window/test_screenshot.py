@@ -256,7 +256,7 @@ def test_a_picture_shows_what_was_seen_when_it_was_asked_for(explored, tmp_path)
 
 def test_damaged_files_beside_a_picture_are_refused(explored, tmp_path, capsys):
     from homolog_app.cli import main
-    from homolog_app.views.content import write_shown
+    from homolog_app.rendering.content import write_shown
 
     whole = tmp_path / "whole.views.npz"
     scene = explored.views.stage.scene

@@ -6,7 +6,7 @@ import SimpleITK
 
 from homolog.geometry import transform_points
 from homolog.io.images import Segmentation, read_volume
-from homolog_app.views.slices import PRESETS, GreyWindow, Grid, mask_contour, planes_of, section_of
+from homolog_app.scenes.slices import PRESETS, GreyWindow, Grid, mask_contour, planes_of, section_of
 
 pytestmark = pytest.mark.window
 
@@ -134,7 +134,7 @@ def test_a_lost_scan_is_named_and_stops_nothing(scanned, tmp_path, wait):
 
 
 def test_a_click_in_one_plane_moves_the_others_and_so_does_a_pick_on_the_surface(scanned):
-    from homolog_app.window.interactor import Pick
+    from homolog_app.window.scene import Pick
 
     slices = scanned()
     axial, coronal, _ = slices.canvases

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from homolog_app.views.contents import outward_sign
-from homolog_app.views.view_states import ModesView
+from homolog_app.scenes.shapes import outward_sign
+from homolog_app.scenes.states import ModesView
 from homolog_app.window.stage import RangeDialog
 
 pytestmark = pytest.mark.window

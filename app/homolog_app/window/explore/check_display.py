@@ -9,7 +9,7 @@ from PySide6.QtGui import QColor, QFont, QHelpEvent, QMouseEvent, QPainter, QPai
 from PySide6.QtWidgets import QToolTip, QVBoxLayout, QWidget
 
 from homolog.arrays import FloatArray, IntArray
-from homolog_app.views.check import (
+from homolog_app.scenes.check import (
     ALONG,
     ENERGIES,
     STRAIGHT,
@@ -19,7 +19,7 @@ from homolog_app.views.check import (
     energies_of,
     textures_of,
 )
-from homolog_app.views.view_states import CheckView
+from homolog_app.scenes.states import CheckView
 from homolog_app.window.form import named_rows
 from homolog_app.window.theme import Theme, scaled
 from homolog_app.window.widgets import GRID, NumberBox, choice, label
@@ -27,7 +27,7 @@ from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection, ParticleEnergies
-    from homolog_app.window.interactor import Pick
+    from homolog_app.window.scene import Pick
 
 __all__ = ["CheckDisplay", "NormalSphere"]
 

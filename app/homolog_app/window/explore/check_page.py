@@ -9,9 +9,9 @@ from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelInd
 from PySide6.QtWidgets import QHBoxLayout, QHeaderView, QTableView
 
 from homolog.arrays import FloatArray
-from homolog_app.views.check import checked_scene
-from homolog_app.views.content import SubjectContents, ViewContents
-from homolog_app.views.view_states import CheckView
+from homolog_app.rendering.content import SubjectContents, ViewContents
+from homolog_app.scenes.check import checked_scene
+from homolog_app.scenes.states import CheckView
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.check_display import CheckDisplay, NormalSphere
 from homolog_app.window.explore.check_state import InspectionState
@@ -22,7 +22,7 @@ from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog.inspection import Suspect
-    from homolog_app.window.interactor import Pick
+    from homolog_app.window.scene import Pick
 
 __all__ = ["CheckPage", "SuspectModel", "suspect_table"]
 

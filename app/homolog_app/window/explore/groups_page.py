@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QSlider, QVBoxLayout, QWidget
 
+from homolog_app.rendering.content import SubjectContents, ViewContents
 from homolog_app.rendering.text import shortened, typeset
+from homolog_app.scenes.shapes import GREY_LABELS, group_scene
+from homolog_app.scenes.states import GroupsView
 from homolog_app.studies.answers import (
     Answers,
     answer_question,
@@ -18,9 +21,6 @@ from homolog_app.studies.answers import (
 )
 from homolog_app.studies.model_shape import largest_region, middle_of
 from homolog_app.studies.questions import effect_line, number_rows, question_text
-from homolog_app.views.content import SubjectContents, ViewContents
-from homolog_app.views.scenes import GREY_LABELS, group_scene
-from homolog_app.views.view_states import GroupsView
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.controls import CompareBox, NumbersTable, Player
 from homolog_app.window.explore.group_form import GroupForm

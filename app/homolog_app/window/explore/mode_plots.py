@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QHBoxLayout, QMenu, QToolTip, QWidget
 from homolog.arrays import FloatArray
 from homolog.statistics.parallel import ParallelAnalysis
 from homolog_app.rendering.text import signed
+from homolog_app.window.explore.controls import REACH
 from homolog_app.window.explore.plot import Plot
 from homolog_app.window.theme import Theme
 
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 __all__ = ["ELLIPSES", "ModePlots", "ScatterPlot", "ScreePlot", "axis_menu"]
 
 _NEAR_PX, _DRAG_PX = 10.0, 4.0
-_REACH = 3.0
 _OPENS = "▾"
 NAMES, ELLIPSES = "Names of all subjects", "95 % ellipses of the groups"
 
@@ -162,7 +162,7 @@ class ScatterPlot(Plot):
 
         ellipses = self.options[ELLIPSES]
         draw_scores(axes, self.points, self.groups, self.labels, self.theme.colours, ellipses=ellipses)
-        reach = 1.1 * max(_REACH, float(np.abs(self.points).max()))
+        reach = 1.1 * max(REACH, float(np.abs(self.points).max()))
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
 
     def draw_moving(self, figure: "Figure") -> "Sequence[Artist]":

@@ -12,18 +12,18 @@ from homolog.comparison.stored import name_primary, stored_answers
 from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
 from homolog.progress import Tick
+from homolog_app.rendering.content import SubjectContents, ViewContents
+from homolog_app.scenes.states import View
 from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.studies.model_shape import ModelShape, PreliminaryModel, fit_model_shape
-from homolog_app.views.content import SubjectContents, ViewContents
-from homolog_app.views.view_states import View
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.group_results import StoredAnswers
 from homolog_app.window.widgets import GRID, ActionButton, Panel, button, label
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
-    from homolog_app.views.slices import SliceScene
-    from homolog_app.window.interactor import Pick
+    from homolog_app.scenes.slices import SliceScene
+    from homolog_app.window.scene import Pick
 
 __all__ = ["ExplorePage", "ModelCache", "OverviewPage"]
 

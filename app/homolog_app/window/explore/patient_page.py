@@ -1,31 +1,42 @@
 """The page *Patient*: how unusual one shape is, and where."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QModelIndex, Qt, QTimer
+from PySide6.QtCore import QModelIndex, QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
+    QFormLayout,
     QHBoxLayout,
+    QHeaderView,
+    QLabel,
     QLineEdit,
     QSlider,
+    QTableView,
     QVBoxLayout,
     QWidget,
 )
 
 from homolog.arrays import FloatArray
+from homolog.cohort import LEFT, RIGHT, SIDE_COLUMN
 from homolog.errors import InputError
 from homolog.progress import Tick
 from homolog.statistics.design import names_reference, reference_first
-from homolog_app.studies.study import with_current_table
-from homolog_app.views.content import SubjectContents, ViewContents
-from homolog_app.views.follow_up import CHANGE, change_regions, change_scene
-from homolog_app.views.patient import (
+from homolog_app.rendering.content import SubjectContents, ViewContents
+from homolog_app.scenes.follow_up import (
+    CHANGE,
+    PatientTimes,
+    change_regions,
+    change_scene,
+    change_text,
+    with_file,
+)
+from homolog_app.scenes.patient import (
     EXPECTED,
     MEAN,
     ComparedPatient,
@@ -38,20 +49,23 @@ from homolog_app.views.patient import (
     patient_slices,
     verdict_text,
 )
+from homolog_app.studies.study import with_current_table
 from homolog_app.window.actions import Actions
-from homolog_app.window.explore.measure_parts import PercentileBars
+from homolog_app.window.explore.controls import SubjectTable
 from homolog_app.window.explore.page import ExplorePage, ModelCache
-from homolog_app.window.explore.patient_parts import FollowUpPart, PatientForm, region_table, remark_texts
+from homolog_app.window.explore.plot import Plot
 from homolog_app.window.explore.printing import report_buttons
 from homolog_app.window.explore.verdict_bar import may_use
 from homolog_app.window.form import named_rows
 from homolog_app.window.session import PAGE_OF_JOB
+from homolog_app.window.theme import Theme, scaled
 from homolog_app.window.widgets import (
     GRID,
     ActionButton,
     PercentEdit,
     Progress,
     choice,
+    dress_table,
     label,
     rule,
     set_primary,
@@ -59,10 +73,231 @@ from homolog_app.window.widgets import (
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
-    from homolog.patient import FollowUp, PatientComparison, Reference
-    from homolog_app.views.slices import SliceScene
+    from matplotlib.figure import Figure
 
-__all__ = ["PatientPage"]
+    from homolog.patient import FollowUp, PatientComparison, Reference
+    from homolog_app.report.patient_texts import GroupRow
+    from homolog_app.scenes.slices import SliceScene
+
+__all__ = ["FollowUpPart", "PatientForm", "PatientPage", "region_table", "remark_texts"]
+
+
+_HIGH = 232
+
+
+class PercentileBars(Plot):
+    """Controls as marks, their middle 90 % as a band, the patient as a diamond."""
+
+    usual = (400, 200)
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__(theme, "The patient among the controls", "")
+        self._shown: tuple[PatientComparison, Reference] | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is no patient."""
+        return self._shown is None
+
+    def show_patient(self, comparison: "PatientComparison | None", reference: "Reference | None") -> None:
+        """Show a patient, or nothing."""
+        self._shown = None if comparison is None or reference is None else (comparison, reference)
+        self.setFixedHeight(0 if self._shown is None else scaled(_HIGH))
+        if self._shown is not None:
+            from homolog_app.plots import percentile_rows
+
+            texts = (f"{name}: {text}" for name, text, *_ in percentile_rows(*self._shown))
+            self.setAccessibleDescription("; ".join(texts))
+        self.redraw()
+
+    def draw(self, figure: "Figure") -> None:
+        """Draw the lines."""
+        from homolog_app.plots import draw_percentiles
+
+        assert self._shown is not None
+        draw_percentiles(figure.subplots(4, 1), *self._shown, self.theme.colours)
+
+
+_ABOVE = ("Controls", "Adjust for", "Seen twice")  # names of the reference's fields
+_HEADS = ("Region", "Area\n(mm²)", "Mean\n(mm)", "z")
+_SIDES = {"not given": "", LEFT: LEFT, RIGHT: RIGHT}
+
+
+class PatientForm(QFormLayout):
+    """Fields of the patient's data that a reference needs.
+
+    Attributes
+    ----------
+    fields : dict of str to QLineEdit
+        Fields of the covariates, by name.
+    side : QComboBox or None
+        None if the controls' sides are not known.
+    cut_off : QCheckBox
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setHorizontalSpacing(GRID)
+        self.setLabelAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+        self.fields: dict[str, QLineEdit] = {}
+        self.side: QComboBox | None = None
+        self.cut_off = QCheckBox("Cut off at a flat end")
+        self.cut_off.setToolTip("The segmentation ends at a plane: the missing part is not a difference")
+
+    @property
+    def values(self) -> dict[str, str]:
+        """Covariates and side as entered."""
+        side = {} if self.side is None else {SIDE_COLUMN: self.side.currentData()}
+        return {**side, **{name: field.text() for name, field in self.fields.items()}}
+
+    def show_reference(self, reference: "Reference | None") -> None:
+        """Offer a field for each covariate of a reference, and its side."""
+        while self.rowCount():
+            self.removeRow(0)
+        self.fields, self.side = {}, None
+        if reference is None:
+            return
+        for name in reference.coding.names:
+            self.fields[name] = QLineEdit()
+            self.fields[name].setAccessibleName(name)
+            self.addRow(_named(name.capitalize()), self.fields[name])
+        if reference.provenance.side:
+            self.side = choice("Side", _SIDES)
+            self.addRow(_named("Side"), self.side)
+
+
+def _named(text: str) -> QLabel:
+    """Return a label as wide as those of the reference above, so that the fields are aligned."""
+    name = label(text)
+    name.setMinimumWidth(max(map(name.fontMetrics().horizontalAdvance, _ABOVE)))
+    return name
+
+
+def region_table(owner: QObject) -> tuple[QTableView, SubjectTable]:
+    """Return a table of a patient's regions beyond the limit, and its model."""
+    table, rows = QTableView(), SubjectTable(_HEADS, owner)
+    dress_table(table, "Regions beyond the limit", 120)
+    table.setModel(rows)
+    table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+    table.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+    return table, rows
+
+
+class FollowUpPart(QWidget):
+    """Further groups and times of the patient, with the results in sentences.
+
+    Attributes
+    ----------
+    times : Times or None
+        Times of the patient; None without a patient.
+    groups : tuple of GroupRow
+        How typical the patient is of each group; empty while there is one reference only.
+    """
+
+    changed = Signal()
+
+    def __init__(self, workspace: Workspace, actions: Actions) -> None:
+        super().__init__()
+        self.workspace = workspace
+        self.times: PatientTimes | None = None
+        self.groups: tuple[GroupRow, ...] = ()
+        self._patient: tuple[ComparedPatient, Reference, Callable[[], Mapping[str, str]]] | None = None
+        self._others: dict[str, Reference] = {}
+        body = QVBoxLayout(self)
+        body.setContentsMargins(0, 0, 0, 0)
+        body.addWidget(label("Further groups", "SectionTitle"))
+        body.addWidget(ActionButton("Compare with groups…", actions["patient.groups"]))
+        self.typical = label("", wrap=True)
+        self.caution = label("", "FieldHelp", wrap=True)
+        body.addWidget(self.typical)
+        body.addWidget(self.caution)
+        body.addWidget(label("Follow-up", "SectionTitle"))
+        row = QHBoxLayout()
+        row.addWidget(ActionButton("Add later time…", actions["patient.later"]), 1)
+        row.addWidget(ActionButton("Add repeat…", actions["patient.repeat"]), 1)
+        body.addLayout(row)
+        self.change = label("", wrap=True)
+        body.addWidget(self.change)
+        for text in (self.typical, self.change):
+            text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self._show()
+
+    def set_patient(
+        self,
+        compared: "ComparedPatient | None",
+        reference: "Reference | None",
+        values: Callable[[], Mapping[str, str]],
+    ) -> None:
+        """Set another patient, or none; `values` returns the entered covariates."""
+        self._patient = (compared, reference, values) if compared and reference else None
+        self.times = PatientTimes((compared.comparison,)) if compared else None
+        self.groups = ()
+        self._show()
+
+    def add_time(self, path: Path, *, repeats: bool) -> None:
+        """Compare a file of a later time, or another segmentation of the first one."""
+        if self._patient is None or self.times is None:
+            raise InputError(f"{path}: there is no patient yet; choose the file of the first time first")
+        _, reference, values = self._patient
+        work = partial(with_file, self.times, reference, path, dict(values()), repeats)
+        self.workspace.work.compute("follow-up", work, "comparing the times", self._receive_times)
+
+    def compare_groups(self, paths: list[Path]) -> None:
+        """Read references of further groups and show how typical the patient is of each."""
+        from homolog.patient import Reference
+
+        if self._patient is None:
+            raise InputError("there is no patient yet; choose a patient's file first")
+        self._others |= {str(path): Reference.load(path) for path in paths}
+        compared, reference, values = self._patient
+        work = partial(_typical, compared, reference, tuple(self._others.values()), dict(values()))
+        self.workspace.work.compute("typical", work, "comparing with groups", self._receive_groups)
+
+    def _receive_times(self, times: PatientTimes) -> None:
+        self.times = times
+        self._show()
+        self.changed.emit()
+
+    def _receive_groups(self, groups: "tuple[GroupRow, ...]") -> None:
+        self.groups = groups
+        self._show()
+
+    def _show(self) -> None:
+        self.typical.setText("")
+        self.caution.setText("")
+        if self.groups:
+            from homolog_app.report.patient_texts import GROUP_CAUTION, group_sentence
+
+            self.typical.setText("\n".join(group_sentence(row) for row in self.groups))
+            self.caution.setText(GROUP_CAUTION)
+        self.change.setText(change_text(self.times) if self.times else "")
+        for text in (self.typical, self.caution, self.change):
+            text.setVisible(bool(text.text()))
+
+
+def remark_texts(comparison: "PatientComparison | None") -> tuple[str, str]:
+    """Return the notes of grooming and the cautions of a comparison, one sentence per line."""
+    cautions = comparison.cautions if comparison else ()
+    notes = [text for text in comparison.remarks if text not in cautions] if comparison else []
+    first, second = (
+        "\n".join(f"{text[:1].upper()}{text[1:]}" for text in each) for each in (notes, cautions)
+    )
+    return first, second
+
+
+def _typical(
+    compared: "ComparedPatient",
+    reference: "Reference",
+    others: "tuple[Reference, ...]",
+    values: Mapping[str, str],
+    tick: Tick,
+) -> "tuple[GroupRow, ...]":
+    from homolog.patient import compare_patient
+    from homolog_app.report.patient_texts import group_rows
+
+    compare = partial(compare_patient, subject=compared.subject, covariates=values, tick=tick)
+    return tuple(group_rows(compared.comparison, reference, others, compare))
+
 
 _EVERYONE = "All subjects"
 _MAPS = {

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from homolog.patient import PatientComparison, Reference
     from homolog_app.report.patient_texts import GroupRow
-    from homolog_app.views.follow_up import PatientTimes
+    from homolog_app.scenes.follow_up import PatientTimes
 
 __all__ = ["draw_pages", "drawn_report", "print_pages", "report_buttons"]
 

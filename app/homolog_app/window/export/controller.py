@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from PySide6.QtGui import QImage
 
     from homolog_app.rendering.camera import Canvas
-    from homolog_app.views.content import ViewContents
-    from homolog_app.views.view_states import Snapshot
+    from homolog_app.rendering.content import ViewContents
+    from homolog_app.scenes.states import Snapshot
     from homolog_app.window.export.dialog import Exported
     from homolog_app.window.views import Views
 

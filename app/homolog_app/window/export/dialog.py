@@ -22,9 +22,9 @@ from homolog.errors import InputError
 from homolog_app.cli.options import options_of
 from homolog_app.exports.settings import PictureSettings, ReportSettings, ScreenshotSettings
 from homolog_app.rendering.camera import Canvas, Clip
-from homolog_app.views.content import KEPT, ViewContents, write_shown
-from homolog_app.views.grid import drawn
-from homolog_app.views.view_states import Snapshot
+from homolog_app.rendering.content import KEPT, ViewContents, write_shown
+from homolog_app.rendering.grid import drawn
+from homolog_app.scenes.states import Snapshot
 from homolog_app.window.export.choosers import (
     NAMES_PX,
     SCREENSHOT,

@@ -10,14 +10,14 @@ from homolog.cohort import Subject
 from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
 from homolog.progress import Tick, part_of
+from homolog_app.rendering.content import Content, SubjectContents, ViewContents
+from homolog_app.scenes.check import ENERGIES, Marks, checked_scene
+from homolog_app.scenes.shapes import group_scene, measured_scene, mode_scene
+from homolog_app.scenes.states import CheckView, GroupsView, MeasureView, ModesView, Snapshot
+from homolog_app.scenes.subjects import Groomed, moment_of, single_subject, subject_contents
 from homolog_app.studies.file_survey import survey_subject
 from homolog_app.studies.jobs import groomed_before
 from homolog_app.studies.loaded_result import LoadedResult, load_result
-from homolog_app.views.check import ENERGIES, Marks, checked_scene
-from homolog_app.views.content import Content, SubjectContents, ViewContents
-from homolog_app.views.contents import Groomed, moment_of, single_subject, subject_contents
-from homolog_app.views.scenes import group_scene, measured_scene, mode_scene
-from homolog_app.views.view_states import CheckView, GroupsView, MeasureView, ModesView, Snapshot
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection
@@ -145,7 +145,7 @@ def _checked(
 ) -> ViewContents:
     from homolog.inspection import inspect
     from homolog.threads import cores
-    from homolog_app.views.check import distances_on, energies_of, textures_of
+    from homolog_app.scenes.check import distances_on, energies_of, textures_of
 
     own, names = loaded.result, loaded.result.names
     meshes = [loaded.surfaces[name][0] for name in names]

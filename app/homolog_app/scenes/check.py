@@ -12,7 +12,7 @@ from homolog.geometry import scale_of
 from homolog.io.project import ProjectFolder
 from homolog.progress import Tick
 from homolog_app.rendering.colours import ColourScale, viridis
-from homolog_app.views.content import Numbers, SubjectContents, ViewContents
+from homolog_app.rendering.content import Numbers, SubjectContents, ViewContents
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection, ParticleEnergies

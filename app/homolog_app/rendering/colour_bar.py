@@ -10,11 +10,11 @@ from PIL import Image, ImageDraw, ImageFont
 from homolog_app.rendering.colours import GREY, Colours, ColourScale
 from homolog_app.rendering.text import font_file, tick_labels, written
 
-__all__ = ["HEIGHT", "MOST", "SIDE", "scale_height", "scale_picture"]
+__all__ = ["HEIGHT", "SIDE", "WIDEST", "scale_height", "scale_picture"]
 
 _DOT = " · "
 
-HEIGHT, MOST, SIDE = 64, 520, 120
+HEIGHT, WIDEST, SIDE = 64, 520, 120
 """Height of the strip, maximum length of the bar, and margins at its sides [pixels at a ratio of 1]."""
 
 _BAR, _TOP = 12, 24
@@ -49,7 +49,7 @@ def scale_picture(
     down = middle - (12 + _SECOND) * ratio  # because of a second line
     font = _font(font_file(), size)
     beside = max(font.getlength(text) for text in (scale.low_label, scale.high_label)) + 12 * ratio
-    length = round(min(MOST * ratio, width - 2 * max(SIDE * ratio, beside)))
+    length = round(min(WIDEST * ratio, width - 2 * max(SIDE * ratio, beside)))
     left, top = round((width - length) / 2), round(_TOP * ratio + down)
     bottom = top + round(_BAR * ratio)
     thin = max(1, round(ratio))

@@ -14,14 +14,14 @@ from homolog.geometry import inverse_matrices, transform_points
 from homolog.progress import Tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.colours import ColourScale, displacement_scale
+from homolog_app.rendering.content import Content, ViewContents
 from homolog_app.rendering.text import signed
-from homolog_app.views.content import Content, ViewContents
-from homolog_app.views.contents import region_border
+from homolog_app.scenes.shapes import region_border
 
 if TYPE_CHECKING:
     from homolog.io.images import Segmentation
     from homolog.patient import PatientComparison, Reference, Region
-    from homolog_app.views.slices import SliceScene
+    from homolog_app.scenes.slices import SliceScene
 
 __all__ = [
     "EXPECTED",
@@ -239,7 +239,7 @@ def compared(
 
 def patient_slices(compared: ComparedPatient, reference: "Reference") -> "SliceScene":
     """Return the slices of a patient: scan, segmentation, and the map of z as a contour."""
-    from homolog_app.views.slices import Outline, SliceScene
+    from homolog_app.scenes.slices import Outline, SliceScene
 
     comparison = compared.comparison
     scale, z = _scale(comparison, reference, Z)

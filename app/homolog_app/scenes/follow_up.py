@@ -11,9 +11,9 @@ from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.progress import Tick, part_of
 from homolog_app.rendering.colours import displacement_scale
+from homolog_app.rendering.content import ViewContents
 from homolog_app.rendering.text import signed
-from homolog_app.views.content import ViewContents
-from homolog_app.views.patient import on_own_surface, region_place
+from homolog_app.scenes.patient import on_own_surface, region_place
 
 if TYPE_CHECKING:
     from homolog.patient import FollowUp, PatientComparison, Reference, Region

@@ -147,7 +147,7 @@ class CheckView(_View):
     Attributes
     ----------
     show : str
-        As in `homolog_app.views.check.Marks`, with ``"checkerboard"`` and ``"stripes"`` for textures.
+        As in `homolog_app.scenes.check.Marks`, with ``"checkerboard"`` and ``"stripes"`` for textures.
     particle : int or None
         The selected particle.
     subject : str

@@ -1,0 +1,97 @@
+"""Contents of the views: subjects, and their particles in a run."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from homolog.arrays import Array, FloatArray
+from homolog.cohort import Subject
+from homolog.geometry import transform_points
+from homolog.settings import GroomSettings
+from homolog.surfaces.mirroring import mirrors
+from homolog_app.rendering.colours import colours_by_place
+from homolog_app.rendering.content import Content, SubjectContents
+from homolog_app.studies.loaded_result import LoadedResult
+
+if TYPE_CHECKING:
+    from homolog.grooming import GroomedSubject
+    from homolog_app.studies.file_survey import FileSurvey
+
+__all__ = ["Groomed", "moment_of", "realigned", "single_subject", "subject_contents"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Groomed:
+    """A groomed subject, its (4, 4) alignment to the cohort, and the settings it was groomed with."""
+
+    subject: "GroomedSubject"
+    alignment: FloatArray
+    settings: GroomSettings
+
+
+def moment_of(loaded: LoadedResult, index: int) -> tuple[dict[str, FloatArray], Array]:
+    """Return the particles (N, 3) [mm] of each subject in a recorded frame of the run, and their colours.
+
+    All frames with the same number of particles have the colours of the last of these frames.
+    """
+    names, final, frame = loaded.result.names, loaded.result.world, loaded.frames[index]
+    stages = [each.particles for each in loaded.frames] + [final]
+    stage_particles = next(stage for stage in reversed(stages) if stage.shape[1] == frame.particles.shape[1])
+    shown = frame.particles
+    if index == len(loaded.frames) - 1:
+        shown = final
+    elif frame.alignments is not None:
+        shown = realigned(frame.particles, frame.alignments, loaded.result.alignments)
+    return dict(zip(names, shown, strict=True)), colours_by_place(np.asarray(stage_particles).mean(axis=0))
+
+
+def realigned(particles: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
+    """Return the particles (M, n, 3) of aligned shapes as other alignments (M, 4, 4) place the shapes."""
+    return transform_points(after @ np.linalg.inv(before), particles)
+
+
+def subject_contents(
+    subjects: Sequence[Subject],
+    surveys: "Mapping[str, FileSurvey]",
+    groomed: Mapping[str, Groomed],
+    result: LoadedResult | None,
+) -> SubjectContents:
+    """Return the contents of all subjects.
+
+    With a result, its surfaces are shown; without one, the groomed surfaces, or the input of subjects that
+    are not groomed. Subjects without an alignment are centred.
+    """
+    alignments = dict(zip(result.result.names, result.result.alignments, strict=True)) if result else {}
+    turned = dict(zip(alignments, mirrors(result.result.alignments).tolist(), strict=True)) if result else {}
+
+    def made(place: int) -> Content:
+        subject = subjects[place]
+        survey, smooth = surveys.get(subject.name), groomed.get(subject.name)
+        raw = survey.surface if survey else None
+        fine, coarse = (smooth.subject.mesh, smooth.subject.coarse_mesh) if smooth else (None, None)
+        alignment = smooth.alignment if smooth else None
+        if result is not None and subject.name in alignments:
+            fine, coarse = result.surfaces[subject.name]
+            alignment = alignments[subject.name]
+        if alignment is None:
+            alignment = np.eye(4)
+            if raw is not None:
+                alignment[:3, 3] = -raw.vertices.mean(axis=0)
+        mirrored = turned.get(subject.name, smooth is not None and bool(mirrors(alignment)))
+        notes = [subject.group or "", "mirrored" if mirrored else ""]
+        if fine is None and survey is not None and survey.every > 1:
+            notes.append(f"every {_ORDINALS.get(survey.every, f'{survey.every}th')} voxel")
+        note = " · ".join(note for note in notes if note)
+        return Content(subject.name, raw, fine, coarse, alignment, note)
+
+    return SubjectContents([subject.name for subject in subjects], made)
+
+
+_ORDINALS = {2: "second", 3: "third"}
+
+
+def single_subject(subject: Content) -> Content:
+    """Return a subject with only its groomed surface and a corresponding caption."""
+    return replace(subject, raw=None, note="groomed surface")
