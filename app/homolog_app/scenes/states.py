@@ -11,6 +11,7 @@ from homolog.comparison.question import Question
 from homolog_app.rendering.camera import Canvas
 
 __all__ = [
+    "REACH",
     "CheckView",
     "ColouredView",
     "GroupsView",
@@ -20,6 +21,9 @@ __all__ = [
     "SubjectsView",
     "View",
 ]
+
+REACH = 3.0
+"""Largest distance from the mean along a mode that can be chosen [SD]."""
 
 
 class _View(BaseModel):

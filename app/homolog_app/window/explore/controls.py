@@ -25,10 +25,10 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.explore.page import ModelCache
 from homolog_app.window.widgets import GRID, ActionButton, button, choice, label
 
-__all__ = ["REACH", "STEPS", "CompareBox", "NumbersTable", "Pace", "Player", "SubjectTable"]
+__all__ = ["STEPS", "CompareBox", "NumbersTable", "Pace", "Player", "SubjectTable"]
 
-REACH, STEPS = 3.0, 100
-"""Range of sliders [SD], and their steps per standard deviation."""
+STEPS = 100
+"""Steps of a slider per standard deviation."""
 
 
 class NumbersTable(QWidget):

@@ -41,11 +41,11 @@ from homolog_app.scenes.shapes import (
     mesh_file,
     named_surface,
 )
-from homolog_app.scenes.states import MeasureView
+from homolog_app.scenes.states import REACH, MeasureView
 from homolog_app.scenes.subjects import single_subject
 from homolog_app.studies.study import with_current_table
 from homolog_app.window.actions import Actions
-from homolog_app.window.explore.controls import REACH, SORTED_BY, STEPS, SubjectTable
+from homolog_app.window.explore.controls import SORTED_BY, STEPS, SubjectTable
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.explore.plot import Plot

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QHBoxLayout, QMenu, QToolTip, QWidget
 from homolog.arrays import FloatArray
 from homolog.statistics.parallel import ParallelAnalysis
 from homolog_app.rendering.text import signed
-from homolog_app.window.explore.controls import REACH
+from homolog_app.scenes.states import REACH
 from homolog_app.window.explore.plot import Plot
 from homolog_app.window.theme import Theme
 

@@ -25,9 +25,9 @@ from homolog.arrays import FloatArray
 from homolog_app.rendering.content import SubjectContents, ViewContents
 from homolog_app.rendering.text import short
 from homolog_app.scenes.shapes import mode_scene
-from homolog_app.scenes.states import ModesView
+from homolog_app.scenes.states import REACH, ModesView
 from homolog_app.window.actions import Actions
-from homolog_app.window.explore.controls import REACH, STEPS, CompareBox, Player
+from homolog_app.window.explore.controls import STEPS, CompareBox, Player
 from homolog_app.window.explore.mode_plots import ModePlots
 from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.form import named_rows, tab_before
