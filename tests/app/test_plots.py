@@ -61,7 +61,16 @@ def _figures(colours):
     )  # fmt: skip
     draw_slope(drawn["slope"].subplots(), numbers[:, 0], numbers[:, 1], groups, "age", 0.1, **row)
     parts = [numbers[:3, 0], numbers[3:, 0]]
-    draw_boxes(drawn["boxes"].subplots(), parts, ("a", "b"), [("1 ± 2", "1")] * 2, "Volume", "ml", **row)
+    draw_boxes(
+        drawn["boxes"].subplots(),
+        parts,
+        ("a", "b"),
+        [("1 ± 2", "1")] * 2,
+        "Volume",
+        "ml",
+        places=range(2),
+        **row,
+    )
     draw_measure(drawn["measure"].subplots(), np.arange(9.0), numbers[:, 0], "Volume", "mode 1 (SD)", **row)
     draw_energies(drawn["energies"].subplots(1, 3), numbers, **row)
     draw_quality(
@@ -224,7 +233,7 @@ def test_a_part_of_the_objective_that_does_not_count_says_so():
 def test_nearly_equal_measures_look_nearly_equal():
     axes = _axes()
     parts = [np.array([79.55, 79.551]), np.array([79.56, 79.562])]
-    draw_boxes(axes, parts, ("a", "b"), [("80 ± 0", "80")] * 2, "Distance", "mm", COLOURS)
+    draw_boxes(axes, parts, ("a", "b"), [("80 ± 0", "80")] * 2, "Distance", "mm", COLOURS, range(2))
     low, high = axes.get_ylim()
     assert high - low > 1.0
     assert low < 79.55 < 79.562 < high

@@ -128,7 +128,7 @@ def time_window(shape, folder: Path, moves: int) -> dict[str, list[float]]:
 
     times = timed("slider to picture", show, 2.0 * np.sin(np.arange(moves) / 9.0))
     times |= timed("a picture alone", lambda _: scene.plot.grabFramebuffer(), range(moves))
-    player = Player(window.commands, lambda: scene.draw_ms, {"": 2.0})
+    player = Player(window.commands, lambda: scene.plot.draw_ms, {"": 2.0})
     player.swung.connect(draw)
     player.play_or_stop()
     times["event late while playing"] = lateness(app, _PLAY_S)

@@ -65,7 +65,7 @@ def measure(options: argparse.Namespace, folder: Path) -> None:
     print("| views | shapes x particles | median late ms | p99 | most | frames/s | draw ms | cancel s |")
     print(
         f"| {options.views} | {options.shapes} x {options.particles} | {p50:.0f} | {p99:.0f} "
-        f"| {max(late):.0f} | {frames / options.seconds:.1f} | {window.views.stage.scene.draw_ms:.0f} "
+        f"| {max(late):.0f} | {frames / options.seconds:.1f} | {window.views.stage.scene.plot.draw_ms:.0f} "
         f"| {idle:.2f} |"
     )
     window.close()

@@ -32,6 +32,8 @@ from homolog.statistics.shape_model import ShapeModel
 from homolog.statistics.welch import compare_measure
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.exports.settings import TableSettings
+from homolog_app.studies.loaded_result import LoadedResult
+from homolog_app.studies.model_shape import ModelShape
 
 __all__ = [
     "Measures",
@@ -40,6 +42,8 @@ __all__ = [
     "distances",
     "group_lines",
     "measure_meshes",
+    "measures_along",
+    "measures_of",
     "write_cohort",
     "write_measures",
     "write_tables",
@@ -258,6 +262,21 @@ def measure_meshes(meshes: Sequence[TriangleMesh], from_mean: FloatArray, tick: 
         volumes[index], areas[index] = mesh.volume / _MM3_IN_ML, mesh.area / _MM2_IN_CM2
         walls[index] = mean_over_area(mesh, wall_thickness(mesh))
     return Measures(volumes, areas, walls, from_mean)
+
+
+def measures_of(loaded: LoadedResult, mean: TriangleMesh, tick: Tick = no_tick) -> Measures:
+    """Measure the subjects' own surfaces; their distance is that from a mean surface."""
+    world = loaded.result.world
+    apart = distances_from_mean(world, world.mean(axis=0), mean)
+    return measure_meshes([loaded.surfaces[name][0] for name in loaded.result.names], apart, tick)
+
+
+def measures_along(shape: ModelShape, mode: int, amounts: FloatArray, tick: Tick = no_tick) -> Measures:
+    """Measure the shapes at positions (n,) [SD] along a mode, counted from 0."""
+    steps = [amount * np.eye(mode + 1)[mode] for amount in amounts]
+    meshes = [TriangleMesh(shape.mean.vertices + shape.moved(at), shape.mean.faces) for at in steps]
+    instances = np.stack([shape.model.instance(at) for at in steps])
+    return measure_meshes(meshes, distances_from_mean(instances, shape.model.mean, shape.mean), tick)
 
 
 def distances_from_mean(world: FloatArray, centre: FloatArray, mean: TriangleMesh) -> FloatArray:

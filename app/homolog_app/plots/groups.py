@@ -111,7 +111,7 @@ def draw_slope(
 
 def draw_boxes(
     axes: Axes, parts: Sequence[FloatArray], names: Sequence[str], means: Sequence[Sequence[str]],
-    title: str, unit: str, colours: Colours,
+    title: str, unit: str, colours: Colours, places: Sequence[int],
 ) -> None:  # fmt: skip
     """Draw a measure by group: quartiles, whiskers, the mean as a diamond, and every subject.
 
@@ -130,6 +130,8 @@ def draw_boxes(
         that fits is written.
     title, unit : str
     colours : Colours
+    places : sequence of int
+        Places of the groups in the order of all groups, on which their colours depend.
     """
     dress(axes, colours, title, "", unit)
     line = {"linewidth": LINE_PT}
@@ -139,7 +141,7 @@ def draw_boxes(
         meanprops={"marker": "D", "mfc": colours.text, "mec": colours.text, "markersize": 4, "zorder": 4},
     )  # fmt: skip
     for index, part in enumerate(parts):
-        colour, _ = group_style(index, colours)
+        colour, _ = group_style(places[index], colours)
         drawn["boxes"][index].set(edgecolor=colour, facecolor=f"{colour}3c")
         ends = slice(2 * index, 2 * index + 2)
         for part_of_box in (drawn["medians"][index], *drawn["whiskers"][ends], *drawn["caps"][ends]):

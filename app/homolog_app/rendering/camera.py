@@ -3,12 +3,13 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from homolog.arrays import FloatArray
+from homolog_app.rendering.colours import DARK_SCHEME, LIGHT_SCHEME, Colours
 
 __all__ = [
     "VIEWS",
@@ -18,6 +19,7 @@ __all__ = [
     "Clip",
     "ClipPlane",
     "Cut",
+    "Display",
     "Frame",
     "View",
     "around",
@@ -274,8 +276,49 @@ class CameraState(BaseModel):
         camera.SetParallelScale(self.height / 2.0)
 
 
-class Canvas(BaseModel):
-    """Size, layout and appearance of the views.
+class Display(BaseModel):
+    """What the user chose to see in the views, on every page.
+
+    Attributes
+    ----------
+    scheme : str
+    layout, page : int
+        Number of subjects per page, and the open page; shapes of the model have their own layout.
+    raw, groomed, particles : bool
+        Whether these are shown.
+    opacity : float
+        Opacity of the surfaces.
+    letters, scale_bar : bool
+        Whether the anatomical directions and a scale bar are shown.
+    clip : Clip or None
+        The plane that cuts the shapes open.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    scheme: Literal["light", "dark"] = "light"
+    layout: Literal[1, 4, 9, 16] = 4
+    page: Annotated[int, Field(ge=0)] = 0
+    raw: bool = False
+    groomed: bool = True
+    particles: bool = True
+    opacity: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
+    letters: bool = True
+    scale_bar: bool = True
+    clip: Clip | None = None
+
+    def changed(self, **fields: object) -> Self:
+        """Return a copy with other values."""
+        return self.model_copy(update=fields)
+
+    @property
+    def colours(self) -> Colours:
+        """Colours of the scheme."""
+        return DARK_SCHEME if self.scheme == "dark" else LIGHT_SCHEME
+
+
+class Canvas(Display):
+    """A picture of the views: what is displayed, its size and its cameras.
 
     Attributes
     ----------
@@ -285,35 +328,12 @@ class Canvas(BaseModel):
         Pixels of the picture per pixel of the screen.
     text : float
         Size of the texts relative to a system font of 12 pixels.
-    scheme : str
-    layout, page : int
-        Number of subjects per page, and the open page; shapes of the model have their own layout.
-    raw, groomed, particles : bool
-        Whether these are shown.
-    opacity : float
-        Opacity of the surfaces.
     cameras : tuple of CameraState
         A camera for all views, or one for each view.
-    letters, scale_bar : bool
-        Whether the anatomical directions and a scale bar are shown.
-    clip : Clip or None
-        The plane that cuts the shapes open.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     width: _Pixels = 1280
     height: _Pixels = 720
     ratio: Annotated[float, Field(gt=0.0, le=8.0)] = 1.0
     text: Annotated[float, Field(gt=0.0, le=8.0)] = 1.0
-    scheme: Literal["light", "dark"] = "light"
-    layout: Literal[1, 4, 9, 16] = 4
-    page: Annotated[int, Field(ge=0)] = 0
-    raw: bool = False
-    groomed: bool = True
-    particles: bool = True
-    opacity: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
     cameras: tuple[CameraState, ...] = ()
-    letters: bool = True
-    scale_bar: bool = True
-    clip: Clip | None = None

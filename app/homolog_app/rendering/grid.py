@@ -14,9 +14,9 @@ from homolog.geometry import scale_of, transform_points
 from homolog.surfaces.mirroring import mirrors
 from homolog_app.rendering.actors import Overview, QuickBalls, SceneActors
 from homolog_app.rendering.camera import VIEWS as ANATOMICAL
-from homolog_app.rendering.camera import Box, Canvas, Clip, Cut, View, around, extent_of
+from homolog_app.rendering.camera import Box, Canvas, Clip, Cut, Display, View, around, extent_of
 from homolog_app.rendering.colour_bar import scale_picture
-from homolog_app.rendering.colours import DARK_SCHEME, LIGHT_SCHEME, Colours, colours_by_place, rgb, rgb_bytes
+from homolog_app.rendering.colours import LIGHT_SCHEME, Colours, colours_by_place, rgb, rgb_bytes
 from homolog_app.rendering.content import Content, ViewContents
 from homolog_app.rendering.opengl import SMOOTH, need_no_display, pixels_of
 from homolog_app.rendering.scene import Balls, Scene, Surface, ball_radius
@@ -204,13 +204,13 @@ class ViewCell:
         if content is None:
             self._update()
 
-    def show(self, raw: bool, groomed: bool, quick: bool, opacity: float) -> None:
+    def show(self, display: Display, *, quick: bool) -> None:
         """Set which surfaces `show_particles` draws; of both, the raw one is a transparent shell.
 
         Fast drawing uses the simplified surface, unless the full one has colours at its vertices.
         """
         overlaid = self.content is not None and self.content.overlaid
-        raw = raw or overlaid
+        raw, groomed, opacity = display.raw or overlaid, display.groomed, display.opacity
         both = raw and groomed and "groomed" in self._placed
         coloured = self.content is not None and self.content.colours is not None
         light = quick and not coloured and "coarse" in self._placed
@@ -328,6 +328,11 @@ class ViewCell:
         return np.stack([right, np.cross(right, ahead), ahead])
 
     @property
+    def vertices(self) -> FloatArray:
+        """Vertices of the groomed surface, or else of the input [mm], (n, 3)."""
+        return self._placed.get("groomed", self._placed.get("raw", np.empty((0, 3))))
+
+    @property
     def points(self) -> FloatArray:
         """A subset of the vertices of the surfaces [mm], (n, 3), whether they are shown or not."""
         return _some_of(self._placed.values())
@@ -413,16 +418,17 @@ class Grid:
         self.particles: Mapping[str, FloatArray] = {}
         self.tints: Array | Mapping[str, Array] | None = None
         self.radius = 1.0
-        self.layout, self.columns, self.page = 1, 0, 0
-        self.raw, self.groomed, self.balls, self.opacity = True, True, True, 1.0
-        self.letters, self.scale_bar = True, True
-        self.clip: Clip | None = None
-        """The plane that cuts all shapes open."""
-        self._box: Box | None = None
+        self.columns = 0
+        self.display = Display(layout=1, raw=True)
+        """What the user chose to see; replaced by `show`."""
+        self.uncovering: Clip | None = None
+        """A plane in front of what a close-up shows, unless the user cuts the shapes open."""
+        self.box: Box | None = None
+        """Extent that the user's plane refers to [mm], which stays where shapes only move."""
         self._boxed: list[str] = []
-        self._colours = LIGHT_SCHEME
         self.cameras = Cameras(self.cells)
         self.place_cells()
+        self.paint()
 
     @property
     def count(self) -> int:
@@ -435,13 +441,18 @@ class Grid:
         """Rows and columns of views."""
         if self.columns:
             return max(1, -(-len(self._contents) // self.columns)), self.columns
-        side = round(self.layout**0.5)
+        side = round(self.display.layout**0.5)
         return side, side
 
     @property
     def pages(self) -> int:
         """Number of pages."""
         return max(1, -(-len(self._contents) // self.count))
+
+    @property
+    def page(self) -> int:
+        """Index of the page that is shown."""
+        return min(self.display.page, self.pages - 1)
 
     @property
     def contents(self) -> Sequence[Content]:
@@ -452,6 +463,12 @@ class Grid:
     def shown(self) -> Sequence[Content]:
         """The contents of the page."""
         return self._contents[self.page * self.count : (self.page + 1) * self.count]
+
+    def cell_of(self, name: str) -> ViewCell | None:
+        """Return the view of a content by its name; None if it is not shown."""
+        return next(
+            (cell for cell in self.cells[: self.count] if cell.content and cell.content.name == name), None
+        )
 
     def take(self, shown: ViewContents) -> None:
         """Set the contents; call `show_page` afterwards."""
@@ -471,7 +488,7 @@ class Grid:
 
     def show_page(self, page: int) -> None:
         """Fill the views with the contents of a page."""
-        self.page = max(0, min(page, self.pages - 1))
+        self.display = self.display.changed(page=max(0, min(page, self.pages - 1)))
         shown = self.shown
         for index, cell in enumerate(self.cells):
             cell.fill(shown[index] if index < min(len(shown), self.count) else None)
@@ -479,15 +496,15 @@ class Grid:
         if (
             names := [content.name for content in shown]
         ) != self._boxed:  # the plane stays where shapes only move
-            self._boxed, self._box = names, self.bounds
+            self._boxed, self.box = names, self.bounds
 
     def refresh(self) -> None:
         """Update surfaces, particles and texts."""
-        size = self._text_px * self.ratio
+        size, display = self._text_px * self.ratio, self.display
         for index, cell in enumerate(self.cells[: self.count]):
-            cell.show(self.raw, self.groomed, self.quick, self.opacity)
-            bar = self.scale_bar and (self.count <= _FEW or index == 0 or not self.cameras.linked)
-            cell.show_caption(round(size), small=self.count > _FEW, letters=self.letters, bar=bar)
+            cell.show(display, quick=self.quick)
+            bar = display.scale_bar and (self.count <= _FEW or index == 0 or not self.cameras.linked)
+            cell.show_caption(round(size), small=self.count > _FEW, letters=display.letters, bar=bar)
         self.radius = self._ball_radius(len(next(iter(self.particles.values()), ())))
         self.refresh_particles(range(self.count))
 
@@ -499,7 +516,7 @@ class Grid:
 
     def particles_of(self, cell: ViewCell) -> tuple[FloatArray | None, float]:
         """Return the particles of a view, and their radius."""
-        content = cell.content if self.balls else None
+        content = cell.content if self.display.particles else None
         return self.particles.get(content.name) if content is not None else None, self.radius
 
     def fit(self, width: float, height: float) -> bool:
@@ -526,12 +543,19 @@ class Grid:
         """Height of the texts, in pixels of a screen without scaling."""
         return self.text * next((size for most, size in _TEXT_PX.items() if self.count <= most), 12)
 
-    def paint(self, colours: Colours) -> None:
+    def show(self, display: Display) -> None:
+        """Display the contents in another way; call `refresh` or `show_page` afterwards."""
+        before, self.display = self.display, display
+        if display.layout != before.layout:
+            self.place_cells()
+        if display.scheme != before.scheme:
+            self.paint()
+
+    def paint(self) -> None:
         """Apply the scheme's colours."""
-        self._colours = colours
-        self._backdrop.SetBackground(*rgb(colours.line))
+        self._backdrop.SetBackground(*rgb(self.display.colours.line))
         for cell in self.cells:
-            cell.paint(colours)
+            cell.paint(self.display.colours)
 
     def show_backdrop(self, shown: bool) -> None:
         """Show or hide the background of the views and the lines between them."""
@@ -552,7 +576,7 @@ class Grid:
         renderer = vtkRenderer()
         self._window.AddRenderer(renderer)
         self.cells.append(ViewCell(renderer))
-        self.cells[-1].paint(self._colours)
+        self.cells[-1].paint(self.display.colours)
         self.cameras.add(renderer)
 
     def close(self) -> None:
@@ -568,7 +592,8 @@ class Grid:
     @property
     def full_clip(self) -> Clip | None:
         """The cutting plane with the extent that its position refers to."""
-        return self.clip and self.clip.model_copy(update={"box": self.clip.box or self._box})
+        clip = self.display.clip or self.uncovering
+        return clip and clip.model_copy(update={"box": clip.box or self.box})
 
     def _before_drawing(self, *_: object) -> None:
         self._window.SetDPI(_DPI)
@@ -577,7 +602,7 @@ class Grid:
             cells = self.cells[: self.count]
             for cell in cells:
                 cell.face_camera(bounds)
-                cell.cut(self.clip, self._box or bounds)
+                cell.cut(self.display.clip or self.uncovering, self.box or bounds)
             in_strips = any(cell.texts.need_strip for cell in cells)
             for cell in cells:
                 cell.face_texts(in_strips)
@@ -616,7 +641,6 @@ def drawn(
     """
     need_no_display()
     _release_context_of_qt()
-    colours = DARK_SCHEME if canvas.scheme == "dark" else LIGHT_SCHEME
     ratio = scale * canvas.ratio
     window: Any = vtkRenderWindow()
     window.SetOffScreenRendering(True)
@@ -625,11 +649,8 @@ def drawn(
     window.SetNumberOfLayers(1)
     window.SetSize(round(canvas.width * ratio), round(canvas.height * ratio))
     grid = Grid(window)
-    grid.ratio, grid.text, grid.layout = ratio, canvas.text, canvas.layout
-    grid.raw, grid.groomed, grid.balls = canvas.raw, canvas.groomed, canvas.particles
-    grid.letters, grid.scale_bar = canvas.letters, canvas.scale_bar
-    grid.opacity, grid.clip = canvas.opacity, canvas.clip
-    grid.paint(colours)
+    grid.ratio, grid.text, grid.display = ratio, canvas.text, canvas
+    grid.paint()
     grid.show_backdrop(not transparent)
     grid.take(shown)
     _look(grid, canvas)
@@ -642,7 +663,7 @@ def drawn(
         pixels[..., 3] = 255
     if shown.scale is not None:
         strip = scale_picture(
-            shown.scale, colours, pixels.shape[1], ratio * canvas.text, transparent=transparent
+            shown.scale, canvas.colours, pixels.shape[1], ratio * canvas.text, transparent=transparent
         )
         pixels = np.concatenate([pixels, strip])
     return pixels

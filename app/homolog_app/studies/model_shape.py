@@ -113,6 +113,16 @@ class ModelShape:
         flat: Float32Array = np.einsum("k,kv->v", amounts, self.moves[: len(amounts)])
         return flat.reshape(-1, 3)
 
+    def distances_along(self, mode: int, amounts: FloatArray, pair: tuple[int, int]) -> FloatArray:
+        """Return the distances (n,) [mm] of two particles at positions (n,) [SD] along a mode."""
+        first, second = (
+            self.model.mean[particle]
+            + amounts[:, None]
+            * (self.model.standard_deviations[mode] * self.model.components[mode, particle])
+            for particle in pair
+        )
+        return np.asarray(np.linalg.norm(second - first, axis=1))
+
     def outward(self, displacement: Array) -> Float32Array:
         """Return the part of displacements (V, 3) along the mean's outward normals [mm], shape (V,)."""
         part: Float32Array = np.einsum("vi,vi->v", displacement, self.mean_normals)
@@ -254,12 +264,11 @@ def largest_region(faces: IntArray, inside: BoolArray) -> BoolArray:
     return np.asarray(inside & (labels == counts.argmax()))
 
 
-def middle_of(shape: "ModelShape", region: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Return the vertex of a region nearest to its centre [mm], and the mean surface's normal there."""
-    vertices = shape.mean.vertices
+def middle_of(vertices: Array, region: BoolArray) -> int:
+    """Return the vertex (of V, 3) of a region (V,) that is nearest to the region's centre."""
     chosen = np.flatnonzero(region)
-    nearest = chosen[np.linalg.norm(vertices[chosen] - vertices[chosen].mean(axis=0), axis=1).argmin()]
-    return np.asarray(vertices[nearest], np.float64), np.asarray(shape.mean_normals[nearest], np.float64)
+    away = vertices[chosen] - vertices[chosen].mean(axis=0)
+    return int(chosen[np.linalg.norm(away, axis=1).argmin()])
 
 
 _log = logging.getLogger(__name__)

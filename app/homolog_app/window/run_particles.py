@@ -49,7 +49,7 @@ class RunParticles(QObject):
         self.particles: Mapping[str, FloatArray] = {}
         self.tints: Array | None = None
         self.frame: Frame | None = None
-        self._look, self._player = (Pace(self, lambda: stage.scene.draw_ms) for _ in range(2))
+        self._look, self._player = (Pace(self, lambda: stage.scene.plot.draw_ms) for _ in range(2))
         self._look.timeout.connect(self._show_newest_frame)
         self._player.timeout.connect(self._step_on)
         stage.footer.frame_chosen.connect(self._show_moment)

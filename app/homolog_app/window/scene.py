@@ -293,6 +293,7 @@ class Scene(QWidget):
     """A grid of views, rotated together unless unlinked, and the colour scale below it."""
 
     page_changed = Signal()
+    display_changed = Signal()
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
@@ -314,11 +315,9 @@ class Scene(QWidget):
         self.grid = Grid(window)
         self.picker = Picker(self.plot, self.grid.cells, self.grid.particles_of)
         self.displayed = ViewContents(())
-        self._colours = LIGHT_SCHEME
         self._reported = (-1, 0, 0)
-        self._clip: Clip | None = None
-        self._uncovering: Clip | None = None
-        self._is_close = False
+        self._focus: tuple[str, int] | None = None
+        """What a close-up shows: a content by its name, and a vertex of its surface."""
         self._subjects_page = 0  # the page of subjects to return to from shapes of the model
         self.share, self._turn, self._partial = MOST, 0, False
         self._size: object = None
@@ -331,41 +330,15 @@ class Scene(QWidget):
         self.plot.iren.add_observer("EndInteractionEvent", lambda *_: self.refine_timer.start())
 
     @property
-    def draw_ms(self) -> float:
-        """Drawing time [ms], smoothed."""
-        return self.plot.draw_ms
-
-    @property
-    def page(self) -> int:
-        """Index of the page shown."""
-        return self.grid.page
-
-    @property
-    def pages(self) -> int:
-        """Number of pages."""
-        return self.grid.pages
-
-    @property
-    def columns(self) -> int:
-        """Number of columns if the contents define the grid; 0 in the user's layout."""
-        return self.grid.columns
-
-    @property
     def shown(self) -> Sequence[Content]:
         """The contents of the page."""
         return self.grid.shown
 
-    @property
-    def layout_count(self) -> int:
-        """Number of views in the user's layout."""
-        return self.grid.layout
-
     def set_layout(self, count: int) -> None:
         """Show 1, 4, 9 or 16 views of subjects; the first one remains visible."""
-        first = self.grid.page * self.grid.layout
-        self.grid.layout = count
+        first = self.grid.page * self.grid.display.layout
+        self.change(layout=count)
         if not self.grid.columns:
-            self.grid.place_cells()
             self.show_page(first // count)
             self._keep_whole()
 
@@ -396,14 +369,15 @@ class Scene(QWidget):
             # The shapes may have grown, as along a mode. The user's zoom is kept.
             self.grid.widen(self.plot.width(), self.plot.height())
             self.fitted = self.looks
+        self._follow_focus()
 
     def begin_anew(self) -> None:
         """Reset camera, zoom and page for the next contents."""
-        self._fitted, self._subjects_page, self.grid.page = False, 0, 0
+        self._fitted, self._subjects_page = False, 0
+        self.change(page=0)
 
     def show_page(self, page: int) -> None:
         """Show a page of the contents."""
-        self.grid.page = page
         self._refresh(page)
         grid = self.grid
         if (grid.page, grid.pages, grid.columns) != self._reported:
@@ -425,30 +399,14 @@ class Scene(QWidget):
         if index is not None and index // self.grid.count != self.grid.page:
             self.show_page(index // self.grid.count)
 
-    def switch(
-        self, *, raw: bool | None = None, groomed: bool | None = None, particles: bool | None = None,
-        opacity: float | None = None, letters: bool | None = None, scale_bar: bool | None = None,
-    ) -> None:  # fmt: skip
-        """Show or hide surfaces, particles, directions and scale bar; set the opacity of surfaces."""
-        grid = self.grid
-        grid.raw = grid.raw if raw is None else raw
-        grid.groomed = grid.groomed if groomed is None else groomed
-        grid.balls = grid.balls if particles is None else particles
-        grid.opacity = grid.opacity if opacity is None else opacity
-        grid.letters = grid.letters if letters is None else letters
-        grid.scale_bar = grid.scale_bar if scale_bar is None else scale_bar
-        self._refresh()
-
-    def cut(self, clip: Clip | None) -> None:
-        """Cut all shapes open at a plane, or leave them whole."""
-        self._after_drawing()
-        self._clip = clip
-        self._apply_clips()
-        self.plot.update()
-
-    def _apply_clips(self) -> None:
-        """Cut at the user's plane, or else in front of what a close-up shows."""
-        self.grid.clip = self._clip or self._uncovering
+    def change(self, **fields: object) -> None:
+        """Display the contents in another way: new values of fields of `Display`."""
+        before = self.grid.display
+        display = before.changed(**fields)
+        if display != before:
+            self.grid.show(display)
+            self._refresh()
+            self.display_changed.emit()
 
     def show_particles(
         self, particles: Mapping[str, FloatArray], tints: Array | None = None, *, live: bool = False
@@ -488,8 +446,7 @@ class Scene(QWidget):
 
     def fit(self) -> None:
         """Zoom to the whole shapes."""
-        self._uncovering, self._is_close = None, False
-        self._apply_clips()
+        self.grid.uncovering = self._focus = None
         self._fitted = self.grid.fit(self.plot.width(), self.plot.height()) or self._fitted
         self.fitted = self.looks
         self.plot.update()
@@ -519,60 +476,79 @@ class Scene(QWidget):
     def go_to(self, name: str, place: FloatArray, normal: FloatArray) -> None:
         """Show a subject's page and a close-up of a point of its surface from outside.
 
-        A wall in front of the point, as of a hollow organ, is cut away.
+        The point stays in the middle while the surface moves. A wall in front of it, as of a hollow organ, is
+        cut away, and the user's cut ends if it removes the point.
         """
         self.show_name(name)
-        bounds = self.grid.bounds
-        if bounds is not None:
-            height = _CLOSE_UP * max(bounds[1] - bounds[0], bounds[3] - bounds[2], bounds[5] - bounds[4])
-            if self.grid.particles and not self.grid.columns:  # close-up of a subject's particles
-                height = min(height, _CLOSE_UP_BALLS * self.grid.radius)
-            for camera in self.grid.cameras.each:
-                aim(camera, place, normal, height)
-            self._uncovering, self._is_close = self._plane_before(name, place, normal, bounds), True
-            self._apply_clips()
-            self.plot.update()
+        cell, bounds = self.grid.cell_of(name), self.grid.bounds
+        if cell is None or bounds is None or not len(cell.vertices):
+            return
+        low, high = np.reshape(np.array(bounds), (3, 2)).T
+        height = _CLOSE_UP * float((high - low).max())
+        if self.grid.particles and not self.grid.columns:  # close-up of a subject's particles
+            height = min(height, _CLOSE_UP_BALLS * self.grid.radius)
+        for camera in self.grid.cameras.each:
+            aim(camera, place, normal, height)
+        self._focus = name, int(np.linalg.norm(cell.vertices - place, axis=1).argmin())
+        self._uncover(cell, place)
+
+    def _follow_focus(self) -> None:
+        """Keep the point of a close-up in the middle after its surface has moved."""
+        cell = self.grid.cell_of(self._focus[0]) if self._focus is not None else None
+        if cell is None or self._focus is None or self._focus[1] >= len(cell.vertices):
+            return
+        place = cell.vertices[self._focus[1]]
+        for camera in self.grid.cameras.each:
+            camera.SetPosition(*(place + np.array(camera.GetPosition()) - camera.GetFocalPoint()))
+            camera.SetFocalPoint(*place)
+        self._uncover(cell, place)
 
     @Slot()
     def leave_close_up(self) -> None:
         """Show whole shapes again after a close-up."""
-        if self._is_close:
+        if self._focus is not None:
             self.fit()
 
-    def _plane_before(self, name: str, place: FloatArray, normal: FloatArray, box: Box) -> Clip | None:
+    def _uncover(self, cell: "ViewCell", place: FloatArray) -> None:
+        """Cut away what hides a point from the camera, and nothing that removes the point."""
+        bounds, toward = self.grid.bounds, -cell.axes[2]
+        clip = self.grid.display.clip
+        if clip is not None and bounds is not None:
+            normal, origin = clip.cut(self.grid.box or bounds, cell.axes[2])
+            if (place - origin) @ normal < self.grid.radius:
+                self.change(clip=None)
+        self.grid.uncovering = None if bounds is None else self._plane_before(cell, place, toward, bounds)
+        self.plot.update()
+
+    def _plane_before(self, cell: "ViewCell", place: FloatArray, toward: FloatArray, box: Box) -> Clip | None:
         """Return the plane facing the camera in front of a point, if a surface hides the point."""
-        points = next(
-            (c.points for c in self.grid.cells if c.content and c.content.name == name), np.empty((0, 3))
-        )
-        ahead = (points - place) @ normal
-        aside = np.linalg.norm(points - place - ahead[:, None] * normal, axis=1)
+        ahead = (cell.vertices - place) @ toward
+        aside = np.linalg.norm(cell.vertices - place - ahead[:, None] * toward, axis=1)
         room = 4.0 * self.grid.radius
         if not ((aside < 0.5 * room) & (ahead > room)).any():
             return None
         low, high = np.reshape(box, (3, 2)).T
-        depth = ((low + high) / 2.0 - place) @ normal - 0.5 * room
+        depth = ((low + high) / 2.0 - place) @ toward - 0.5 * room
         share = (1.0 + depth / float(np.linalg.norm(high - low) / 2.0)) / 2.0
         return Clip(plane=ClipPlane.VIEW, position=float(np.clip(share, 0.0, 1.0)), box=box)
 
     def paint(self, colours: Colours) -> None:
         """Apply the colours of the scheme."""
-        self._colours = colours
-        self.grid.paint(colours)
+        self.change(scheme="dark" if colours is DARK_SCHEME else "light")
         self.bar.paint(colours)
-        self.plot.update()
 
     @property
     def canvas(self) -> Canvas:
         """The canvas of the views, from which a picture can be drawn again."""
         grid = self.grid
         return Canvas(
-            width=self.plot.width(), height=self.plot.height(), ratio=self.devicePixelRatioF(),
+            width=self.plot.width(),
+            height=self.plot.height(),
+            ratio=self.devicePixelRatioF(),
             text=grid.text,
-            scheme="dark" if self._colours is DARK_SCHEME else "light",
-            layout=grid.layout, page=grid.page, raw=grid.raw, groomed=grid.groomed, particles=grid.balls,
-            opacity=grid.opacity, cameras=tuple(CameraState.of(camera) for camera in grid.cameras.each),
-            letters=grid.letters, scale_bar=grid.scale_bar, clip=grid.full_clip,
-        )  # fmt: skip
+            cameras=tuple(CameraState.of(camera) for camera in grid.cameras.each),
+            **dict(grid.display.changed(clip=grid.full_clip)),
+        )
 
     @property
     def shown_now(self) -> ViewContents:
@@ -645,7 +621,7 @@ class Scene(QWidget):
             self._after_drawing()
 
     def _draw_quick(self, *_: object) -> None:
-        self._set_quick(self.grid.quick or self.draw_ms > _SLOW_MS)
+        self._set_quick(self.grid.quick or self.plot.draw_ms > _SLOW_MS)
 
     def _draw_fine(self) -> None:
         self._set_quick(False)

@@ -53,9 +53,11 @@ class Views(QObject):
         self.run = RunParticles(workspace, commands["run.play"], stage, curves)
         self._explore = explore
         self._result: LoadedResult | None = None
-        for name in ("link", "raw", "groomed", "particles", "grid4", "letters", "scale_bar"):
+        for name in ("link", "grid4"):
             commands[f"view.{name}"].setChecked(True)
-        stage.bar.opacity_changed.connect(lambda value: stage.scene.switch(opacity=value))
+        stage.bar.opacity_changed.connect(lambda value: stage.scene.change(opacity=value))
+        stage.scene.display_changed.connect(self._show_display)
+        self._show_display()
         stage.clip.changed.connect(self._cut)
         self._bar.clicked.connect(lambda: commands["view.range"].trigger())
         self.run.moved.connect(self._show_run)
@@ -65,11 +67,11 @@ class Views(QObject):
             session.study_changed, session.surveys_changed, session.groomed_changed, session.result_changed,
         ):  # fmt: skip
             signal.connect(self.refresh)
-        explore.shown_changed.connect(self._display)
         for signal in (session.page_changed, session.step_changed):
             signal.connect(stage.scene.leave_close_up)
             signal.connect(self._display)
         for page in self._explore.pages:
+            page.shown_changed.connect(partial(self._display_page, page))
             page.place_wanted.connect(stage.scene.go_to)
             page.place_wanted.connect(self._point_slices)
         self.scans = ScanController(window, workspace, explore, table, stage, commands["view.slice"])
@@ -94,8 +96,8 @@ class Views(QObject):
             "view.reset": scene.fit,
             "view.slice": self._switch_slices,
             "view.clip": self._cut,
-            "view.letters": lambda: scene.switch(letters=commands["view.letters"].isChecked()),
-            "view.scale_bar": lambda: scene.switch(scale_bar=commands["view.scale_bar"].isChecked()),
+            "view.letters": lambda: scene.change(letters=commands["view.letters"].isChecked()),
+            "view.scale_bar": lambda: scene.change(scale_bar=commands["view.scale_bar"].isChecked()),
             "view.range": self.choose_range,
             "view.from_middle": self._turn_colours,
             "view.screenshot": self.save_picture,
@@ -177,10 +179,10 @@ class Views(QObject):
     @property
     def pages(self) -> tuple[int, int]:
         """The open page, from 0, and the number of pages; with slices, one per subject."""
-        scene = self.stage.scene
+        grid = self.stage.scene.grid
         if self.shows_slices:
             return self.scans.index, len(self._session.study.included)
-        return scene.page, scene.pages
+        return grid.page, grid.pages
 
     def turn_page(self, step: int) -> None:
         """Show other subjects."""
@@ -216,10 +218,7 @@ class Views(QObject):
 
     def restore_view(self, view: ViewRecord) -> None:
         """Restore camera direction, opacity, letters and scale bar of a record."""
-        for name, shown in (("letters", view.letters), ("scale_bar", view.scale_bar)):
-            if self._commands[f"view.{name}"].isChecked() is not shown:
-                self._commands[f"view.{name}"].trigger()
-        self.stage.bar.opacity.setValue(round(100.0 * view.opacity))
+        self.stage.scene.change(letters=view.letters, scale_bar=view.scale_bar, opacity=view.opacity)
         if view.camera is not None:
             self.stage.scene.set_camera(view.camera)
 
@@ -249,8 +248,7 @@ class Views(QObject):
             had_smooth = any(isinstance(content, Groomed | LoadedResult) for content in self._shown)
             smooth = bool(session.groomed or session.result)
             if smooth is not had_smooth:  # show one surface, and not the input behind it
-                self._commands["view.raw"].setChecked(not smooth)
-                stage.scene.grid.raw = not smooth
+                stage.scene.change(raw=not smooth)
             self._shown = key
             self.subjects = subject_contents(
                 session.study.included, session.surveys, session.groomed, session.result
@@ -279,6 +277,10 @@ class Views(QObject):
         has_shapes = self._session.result is not None or self._explore.fitted.preliminary is not None
         return self._explore.page if self._session.step == "explore" and has_shapes else None
 
+    def _display_page(self, page: "ExplorePage") -> None:
+        if page is self._page:
+            self._display()
+
     @Slot()
     def _display(self) -> None:
         """Show the subjects, or the contents of the open page of *Explore*."""
@@ -293,7 +295,7 @@ class Views(QObject):
             self._swap_balls()
         self.stage.footer.show_parts(run=not own, pages=not shown.columns)
         self.stage.scene.display(shown)
-        self._explore.fitted.draw_ms = self.stage.scene.draw_ms
+        self._explore.fitted.draw_ms = self.stage.scene.plot.draw_ms
         if self.shows_slices:
             self._show_slices()
         self._update_layout()
@@ -302,7 +304,7 @@ class Views(QObject):
         """Check the button of the current number of views; disable those that the page lacks."""
         page = self._page
         offered = page.layouts if page is not None else None
-        count = offered[0] if offered else self.stage.scene.layout_count
+        count = offered[0] if offered else self.stage.scene.grid.display.layout
         state = (count, self.layouts, self.is_coloured, len(self._session.study.included))
         if state != self._last_layout:
             self._last_layout = state
@@ -311,10 +313,8 @@ class Views(QObject):
 
     def _swap_balls(self) -> None:
         """Store separately whether particles are shown on subjects and on shapes of the model."""
-        balls = self._commands["view.particles"]
-        self._balls, seen = balls.isChecked(), self._balls
-        balls.setChecked(seen)
-        self.stage.scene.switch(particles=seen)
+        self._balls, seen = self.stage.scene.grid.display.particles, self._balls
+        self.stage.scene.change(particles=seen)
 
     @Slot(object)
     def _hand_over_pick(self, pick: Pick) -> None:
@@ -369,14 +369,24 @@ class Views(QObject):
             command.setChecked(True)
             slices.setChecked(False)
             self._switch_slices()
-        self.stage.scene.switch(**{name: command.isChecked()})
+        self.stage.scene.change(**{name: command.isChecked()})
+
+    @Slot()
+    def _show_display(self) -> None:
+        """Let buttons and sliders follow what is displayed."""
+        display = self.stage.scene.grid.display
+        for name in ("raw", "groomed", "particles", "letters", "scale_bar"):
+            self._commands[f"view.{name}"].setChecked(getattr(display, name))
+        self.stage.bar.opacity.setValue(round(100.0 * display.opacity))
+        self._commands["view.clip"].setChecked(display.clip is not None)
+        self.stage.clip.setVisible(display.clip is not None and not self.hides_views)
 
     @Slot()
     def _cut(self) -> None:
         """Cut the shapes open by the plane of the strip, or leave them whole."""
-        bar, cut = self.stage.clip, self._commands["view.clip"].isChecked()
-        bar.setVisible(cut and not self.hides_views)
-        self.stage.scene.cut(bar.clip if cut else None)
+        cut = self._commands["view.clip"].isChecked()
+        self.stage.scene.change(clip=self.stage.clip.clip if cut else None)
+        self.stage.clip.setVisible(cut and not self.hides_views)
 
     def _switch_slices(self) -> None:
         self._cut()
@@ -390,11 +400,11 @@ class Views(QObject):
 
     @Slot()
     def _update_page(self) -> None:
-        scene, total = self.stage.scene, len(self._session.study.included)
+        grid, total = self.stage.scene.grid, len(self._session.study.included)
         if self.shows_slices:
             self.stage.footer.show_page(self.scans.index + 1, self.scans.index + 1, total)
         else:
-            first = scene.page * scene.layout_count
-            total = total if scene.pages > 1 or not scene.columns else 0
-            self.stage.footer.show_page(first + 1, min(first + scene.layout_count, total), total)
+            first = grid.page * grid.display.layout
+            total = total if grid.pages > 1 or not grid.columns else 0
+            self.stage.footer.show_page(first + 1, min(first + grid.display.layout, total), total)
         self.layout_changed.emit()

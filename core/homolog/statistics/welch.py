@@ -9,7 +9,7 @@ from scipy import stats
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick
-from homolog.statistics.design import group_design
+from homolog.statistics.design import group_design, reference_first
 from homolog.statistics.effects import CONFIDENCE, Effect, degrees, unit_parts
 from homolog.statistics.randomization import Randomization
 
@@ -143,7 +143,7 @@ def compare_measure(values: FloatArray, groups: Sequence[str]) -> GroupMeasure:
         )
     labels = np.array(groups, dtype=object)
     used = np.isfinite(values) & (labels != "")
-    names = tuple(sorted(set(labels[used].tolist())))
+    names = tuple(reference_first(labels[used].tolist()))
     values_by_group = [np.asarray(values[used & (labels == name)], np.float64) for name in names]
     return GroupMeasure(
         names,

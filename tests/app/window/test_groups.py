@@ -176,7 +176,7 @@ def test_a_second_run_stands_below_with_the_same_colours_and_its_own_numbers(
     page.fitted.compare_with(bean_project)
     wait(lambda: len(page.answers) == 2, seconds=300)
     scene = window.views.stage.scene
-    assert (scene.columns, len(scene.shown)) == (1, 2)
+    assert (scene.grid.columns, len(scene.shown)) == (1, 2)
     np.testing.assert_array_equal(scene.shown[0].colours, scene.shown[1].colours)
     assert all(len(row) == 3 for row in page.numbers.texts)
 

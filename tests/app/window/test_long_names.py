@@ -76,7 +76,7 @@ def test_a_folder_opened_after_a_project_shows_its_input(explored, ellipsoids, w
     explored.projects.open_paths([ellipsoids])
     wait(lambda: len(explored.workspace.session.surveys) == 4)
     assert explored.commands["view.raw"].isChecked()
-    assert explored.views.stage.scene.grid.raw
+    assert explored.views.stage.scene.grid.display.raw
 
 
 def test_names_of_compared_groups_wrap_instead_of_being_cut(qapp, wait):

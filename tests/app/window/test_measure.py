@@ -196,7 +196,7 @@ def test_two_shapes_are_seen_side_by_side_on_one_scale(page, window):
     page.shown_changed.emit()
     scene = window.views.stage.scene
     assert [content.name for content in scene.shown] == ["a", "b"]
-    assert scene.columns == 2
+    assert scene.grid.columns == 2
     shown = page.shown(window.views.subjects)
     assert shown.scale is not None
     assert all(content.colours is not None for content in shown.contents)

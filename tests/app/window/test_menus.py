@@ -41,7 +41,7 @@ def test_a_right_click_on_a_subject_offers_to_show_it_alone(explored, qapp, wait
     actions["Show only this subject"].trigger()
     menu.close()
     assert [content.name for content in scene.shown] == ["d"]
-    assert scene.layout_count == 1
+    assert scene.grid.display.layout == 1
 
 
 def test_a_right_click_on_a_row_of_the_cohort_offers_what_can_be_done_with_it(beans, qapp, wait):

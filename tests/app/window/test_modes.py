@@ -276,7 +276,7 @@ def test_another_run_stands_beside_with_modes_that_go_the_same_way(page, scene, 
     mine, other = scene.shown
     np.testing.assert_allclose(mine.groomed.vertices, other.groomed.vertices, atol=1e-3)
     page.choose_layout(9)
-    assert scene.columns == 6
+    assert scene.grid.columns == 6
     assert len(scene.shown) == 12
     page.compare.leave.click()
     assert page.fitted.other is None
@@ -289,7 +289,7 @@ def test_the_layout_buttons_show_steps_along_modes_and_never_do_nothing(page, sc
     assert window.commands["view.grid1"].isChecked()
     for count, columns in ((4, 2), (9, 3), (16, 4)):
         window.commands[f"view.grid{count}"].trigger()
-        assert (scene.columns, len(scene.shown)) == (columns, count)
+        assert (scene.grid.columns, len(scene.shown)) == (columns, count)
         assert page.views.currentData() == count
     steps = model.moves[0].reshape(-1, 3)
     for content, amount in zip(scene.shown[:4], (-2.0, -1.0, 1.0, 2.0), strict=True):

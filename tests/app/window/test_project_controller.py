@@ -195,7 +195,7 @@ def test_a_project_that_was_moved_is_found_whole_and_its_files_are_located(
     assert not errors
     assert [member.included for member in window.workspace.session.study.members] == [True, True, True, False]
     assert window.workspace.session.selection == ("d",)
-    assert window.views.stage.scene.layout_count == 1
+    assert window.views.stage.scene.grid.display.layout == 1
     assert window.inspector.explore.page.title == "Measure"
     canvas = window.views.stage.scene.canvas
     assert canvas.cameras[0].eye[2] > canvas.cameras[0].at[2] + canvas.cameras[0].height / 2.0

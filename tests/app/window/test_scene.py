@@ -48,7 +48,7 @@ def test_views_that_a_larger_layout_adds_look_from_where_the_first_one_does():
     grid.cameras.turn("head")
     for linked, layout in ((True, 4), (False, 9)):
         grid.cameras.link(linked)
-        grid.layout = layout
+        grid.display = grid.display.changed(layout=layout)
         grid.place_cells()
         cameras = [cell.renderer.GetActiveCamera() for cell in grid.cells]
         assert len(cameras) == layout
@@ -253,7 +253,7 @@ class TestViews:
         scene = beans.views.stage.scene
         for command, count, pages in (("view.grid1", 1, 4), ("view.grid4", 4, 1), ("view.grid16", 16, 1)):
             beans.commands[command].trigger()
-            assert (scene.layout_count, scene.pages) == (count, pages)
+            assert (scene.grid.display.layout, scene.grid.pages) == (count, pages)
         beans.commands["view.grid1"].trigger()
         beans.commands["view.next"].trigger()
         assert [content.name for content in scene.shown] == ["b"]
@@ -373,18 +373,18 @@ def test_a_page_of_larger_shapes_is_seen_whole_and_the_one_before_as_large_as_th
     groomed.commands["view.reset"].trigger()
     camera = scene.grid.cells[0].renderer.GetActiveCamera()
     fitting = []
-    for page in range(scene.pages):
+    for page in range(scene.grid.pages):
         scene.show_page(page)
         scene.fit()
         fitting.append(camera.GetParallelScale())
     scene.show_page(0)
     scene.fit()
     seen = [camera.GetParallelScale()]
-    for step in [1] * (scene.pages - 1) + [-1] * (scene.pages - 1):
+    for step in [1] * (scene.grid.pages - 1) + [-1] * (scene.grid.pages - 1):
         scene.turn_page(step)
         seen.append(camera.GetParallelScale())
-    assert seen[: scene.pages] == pytest.approx(np.maximum.accumulate(fitting))
-    assert seen[scene.pages :] == pytest.approx([seen[scene.pages - 1]] * (scene.pages - 1))
+    assert seen[: scene.grid.pages] == pytest.approx(np.maximum.accumulate(fitting))
+    assert seen[scene.grid.pages :] == pytest.approx([seen[scene.grid.pages - 1]] * (scene.grid.pages - 1))
     assert len(set(fitting)) > 1, "shapes of one size show nothing"
 
 
@@ -456,7 +456,7 @@ def test_the_page_of_subjects_is_open_again_after_shapes_of_the_model(explore, f
     window.commands["view.grid1"].trigger()
     window.commands["view.next"].trigger()
     window.commands["explore.modes"].trigger()
-    assert window.views.stage.scene.page == 0
+    assert window.views.stage.scene.grid.page == 0
     tabs.setCurrentIndex(0)
     assert [content.name for content in window.views.stage.scene.shown] == ["b"]
 

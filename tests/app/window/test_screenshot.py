@@ -66,7 +66,7 @@ def test_subjects_are_drawn_again_with_layout_camera_opacity_scheme_and_size_of_
     assert_same(dark, theirs)
     assert dark.mean() < mine.mean()
     monkeypatch.setattr("homolog_app.window.scene.text_scale", lambda: 1.5)  # of the system's font
-    explored.views.stage.scene.switch()
+    explored.views.stage.scene.show_page(0)
     larger, theirs, _ = both()
     assert_same(larger, theirs)
     assert (larger != dark).any()

@@ -324,11 +324,12 @@ class GroupsPage(ExplorePage):
     def _go_to_significant(self) -> None:
         """Show the largest significant region."""
         drawn, (content, *_) = self._map, self.shown(SubjectContents()).contents or (None,)
-        if drawn is None or content is None:
+        if drawn is None or content is None or content.groomed is None:
             return
-        largest = largest_region(self.answers[0].shape.mean.faces, drawn.significant)
-        place, normal = middle_of(self.answers[0].shape, largest)
-        self.place_wanted.emit(content.name, place, normal)
+        shape = self.answers[0].shape
+        vertex = middle_of(shape.mean.vertices, largest_region(shape.mean.faces, drawn.significant))
+        surface = content.groomed.placed(content.alignment)
+        self.place_wanted.emit(content.name, surface.vertices[vertex], surface.vertex_normals[vertex])
 
     def show_state(self) -> None:
         """Update status and buttons."""

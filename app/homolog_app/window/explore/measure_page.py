@@ -28,6 +28,7 @@ from homolog.cohort import MESH_SUFFIXES
 from homolog.errors import InputError
 from homolog.progress import Tick, part_of
 from homolog.statistics.cautions import p_text
+from homolog.statistics.design import reference_first
 from homolog.statistics.welch import GroupMeasure, compare_measure
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.content import SubjectContents, ViewContents
@@ -122,7 +123,7 @@ class SurfaceChooser(QComboBox):
     def show_surfaces(self, subjects: Sequence[str], groups: Sequence[str | None]) -> None:
         """List subjects and the means of groups; the choice stays if it still exists."""
         before = self.currentData()
-        means = {f"Mean of {group}": f"{MEAN_OF}{group}" for group in sorted(set(filter(None, groups)))}
+        means = {f"Mean of {group}": f"{MEAN_OF}{group}" for group in reference_first(filter(None, groups))}
         self.clear()
         for text, data in (self._first | means | {name: name for name in subjects} | self._files).items():
             self.addItem(text, data)
@@ -213,6 +214,7 @@ class BoxPlot(Plot):
         self.setMinimumWidth(_WIDTH)
         self._name, self._unit = name, unit
         self._parts: list[FloatArray] = []
+        self._groups: list[str] = []
         self.measure: GroupMeasure | None = None
 
     @property
@@ -224,7 +226,7 @@ class BoxPlot(Plot):
         """Show a measure of subjects (M,), with the group of each."""
         self.measure = measure = compare_measure(values, groups)
         self.hint.setText("Assign groups in Cohort to see this measure by group.")
-        labels = np.array(groups, dtype=object)
+        labels, self._groups = np.array(groups, dtype=object), reference_first(filter(None, groups))
         self._parts = [values[(labels == name) & np.isfinite(values)] for name in measure.groups]
         test = "no test" if measure.p is None else p_text(measure.p)
         self.title = f"{self._name}: {test}"
@@ -262,7 +264,8 @@ class BoxPlot(Plot):
             fixed = f"{mean:.{digits}f}"
             means.append((f"{fixed}\u2009{spread}".strip(), f"{fixed}\n{spread}".strip(), short(mean)))
         title, colours = self.title.replace(": ", "\n"), self.theme.colours  # the plot may be narrow
-        draw_boxes(figure.subplots(), self._parts, measure.groups, means, title, self._unit, colours)
+        places = [self._groups.index(name) for name in measure.groups]
+        draw_boxes(figure.subplots(), self._parts, measure.groups, means, title, self._unit, colours, places)
 
 
 class GroupLegend(QLabel):
@@ -283,12 +286,12 @@ class GroupLegend(QLabel):
         self._show()
 
     def _show(self) -> None:
-        from homolog_app.plots.model import group_style
+        from homolog_app.plots.model import group_order, group_style
 
         each = (
             f'<span style="color: {group_style(index, self._theme.colours)[0]}">■</span>&nbsp;'
             f"{escape(name)}&nbsp;({self._groups[name]})"
-            for index, name in enumerate(sorted(self._groups))
+            for index, name in enumerate(group_order(self._groups))
         )
         self.setText("&nbsp;&nbsp; ".join(each))
         self.setVisible(bool(self._groups))
@@ -643,16 +646,10 @@ class MeasurePage(ExplorePage):
         self._request, known = request, self._subjects
 
         def measure(tick: Tick) -> "tuple[Measures, Measures]":
-            from homolog_app.exports.tables import distances_from_mean, measure_meshes
+            from homolog_app.exports.tables import measures_along, measures_of
 
-            world, centre, amounts = loaded.result.world, shape.model.mean, _amounts()
-            own = [loaded.surfaces[name][0] for name in loaded.result.names]
-            steps = [amount * np.eye(mode + 1)[mode] for amount in amounts]
-            meshes = [TriangleMesh(shape.mean.vertices + shape.moved(at), shape.mean.faces) for at in steps]
-            instances = np.stack([shape.model.instance(at) for at in steps])
-            curve, apart = (distances_from_mean(item, centre, shape.mean) for item in (instances, world))
-            along = measure_meshes(meshes, curve, part_of(tick, 0.0, 0.4))
-            return along, known or measure_meshes(own, apart, part_of(tick, 0.4, 1.0))
+            along = measures_along(shape, mode, _amounts(), part_of(tick, 0.0, 0.4))
+            return along, known or measures_of(loaded, shape.mean, part_of(tick, 0.4, 1.0))
 
         def take(measured: "tuple[Measures, Measures]") -> None:
             self._along[mode], self._subjects = measured
@@ -682,10 +679,10 @@ class MeasurePage(ExplorePage):
             for plot in self.charts.each:
                 plot.show_curve(none, none, axis)
         else:
-            apart = [float(_apart(shape, mode, amount, self.pair)) for amount in x]
+            apart = shape.distances_along(mode, x, self.pair)
             for plot, y in zip(
                 self.charts.each,
-                (np.array(apart), measures.volumes, measures.areas, measures.walls, measures.from_mean),
+                (apart, measures.volumes, measures.areas, measures.walls, measures.from_mean),
                 strict=True,
             ):
                 plot.show_curve(x, y, axis)
@@ -727,12 +724,3 @@ class MeasurePage(ExplorePage):
 
 def _amounts() -> FloatArray:
     return np.linspace(-REACH, REACH, _SAMPLES)
-
-
-def _apart(shape: "ModelShape", mode: int, amount: float, pair: tuple[int, int]) -> FloatArray:
-    ends = [
-        shape.model.mean[particle]
-        + amount * shape.model.standard_deviations[mode] * shape.model.components[mode, particle]
-        for particle in pair
-    ]
-    return np.asarray(np.linalg.norm(ends[1] - ends[0]))

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from PySide6.QtCore import QTimer, Signal
+from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QTabBar, QVBoxLayout, QWidget
 
 from homolog.arrays import Array
@@ -47,9 +47,7 @@ _Kind = TypeVar("_Kind", bound=ExplorePage)
 
 
 class ExplorePanel(QWidget):
-    """The pages. `shown_changed` requests that the views query the open page."""
-
-    shown_changed = Signal()
+    """The pages, of which one is open."""
 
     def __init__(self, workspace: Workspace, actions: Actions) -> None:
         super().__init__()
@@ -64,7 +62,6 @@ class ExplorePanel(QWidget):
         for page in self.pages:
             self.tabs.addTab(page.title)
             self._stack.addWidget(page)
-            page.shown_changed.connect(lambda page=page: self._update(page))
             for plot in (each for part in (page, page.plots) if part is not None for each in plots_of(part)):
                 plot.files = workspace.files
         self._session = workspace.session
@@ -147,10 +144,6 @@ class ExplorePanel(QWidget):
         self._stack.setCurrentWidget(page)
         self.tabs.setCurrentIndex(self.pages.index(page))
         page.enter()
-
-    def _update(self, page: ExplorePage) -> None:
-        if page is self.page:
-            self.shown_changed.emit()
 
 
 PAGE_COMMANDS = {
