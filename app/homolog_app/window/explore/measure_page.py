@@ -291,7 +291,7 @@ class GroupLegend(QLabel):
         each = (
             f'<span style="color: {group_style(index, self._theme.colours)[0]}">■</span>&nbsp;'
             f"{escape(name)}&nbsp;({self._groups[name]})"
-            for index, name in enumerate(group_order(self._groups))
+            for index, name in enumerate(group_order(list(self._groups)))
         )
         self.setText("&nbsp;&nbsp; ".join(each))
         self.setVisible(bool(self._groups))
