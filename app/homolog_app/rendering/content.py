@@ -176,6 +176,8 @@ class ViewContents:
     tints : (N, 3) uint8 array, mapping of str to such arrays, or None
         Colours of the particles, common to all contents or for each by name; None for colours by
         position.
+    frame : (n, 3) array, optional
+        Points [mm] that fit into the views beside the contents, such as the shapes that a slider reaches.
     stays : bool
         Whether the camera of a close-up remains when the contents change; required of the old and the new
             ones.
@@ -186,6 +188,7 @@ class ViewContents:
     scale: ColourScale | None = None
     particles: Mapping[str, FloatArray] | None = None
     tints: Array | Mapping[str, Array] | None = None
+    frame: Array | None = None
     stays: bool = False
 
 

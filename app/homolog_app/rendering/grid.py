@@ -81,6 +81,8 @@ class Cameras:
     def __init__(self, cells: "Sequence[ViewCell]") -> None:
         self._cells = cells
         self._linked = True
+        self.frame: Array | None = None
+        """Points that fit into the views beside the contents, (n, 3) [mm]."""
 
     @property
     def linked(self) -> bool:
@@ -133,7 +135,7 @@ class Cameras:
             Whether there is anything to show.
         """
         cells = self._cells[:count]
-        points = np.concatenate([cell.points for cell in cells])
+        points = self._framed(cells)
         for cell in self._first(cells) if len(points) else ():
             cell.fit(points, room)
         return len(points) > 0
@@ -141,9 +143,13 @@ class Cameras:
     def widen(self, count: int, room: ViewMargins) -> None:
         """Zoom out if shapes of the first views would be cut off; parameters as for `fit`."""
         cells = self._cells[:count]
-        points = np.concatenate([cell.points for cell in cells])
+        points = self._framed(cells)
         for cell in self._first(cells) if len(points) else ():
             cell.widen(points, room)
+
+    def _framed(self, cells: "Sequence[ViewCell]") -> FloatArray:
+        points = np.concatenate([cell.points for cell in cells])
+        return points if self.frame is None or not len(points) else np.concatenate([points, self.frame])
 
     def _first(self, cells: "Sequence[ViewCell]") -> "Sequence[ViewCell]":
         return cells[: 1 if self._linked else None]
@@ -472,7 +478,7 @@ class Grid:
 
     def take(self, shown: ViewContents) -> None:
         """Set the contents; call `show_page` afterwards."""
-        self._contents, self.columns = shown.contents, shown.columns or 0
+        self._contents, self.columns, self.cameras.frame = shown.contents, shown.columns or 0, shown.frame
         if shown.particles is not None:
             self.set_particles(shown.particles, shown.tints)
         self.place_cells()

@@ -22,7 +22,7 @@ from homolog_app.rendering.colours import (
 from homolog_app.rendering.content import Content, ViewContents
 from homolog_app.rendering.scene import Arrows
 from homolog_app.rendering.text import short, shortened, signed
-from homolog_app.scenes.states import GroupsView, MeasureView, ModesView
+from homolog_app.scenes.states import REACH, GroupsView, MeasureView, ModesView
 from homolog_app.studies.loaded_result import LoadedResult
 
 if TYPE_CHECKING:
@@ -235,6 +235,7 @@ _STEPS: Mapping[int, tuple[float, ...]] = {
 }  # fmt: skip
 """Positions in each row as fractions of the range, by the number of views."""
 _MOST = 16
+_SPARSE = 5  # of so many vertices one is looked at to frame a shape, as in the views
 _STAY = np.eye(4)
 
 _Models = Sequence["ModelShape"]
@@ -277,7 +278,18 @@ def mode_scene(view: ModesView, models: _Models, subject: Content | None = None)
         first = models[0].result
         particles[subject.name] = first.world[first.names.index(subject.name)]
     same = len({len(points) for points in particles.values()}) == 1
-    return ViewContents(contents, len(contents), look.scale, particles if same else {})
+    frame = np.concatenate([_reached(model, models[0]) for model in models])
+    return ViewContents(contents, len(contents), look.scale, particles if same else {}, frame=frame)
+
+
+@lru_cache(maxsize=4)
+def _reached(model: "ModelShape", first: "ModelShape") -> Array:
+    """Return some points (n, 3) of the shapes at both ends of the sliders of the retained modes."""
+    placed = _placement(model, [first])
+    modes = max(1, model.parallel.n_retained)
+    moves = REACH * model.moves[:modes].reshape(modes, -1, 3)[:, ::_SPARSE]
+    ends = model.mean.vertices[::_SPARSE] + np.concatenate([moves, -moves])
+    return np.asarray(transform_points(placed, ends.reshape(-1, 3)))
 
 
 def _look(view: ModesView, models: _Models) -> DisplayOptions:

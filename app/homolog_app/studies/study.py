@@ -239,8 +239,11 @@ def extension_of(study: Study, result: ResultRecord) -> Extension:
     )
 
 
-def outdated_text(study: Study, result: ResultRecord) -> str:
-    """Describe changes of cohort and settings since a result was computed; empty without changes."""
+def outdated_text(study: Study, result: ResultRecord, *, settings: bool = True) -> str:
+    """Describe changes of the cohort and of settings since a result was computed; empty without changes.
+
+    Settings are those of the next run: the result stays as valid as it was.
+    """
     known = dict.fromkeys(subject.name for subject in result.subjects)  # not a list: thousands are looked up
     names = dict.fromkeys(subject.name for subject in study.included)
     gone, fresh = [name for name in known if name not in names], [name for name in names if name not in known]
@@ -255,7 +258,7 @@ def outdated_text(study: Study, result: ResultRecord) -> str:
         for name in type(now).model_fields
         if getattr(now, name) != getattr(own, name)
     ]
-    parts += [f"settings have changed ({_listed(changed)})"] if changed else []
+    parts += [f"settings have changed ({_listed(changed)})"] if changed and settings else []
     return f"This result is out of date: {'; '.join(parts)}. Run again to update it." if parts else ""
 
 

@@ -171,6 +171,8 @@ COMMANDS = (
             "View", "Ctrl+Shift+C", "copy", "picture", ends_section=True),
     Command("view.theme", "Light or dark", "Change between the light and the dark scheme.",
             "View", "Ctrl+Shift+D", "theme"),
+    Command("view.plots", "Plots", "Show plots and curves below the views, or leave the space to the shapes.",
+            "View", "6", "curves", "views", True),
     Command("view.log", "Log", "Show the program's messages.", "View", "Ctrl+L", "log", checkable=True),
     Command("run.groom", "Groom", "Compute smooth surfaces of the included subjects.",
             "Run", "Ctrl+Shift+G", "groom", "cohort", writes=True),

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QEvent, QMimeData, QObject, QSize, Qt, Signal, Slot
-from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QResizeEvent
+from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QKeyEvent, QResizeEvent
 from PySide6.QtOpenGLWidgets import QOpenGLWidget
 from PySide6.QtWidgets import (
+    QAbstractButton,
     QDockWidget,
     QFrame,
     QMainWindow,
@@ -106,6 +107,8 @@ class Docks(QObject):
     ) -> None:
         super().__init__(window)
         self._window, self._workspace, self._explore = window, workspace, inspector.explore
+        self._commands, self._folded = commands, False
+        commands["view.plots"].setChecked(True)
         self._sizes = DockSizes(window)
         self.curves = EnergyCurves(workspace.theme)
         self.curves.files = workspace.files
@@ -130,7 +133,12 @@ class Docks(QObject):
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return the handlers of the docks' commands."""
-        return {"view.log": self.show_or_hide_log}
+        return {"view.log": self.show_or_hide_log, "view.plots": self.fold}
+
+    def fold(self) -> None:
+        """Fold the plots and curves below the views away, or show them again."""
+        self._folded = not self._commands["view.plots"].isChecked()
+        self.show_for(self._workspace.session.is_open, tour=False)
 
     def show_or_hide_log(self) -> None:
         """Show or hide the log."""
@@ -147,13 +155,14 @@ class Docks(QObject):
         plots = self._explore.page.plots if session.step == "explore" else None
         if plots is not None:
             self._plots.setCurrentWidget(plots)
-        self._plots_dock.setVisible(open_ and plots is not None)
+        self._plots_dock.setVisible(open_ and plots is not None and not self._folded)
         page = self._explore.page
         of_run = session.step == "correspond" or (
             session.step == "explore" and isinstance(page, OverviewPage)
         )
         is_shown = open_ and plots is None and of_run and not (tour and self._window.height() < _LOW)
-        self._curves_dock.setVisible(is_shown and (session.job.run is not None or session.result is not None))
+        has_curves = session.job.run is not None or not self.curves.is_empty
+        self._curves_dock.setVisible(is_shown and has_curves and not self._folded)
 
     def follow_size(self, size: QSize) -> None:
         """Resize inspector and plots with a large window, and give the space back when it shrinks."""
@@ -326,10 +335,18 @@ class MainWindow(QMainWindow):
         """Open or add what was dropped."""
         event.acceptProposedAction()
         paths = _dropped_paths(event.mimeData())
-        if self.views is not None and self.views.scans.offer(paths, event.position().toPoint()):
+        if self.workspace.session.step == "explore" and self.exploring.drop_files(paths):
             return
-        if self.workspace.session.step != "explore" or not self.exploring.drop_files(paths):
+        if self.views is None or not self.views.scans.offer(paths, event.position().toPoint()):
             self.projects.open_paths(paths)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Let Enter press the button that has the focus, as the space bar does."""
+        focus = self.focusWidget()
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and isinstance(focus, QAbstractButton):
+            focus.click()
+        else:
+            super().keyPressEvent(event)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Distribute the space."""

@@ -316,8 +316,8 @@ class Scene(QWidget):
         self.picker = Picker(self.plot, self.grid.cells, self.grid.particles_of)
         self.displayed = ViewContents(())
         self._reported = (-1, 0, 0)
-        self._focus: tuple[str, int] | None = None
-        """What a close-up shows: a content by its name, and a vertex of its surface."""
+        self._focus: tuple[str, int, FloatArray] | None = None
+        """What a close-up shows: a content by its name, a vertex of its surface, and where that was."""
         self._subjects_page = 0  # the page of subjects to return to from shapes of the model
         self.share, self._turn, self._partial = MOST, 0, False
         self._size: object = None
@@ -444,6 +444,13 @@ class Scene(QWidget):
             state.set(camera)
         self.fit()
 
+    @Slot(object)
+    def face(self, toward: FloatArray) -> None:
+        """Turn whole shapes so that a direction of theirs faces the viewer."""
+        for camera in self.grid.cameras.each:
+            aim(camera, np.array(camera.GetFocalPoint()), toward, 2.0 * camera.GetParallelScale())
+        self.fit()
+
     def fit(self) -> None:
         """Zoom to the whole shapes."""
         self.grid.uncovering = self._focus = None
@@ -489,19 +496,24 @@ class Scene(QWidget):
             height = min(height, _CLOSE_UP_BALLS * self.grid.radius)
         for camera in self.grid.cameras.each:
             aim(camera, place, normal, height)
-        self._focus = name, int(np.linalg.norm(cell.vertices - place, axis=1).argmin())
+        vertex = int(np.linalg.norm(cell.vertices - place, axis=1).argmin())
+        self._focus = name, vertex, cell.vertices[vertex]
         self._uncover(cell, place)
 
     def _follow_focus(self) -> None:
         """Keep the point of a close-up in the middle after its surface has moved."""
-        cell = self.grid.cell_of(self._focus[0]) if self._focus is not None else None
-        if cell is None or self._focus is None or self._focus[1] >= len(cell.vertices):
+        if self._focus is None:
             return
-        place = cell.vertices[self._focus[1]]
+        name, vertex, before = self._focus
+        cell = self.grid.cell_of(name)
+        if cell is None or vertex >= len(cell.vertices) or np.array_equal(cell.vertices[vertex], before):
+            return
+        move = cell.vertices[vertex] - before
         for camera in self.grid.cameras.each:
-            camera.SetPosition(*(place + np.array(camera.GetPosition()) - camera.GetFocalPoint()))
-            camera.SetFocalPoint(*place)
-        self._uncover(cell, place)
+            camera.SetPosition(*(camera.GetPosition() + move))
+            camera.SetFocalPoint(*(camera.GetFocalPoint() + move))
+        self._focus = name, vertex, cell.vertices[vertex]
+        self._uncover(cell, cell.vertices[vertex])
 
     @Slot()
     def leave_close_up(self) -> None:

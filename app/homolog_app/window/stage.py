@@ -29,7 +29,7 @@ from homolog_app.window.form import named_rows
 from homolog_app.window.scene import Scene
 from homolog_app.window.slice_view import SliceView
 from homolog_app.window.theme import Theme, pixmap, scaled
-from homolog_app.window.widgets import GRID, PercentEdit, button, choice, label, set_primary
+from homolog_app.window.widgets import GRID, ActionButton, PercentEdit, button, choice, label, set_primary
 
 __all__ = ["ClipBar", "RangeDialog", "Stage", "ViewBar", "ViewFooter", "view_menu"]
 
@@ -129,6 +129,9 @@ class ViewFooter(QFrame):
         self.moment = label("", "Hint")
         self.moment.setMinimumWidth(120)
         self.page = label("", "Hint")
+        self.ready = ActionButton("Modes are ready", actions["explore.modes"])
+        self.ready.hide()
+        row.addWidget(self.ready)
         row.addWidget(self.play)
         row.addWidget(self.time, 1)
         row.addWidget(self.moment)

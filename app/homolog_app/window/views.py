@@ -67,6 +67,7 @@ class Views(QObject):
             session.study_changed, session.surveys_changed, session.groomed_changed, session.result_changed,
         ):  # fmt: skip
             signal.connect(self.refresh)
+        session.step_changed.connect(self._offer_modes)
         for signal in (session.page_changed, session.step_changed):
             signal.connect(stage.scene.leave_close_up)
             signal.connect(self._display)
@@ -74,6 +75,8 @@ class Views(QObject):
             page.shown_changed.connect(partial(self._display_page, page))
             page.place_wanted.connect(stage.scene.go_to)
             page.place_wanted.connect(self._point_slices)
+            page.turn_wanted.connect(stage.scene.face)
+        session.job_changed.connect(self._offer_modes)
         self.scans = ScanController(window, workspace, explore, table, stage, commands["view.slice"])
         stage.slices.beside.toggled.connect(self._switch_slices)
         stage.scene.picker.picked.connect(self._hand_over_pick)
@@ -276,6 +279,12 @@ class Views(QObject):
         """The page of *Explore* that defines the contents."""
         has_shapes = self._session.result is not None or self._explore.fitted.preliminary is not None
         return self._explore.page if self._session.step == "explore" and has_shapes else None
+
+    def _offer_modes(self) -> None:
+        """Offer the modes of a run that has not finished."""
+        session = self._session
+        early = session.job.run is not None and session.preliminary is not None
+        self.stage.footer.ready.setVisible(early and session.step != "explore")
 
     def _display_page(self, page: "ExplorePage") -> None:
         if page is self._page:

@@ -43,6 +43,13 @@ _T = TypeVar("_T")
 _Order = tuple[str, RunJob | Callable[[Tick], Any], str, Callable[[Any], object]]
 
 
+def _forwards(status: Status, before: Status | None) -> Status:
+    """Return a job's status with the fraction that it had before, if that was larger."""
+    if before is None or status.fraction >= before.fraction:
+        return status
+    return TaskStatus(before.fraction, status.message, status.eta_s, status.paused)
+
+
 class Work(QObject):
     """Passes jobs to the computing thread and stores their results in the session.
 
@@ -262,7 +269,7 @@ class Work(QObject):
     def _progressed(self, status: Status) -> None:
         self._drain()
         if self._kind not in BACKGROUND and self._next is None:
-            self._status = status
+            self._status = _forwards(status, self._status)
         self._update_job(status.message if self._kind not in ("groom", "run") else "")
         state = (self.runner.job, self._status is None, status.paused, self.session.preliminary)
         (self.session.job_progressed if state == self._last_state else self.session.job_changed).emit()

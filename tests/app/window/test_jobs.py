@@ -66,3 +66,49 @@ def test_a_project_that_is_being_opened_can_be_groomed_only_when_its_result_is_t
     wait(lambda: not session.job.is_busy)
     assert session.is_groomed
     assert session.result is result
+
+
+def test_progress_never_runs_backwards(explored, wait):
+    session, work, seen, released = explored.workspace.session, explored.workspace.work, [], threading.Event()
+
+    def steps(tick):
+        for fraction in (0.2, 0.6, 0.1, 0.7):
+            tick(fraction, f"step {fraction}")
+            wanted = len(seen)
+            while len(seen) == wanted and not released.is_set():
+                released.wait(0.005)
+
+    def note():
+        if session.job.status is not None:
+            seen.append((session.job.status.fraction, session.job.status.message))
+
+    wait(lambda: work.runner.job is None)
+    session.job_progressed.connect(note)
+    session.job_changed.connect(note)
+    work.compute("study", steps, "counting", lambda _: released.set())
+    wait(released.is_set)
+    assert [fraction for fraction, _ in seen] == sorted(fraction for fraction, _ in seen)
+    assert (0.6, "step 0.1") in seen
+
+
+def test_plots_fold_away_and_come_back(explored, wait):
+    explored.commands["explore.modes"].trigger()
+    page = explored.inspector.explore.page
+    wait(page.plots.isVisible)
+    explored.commands["view.plots"].trigger()
+    assert not page.plots.isVisible()
+    explored.commands["explore.measure"].trigger()
+    assert not explored.inspector.explore.page.plots.isVisible()
+    explored.commands["view.plots"].trigger()
+    assert explored.inspector.explore.page.plots.isVisible()
+
+
+def test_enter_presses_the_button_that_has_the_focus(explored):
+    from PySide6.QtCore import Qt
+    from PySide6.QtTest import QTest
+
+    button = explored.rail.buttons["cohort"]
+    explored.activateWindow()
+    button.setFocus()
+    QTest.keyClick(button, Qt.Key.Key_Return)
+    assert explored.workspace.session.step == "cohort"

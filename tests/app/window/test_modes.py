@@ -314,3 +314,11 @@ def test_a_folder_that_is_no_project_is_refused_by_name(page, window, tmp_path, 
     ((_, error),) = errors
     assert "nothing" in str(error)
     assert page.fitted.other is None
+
+
+def test_the_frame_holds_the_shapes_at_the_ends_of_the_sliders_from_the_start(page, scene):
+    scene.fit()
+    scale = scene.canvas.cameras[0].height
+    for value in (-3.0, 3.0):
+        page.sliders.show_value(0, value)
+        assert scene.canvas.cameras[0].height == scale

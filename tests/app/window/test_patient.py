@@ -322,3 +322,16 @@ def test_a_file_that_is_no_shape_leaves_the_patient_as_it_is(patient, explored, 
     patient.compare(tmp_path / "notes.txt")
     wait(lambda: not patient.workspace.session.job.is_busy)
     assert patient.comparison is before
+
+
+def test_a_file_dropped_before_there_is_a_reference_says_what_is_missing_and_adds_no_subject(
+    explored, ellipsoids
+):
+    explored.commands["explore.patient"].trigger()
+    noticed, session = [], explored.workspace.session
+    session.noticed.connect(noticed.append)
+    explored.inspector.explore.page.reference = None
+    before = session.study
+    assert explored.exploring.drop_files([ellipsoids / "a.nrrd"])
+    assert len(noticed) == 1
+    assert session.study == before

@@ -65,3 +65,25 @@ def test_going_to_a_place_puts_it_into_the_middle_of_its_view(explored, scene):
     seen, middle = screen_place(scene, point), scene.plot.rect().center()
     assert abs(seen.x() - middle.x()) < 3
     assert abs(seen.y() - middle.y()) < 3
+
+
+def test_a_close_up_follows_its_place_while_the_surface_moves_and_ends_a_cut_that_hides_it(explored, wait):
+    explored.commands["explore.modes"].trigger()
+    page, scene = explored.inspector.explore.page, explored.views.stage.scene
+    wait(lambda: page.chosen is not None)
+    (content,) = scene.shown
+    vertex = int(np.abs(page.fitted.shape.moved(np.array([2.0]))).sum(axis=1).argmax())
+    explored.commands["view.clip"].trigger()
+    normal = content.groomed.vertex_normals[vertex]
+    place = content.groomed.vertices[vertex]
+    explored.views.stage.clip.flip.setChecked(bool(place[2] < content.groomed.vertices[:, 2].mean()))
+    explored.views.stage.clip.position.setValue(100)
+    assert scene.grid.display.clip is not None
+    scene.go_to(content.name, place, normal)
+    assert scene.grid.display.clip is None
+    assert not explored.views.stage.clip.isVisible()
+    assert scene.canvas.cameras[0].at == pytest.approx(place, abs=1e-6)
+    for value in (-2.0, 2.0):
+        page.sliders.show_value(0, value)
+        (moved,) = scene.shown
+        assert scene.canvas.cameras[0].at == pytest.approx(moved.groomed.vertices[vertex], abs=1e-3)

@@ -22,8 +22,9 @@ def paused(groomed, wait, quick):
 def test_the_modes_of_a_run_can_be_looked_at_and_say_that_they_are_preliminary(paused):
     explore = paused.inspector.explore
     assert paused.commands["explore.modes"].isEnabled()
+    assert paused.views.stage.footer.ready.isVisible()
     assert not paused.commands["explore.groups"].isEnabled()
-    paused.commands["view.explore"].trigger()
+    paused.views.stage.footer.ready.click()
     assert explore.page.title == "Modes"
     assert [explore.tabs.isTabEnabled(index) for index in range(5)] == [False, True, False, False, False]
     assert explore.page.mark.isVisible()

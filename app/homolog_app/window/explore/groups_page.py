@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QSlider, QVBoxLayout, QWidget
 
+from homolog.arrays import Array
 from homolog_app.rendering.content import SubjectContents, ViewContents
 from homolog_app.rendering.text import shortened, typeset
 from homolog_app.scenes.shapes import GREY_LABELS, group_scene
@@ -267,6 +268,8 @@ class GroupsPage(ExplorePage):
         self.by_seed.hide()
         self.show_answers()
         self._follow_path()
+        if (finding := self._finding) is not None:
+            self.turn_wanted.emit(finding[2])
         self.answered.emit()
 
     def choose_pair(self, request: int, pair: int) -> None:
@@ -321,15 +324,21 @@ class GroupsPage(ExplorePage):
         self.significant.setToolTip(f"Grey: {GREY_LABELS[self.map.currentData()]}")
         self.to_significant.setEnabled(self._map is not None and bool(self._map.significant.any()))
 
-    def _go_to_significant(self) -> None:
-        """Show the largest significant region."""
+    @property
+    def _finding(self) -> tuple[str, Array, Array] | None:
+        """The middle of the largest significant region as it is shown: content, place, outward normal."""
         drawn, (content, *_) = self._map, self.shown(SubjectContents()).contents or (None,)
-        if drawn is None or content is None or content.groomed is None:
-            return
+        if drawn is None or not drawn.significant.any() or content is None or content.groomed is None:
+            return None
         shape = self.answers[0].shape
         vertex = middle_of(shape.mean.vertices, largest_region(shape.mean.faces, drawn.significant))
         surface = content.groomed.placed(content.alignment)
-        self.place_wanted.emit(content.name, surface.vertices[vertex], surface.vertex_normals[vertex])
+        return content.name, surface.vertices[vertex], surface.vertex_normals[vertex]
+
+    def _go_to_significant(self) -> None:
+        """Show the largest significant region."""
+        if (finding := self._finding) is not None:
+            self.place_wanted.emit(*finding)
 
     def show_state(self) -> None:
         """Update status and buttons."""

@@ -111,9 +111,9 @@ class ExplorePanel(QWidget):
         self._session.show_page(page.title)
 
     def _update_outdated(self) -> None:
-        """Show whether the result belongs to a previous cohort or previous settings."""
-        result = self._session.result
-        text = outdated_text(self._session.study, result.record) if result is not None else ""
+        """Show whether the result belongs to a previous cohort."""
+        study, result = self._session.study, self._session.result
+        text = outdated_text(study, result.record, settings=False) if result is not None else ""
         self.outdated.setText(text)
         self.outdated.setVisible(bool(text))
         for page in self.pages:

@@ -472,10 +472,16 @@ class PatientPage(ExplorePage):
         return True
 
     def drop_files(self, paths: Sequence[Path]) -> bool:
-        """Compare a file that was dropped while the page is open."""
-        if self.reference is None or len(paths) != 1:
-            return False
-        self.compare(paths[0])
+        """Compare a file that was dropped while the page is open, or open a reference."""
+        (first, *others), noticed = paths, self.workspace.session.noticed
+        if others:
+            noticed.emit("Drop one file: the patient's segmentation or surface")
+        elif first.suffix == ".npz":
+            self.open_reference(first)
+        elif self.reference is None:
+            noticed.emit("Make a reference or open one first, then drop the patient's file")
+        else:
+            self.compare(first)
         return True
 
     def make_reference(self) -> None:
