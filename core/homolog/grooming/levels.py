@@ -7,8 +7,7 @@ from scipy import ndimage
 
 from homolog.arrays import Array, BoolArray, Float32Array, FloatArray
 from homolog.errors import InputError
-from homolog.grooming.antialias import antialiased
-from homolog.grooming.bands import along_axis
+from homolog.grooming.antialias import along_axis, antialiased
 from homolog.grooming.slices import interpolated
 from homolog.io.images import Segmentation
 from homolog.surfaces.closest import thickness
