@@ -36,7 +36,7 @@ __all__ = ["Verdict", "Word", "judge", "read_verdict", "refuse_unusable", "write
 
 _SEEN = 100
 """Most subjects that are judged; of more, these are drawn at random."""
-_LOOKED_AT = 2048
+_LOOKED_AT = 1024
 """Most particles that are judged; their neighbours are among all."""
 _TARGETS = 25
 """Most subjects to which the particles of one are carried."""
@@ -227,7 +227,9 @@ def judge(
     some = np.sort(generator.choice(number, min(number, _LOOKED_AT), replace=False))
     landmark, exchanged, spacing = _carried(shapes, some)
     tick(0.2, "judging the model")
-    against = _against_chance(shapes[:, some], generator, part_of(tick, 0.2, 0.6))
+    against = _against_chance(shapes[:, some], generator, part_of(tick, 0.2, 0.5))
+    tick(0.5, "judging the model")
+    modes = modes_above_chance(shapes) if len(shapes) > 2 else 0
     measured = _Measured()
     if surfaces is not None:
         measured = _measure(shapes, surfaces, spacing, generator, part_of(tick, 0.6, 1.0))
@@ -237,6 +239,7 @@ def judge(
         cause="",
         remedy="",
         **dataclasses.asdict(against),
+        modes=modes,
         landmark=landmark,
         exchanged=exchanged,
         spacing=spacing,
@@ -439,7 +442,6 @@ class _AgainstChance:
     local_chance: float = np.nan
     residual: float = np.nan
     spread: float = np.nan
-    modes: int = 0
 
 
 def _against_chance(shapes: FloatArray, generator: np.random.Generator, tick: Tick) -> _AgainstChance:
@@ -464,7 +466,6 @@ def _against_chance(shapes: FloatArray, generator: np.random.Generator, tick: Ti
         local_chance=local_chance,
         residual=own.residual,
         spread=own.spread,
-        modes=modes_above_chance(shapes),
     )
 
 
