@@ -8,12 +8,12 @@ import numpy as np
 
 from homolog.errors import InputError
 from homolog.io.arrays import read_arrays, write_arrays
-from homolog.registration.icp import Fit, OrientedPoints, registered
+from homolog.registration.icp import Fit, OrientedPoints, candidates
 
 __all__ = ["RegistrationCache"]
 
-_VERSION = "3"
-"""Increase this number whenever results of `registered` change."""
+_VERSION = "4"
+"""Increase this number whenever results of `candidates` change."""
 
 
 class RegistrationCache:
@@ -28,22 +28,18 @@ class RegistrationCache:
     def __init__(self, path: Path | None = None) -> None:
         self._path = path
         self._before = {} if path is None else _registrations(path)
-        self._used: dict[str, Fit] = {}
+        self._used: dict[str, list[Fit]] = {}
 
-    def registered(
-        self, moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False, bends: bool = False
-    ) -> Fit:
-        """Return the result of `icp.registered`, from the cache if possible; safe from any thread."""
-        way = "bends" if bends else free
-        digest = hashlib.blake2b(f"{_VERSION} {way}".encode(), digest_size=16)
+    def candidates(self, moving: OrientedPoints, fixed: OrientedPoints) -> list[Fit]:
+        """Return the result of `icp.candidates`, from the cache if possible; safe from any thread."""
+        digest = hashlib.blake2b(_VERSION.encode(), digest_size=16)
         for array in (moving.points, moving.normals, fixed.points, fixed.normals):
             digest.update(f"{array.shape}".encode())
             digest.update(np.ascontiguousarray(array).tobytes())
         key = digest.hexdigest()
-        fit = self._used.get(key) or self._before.get(key)
-        fit = fit or registered(moving, fixed, free=free, bends=bends)
-        self._used[key] = fit
-        return fit
+        fits = self._used.get(key) or self._before.get(key) or candidates(moving, fixed)
+        self._used[key] = fits
+        return fits
 
     def save(self) -> None:
         """Store the requested registrations, if there are new ones.
@@ -52,19 +48,19 @@ class RegistrationCache:
         """
         if self._path is None or self._used.keys() <= self._before.keys():
             return
-        fits = self._used.values()
-        arrays = {"poses": [fit.pose for fit in fits], "distances": [fit.distance for fit in fits]}
+        fits = [(key, fit) for key, item in self._used.items() for fit in item]
+        arrays = {"poses": [fit.pose for _, fit in fits], "distances": [fit.distance for _, fit in fits]}
         with suppress(InputError):
-            write_arrays(self._path, {"keys": list(self._used), **arrays})
+            write_arrays(self._path, {"keys": [key for key, _ in fits], **arrays})
 
 
-def _registrations(path: Path) -> dict[str, Fit]:
+def _registrations(path: Path) -> dict[str, list[Fit]]:
+    result: dict[str, list[Fit]] = {}
     try:
         stored = read_arrays(path)
         poses, distances = stored["poses"].reshape(-1, 4, 4), stored["distances"].tolist()
-        return {
-            str(key): Fit(pose, distance)
-            for key, pose, distance in zip(stored["keys"], poses, distances, strict=True)
-        }
+        for key, pose, distance in zip(stored["keys"], poses, distances, strict=True):
+            result.setdefault(str(key), []).append(Fit(pose, distance))
     except (InputError, KeyError, ValueError, TypeError):
         return {}
+    return result

@@ -1,7 +1,6 @@
 """Registration of two surfaces: similarities by iterative closest points from many starts."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import permutations, product
 
 import numpy as np
@@ -11,7 +10,13 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.geometry import farthest_point_sampling, rotation_of, scale_of
+from homolog.geometry import (
+    farthest_point_sampling,
+    inverse_matrices,
+    rotation_of,
+    scale_of,
+    transform_points,
+)
 from homolog.registration.closest_points import (
     NORMAL_WEIGHT,
     Fit,
@@ -26,16 +31,16 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.orientation import softness
 
 __all__ = [
-    "Bending", "Fit", "OrientedPoints", "axes_rotation", "candidates", "fit_at", "held", "oriented_points",
-    "refined", "refined_each", "registered", "softness_of_fit",
+    "ANOTHER", "Bending", "Fit", "OrientedPoints", "axes_rotation", "candidates", "oriented_points",
+    "refined", "refined_each", "refitted", "registered", "softness_of_fit", "sought",
 ]  # fmt: skip
 
 _SCREENING_POINTS, _TRIAL_POINTS, _FIT_POINTS = 100, 300, 1000  # of each surface
 _SCREENING_ROUNDS, _TRIAL_ROUNDS, _ROUNDS = 3, 10, 40
-_TRIALS = 4
-_CLEARLY_BETTER = 0.6  # fraction of the distance below which another orientation replaces the given one
-_MAX_CANDIDATES, _MIN_ANGLE = 6, 30.0  # orientations tried with bending; angle between them [degrees]
-_CANDIDATE_RATIO = 2.0  # times the closest distance: candidates for bending are not farther
+_CLEARLY = 2.0  # times as far are surfaces in the given orientation if another one replaces it
+_MAX_CANDIDATES = 6  # orientations that are tried
+ANOTHER = 30.0
+"""Smallest rotation that counts as another orientation [degrees]."""
 _GAUSSIANS, _WIDTH = 40, 0.7  # number of Gaussians that bend a surface; their width relative to the size
 _STIFFNESSES = np.geomspace(0.1, 0.003, 10).tolist()  # of successive rounds
 _LINEAR_STIFFNESS = 0.01
@@ -56,71 +61,57 @@ def axes_rotation(moving: OrientedPoints, fixed: OrientedPoints) -> FloatArray:
     return min(turns, key=lambda turn: float(np.mean(tree.query(moving.points[::5] @ turn.T)[0])))
 
 
-def registered(
-    moving: OrientedPoints, fixed: OrientedPoints, *, free: bool = False, bends: bool = False
-) -> Fit:
+def registered(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
     """Return the similarity that registers one point set to another, both centred and of similar size.
 
     Matches are closest points in position and normal, in both directions. Unusually distant matches have
-    little weight, so that a missing or displaced part does not rotate the rest. The starts are the given
-    orientation, the 24 alignments of the principal axes, and rotations about the longest one by 45°.
+    little weight, so that a missing or displaced part does not rotate the rest. The given orientation is kept
+    unless another leaves less than half the distance between the surfaces, so that near-symmetric shapes keep
+    theirs.
 
     Parameters
     ----------
     moving, fixed : OrientedPoints
-    free : bool
-        Whether to ignore the given orientation. Otherwise it is kept unless another fits clearly better,
-        so that near-symmetric shapes keep theirs.
-    bends : bool
-        Whether to ignore the given orientation, bend the surface from each of the orientations that fit about
-        equally well, and choose the one with the smallest distance after bending. If shapes differ much, a
-        wrong orientation may fit more closely, but its details do not. The distance is then that of the bent
-        surface.
     """
     own, other = SearchedPoints(moving), SearchedPoints(fixed)
-    screened = _screened(own, other)
-    starts = np.array([np.eye(4), *(fit.pose for fit in screened[:_TRIALS])])
-    given, *trials = iterated(own, other, starts, _TRIAL_POINTS, _TRIAL_ROUNDS)
-    best = min(trials, key=lambda fit: fit.distance)
-    free = free or bends
-    if not free and best.distance <= _CLEARLY_BETTER * given.distance:  # it may not have converged yet
-        given = iterated(own, other, given.pose[None], _TRIAL_POINTS, _ROUNDS)[0]
-    if best.distance > (1.0 if free else _CLEARLY_BETTER) * given.distance:
+    given, *others = _candidates(own, other)
+    best = min(others, key=lambda fit: _gap(own, other, fit.pose), default=given)
+    if _gap(own, other, best.pose) * _CLEARLY > _gap(own, other, given.pose):
         best = given
-    if bends:
-        best = _nearest_bent(own, other, best, screened)
-    fit = iterated(own, other, best.pose[None], _FIT_POINTS, _ROUNDS)[0]
-    return replace(fit, distance=best.distance) if bends else fit
+    return iterated(own, other, best.pose[None], _FIT_POINTS, _ROUNDS)[0]
 
 
-def candidates(own: SearchedPoints, other: SearchedPoints) -> list[Fit]:
-    """Return registrations of different orientations that fit about equally well, the given one first."""
-    given = iterated(own, other, np.eye(4)[None], _TRIAL_POINTS, _TRIAL_ROUNDS)[0]
-    return _candidates(own, other, given, _screened(own, other))
+def candidates(moving: OrientedPoints, fixed: OrientedPoints) -> list[Fit]:
+    """Return registrations of different orientations, the given one first, then the closest first.
+
+    The starts are the 24 alignments of the principal axes, and rotations about the longest one by 45°.
+    """
+    return _candidates(SearchedPoints(moving), SearchedPoints(fixed))
 
 
-def _screened(own: SearchedPoints, other: SearchedPoints) -> list[Fit]:
-    """Return the first rounds of registrations from all starts, the closest first."""
-    fits = iterated(
-        own, other, np.array(_starts(own.points, other.points)), _SCREENING_POINTS, _SCREENING_ROUNDS
-    )
-    return sorted(fits, key=lambda fit: fit.distance)
+def _candidates(own: SearchedPoints, other: SearchedPoints) -> list[Fit]:
+    given = iterated(own, other, np.eye(4)[None], _TRIAL_POINTS, _ROUNDS)[0]  # it may settle slowly
+    starts = np.array(_starts(own.points, other.points))
+    screened = iterated(own, other, starts, _SCREENING_POINTS, _SCREENING_ROUNDS)
+    tried = _different(sorted(screened, key=lambda fit: fit.distance))[:_MAX_CANDIDATES]
+    trials = iterated(own, other, np.array([fit.pose for fit in tried]), _TRIAL_POINTS, _TRIAL_ROUNDS)
+    return _different([given, *sorted(trials, key=lambda fit: fit.distance)])
 
 
-def _candidates(own: SearchedPoints, other: SearchedPoints, first: Fit, screened: list[Fit]) -> list[Fit]:
-    """Return fits of different orientations, the first one and others that are about as close."""
-    starts = np.array([fit.pose for fit in _different(screened)[:_MAX_CANDIDATES]])
-    trials = sorted(iterated(own, other, starts, _TRIAL_POINTS, _TRIAL_ROUNDS), key=lambda fit: fit.distance)
-    limit = _CANDIDATE_RATIO * first.distance
-    return [fit for fit in _different([first, *trials]) if fit.distance <= limit]
+def _gap(own: SearchedPoints, other: SearchedPoints, pose: FloatArray) -> float:
+    """Return the mean distance between two surfaces, both ways.
 
-
-def _nearest_bent(own: SearchedPoints, other: SearchedPoints, closest: Fit, screened: list[Fit]) -> Fit:
-    """Return the candidate from which the bent surface comes nearest, with the distance after bending."""
-    surface = Bending(own)
-    tried = _candidates(own, other, closest, screened)
-    bent = [Fit(fit.pose, surface.distance(other, fit.pose)) for fit in tried]
-    return min(bent, key=lambda fit: fit.distance)
+    It is that of matched points along the mean of their normals, which is zero for points of one sphere, so
+    that it does not depend on how densely surfaces are sampled.
+    """
+    rotation, some, theirs = rotation_of(pose), own.some(_FIT_POINTS), other.some(_FIT_POINTS)
+    points, normals = transform_points(pose, own.points), own.normals @ rotation.T
+    onto = other.nearest(points[some], normals[some])[1]
+    goals = transform_points(inverse_matrices(pose), other.points[theirs])
+    from_ = own.nearest(goals, other.normals[theirs] @ rotation)[1]
+    offsets = np.concatenate([points[some] - other.points[onto], points[from_] - other.points[theirs]])
+    planes = np.concatenate([normals[some] + other.normals[onto], normals[from_] + other.normals[theirs]])
+    return float(np.abs(np.einsum("ni,ni->n", offsets, planes)).mean()) / 2.0 + 1e-9
 
 
 def _different(fits: list[Fit]) -> list[Fit]:
@@ -128,7 +119,7 @@ def _different(fits: list[Fit]) -> list[Fit]:
     chosen: list[Fit] = []
     for fit in fits:
         turns = [rotation_of(fit.pose) @ rotation_of(earlier.pose).T for earlier in chosen]
-        if all(Rotation.from_matrix(turn).magnitude() > np.deg2rad(_MIN_ANGLE) for turn in turns):
+        if all(Rotation.from_matrix(turn).magnitude() > np.deg2rad(ANOTHER) for turn in turns):
             chosen.append(fit)
     return chosen
 
@@ -154,14 +145,14 @@ def sought(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
     return min(fits, key=lambda fit: fit.distance)
 
 
-def held(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
-    """Return the most probable similarity of two point sets whose files have the same orientation.
+def refitted(moving: OrientedPoints, fixed: OrientedPoints, pose: FloatArray, *, holds: bool = False) -> Fit:
+    """Return the similarity (4, 4) that a given one leads to, with many points.
 
-    It starts from the given orientation, which has a prior weight against that of the surfaces
-    (`prior_weights`).
+    With `holds`, the given orientation of the points has a prior weight against that of the surfaces
+    (`prior_weights`), and the result is the most probable one.
     """
     return iterated(
-        SearchedPoints(moving), SearchedPoints(fixed), np.eye(4)[None], _FIT_POINTS, _ROUNDS, holds=True
+        SearchedPoints(moving), SearchedPoints(fixed), pose[None], _FIT_POINTS, _ROUNDS, holds=holds
     )[0]
 
 
@@ -175,13 +166,6 @@ def softness_of_fit(moving: OrientedPoints, fixed: OrientedPoints, pose: FloatAr
     weights = robust_weights(np.linalg.norm(offsets, axis=1)[None])
     along = np.einsum("ni,ni->n", offsets, planes)
     return float(softness(points[None], planes[None], along[None], weights)[0])
-
-
-def fit_at(moving: OrientedPoints, fixed: OrientedPoints, pose: FloatArray) -> Fit:
-    """Return a given similarity (4, 4) of one point set onto another with the distance of the matches."""
-    return Fit(
-        pose, iterated(SearchedPoints(moving), SearchedPoints(fixed), pose[None], _FIT_POINTS, 1)[0].distance
-    )
 
 
 class Bending:
@@ -200,11 +184,6 @@ class Bending:
         linear = np.broadcast_to(np.eye(3), (len(slopes), 3, 3))
         self._values = np.concatenate([values, self._points], axis=1)
         self._slopes = np.concatenate([slopes, linear], axis=1)  # (N, functions, 3)
-
-    def distance(self, other: SearchedPoints, pose: FloatArray) -> float:
-        """Return the mean distance of the matches, in both directions, after bending from a pose (4, 4)."""
-        points, normals = self.bent(other, pose)
-        return float(self._matches(other, other.some(_TRIAL_POINTS), points, normals)[0].mean())
 
     def bent(self, other: SearchedPoints, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return points and normals of the surface, bent onto another one from a pose (4, 4)."""

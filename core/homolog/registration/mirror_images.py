@@ -11,9 +11,10 @@ from scipy.spatial import KDTree
 from homolog.arrays import FloatArray
 from homolog.geometry import transform_points
 from homolog.progress import Tick, part_of, run_in_threads
-from homolog.registration.align import RegisterPair, Registrable, by_typicality
+from homolog.registration.align import FindCandidates, Registrable
 from homolog.registration.closest_points import SearchedPoints
 from homolog.registration.icp import OrientedPoints, oriented_points, refined_each, sought
+from homolog.registration.typicality import by_typicality
 from homolog.surfaces.mirroring import MIRROR
 from homolog.threads import cores
 
@@ -92,7 +93,7 @@ def better_mirrored(
     alignments: FloatArray,
     known: Collection[str],
     registered_already: bool,
-    register_pair: RegisterPair,
+    find: FindCandidates,
     tick: Tick,
 ) -> set[str]:
     """Return the names of subjects whose mirror images fit the others far better.
@@ -110,7 +111,7 @@ def better_mirrored(
         Subjects of a result; their sides are not changed.
     registered_already : bool
         Whether alignments register shapes to the most typical one.
-    register_pair : callable
+    find : callable
         Registration of a shape to another.
     tick : Tick
         Progress and cancellation.
@@ -124,7 +125,7 @@ def better_mirrored(
     tested, references = _tested_and_references(order, {k for k in order if groomed[k].name in known})
     if len(tested) <= _FEWEST:
         return set()
-    pairing = _Pairing(clouds, units, references[0], registered_already, register_pair)
+    pairing = _Pairing(clouds, units, references[0], registered_already, find)
     tasks = [partial(pairing.pair, k) for k in references]
     made = run_in_threads(tasks, part_of(tick, 0.0, 0.1), _MESSAGE, cores())
     compared = _References(dict(zip(references, made, strict=True)))
@@ -157,14 +158,14 @@ class _Pairing:
         Index of the most typical one.
     registered_already : bool
         Whether alignments register shapes to it.
-    register_pair : callable
+    find : callable
     """
 
     clouds: Sequence[OrientedPoints]
     units: Sequence[OrientedPoints]
     middle: int
     registered_already: bool
-    register_pair: RegisterPair
+    find: FindCandidates
     surface: "_Surface" = field(init=False)
 
     def __post_init__(self) -> None:
@@ -174,18 +175,20 @@ class _Pairing:
     def pair(self, k: int, tick: Tick) -> _Pair:
         """Return a subject and its mirror image, both registered."""
         tick(0.0, _MESSAGE)
-        cloud, fixed = _thinned(self.units[k], _MOVING), self.surface.shape
+        cloud = _thinned(self.units[k], _MOVING)
         pose = np.eye(4)
-        if not self.registered_already:
-            pose = self.register_pair(cloud, fixed).pose
-        else:
+        if self.registered_already:
             pose[:3, 3] = (self.clouds[k].centre - self.clouds[self.middle].centre) / self.clouds[k].size
         image = _turned(cloud, MIRROR[:3, :3])
-        image = image.placed(self.register_pair(image, fixed, free=True).pose)  # its orientation is arbitrary
+        image = image.placed(self._closest(image))  # its orientation is arbitrary
         # In cohorts of both sides a registration from any orientation may be closer.
-        poses = pose, self.register_pair(cloud, fixed, free=True).pose
+        poses = pose, self._closest(cloud)
         pose = poses[_nearest([cloud.placed(item) for item in poses], self.surface)]
         return _Pair(cloud.placed(pose), image, _thinned(self.units[k], _FIXED).placed(pose))
+
+    def _closest(self, cloud: OrientedPoints) -> FloatArray:
+        """Return the pose of the closest registration to the most typical subject, (4, 4)."""
+        return min(self.find(cloud, self.surface.shape), key=lambda fit: fit.distance).pose
 
 
 class _References:

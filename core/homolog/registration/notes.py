@@ -6,21 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from homolog.arrays import FloatArray
-from homolog.registration.doubtful import OtherTurn
 
-__all__ = ["DOUBTFUL", "MIN_SUBJECTS", "OTHER_SIZE", "Findings", "notes_on"]
+__all__ = ["MIN_SUBJECTS", "OTHER_SIZE", "Findings", "notes_on"]
 
 OTHER_SIZE, _RARE_SIZE = 5.0, 2.2
 """Limits of size ratios: a size off by a factor such as ten, and one rare for one structure."""
 MIN_SUBJECTS = 3  # fewer subjects do not show which of them is unusual
-_TURNED, DOUBTFUL = 60.0, 40.0  # degrees: larger rotations get a note; are checked against the others
+_TURNED, _FAR = 60.0, 40.0  # degrees: larger rotations get a note; those of files that lie otherwise
 _KEPT = (
-    "the shapes are nearly round or symmetric, so rotations are those of the files, which roughly agree; if "
-    "files are rotated against each other by more than about 15°, rotate them to one orientation first"
-)
-_UNSURE = (
-    "the shapes are nearly round or symmetric, and the files may have different orientations: its rotation "
-    "is uncertain; check it, or give all files one orientation"
+    "these shapes are nearly round or symmetric, so the files' rotations were kept; if files are rotated "
+    "against each other, rotate them to one orientation first"
 )
 
 
@@ -35,27 +30,25 @@ class Findings:
         most others [degrees].
     odd : collection of int
         Indices of subjects that do not look like the others.
-    held, unsure : bool
-        Whether the orientations of the files were kept, and whether neither shapes nor files determine them.
-    better : mapping of int to float
-        Rotations [degrees] that would improve the fit clearly, by index; the file's orientation was kept.
-    others : mapping of int to OtherTurn
-        Further rotations after which rotated subjects fit about as well, or better, by index.
+    unclear : mapping of int to float
+        Further rotations [degrees] after which subjects fit the others about as well, by index.
     """
 
     sizes: FloatArray
     distances: FloatArray
     angles: FloatArray
     odd: Collection[int]
-    held: bool
-    unsure: bool
-    better: Mapping[int, float]
-    others: Mapping[int, OtherTurn]
+    unclear: Mapping[int, float]
 
     @property
     def differ(self) -> bool:
         """Whether at least half of the subjects were rotated far, so that the files' orientations differ."""
-        return bool(2 * np.count_nonzero(self.angles > DOUBTFUL) >= len(self.angles))
+        return bool(2 * np.count_nonzero(self.angles > _FAR) >= len(self.angles))
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether at least half of the subjects fit about as well after a further rotation."""
+        return 2 * len(self.unclear) >= len(self.angles)
 
 
 def notes_on(findings: Findings) -> tuple[str | None, ...]:
@@ -71,30 +64,26 @@ def _note(findings: Findings, index: int, ratio: float) -> str | None:
     angle = float(findings.angles[index])
     if not 1.0 / OTHER_SIZE < ratio < OTHER_SIZE:
         return f"{_unusual_size(ratio, digits=0)}; check that its unit is mm"
-    if index in findings.better:
-        return (
-            f"fits the others clearly better after a rotation by {findings.better[index]:.0f}°, but "
-            "the file's orientation was kept: check it and the side, and correct the file or exclude it"
-        )
     if index in findings.odd:
         distance, usual = 100.0 * findings.distances[index], 100.0 * np.median(findings.distances)
         return (
             f"does not look like the others: {distance:.0f} % of its size away from the most "
             f"typical subject, usually {usual:.0f} %; check that it shows the same structure"
         )
-    if index in findings.others:
-        other = findings.others[index]
+    if index in findings.unclear:
+        if findings.symmetric and angle <= _FAR:
+            return _KEPT
         return (
-            f"its rotation is uncertain: after a further rotation by {other.angle:.0f}° it fits the others "
-            f"{'better' if other.is_better else 'about as well'}; check it, or give all files one orientation"
+            f"its rotation is uncertain: after a further rotation by {findings.unclear[index]:.0f}° it fits "
+            "the others about as well; check it, or give all files one orientation"
         )
-    if findings.differ and not findings.unsure:
+    if findings.differ:
         return "the files have different orientations; each shape was rotated to match the others: check it"
     if np.median(findings.angles) < _TURNED < angle:
         return f"was rotated by {angle:.0f}° to match most others; check it and its side"
     if not 1.0 / _RARE_SIZE < ratio < _RARE_SIZE:
         return f"{_unusual_size(ratio, digits=1)}; check that it shows the same structure"
-    return _KEPT if findings.held else _UNSURE if findings.unsure else None
+    return None
 
 
 def _unusual_size(ratio: float, *, digits: int) -> str:

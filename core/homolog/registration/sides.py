@@ -11,7 +11,7 @@ from homolog.arrays import FloatArray
 from homolog.cohort import LEFT, RIGHT, Cohort, other_side, sides_of
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
-from homolog.registration.align import RegisterPair, Registrable, Registration, register
+from homolog.registration.align import FindCandidates, Registrable, Registration, register
 from homolog.registration.cache import RegistrationCache
 from homolog.registration.mirror_images import better_mirrored
 from homolog.settings import Alignment, GroomSettings, Mirror
@@ -85,8 +85,8 @@ def align_cohort(
     given = known or {}
     plan = _plan(cohort, settings, given)
     registrations = RegistrationCache(cache)
-    pair = registrations.registered
-    registered, better = _aligned(groomed, plan, settings, given, pair, tick)
+    find = registrations.candidates
+    registered, better = _aligned(groomed, plan, settings, given, find, tick)
     registrations.save()
     remedy = _WRONG_SIDE if sides_of(cohort) else _NO_SIDES
     result = []
@@ -114,19 +114,17 @@ def _aligned(
     plan: "_Plan",
     settings: GroomSettings,
     known: Collection[str],
-    register_pair: RegisterPair,
+    find: FindCandidates,
     tick: Tick,
 ) -> tuple[Registration, set[str]]:
     """Return alignments (reflections if mirrored), and the names of subjects that fit far better reversed."""
     taken = [item.mirrored if item.name in plan.mirrored else item for item in groomed]
-    registered = register(taken, settings, part_of(tick, 0.0, 0.5), register_pair=register_pair)
+    registered = register(taken, settings, part_of(tick, 0.0, 0.5), find=find)
     alignments = registered.alignments
     better: set[str] = set()
     if settings.mirror is not Mirror.OFF:
         registered_already = settings.alignment is Alignment.ICP
-        better = better_mirrored(
-            taken, alignments, known, registered_already, register_pair, part_of(tick, 0.5, 1.0)
-        )
+        better = better_mirrored(taken, alignments, known, registered_already, find, part_of(tick, 0.5, 1.0))
     mirrored = np.array([item.name in plan.mirrored for item in groomed])
     reflected = np.where(mirrored[:, None, None], alignments @ MIRROR, alignments)
     return replace(registered, alignments=reflected), better

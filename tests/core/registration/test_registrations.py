@@ -11,7 +11,7 @@ import pytest
 from homolog.cohort import read_cohort
 from homolog.grooming import groom_cohort
 from homolog.registration import align_cohort
-from homolog.registration.icp import registered
+from homolog.registration.icp import candidates
 from homolog.settings import GroomSettings
 
 SETTINGS = GroomSettings(mesh_edge=2.0)
@@ -40,11 +40,11 @@ def calls(monkeypatch):
     """Return the list of pairs that are registered."""
     pairs = []
 
-    def spy(moving, fixed, **options):
+    def spy(moving, fixed):
         pairs.append((moving, fixed))
-        return registered(moving, fixed, **options)
+        return candidates(moving, fixed)
 
-    monkeypatch.setattr("homolog.registration.cache.registered", spy)
+    monkeypatch.setattr("homolog.registration.cache.candidates", spy)
     return pairs
 
 
@@ -64,7 +64,7 @@ def test_only_a_subject_that_changed_is_registered_again(cohort, groomed, kept, 
     ]
     alignments = align_cohort(cohort, changed, SETTINGS, cache=path)[1]
     with np.load(path) as stored:
-        assert 0 < len(calls) < len(stored["keys"]) / 2
+        assert 0 < len(calls) < len(set(stored["keys"])) / 2
     assert np.array_equal(alignments, align_cohort(cohort, changed, SETTINGS)[1])
 
 
