@@ -6,13 +6,21 @@ from functools import partial
 from typing import Protocol
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.geometry import scale_of
 from homolog.progress import Tick, no_tick, run_in_threads
 from homolog.registration.closest_points import Fit, OrientedPoints
-from homolog.registration.icp import axes_rotation, candidates, oriented_points, refitted, softness_of_fit
+from homolog.registration.icp import (
+    ANOTHER,
+    axes_rotation,
+    candidates,
+    oriented_points,
+    refitted,
+    softness_of_fit,
+)
 from homolog.registration.notes import MIN_SUBJECTS, Findings, notes_on
 from homolog.registration.orientations import Choice, choose
 from homolog.registration.typicality import angles_from, by_typicality, odd_ones, typical_rotation
@@ -177,8 +185,8 @@ def _placed(
     def refined(index: int, inner: Tick) -> Choice:
         inner(0.0, "aligning")
         choice = choices[index]
-        if holds and choice.as_filed:
-            return choice
+        if holds and angles_from(choice.fit.pose[None], Rotation.identity())[0] < ANOTHER:
+            return replace(choice, fit=fits[index][0])
         return replace(choice, fit=refitted(units[index], reference, choice.fit.pose))
 
     works_of_choices = [partial(refined, index) for index in range(len(units))]

@@ -11,7 +11,7 @@ How the files lie decides only where shapes do not tell.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -56,8 +56,6 @@ class Choice:
     ----------
     fit : Fit
         Its registration to the most typical shape.
-    as_filed : bool
-        Whether it is the orientation of the file.
     is_clear : bool
         Whether at least twice as much is unexplained in any other orientation.
     other : float
@@ -65,7 +63,6 @@ class Choice:
     """
 
     fit: Fit
-    as_filed: bool
     is_clear: bool
     other: float
 
@@ -92,10 +89,8 @@ class _Candidates:
         others[number] = np.inf
         nearest = int(np.argmin(others))
         apart = rotation_of(self.fits[nearest].pose) @ rotation_of(self.fits[number].pose).T
-        return Choice(
-            self.fits[number], number == 0, bool(others[nearest] >= _CLEAR),
-            float(np.degrees(Rotation.from_matrix(apart).magnitude())),
-        )  # fmt: skip
+        angle = float(np.degrees(Rotation.from_matrix(apart).magnitude()))
+        return Choice(self.fits[number], bool(others[nearest] >= _CLEAR), angle)
 
 
 def choose(
@@ -145,7 +140,10 @@ def choose(
     rest = order[_COMPARED:]
     works_of_rest = [partial(judged, k) for k in rest]
     result |= dict(zip(rest, run_in_threads(works_of_rest, tick, "aligning", cores()), strict=True))
-    return [result[k] for k in range(len(units))]
+    back = np.linalg.inv(result[order[0]].fit.pose)  # the most typical shape gives the directions
+    return [
+        replace(item, fit=replace(item.fit, pose=back @ item.fit.pose)) for _, item in sorted(result.items())
+    ]
 
 
 def _carried(
@@ -169,7 +167,7 @@ def _descended(among: Sequence[_Candidates], start: Sequence[int]) -> list[int]:
     numbers = list(start)
     for _ in range(_SWEEPS):
         before, common = list(numbers), _common(among, numbers)
-        for place, item in list(enumerate(among))[1:]:  # the most typical shape gives the directions
+        for place, item in enumerate(among):
             others = _Others.of(among, numbers, without=place)
             numbers[place] = item.chosen(others.unexplained(item.rows), common)
         if numbers == before:
