@@ -1,9 +1,11 @@
 """A study as an immutable value, and extensions of its result."""
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 from homolog.cohort import (
     IMAGE_SUFFIXES,
@@ -12,10 +14,12 @@ from homolog.cohort import (
     Cohort,
     Subject,
     TableChanges,
+    proposals,
     read_cohort,
     subject_at,
     suffix_of,
     table,
+    tables_of_files,
 )
 from homolog.errors import InputError
 from homolog.io.records import ResultRecord
@@ -26,10 +30,12 @@ __all__ = [
     "FILES",
     "Extension",
     "Member",
+    "Reading",
     "Study",
     "extension_of",
     "outdated_text",
     "read_subjects",
+    "readings_of",
     "with_current_table",
     "with_table",
 ]
@@ -159,6 +165,55 @@ def read_subjects(paths: Iterable[Path]) -> Cohort:
         else:
             subjects.append(subject_at(path))
     return Cohort(tuple(subjects), Path(), tuple(notes))
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A way to read a folder: as it lies, by a table that lies there, or by a pattern.
+
+    Attributes
+    ----------
+    title : str
+        The pattern, the table's name, or a description.
+    cohort : Cohort
+    kind : str
+        ``"layout"``, ``"table"`` or ``"pattern"``.
+    """
+
+    title: str
+    cohort: Cohort
+    kind: Literal["layout", "table", "pattern"]
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether a layout is recognized and nothing is to be chosen first."""
+        subjects = self.cohort.subjects
+        structures = {name for subject in subjects for name in subject.structures}
+        return self.kind == "layout" and len(structures) <= len(subjects)
+
+
+def readings_of(folder: Path) -> list[Reading]:
+    """Return the ways to read a folder, the recognized layout first.
+
+    Raises
+    ------
+    InputError
+        If there is none; the message is that of `read_cohort`.
+    """
+    readings, refusal = [], None
+    try:
+        readings.append(Reading("As it lies", read_cohort(folder), "layout"))
+    except InputError as error:
+        refusal = error
+    if readings and readings[0].is_sure:
+        return readings
+    for place in tables_of_files(folder):
+        with suppress(InputError):
+            readings.append(Reading(place.name, read_cohort(place), "table"))
+    readings += [Reading(item.pattern, item.cohort, "pattern") for item in proposals(folder)]
+    if not readings:
+        raise refusal or InputError(f"{folder}: contains no segmentation or mesh; choose another folder")
+    return readings
 
 
 def with_table(study: Study, path: Path) -> tuple[Study, TableChanges]:

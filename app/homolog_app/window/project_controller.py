@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtWidgets import QInputDialog, QWidget
 
+from homolog.cohort import Cohort, is_series, tables_beside, tables_in
 from homolog.errors import InputError, InUseError
 from homolog.io.atomic import replace_folder
 from homolog.io.particles import PARTICLE_SUFFIXES
@@ -23,7 +24,7 @@ from homolog_app.studies.files import (
     suggested_folder,
 )
 from homolog_app.studies.loaded_result import write_from_memory
-from homolog_app.studies.study import FILES, Study, read_subjects, with_table
+from homolog_app.studies.study import FILES, Study, read_subjects, readings_of, with_table
 from homolog_app.window.actions import Actions
 from homolog_app.window.dialogs import ask, wait_until, waited
 from homolog_app.window.explore.panel import ExplorePanel
@@ -86,8 +87,34 @@ class ProjectController(Controller):
             if self.may_leave():
                 self.open(paths[0])
             return
+        if len(paths) == 1 and paths[0].is_dir() and not is_series(paths[0]):
+            self._open_folder(paths[0])
+        else:
+            self._take(read_subjects(paths))
+
+    def _open_folder(self, folder: Path) -> None:
+        """Add the subjects of a folder; what it means is chosen where its layout does not tell."""
+        readings = waited(self._window, f"Reading {folder.name}…", lambda: readings_of(folder))
+        if readings[0].is_sure:
+            is_new = not self._workspace.session.is_open
+            self._take(readings[0].cohort)
+            tables = tables_beside(readings[0].cohort) if is_new else []
+            if tables:
+                self.import_table(tables[0])
+            return
+
+        from homolog_app.window.folder_page import FolderPage  # its imports take a second
+
+        def save() -> Path | None:
+            return self._workspace.files.new(self._window, "Save table", str(folder / "cohort.csv"), _TABLES)
+
+        page = FolderPage(self._window, self._workspace.theme, folder, readings, save)
+        page.chosen.connect(self._take)
+        page.open()
+
+    @reported
+    def _take(self, added: Cohort) -> None:
         session = self._workspace.session
-        added = read_subjects(paths)
         study = session.study.adding(added.subjects)
         if session.is_open:
             session.edit("Add subjects", study)
@@ -301,7 +328,11 @@ class ProjectController(Controller):
 
     @reported
     def _import(self) -> None:
-        path = self._workspace.files.file(self._window, "Import groups and covariates", _READ)
+        members = self._workspace.session.study.members
+        near = members[0].subject.path.parent if members else None
+        if near is not None and not tables_in(near):
+            near = near.parent if tables_in(near.parent) else None
+        path = self._workspace.files.file(self._window, "Import groups and covariates", _READ, near)
         if path:
             self.import_table(path)
 

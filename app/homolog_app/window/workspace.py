@@ -133,9 +133,9 @@ class FileDialogs:
             self._preferences.place = Path(chosen)
         return Path(chosen) if chosen else None
 
-    def file(self, parent: QWidget, title: str, kinds: str) -> Path | None:
-        """Ask for a file."""
-        chosen, _ = QFileDialog.getOpenFileName(parent, title, str(self._preferences.place), kinds)
+    def file(self, parent: QWidget, title: str, kinds: str, near: Path | None = None) -> Path | None:
+        """Ask for a file, in a folder if one is given."""
+        chosen, _ = QFileDialog.getOpenFileName(parent, title, str(near or self._preferences.place), kinds)
         return self._remembered([chosen])
 
     def files(self, parent: QWidget, title: str, kinds: str) -> list[Path]:

@@ -12,7 +12,7 @@ from homolog.cohort.files import is_series, pictures_in
 from homolog.cohort.layouts import DERIVATIVES, read_folder, structures_in, structures_named, subject_at
 from homolog.cohort.manifest import MANIFESTS, PARTICIPANTS, names_files, read_manifest
 from homolog.cohort.numbers import declared_missing, notes_on_numbers, outside_notes
-from homolog.cohort.patterns import Proposal, proposals, proposals_text, read_pattern
+from homolog.cohort.patterns import Proposal, counts_text, proposals, proposals_text, read_pattern
 from homolog.cohort.sides import LEFT, RIGHT, SIDE_COLUMN, other_side, side_of_word, sides_of
 from homolog.cohort.subject import (
     IMAGE_SUFFIXES,
@@ -42,6 +42,7 @@ __all__ = [
     "Subject",
     "TableChanges",
     "checked_path",
+    "counts_text",
     "declared_missing",
     "dicom_files",
     "dicom_segmentations",
@@ -64,7 +65,10 @@ __all__ = [
     "subject_at",
     "suffix_of",
     "tables_beside",
+    "tables_in",
+    "tables_of_files",
     "with_table",
+    "with_values",
     "with_values_of",
 ]
 
@@ -137,7 +141,7 @@ def read_cohort(
     ]
     if repeated:
         raise InputError(f"{path}: several subjects are named {', '.join(repeated)}; give each its own name")
-    cohort = cohort if table is None else _with_values(cohort, Path(table))
+    cohort = cohort if table is None else with_values(cohort, Path(table))
     cohort = declared_missing(cohort, missing)
     return replace(cohort, notes=(*cohort.notes, *notes_on_numbers(cohort.subjects)))
 
@@ -149,18 +153,14 @@ def _of_folder(folder: Path, has_table: bool) -> Cohort:
     try:
         cohort = read_folder(folder)
     except InputError as error:
-        tables = [
-            f"\nor give a table that lies there: {place}"
-            for place in _tables_in(folder)
-            if _lists_files(place)
-        ]
+        tables = [f"\nor give a table that lies there: {place}" for place in tables_of_files(folder)]
         raise InputError("".join([str(error), *tables])) from error
     if manifest is not None:
-        return _with_values(cohort, manifest)
+        return with_values(cohort, manifest)
     participants = next((place for place in _places_of_participants(folder) if place.is_file()), None)
     if participants is not None:
         try:
-            cohort = _with_values(cohort, participants)
+            cohort = with_values(cohort, participants)
         except InputError as error:
             cohort = Cohort(cohort.subjects, folder, (*cohort.notes, f"not used: {error}"))
     unused = [] if has_table else [place for place in tables_beside(cohort) if place != participants]
@@ -168,7 +168,7 @@ def _of_folder(folder: Path, has_table: bool) -> Cohort:
     return Cohort(cohort.subjects, folder, (*cohort.notes, *notes))
 
 
-def _with_values(cohort: Cohort, table: Path) -> Cohort:
+def with_values(cohort: Cohort, table: Path) -> Cohort:
     """Return a cohort with the values of a table, and a note if rows or subjects are without the other."""
     changes = with_table(cohort.subjects, table)
     partly = changes.coverage if changes.without_row or changes.unknown else []
@@ -189,7 +189,7 @@ _TRUTH = "truth.csv"  # of generated beans; not a table of subjects
 def tables_beside(cohort: Cohort) -> list[Path]:
     """Return the tables in a cohort's folder, or in the one above, that name its subjects."""
     tables = []
-    for place in _tables_in(cohort.folder) or _tables_in(cohort.folder.absolute().parent):
+    for place in tables_in(cohort.folder) or tables_in(cohort.folder.absolute().parent):
         try:
             changes = with_table(cohort.subjects, place)
         except InputError:
@@ -199,6 +199,11 @@ def tables_beside(cohort: Cohort) -> list[Path]:
     return tables
 
 
+def tables_of_files(folder: Path) -> list[Path]:
+    """Return the tables in a folder that list the subjects' files."""
+    return [place for place in tables_in(folder) if _lists_files(place)]
+
+
 def _lists_files(table: Path) -> bool:
     try:
         return names_files(table)
@@ -206,8 +211,10 @@ def _lists_files(table: Path) -> bool:
         return False
 
 
-def _tables_in(folder: Path) -> list[Path]:
-    """Return the tables of a folder."""
+def tables_in(folder: Path) -> list[Path]:
+    """Return the tables of a folder that can be read."""
+    if not folder.is_dir():
+        return []
     entries: Iterable[Path] = readable_entries(folder)
     tables = [entry for entry in entries if entry.suffix.lower() in TABLE_SUFFIXES and entry.name[0] != "~"]
     return [entry for entry in tables if entry.is_file() and entry.name != _TRUTH]

@@ -15,7 +15,7 @@ from homolog.cohort.files import all_below, shapes_below
 from homolog.cohort.subject import Cohort, Subject, image_beside, landmarks_beside, stem_of
 from homolog.errors import InputError
 
-__all__ = ["Proposal", "assembled", "proposals", "proposals_text", "read_pattern", "single"]
+__all__ = ["Proposal", "assembled", "counts_text", "proposals", "proposals_text", "read_pattern", "single"]
 
 _FIELD = re.compile(r"\{([^{}]*)\}|(\*)")
 _SEPARATOR = re.compile(r"([-_. ]+)")
@@ -63,12 +63,13 @@ def assembled(folder: Path, matched: Iterable[tuple[Fields, Path]], notes: Seque
         for name, value in own.items():
             values[own[_SUBJECT], name].add(value)
     subjects = []
+    has_scans = any(len(each) > 1 for each in values.values())
     for key, files in owners.items():
         own = dict(key)
         person = own.pop(_SUBJECT)
         varying = [value for name, value in own.items() if len(values[person, name]) > 1]
         name, group = "_".join([person, *varying]), own.pop(_GROUP, None)
-        columns = MappingProxyType(({_SUBJECT: person} if varying else {}) | own)
+        columns = MappingProxyType(({_SUBJECT: person} if has_scans else {}) | own)
         subject = single(name, files[""]) if "" in files else _of_structures(name, files)
         subjects.append(replace(subject, group=group, columns=columns))
     return Cohort(tuple(sorted(subjects, key=lambda item: item.name)), folder, tuple(notes))
@@ -146,13 +147,18 @@ class Proposal:
     @property
     def text(self) -> str:
         """The numbers of its subjects, structures and groups."""
-        subjects = self.cohort.subjects
-        structures = {name for subject in subjects for name in subject.structures}
-        groups = {subject.group for subject in subjects if subject.group}
-        counts = [f"{len(subjects)} subject{'' if len(subjects) == 1 else 's'}"]
-        counts += [f"{len(structures)} structures"] if structures else []
-        counts += [f"{len(groups)} groups"] if groups else []
-        return ", ".join(counts)
+        return counts_text(self.cohort)
+
+
+def counts_text(cohort: Cohort) -> str:
+    """Return the numbers of a cohort's subjects, structures and groups."""
+    subjects = cohort.subjects
+    structures = {name for subject in subjects for name in subject.structures}
+    groups = {subject.group for subject in subjects if subject.group}
+    counts = [f"{len(subjects)} subject{'' if len(subjects) == 1 else 's'}"]
+    counts += [f"{len(structures)} structures"] if structures else []
+    counts += [f"{len(groups)} groups"] if groups else []
+    return ", ".join(counts)
 
 
 def proposals_text(folder: Path, shapes: Sequence[Path] | None = None) -> str:

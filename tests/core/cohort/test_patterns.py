@@ -28,7 +28,7 @@ def test_scans_of_one_person_are_subjects_with_the_person_in_a_column(tmp_path, 
     assert rows(cohort) == [
         ("a_1", None, {"subject": "a", "time": "1"}),
         ("a_2", None, {"subject": "a", "time": "2"}),
-        ("b", None, {"time": "1"}),
+        ("b", None, {"subject": "b", "time": "1"}),
     ]
 
 
