@@ -150,6 +150,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     from homolog_app.window.explore.groups_page import GroupsPage
     from homolog_app.window.explore.measure_page import MeasurePage
     from homolog_app.window.explore.patient_page import PatientPage
+    from homolog_app.window.folder_page import FolderPage
     from homolog_app.window.explore.plot import EnlargedPlot
 
     def rest():
@@ -163,6 +164,13 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     wait(lambda: session.surveys)
     look("labels", panels)
     window.projects.leave()
+    for name in ("a/1", "a/2", "b/3", "b/4"):
+        (tmp_path / "folders" / name).parent.mkdir(parents=True, exist_ok=True)
+        two_labels(tmp_path / "folders" / f"{name}.nrrd")
+    window.projects.open_paths([tmp_path / "folders"])
+    folder_page = window.findChild(FolderPage)
+    look("folder", folder_page)
+    folder_page.reject()
 
     shutil.copytree(bean_project, tmp_path / "beans")
     window.projects.open_paths([tmp_path / "beans"])
