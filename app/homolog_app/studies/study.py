@@ -150,10 +150,14 @@ def read_subjects(paths: Iterable[Path]) -> Cohort:
     InputError
         If a folder contains no subjects, or a file is of an unknown kind.
     """
+    from homolog.exchange.shapeworks_cohort import is_shapeworks, read_shapeworks_cohort
+
     subjects: list[Subject] = []
     notes: list[str] = []
     for path in paths:
-        if path.is_dir() or path.suffix.lower() in TABLE_SUFFIXES:
+        if is_shapeworks(path):
+            subjects += read_shapeworks_cohort(path).subjects
+        elif path.is_dir() or path.suffix.lower() in TABLE_SUFFIXES:
             cohort = read_cohort(path)
             subjects += cohort.subjects
             notes += cohort.notes

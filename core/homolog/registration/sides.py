@@ -1,6 +1,6 @@
 """Left and right subjects in one frame: one side is mirrored, with a note on every mirrored subject."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol, Self, TypeVar
@@ -18,7 +18,7 @@ from homolog.settings import Alignment, GroomSettings, Mirror
 from homolog.surfaces.mirroring import MIRROR, mirrors
 from homolog.threads import on_one_thread
 
-__all__ = ["align_cohort", "check_sides"]
+__all__ = ["align_cohort", "check_sides", "copies_of"]
 
 
 class Sided(Registrable, Protocol):
@@ -89,9 +89,12 @@ def align_cohort(
     registered, better = _aligned(groomed, plan, settings, given, find, tick)
     registrations.save()
     remedy = _WRONG_SIDE if sides_of(cohort) else _NO_SIDES
+    copies = copies_of(groomed)
     result = []
     for item, registered_as in zip(groomed, registered.notes, strict=True):
         notes = [plan.notes[item.name]] if item.name in plan.notes else []
+        if item.name in copies:
+            notes.append(f"has the same surface as {copies[item.name]}; exclude one if they are one subject")
         if item.name in better:
             notes.append(
                 f"fits the others far better {'un' if item.name in plan.mirrored else ''}mirrored{remedy}"
@@ -100,6 +103,18 @@ def align_cohort(
             notes.append(registered_as)
         result.append(item.with_notes(notes))
     return result, registered.alignments
+
+
+def copies_of(groomed: Iterable[Registrable]) -> dict[str, str]:
+    """Return the subjects whose surface is that of an earlier one, and its name."""
+    first: dict[tuple[bytes, bytes], str] = {}
+    copies = {}
+    for item in groomed:
+        mesh = item.coarse_mesh
+        name = first.setdefault((mesh.vertices.tobytes(), mesh.faces.tobytes()), item.name)
+        if name != item.name:
+            copies[item.name] = name
+    return copies
 
 
 _WRONG_SIDE = ": its side may be wrong or missing; enter left or right in a column side of the cohort's table"

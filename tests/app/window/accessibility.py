@@ -45,6 +45,7 @@ def texts_of(widget):
         QHeaderView,
         QLabel,
         QLineEdit,
+        QListView,
         QPlainTextEdit,
         QStyle,
         QStyleOptionButton,
@@ -66,7 +67,7 @@ def texts_of(widget):
         cells = [
             model.index(row, at)
             for row in range(min(model.rowCount(), 40))
-            for at in range(model.columnCount())
+            for at in range(1 if isinstance(widget, QListView) else model.columnCount())
         ]
         seen = [
             (cell, widget.visualRect(cell))

@@ -150,8 +150,8 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     from homolog_app.window.explore.groups_page import GroupsPage
     from homolog_app.window.explore.measure_page import MeasurePage
     from homolog_app.window.explore.patient_page import PatientPage
-    from homolog_app.window.folder_page import FolderPage
     from homolog_app.window.explore.plot import EnlargedPlot
+    from homolog_app.window.folder_page import FolderPage
 
     def rest():
         wait(lambda: not work.session.job.is_busy, seconds=120)
