@@ -26,6 +26,7 @@ import numpy as np
 from homolog.arrays import Array, FloatArray, IntArray, frozen
 from homolog.progress import Tick, no_tick
 from homolog.statistics.design import Hypothesis
+from homolog.statistics.shape_model import leading_scores
 from homolog.threads import MOST_THREADS, blas_threads, cores
 
 __all__ = [
@@ -38,6 +39,9 @@ __all__ = [
     "shape_test",
 ]
 
+MANY = 300
+"""Number of rows from which on all variables together are tested in this many leading modes, and are not
+compared with independent rows, whose effect is of the order of 1 / rows."""
 LEAST_FLIPS = 1000
 """Fewer flips than this can't show p < 0.001."""
 _ROUNDING = 1e-9
@@ -234,15 +238,16 @@ class Randomization:
         self._fitted = self._summed(np.einsum("md,mp->mdp", self._adjusted, self._columns))
         self._crossed = np.einsum("md,mep->mdep", self._adjusted, self._fitted[hypothesis.units])
         self._squares = np.einsum("udp,ueq->depq", self._fitted, self._fitted)
-        spread = None if shapes is None or self.permuted else dispersions(hypothesis, shapes)
-        nuisance = hypothesis.nuisance
-        self._reduced = np.eye(rows) - nuisance @ nuisance.T
-        self._unrelated = self._reduced
-        if spread is not None and nuisance.shape[1]:
-            scaled = nuisance / spread[:, None]
-            solved = np.linalg.lstsq(scaled, np.diag(1.0 / spread), rcond=None)[0]
-            self._reduced = np.eye(rows) - nuisance @ solved
-            self._unrelated = self._reduced * spread
+        self._spread = np.ones(rows)
+        if shapes is not None and not self.permuted:
+            self._spread = dispersions(hypothesis, shapes)
+
+    def _rest(self, values: FloatArray) -> FloatArray:
+        """Return the residuals (M, P) of the reduced model, fitted with weights."""
+        nuisance, spread = self.hypothesis.nuisance, self._spread[:, None]
+        solved = np.linalg.lstsq(nuisance / spread, values / spread, rcond=None)[0]
+        rest: FloatArray = values - nuisance @ solved
+        return rest
 
     def _alike(self) -> list[int]:
         """Return the numbers of equal rows of the design."""
@@ -263,10 +268,11 @@ class Randomization:
         values : (M, P) array
             Variables in common units, such as coordinates [mm] or standardized scores.
         """
-        rest = self._reduced @ values
-        if rest.shape[1] > len(rest):  # the same inner products in fewer columns
-            lengths, vectors = np.linalg.eigh(rest @ rest.T)
-            rest = vectors * np.sqrt(np.maximum(lengths, 0.0))
+        rest = self._rest(values)
+        many = len(rest) > MANY
+        if rest.shape[1] > min(len(rest), MANY):  # the same inner products in fewer columns
+            rest = leading_scores(rest, min(len(rest), MANY))[0]
+        usual = None if many else self._rest(np.diag(self._spread))
         tested = self.hypothesis.tested.shape[1]
         trace = np.trace(self._squares)
         crossed = np.einsum("mddp->mp", self._crossed)
@@ -287,8 +293,11 @@ class Randomization:
             return np.where(none, 0.0, explained / np.where(none, 1.0, expected))
 
         def statistic(rows: _Rows) -> FloatArray:
-            usual = sums(rows, self._unrelated)
-            return np.where(usual > 0.0, sums(rows, rest) / np.where(usual > 0.0, usual, 1.0), 0.0)
+            found = sums(rows, rest)
+            if usual is None:
+                return found
+            expected = sums(rows, usual)
+            return np.where(expected > 0.0, found / np.where(expected > 0.0, expected, 1.0), 0.0)
 
         size = self._columns.shape[1] * (rest.shape[1] + len(rest))
         null, done = np.empty(self.count), 0
@@ -332,7 +341,7 @@ class Randomization:
         """Return the Wald statistics (c, N) of all particles as a function of exchanged rows."""
         subjects, particles, directions = positions.shape
         flat = positions.reshape(subjects, -1)
-        rest = self._reduced @ flat
+        rest = self._rest(flat)
         rest[:, np.square(rest).sum(axis=0) <= _ROUNDING**2 * np.square(flat).sum(axis=0)] = 0.0
         rest = np.ascontiguousarray(rest.reshape(positions.shape).swapaxes(1, 2))
         flat = rest.reshape(subjects, -1)
