@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from homolog.errors import InputError
-from homolog.io.json_files import read_json
+from homolog.io.bounded import read_json
 
 __all__ = ["INPUTS", "PATH_PREFIXES", "PREFIXES", "Row", "ShapeWorksProject", "read_shapeworks_file"]
 

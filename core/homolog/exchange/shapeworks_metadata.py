@@ -8,7 +8,7 @@ from homolog.errors import InputError
 from homolog.exchange.shapeworks_files import PATH_PREFIXES, Row, ShapeWorksProject
 from homolog.exchange.shapeworks_paths import place_of
 from homolog.io.atomic import write_text
-from homolog.io.json_files import read_json
+from homolog.io.bounded import read_json
 from homolog.io.project import ProjectFolder
 
 __all__ = ["load_source_metadata", "moved_paths", "save_source_metadata"]

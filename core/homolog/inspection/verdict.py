@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 from homolog.arrays import ArrayLike, FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.io.atomic import write_text
-from homolog.io.json_files import read_json
+from homolog.io.bounded import read_json
 from homolog.io.project import ProjectFolder
 from homolog.io.results import read_surface
 from homolog.memory import OnDemand

@@ -1,10 +1,12 @@
-"""Reading of foreign files as bytes, with checks of kind and size."""
+"""Reading of foreign files as bytes and as JSON, bounded in kind, size and depth."""
 
+import json
 from pathlib import Path
+from typing import Any
 
 from homolog.errors import InputError
 
-__all__ = ["check_is_file", "read_bytes"]
+__all__ = ["check_is_file", "read_bytes", "read_json"]
 
 _LARGEST = 256 * 2**20
 
@@ -48,3 +50,32 @@ def check_is_file(path: Path) -> None:
     except (OSError, ValueError) as error:  # not a path, or in a folder without permission
         raise InputError(f"{path}: can't be read: {error}; correct the path") from error
     raise InputError(f"{path}: {'is not a file' if exists else 'does not exist'}; correct the path")
+
+
+def read_json(path: Path, kind: str) -> dict[str, Any]:
+    """Read a JSON object.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        Expected kind of file, for messages, such as ``"ShapeWorks project"``.
+
+    Returns
+    -------
+    dict
+        The object in the file.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, too large, or not a JSON object.
+    """
+    stored = read_bytes(path, kind)
+    try:
+        content = json.loads(stored)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: can't be read as a {kind}: {error}; save it again") from error
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: is not a {kind}; choose another file")
+    return content

@@ -11,8 +11,7 @@ import numpy as np
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.io.nifti import stored_values
-from homolog.io.scans import StoredScan
-from homolog.io.volumes import Volume, check_size
+from homolog.io.volumes import StoredScan, Volume, check_size
 from homolog.progress import Tick, no_tick
 
 __all__ = ["read_gipl", "read_gipl_scan"]

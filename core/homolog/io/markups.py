@@ -13,8 +13,7 @@ import numpy as np
 from homolog.arrays import FloatArray, frozen
 from homolog.errors import InputError
 from homolog.io.atomic import write_text
-from homolog.io.bounded import read_bytes
-from homolog.io.json_files import read_json
+from homolog.io.bounded import read_bytes, read_json
 
 __all__ = ["Markups", "landmark_table", "read_markups", "write_markups"]
 

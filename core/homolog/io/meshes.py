@@ -19,12 +19,11 @@ from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.io.atomic import atomic_write, write_text
 from homolog.io.brain_surfaces import read_freesurfer, read_gifti
-from homolog.io.legacy_vtk import read_legacy_vtk
 from homolog.io.ply import read_ply, write_ply
 from homolog.io.polygons import Polygons, TooLargeError
 from homolog.io.scenes import read_3mf, read_gltf
 from homolog.io.stl_obj import read_obj, read_off, read_stl
-from homolog.io.vtp import read_vtp, write_vtp
+from homolog.io.vtk_files import read_legacy_vtk, read_vtp, write_vtp
 from homolog.memory import check_fits
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import first_of_twins, may_have_twins

@@ -8,7 +8,7 @@ from homolog.arrays import FloatArray, frozen
 from homolog.errors import InputError
 from homolog.io.atomic import write_text
 from homolog.io.bounded import read_bytes
-from homolog.io.legacy_vtk import read_legacy_vtk
+from homolog.io.vtk_files import read_legacy_vtk
 
 __all__ = ["PARTICLE_SUFFIXES", "read_particles", "write_particles"]
 

@@ -10,8 +10,7 @@ from PIL import Image, ImageSequence
 from homolog.arrays import Array, FloatArray
 from homolog.cohort import pictures_in
 from homolog.errors import InputError
-from homolog.io.scans import StoredScan
-from homolog.io.volumes import Volume, check_size
+from homolog.io.volumes import StoredScan, Volume, check_size
 from homolog.progress import Tick
 
 __all__ = ["read_picture_scan", "read_pictures"]

@@ -10,10 +10,7 @@ from homolog.errors import InputError
 from homolog.geometry import transform_points
 from homolog.progress import Tick, no_tick
 
-__all__ = ["Scan", "StoredScan", "check_frame", "read_scan"]
-
-StoredScan = tuple[Array, FloatArray, float, float, tuple[str, ...]]
-"""A file of grey values: as stored (I, J, K), matrix from indices to LPS [mm], slope, intercept, notes."""
+__all__ = ["Scan", "check_frame", "read_scan"]
 
 _LOOKED_AT = 500_000
 """Largest number of voxels from which the automatic window is computed."""
@@ -112,7 +109,7 @@ def read_scan(path: Path, tick: Tick = no_tick) -> Scan:
     elif name.endswith((".gipl", ".gipl.gz")):
         from homolog.io.gipl import read_gipl_scan as read
     elif name.endswith((".hdr", ".hdr.gz")):
-        from homolog.io.header_pairs import read_pair_scan as read
+        from homolog.io.nifti import read_pair_scan as read
     elif name.endswith((".tif", ".tiff")):
         from homolog.io.pictures import read_picture_scan as read
     else:

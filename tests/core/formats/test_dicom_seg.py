@@ -176,7 +176,7 @@ def test_a_deflated_bomb_is_not_unpacked(make_seg, blocks, monkeypatch):
     path = make_seg(
         overlapping(blocks), edit=lambda content: setattr(content.file_meta, "TransferSyntaxUID", DEFLATED)
     )
-    monkeypatch.setattr("homolog.io.dicom_deflated.LARGEST", 3000)
+    monkeypatch.setattr("homolog.io.dicom.LARGEST", 3000)
     with pytest.raises(InputError, match=r"a\.dcm: unpacks to more than"):
         read_segmentation(path, None, "both")
 

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from homolog.errors import InputError
-from homolog.io.known_labels import known_list
-from homolog.io.label_names import label_table, matching, near, read_label_table, same_name
+from homolog.io.label_names import known_list, label_table, matching, near, read_label_table, same_name
 
 TABLES = {
     "FreeSurferColorLUT.txt": "#$Id: FreeSurferColorLUT.txt\n#No. Label Name:  R   G   B   A\n\n"

@@ -12,10 +12,15 @@ from homolog.cohort import Subject, read_cohort
 from homolog.errors import InputError
 from homolog.grooming import check_cohort
 from homolog.grooming.subject import read_source
-from homolog.io import empty_masks as module
-from homolog.io.empty_masks import empty_masks
+from homolog.io import structures as module
 from homolog.io.images import read_volume
-from homolog.io.structures import chosen_structures, list_structures, structures_of, structures_of_files
+from homolog.io.structures import (
+    chosen_structures,
+    empty_masks,
+    list_structures,
+    structures_of,
+    structures_of_files,
+)
 from homolog.settings import GroomSettings
 
 BRAIN = {17: "Left-Hippocampus", 53: "Right-Hippocampus", 4: "Left-Lateral-Ventricle"}

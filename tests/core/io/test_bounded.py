@@ -8,8 +8,8 @@ import pytest
 from homolog.cohort import read_cohort
 from homolog.errors import InputError
 from homolog.io.arrays import read_arrays
+from homolog.io.bounded import read_json
 from homolog.io.images import read_segmentation
-from homolog.io.json_files import read_json
 from homolog.io.markups import read_markups
 from homolog.io.meshes import read_mesh
 from homolog.io.particles import read_particles

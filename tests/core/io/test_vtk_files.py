@@ -270,7 +270,7 @@ def test_a_hundred_thousand_small_arrays_are_read_over_at_once(tmp_path):
 
 
 def test_pieces_that_all_unpack_one_array_are_refused_before_memory_is_full(tmp_path, monkeypatch):
-    monkeypatch.setattr("homolog.io.vtp.MOST", 3000)
+    monkeypatch.setattr("homolog.io.vtk_files.MOST", 3000)
     piece = XML.partition("<PolyData>")[2].partition("</PolyData>")[0].format(1000).replace("Polys", "Lines")
     head, tail = XML.partition("<PolyData>")[0], XML.partition("</PolyData>")[2]
     body = zlib.compress(bytes(24000))
