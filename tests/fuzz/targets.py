@@ -91,6 +91,8 @@ def good_checkpoint(folder: Path) -> None:
         "widths": np.ones((2, 5), np.float32),
         "means": np.ones((5, 3), np.float32),
         "poses": np.stack([np.eye(4)] * 2),
+        "neighbours": np.zeros((5, 2), np.int32),
+        "coefficients": np.zeros((5, 2), np.float32),
         "faces": np.zeros((2, 5), np.int32),
         "repaired": np.zeros((2, 5), np.int32),
         "energies": np.zeros((1, 4)),

@@ -7,8 +7,8 @@ import numpy as np
 
 from homolog.beans.generate import Bean, voxelize
 from homolog.cohort import Cohort, Subject
-from homolog.io.images import write_image
 from homolog.io.tables import write_table
+from homolog.io.written_images import write_image
 from homolog.progress import Tick, no_tick
 
 __all__ = ["write_beans"]

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from homolog.arrays import Array, FloatArray
+from homolog.arrays import FloatArray
 from homolog.cohort import IMAGE_SUFFIXES, dicom_files, pictures_in, suffix_of
 from homolog.errors import InputError
-from homolog.io.atomic import atomic_write
 from homolog.io.headers import read_header, segments_of
 from homolog.io.particles import PARTICLE_SUFFIXES
 from homolog.io.values import labels_of_channels
@@ -27,7 +26,6 @@ __all__ = [
     "read_itk_scan",
     "read_segmentation",
     "read_volume",
-    "write_image",
 ]
 
 _NRRD = (".nrrd", ".nhdr")
@@ -195,34 +193,3 @@ def _reason(error: BaseException) -> str:
     """Return the last line of an ITK message, which contains the reason."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return lines[-1] if lines else type(error).__name__
-
-
-def write_image(path: Path, values: Array, index_to_world: FloatArray) -> None:
-    """Write an image whose axes are those of the world.
-
-    Parameters
-    ----------
-    path : Path
-        File that ends in ``.nrrd``.
-    values : (I, J, K) array
-        One number for each voxel.
-    index_to_world : (4, 4) array
-        A diagonal of voxel sizes and a translation [mm].
-
-    Raises
-    ------
-    InputError
-        If the folder can't be written to or the disk is full.
-    """
-    import SimpleITK
-
-    image = SimpleITK.GetImageFromArray(values.T)
-    image.SetOrigin(index_to_world[:3, 3].tolist())
-    image.SetSpacing(np.diag(index_to_world)[:3].tolist())
-    with atomic_write(path) as part:
-        try:
-            SimpleITK.WriteImage(image, str(part), useCompression=True)
-        except RuntimeError as error:
-            raise InputError(
-                f"{path}: can't be written; choose a writable folder with enough free space"
-            ) from error

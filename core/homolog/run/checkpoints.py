@@ -72,7 +72,7 @@ def _fits_together(stored: dict[str, Array]) -> bool:
         and stored["means"].shape == shape[1:]
         and stored["neighbours"].shape
         == stored["coefficients"].shape
-        == (shape[1], stored["neighbours"].shape[-1])
+        == (shape[1], *stored["neighbours"].shape[1:])
         and stored["neighbours"].dtype == np.int32
         and bool(((stored["neighbours"] >= 0) & (stored["neighbours"] < shape[1])).all())
         and stored["poses"].shape == (shape[0], 4, 4)

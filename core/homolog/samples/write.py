@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort, read_cohort
 from homolog.errors import InputError
-from homolog.io.images import write_image
 from homolog.io.meshes import write_mesh
 from homolog.io.tables import write_table
+from homolog.io.written_images import write_image
 from homolog.progress import Tick, no_tick
 from homolog.samples.bones import make_femora, make_vertebrae
 from homolog.samples.hearts import make_hearts
