@@ -92,7 +92,7 @@ def test_landmarks_with_hostile_names_run_nothing_in_a_report(tmp_path):
     seen = Seen(write_report(project).read_text(encoding="utf-8"))
     assert "script" not in seen.tags
     assert not {attribute for attribute in seen.attributes if attribute.startswith("on")}
-    assert f"other {EVIL}" in seen.text
+    assert EVIL in seen.text
 
 
 def test_tables_keep_hostile_names_in_their_cells(tmp_path):

@@ -129,7 +129,7 @@ def write_tables(
 
 def _copied(project: ProjectFolder, stored: StoredAnswer, result: Result, folder: Path) -> bool:
     """Copy a study's stored tables, and return True, if they belong to this result, data and version."""
-    directions = directions_of(read_details(project), project.read().result)
+    directions = directions_of(read_details(project))
     now = Provenance.now(project, data_digest(result, directions))
     if stored.is_outdated or stored.provenance.model_copy(update={"date": now.date}) != now:
         return False
@@ -139,7 +139,7 @@ def _copied(project: ProjectFolder, stored: StoredAnswer, result: Result, folder
 
 
 def _write_study(project: ProjectFolder, folder: Path, answer: Answer, result: Result) -> None:
-    directions = directions_of(read_details(project), project.read().result)
+    directions = directions_of(read_details(project))
     write_answer_tables(
         folder, answer, result, SurfaceCarrier.of(result, directions), Provenance.now(project),
         is_primary=is_primary(folder_of(project, answer.question)),

@@ -26,7 +26,7 @@ from homolog_app.rendering.camera import (
     three_quarter_view,
 )
 from homolog_app.rendering.colours import (
-    GREY,
+    FAINT,
     LIGHT,
     Theme,
     colours_by_place,
@@ -172,7 +172,7 @@ def _panels(
 def draw_differences(
     surfaces: Mapping[str, tuple[TriangleMesh, FloatArray]],
     *,
-    grey: Mapping[str, BoolArray] | None = None,
+    pale: Mapping[str, BoolArray] | None = None,
     views: Sequence[View] = (),
     inside: Sequence[View] = (),
     limit: float | None = None,
@@ -188,8 +188,8 @@ def draw_differences(
     surfaces : mapping of str to (TriangleMesh, (V, 3) array)
         The surface of each row and the displacement of its vertices [mm], such as from one group's mean to
         the other's, by name.
-    grey : mapping of str to (V,) bool array, optional
-        Grey vertices, by name.
+    pale : mapping of str to (V,) bool array, optional
+        Vertices in pale colours, by name; the others are outlined.
     views : sequence of View
         View of each column; by default a three-quarter view and the opposite one.
     inside : sequence of View
@@ -216,8 +216,8 @@ def draw_differences(
     rows = []
     for name, (mesh, _) in surfaces.items():
         colours = diverging_colours(outward[name], limit)
-        if grey is not None and name in grey:
-            colours[grey[name]] = np.array(GREY) / 255.0
+        if pale is not None and name in pale:
+            colours = _outlined(colours, mesh, pale[name])
         surface = shaded(mesh, colours)
         scenes = [
             Scene((surface,), cut=cut_of(item, mesh.vertices, frame.view.axes[2]), cap=theme.cut)
@@ -228,6 +228,17 @@ def draw_differences(
     labels = list(surfaces) if len(surfaces) > 1 else []
     headings = ("outside", "inside") if inside else ()
     return arrange(rows, title=title, row_labels=labels, headings=headings, limit=limit, theme=theme)
+
+
+def _outlined(colours: FloatArray, mesh: TriangleMesh, pale: BoolArray) -> FloatArray:
+    """Return colours (V, 3) that are pale where marked, with a dark line around the others."""
+    middle = diverging_colours(np.zeros(1), 1.0)
+    shown = np.where(pale[:, None], middle + FAINT * (colours - middle), colours)
+    mixed = mesh.faces[pale[mesh.faces].any(axis=1) & ~pale[mesh.faces].all(axis=1)]
+    edge = np.zeros(len(pale), dtype=bool)
+    edge[mixed.ravel()] = True
+    shown[edge & pale] = 0.25
+    return shown
 
 
 def draw_particles(

@@ -14,6 +14,7 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = [
     "DARK",
     "DARK_SCHEME",
+    "FAINT",
     "GREY",
     "LIGHT",
     "LIGHT_SCHEME",
@@ -179,7 +180,7 @@ def colours_by_place(mean: FloatArray) -> Array:
     return frozen(np.rint(255 * np.array(rgb)), np.uint8)
 
 
-_FAINT = 0.35
+FAINT = 0.35
 """Saturation factor of colours for differences within the limit."""
 GREY = (150, 150, 150)
 """Colour of missing or ignored values: neutral, and not part of any scale."""
@@ -238,7 +239,7 @@ class ColourScale:
         chosen = self.table[np.rint(place).astype(np.intp)]
         if faint is not None:
             middle = self.table[len(self.table) // 2]
-            chosen[faint] = np.rint(middle + _FAINT * (chosen[faint] - middle.astype(float)))
+            chosen[faint] = np.rint(middle + FAINT * (chosen[faint] - middle.astype(float)))
         if faded is not None and faded.any():
             chosen[faded] = GREY
         return chosen

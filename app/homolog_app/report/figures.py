@@ -9,13 +9,14 @@ from matplotlib.figure import Figure
 
 from homolog.arrays import FloatArray
 from homolog.comparison.answer import Answer
-from homolog.comparison.findings import LEVEL
+from homolog.comparison.findings import step_of
 from homolog.comparison.places import Directions, SurfaceCarrier
 from homolog.errors import InputError
 from homolog.io.names import file_stems
 from homolog.io.project import ProjectFolder
 from homolog.io.results import Result
 from homolog.progress import Tick
+from homolog.statistics.cautions import LEVEL
 from homolog.statistics.comparison import Comparison
 from homolog.statistics.evaluation import compactness, generalization, specificity
 from homolog.statistics.parallel import ParallelAnalysis, parallel_analysis
@@ -107,7 +108,7 @@ def map_limits(studies: Sequence[Answer], carrier: SurfaceCarrier) -> list[float
     for study in studies:
         for item in study.comparisons:
             if len(item.pointwise.effect) == 1:
-                moves = carrier.moved(item.pointwise.effect[0])
+                moves = step_of(study, study.question.column)[0] * carrier.moved(item.pointwise.effect[0])
                 outward.setdefault(_quantity(study), []).append(
                     outward_displacement(carrier.mean_of(item), moves)
                 )
@@ -133,14 +134,15 @@ def study_figures(
         if len(item.pointwise.effect) > 1:
             continue
         caption = _map_caption(study, item, limit, clip)
-        figure = map_figure(item, carrier, limit=limit, clip=clip)
+        step = step_of(study, study.question.column)[0]
+        figure = map_figure(item, carrier, limit=limit, clip=clip, step=step)
         yield ReportFigure(f"{stem}_map", figure, caption)
     for item, stem in zip(study.comparisons, stems, strict=True):
         if item.discriminant is not None:
             yield ReportFigure(
                 f"{stem}_discriminant",
                 discriminant_figure(study, item, size=_SMALL),
-                f"{item.title}: subjects along the discriminant, not cross-validated; bars: means.",
+                f"{item.title}: subjects along the discriminant, cross-validated; bars: means.",
                 small=True,
             )
 
@@ -203,7 +205,7 @@ def discriminant_figure(
     assert comparison.discriminant is not None
     first, second = comparison.counts
     members = np.array([study.labels[subject] for subject in comparison.subjects]) == second
-    places, colours = comparison.discriminant.scores, page_colours(theme)
+    places, colours = comparison.discriminant.cross_validated, page_colours(theme)
     figure = new_figure(*size, colours)
     order = group_order(study.labels)
     draw_discriminant(figure.subplots(), places, members, (first, second), order, colours)
@@ -216,24 +218,24 @@ def map_figure(
     theme: Theme = LIGHT,
     limit: float | None = None,
     clip: Clip | None = None,
+    step: float = 1.0,
 ) -> Figure:
     """Draw the effect of a comparison of two and its significance, for hollow shapes also on the inside.
 
     Colours end at the limit [mm], by default a suitable round value.
     """
-    mesh, effect = carrier.mean_of(comparison), carrier.moved(comparison.pointwise.effect[0])
+    mesh, effect = carrier.mean_of(comparison), step * carrier.moved(comparison.pointwise.effect[0])
     significant = carrier.significant(comparison, LEVEL)
-    tested = f"p ≤ {LEVEL:g}"
-    rows, grey = {"effect": (mesh, effect), tested: (mesh, effect)}, {tested: ~significant}
+    rows, pale = {"": (mesh, effect)}, {"": ~significant}
     if clip is not None or not carrier.is_hollow:
         views = [_view(carrier.directions, name) for name in _VIEWS]
-        return draw_differences(rows, grey=grey, views=views, clip=clip, limit=limit, theme=theme, width=300)
+        return draw_differences(rows, pale=pale, views=views, clip=clip, limit=limit, theme=theme, width=300)
     views = [_view(carrier.directions, name) for name in _HOLLOW_VIEWS]
     inside = [
         replace(VIEWS[name], name=f"{carrier.directions.way(-np.array(VIEWS[name].toward))} wall")
         for name in _HOLLOW_VIEWS
     ]
-    return draw_differences(rows, grey=grey, views=views, inside=inside, limit=limit, theme=theme, width=150)
+    return draw_differences(rows, pale=pale, views=views, inside=inside, limit=limit, theme=theme, width=150)
 
 
 def _view(directions: Directions, name: str) -> View:
@@ -257,12 +259,12 @@ def _cut_text(clip: Clip | None) -> str:
 def _map_caption(study: Answer, comparison: Comparison, limit: float, clip: Clip | None) -> str:
     what = {
         "groups": "difference of the means",
-        "regression": "change per unit of the variable",
+        "regression": f"change{step_of(study, study.question.column)[1]}",
         "pairs": "mean difference",
     }
     return (
-        f"{comparison.title}: {what[study.question.kind]}, outward, colours to ±{limit:g} mm; below, grey "
-        f"where p > {LEVEL:g}.{_cut_text(clip)}"
+        f"{comparison.title}: {what[study.question.kind]}, outward, colours to ±{limit:g} mm; pale where p > "
+        f"{LEVEL:g} (corrected over the surface), saturated and outlined where not.{_cut_text(clip)}"
     )
 
 

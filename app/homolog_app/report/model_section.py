@@ -19,14 +19,13 @@ from homolog.settings import Procrustes
 from homolog.surfaces.comparison import distances_both_ways
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import areas_of_particles, nearest_particles
-from homolog_app.report.page import Page
 
 if TYPE_CHECKING:
     from homolog.exchange import LandmarkErrors
 
 __all__ = [
-    "CorrespondenceRow", "add_correspondence", "correspondence_rows", "landmark_text", "model_methods",
-    "pose_text", "settings_rows",
+    "CorrespondenceRow", "correspondence_rows", "correspondence_text", "landmark_text", "model_methods",
+    "pose_text", "settings_rows", "write_correspondence",
 ]  # fmt: skip
 
 
@@ -38,21 +37,15 @@ def model_methods(record: ResultRecord) -> tuple[str, str, str]:
 def _groomed(record: ResultRecord) -> str:
     if record.source:
         return "Surfaces and their alignment are those of that program."
-    values = dict(_values_of(record.settings.groom))
     spacings = [subject.spacing for subject in record.subjects if subject.spacing]
-    if spacings:
-        automatic = " (automatic)" if record.settings.groom.spacing is None else ""
-        values["spacing"] = f"{_range(spacings, '.3g')} mm{automatic}"
-    if not record.mirrored_text:
-        values["mirror"] += " (no subject was mirrored)"
-    listed = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in values.items())
+    spacing = f" at {_range(spacings, '.3g')} mm" if spacings else ""
     vertices = [subject.vertices for subject in record.subjects if subject.vertices]
     surfaces = f" Surfaces had {_range(vertices, 'd')} vertices." if vertices else ""
     voxels = [sorted(subject.voxel) for subject in record.subjects if subject.voxel]
     edges = f"Voxels of the files were {voxel_text(voxels)} mm (the shortest edge first). " if voxels else ""
     return (
-        f"{edges}Segmentations were cleaned (enclosed cavities filled) and antialiased; surfaces are the "
-        f"zero levels of signed distance fields. Shapes were groomed with these settings: {listed}.{surfaces}"
+        f"{edges}Segmentations were cleaned (enclosed cavities filled) and antialiased{spacing}; surfaces "
+        f"are the zero levels of signed distance fields.{surfaces} All settings are in settings.csv."
     )
 
 
@@ -64,9 +57,7 @@ def _model(record: ResultRecord) -> str:
         else ""
     )
     folds = f" {record.folded_faces} of its faces are folded." if record.folded_faces else ""
-    remarks = f" Remarks of the program on subjects: {'; '.join(record.remarks)}." if record.remarks else ""
-    if any("repaired" in remark for remark in record.remarks):
-        remarks += _REPAIRED
+    remarks = _REPAIRED if any("repaired" in remark for remark in record.remarks) else ""
     return (
         f"The shape model is a principal component analysis of the particle positions, {pose_text(record)} "
         "(variances with the divisor n - 1). The mean surface is the mesh of the subject nearest to the "
@@ -75,8 +66,8 @@ def _model(record: ResultRecord) -> str:
 
 
 _REPAIRED = (
-    " Repaired means that during the run such particles were moved to the positions predicted by the other "
-    "subjects, and optimized again."
+    " During the run misplaced particles were moved to the positions predicted by the other subjects, and "
+    "optimized again."
 )
 
 
@@ -155,7 +146,7 @@ def _values_of(settings: BaseModel) -> Iterator[tuple[str, str]]:
             yield name, f"{value}{unit}"
 
 
-def settings_rows(record: ResultRecord, studies: Sequence[Answer]) -> list[tuple[str, str, str]]:
+def settings_rows(record: ResultRecord, answers: Sequence[Answer]) -> list[tuple[str, str, str]]:
     """Return every setting and version: part, name, value."""
     rows = [
         (part, name, value)
@@ -164,10 +155,10 @@ def settings_rows(record: ResultRecord, studies: Sequence[Answer]) -> list[tuple
     ]
     rows += [("run", "alignment by particles", record.settings.placing.procrustes.value)]
     rows += [("run", "device", record.device), ("run", "fingerprint", record.fingerprint)]
-    for number, study in enumerate(studies, start=1):
+    for number, answer in enumerate(answers, start=1):
         rows += [
-            (f"Study {number}", name, value)
-            for name, value in _values_of(study.question)
+            (f"question {number}", name, value)
+            for name, value in _values_of(answer.question)
             if name != "earlier" and not (name in ("pairs", "covariates", "between") and value == "none")
         ]
     return rows + [("version", name, number) for name, number in record.versions.items()]
@@ -228,36 +219,22 @@ def correspondence_rows(
     return rows
 
 
-def add_correspondence(page: Page, folder: Path, rows: Sequence[CorrespondenceRow]) -> None:
-    """Add the results of `correspondence_rows`, and write them as a table into the report's folder."""
+def correspondence_text(rows: Sequence[CorrespondenceRow]) -> str:
+    """Return how well particles represent the surfaces, in a sentence; empty without surfaces."""
     if not rows:
-        return
+        return ""
+    worst = max(rows, key=lambda row: row.surface_mean_mm)
+    mean = float(np.mean([row.surface_mean_mm for row in rows]))
+    return (
+        f"Surfaces lie {mean:.2g} mm on average from the mean surface that is warped to their particles, at "
+        f"most {worst.surface_mean_mm:.2g} mm ({worst.name}; each subject: correspondence.csv). "
+    )
+
+
+def write_correspondence(folder: Path, rows: Sequence[CorrespondenceRow]) -> None:
+    """Write the rows as a table into the report's folder."""
     columns = [field.name for field in fields(CorrespondenceRow)]
     write_table(folder / _FILE, columns, [astuple(row) for row in rows])
-    titles = (
-        ("particles from their own surface, mean (mm)", ".3f"),
-        ("evenness: coefficient of variation of the particles' areas (%)", ".1f"),
-        ("largest distance of the surface from its nearest particle (mm)", ".2f"),
-        ("surface from warped mean surface, mean over the area (mm)", ".3f"),
-        ("surface from warped mean surface, 95th percentile of the area (mm)", ".3f"),
-    )
-    table = []
-    for number, (title, form) in enumerate(titles, start=1):
-        values = [float(astuple(row)[number]) for row in rows]
-        worst = int(np.argmax(values))
-        cells = (float(np.mean(values)), min(values), max(values))
-        table.append((title, *(format(value, form) for value in cells), rows[worst].name))
-    page.table(
-        ["measure of a subject", "mean of subjects", "smallest", "largest", "subject with the largest"],
-        table,
-        as_text=True,
-        caption="Quality of the correspondence over the subjects",
-    )
-    page.paragraph(
-        "Evenness: 0 % means equal areas. The mean surface was warped to each subject's particles by "
-        "the spline of all maps; its distance from the subject's own surface, in both directions, is the "
-        "part that particles and spline do not represent. Values of each subject are in correspondence.csv."
-    )
 
 
 def landmark_text(errors: "LandmarkErrors") -> str:

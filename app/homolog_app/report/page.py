@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup, escape
@@ -54,19 +55,35 @@ class Page:
     def __init__(self, title: str, notice: str, *, footer: str = "") -> None:
         self.title, self.notice, self._footer = title, notice, footer
         self.parts: list[dict[str, object]] = []
-        self.study = ""
-        """Study that captions state after their text."""
         self._numbers = {"Table": 0, "Figure": 0}
 
-    def following(self, kind: str, after: int = 1) -> str:
-        """Return the number of a table or figure that follows, such as "Table 3"."""
-        return f"{kind} {self._numbers[kind] + after}"
-
     def _numbered(self, kind: str, caption: str) -> str:
-        number = self.following(kind)
         self._numbers[kind] += 1
-        study = f" {self.study}." if self.study else ""
-        return f"{number}. {caption.rstrip('.')}.{study}" if study else f"{number}. {caption}"
+        return f"{kind} {self._numbers[kind]}. {caption}"
+
+    def write(
+        self,
+        text: str,
+        figures: "Mapping[str, Sequence[ReportFigure]]",
+        tables: Mapping[str, Mapping[str, Any]],
+    ) -> None:
+        """Add the lines of a text, and the figures and tables that it names.
+
+        A line that begins with ``# `` or ``## `` is a heading, with ``! `` a caution, ``@name`` is a table or
+        figures of that name, and every other line that is not empty a paragraph.
+        """
+        for line in filter(None, map(str.strip, text.splitlines())):
+            mark, _, rest = line.partition(" ")
+            if line[0] == "@":
+                self.figures(figures.get(line[1:], ()))
+                if line[1:] in tables:
+                    self.table(**tables[line[1:]], as_text=True, omit="–")
+            elif mark in ("#", "##"):
+                self.heading(rest, len(mark) + 1)
+            elif mark == "!":
+                self.caution(rest)
+            else:
+                self.paragraph(line)
 
     def heading(self, text: str, level: int = 2) -> None:
         """Add a heading."""
@@ -101,7 +118,7 @@ class Page:
         it has no rows.
         """
         rows = list(rows)
-        if caption and not rows:
+        if (caption or summary) and not rows:
             return
         kept = [index for index in range(len(columns)) if any(row[index] != omit for row in rows)]
         columns = [columns[index] for index in kept]

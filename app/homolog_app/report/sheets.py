@@ -212,7 +212,7 @@ def _finished(sheets: Sequence[Sheet]) -> list[Figure]:
 
 
 def write_page(path: Path, page: Page) -> None:
-    """Write a page as a PDF of A4 pages with bookmarks, including collapsed tables, without lists of files.
+    """Write a page as a PDF of A4 pages with bookmarks, without what is collapsed.
 
     Raises
     ------
@@ -264,11 +264,10 @@ class _Flow:
                 "kind": "table",
                 "columns": columns,
                 "rows": list(rows),
-                "summary": str(summary),
-                "caption": str(caption),
+                "summary": "",
+                "caption": str(name),
             }:
                 assert isinstance(columns, Sequence)
-                name = caption or summary
                 if name:
                     self._headings.append((name, 0))
                 self.table(columns, [[_cell_text(cell) for cell in row] for row in rows], name)

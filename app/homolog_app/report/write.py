@@ -1,16 +1,19 @@
-"""Writing the report of a project: the page, its figures as vector graphics, and the studies' tables."""
+"""Writing the report of a project: numbers and figures for the template of its texts, and the files."""
 
-from collections.abc import Sequence
+import csv
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 
-import numpy as np
+from jinja2 import Environment, StrictUndefined
 
-from homolog.arrays import FloatArray
 from homolog.comparison.answer import Answer, ask
-from homolog.comparison.findings import outlier_text
-from homolog.comparison.places import SurfaceCarrier, directions_of
+from homolog.comparison.findings import CONTROLS, Finding, findings
+from homolog.comparison.places import Directions, SurfaceCarrier, directions_of
 from homolog.comparison.sample import Sample
-from homolog.comparison.seeds import SeedAnswer, read_spread, seed_numbers, spread_text
+from homolog.comparison.seeds import read_spread, spread_text
 from homolog.comparison.stored import folder_of, stored_answers
 from homolog.comparison.tables import store
 from homolog.errors import InputError, NumericalError
@@ -20,44 +23,69 @@ from homolog.inspection.verdict import Word, read_verdict
 from homolog.io.atomic import atomic_write, write_text
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ResultRecord
-from homolog.io.report_details import Axes, ReportDetails, read_details
+from homolog.io.report_details import ReportDetails, read_details
 from homolog.io.results import Result, read_result, read_surface
 from homolog.io.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
+from homolog.statistics.cautions import cautions_of
 from homolog.statistics.design import reference_first
+from homolog.statistics.procrustes import Alignment
 from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh
 from homolog.threads import cores
 from homolog_app.pictures import write_picture
 from homolog_app.rendering.camera import Clip
-from homolog_app.report import NOTICE
-from homolog_app.report.appendix import definitions, numbered
+from homolog_app.report import NOTICE, rows
 from homolog_app.report.figures import ReportFigure, map_limits, model_figures, quality_rows, study_figures
-from homolog_app.report.main_results import add_main_results
-from homolog_app.report.methods import methods
 from homolog_app.report.model_section import (
-    add_correspondence,
+    CorrespondenceRow,
     correspondence_rows,
+    correspondence_text,
     landmark_text,
+    model_methods,
     pose_text,
     settings_rows,
+    write_correspondence,
 )
 from homolog_app.report.page import Page
-from homolog_app.report.sample import add_measures, add_missing, add_samples, measures_of
 from homolog_app.report.sheets import write_page
-from homolog_app.report.study_section import add_assumptions, add_statistics, add_study
 
 __all__ = ["write_report"]
+
+_TABLES = ("quality.csv", "correspondence.csv", "measures.csv", "settings.csv")
+"""Files next to the page."""
+_ALIGNED = {
+    Alignment.AS_IT_LIES: "as they lay after the run",
+    Alignment.RIGID: "by generalized Procrustes analysis [gower] without scaling (form)",
+    Alignment.SIMILARITY: "by generalized Procrustes analysis [gower] with scaling to one size (shape)",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Study:
+    """An answer with its number in the report, and what is said of it."""
+
+    number: int
+    answer: Answer
+    findings: list[Finding]
+    is_primary: bool
+    spread: str
+
+    @property
+    def title(self) -> str:
+        return self.answer.question.title
 
 
 def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None = None) -> Path:
     """Answer all questions of a project again and write its report.
 
+    Questions that can't be answered any more are left out and named.
+
     Parameters
     ----------
     project : ProjectFolder
-        Project with a result and the studies that ``homolog analyze`` stored.
+        Project with a result and the questions that ``homolog analyze`` stored.
     tick : Tick
         Progress and cancellation.
     clip : Clip, optional
@@ -71,82 +99,288 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     Raises
     ------
     InputError
-        If there is no result, a study can no longer be answered, or the folder can't be written to.
+        If there is no result, or the folder can't be written to.
     """
     tick(0.0, "reading the result")
     result = read_result(project)
     record = project.read().result
     if record is None:
         raise InputError(f"{project.folder}: has no result yet")
-    folder = project.folder / "report"
-    kept, lost = stored_answers(project)
-    primary = any(study.is_primary for study in kept)
-    studies = []
-    for index, one in enumerate(kept):
-        part = part_of(tick, 0.5 * index / len(kept), 0.5 * (index + 1) / len(kept))
-        try:
-            studies.append(ask(Sample.of(result), one.question, part))
-        except InputError as error:  # such as a value that a subject added later lacks
-            lost.append(f"{one.question.title}: {error}")
-    seeds = [read_spread(folder_of(project, study.question), record.fingerprint, study) for study in studies]
-    details = read_details(project)
-    carrier = SurfaceCarrier.of(result, directions_of(details, record))
+    folder, details = project.folder / "report", read_details(project)
+    carrier = SurfaceCarrier.of(result, directions_of(details))
+    studies, lost = _answered(project, result, record, carrier, part_of(tick, 0.0, 0.5))
+    answers = [study.answer for study in studies]
     model = ShapeModel.fit(result.world, names=result.names)
-    figures = list(model_figures(project, result, model, carrier, part_of(tick, 0.5, 0.55), clip))
+    drawn = list(model_figures(project, result, model, carrier, part_of(tick, 0.5, 0.55), clip))
     tick(0.55, "surfaces of the subjects")
     meshes = _surfaces(project, record)
     correspondence = correspondence_rows(meshes, result, carrier)
+    maps, others = list[ReportFigure](), list[ReportFigure]()
+    for index, (answer, limit) in enumerate(zip(answers, map_limits(answers, carrier), strict=True)):
+        part = part_of(tick, 0.6 + 0.3 * index / len(answers), 0.6 + 0.3 * (index + 1) / len(answers))
+        store(project, answer, result, carrier)
+        for figure in study_figures(answer, carrier, limit, part, clip):
+            (others if figure.small else maps).append(figure)
+    tick(0.9, "writing the report")
     of = f": {details.structure}" if details.structure else ""
     page = Page(f"Shape analysis of {project.folder.resolve().name}{of}", f"{NOTICE} {_made(record)}")
-    _introduction(page, record, result, studies, details)
-    verdict = read_verdict(project, result.world, part_of(tick, 0.55, 0.58))
-    (page.paragraph if verdict.word is Word.SOUND else page.caution)(verdict.line)
-    for text in lost:
-        page.caution(f"Left out: {text}")
-    page.heading("Main results")
-    if studies:
-        add_main_results(page, studies, seeds, carrier, correspondence, primary=primary)
-        page.heading("Sample")
-        add_samples(page, studies, result)
-        add_measures(page, folder, result, studies, measures_of(meshes, hollow=carrier.is_hollow))
-    else:
-        for text in outlier_text(result):
-            page.caution(text)
-        page.paragraph("No group comparison yet: run homolog analyze PROJECT --group COLUMN.")
-    _model_section(page, folder, record, result, model, figures)
-    page.table(("measure", "value"), verdict.rows, as_text=True, caption="What the verdict follows from")
-    add_correspondence(page, folder, correspondence)
-    _add_check(page, result, meshes)
-    _add_landmarks(page, project)
-    limits = map_limits(studies, carrier)
-    seed = None if record.source else record.settings.optimize.seed
-    for index, study in enumerate(studies):
-        part = part_of(tick, 0.6 + 0.3 * index / len(studies), 0.6 + 0.3 * (index + 1) / len(studies))
-        store(project, study, result, carrier)
-        own = list(study_figures(study, carrier, limits[index], part, clip))
-        title = f"Study {index + 1}{', primary' if primary and not index else ''}"
-        add_study(page, study, title, seed, carrier, own)
-        figures += own
-    tick(0.9, "writing the report")
-    if studies:
-        page.heading("Statistics of all studies")
-        add_statistics(page, studies)
-        add_assumptions(page, studies)
-        for text in [line for answers in seeds for line in spread_text(answers)]:
-            page.paragraph(text)
-    _methods(page, folder, record, studies, seeds, carrier, details, primary=primary)
-    _files(page, project, studies, figures)
-    _write_figures(folder / "figures", figures)
+    figures = {
+        "first_map": maps[:1],
+        "maps": [*others, *maps[1:]],
+        "model": [figure for figure in drawn if figure.small],
+        "modes": [figure for figure in drawn if not figure.small],
+    }
+    measures = rows.measures_of(meshes, hollow=carrier.is_hollow)
+    verdict = read_verdict(project, result.world, part_of(tick, 0.9, 0.95))
+    context = {
+        **_of_model(project, record, result, model, meshes, correspondence, drawn),
+        **_of_studies(studies),
+        "controls": CONTROLS,
+        "details": details,
+        "record": record,
+        "lost": lost,
+        "verdict": ("" if verdict.word is Word.SOUND else "! ") + verdict.line,
+        "axes": _axes_text(carrier.directions),
+        "hollow": carrier.is_hollow,
+        "missing": _missing(record, details, studies),
+    }
+    text = _text(context, record.versions.get("homolog", ""))
+    tables = _tables(answers, result, carrier, measures)
+    tables["verdict"] = {
+        "columns": ("measure", "value"),
+        "rows": verdict.rows,
+        "summary": "What the verdict on the model follows from",
+    }
+    page.write(text, figures, tables)
+    _write_tables(folder, record, result, model, answers, measures, correspondence)
+    _add_files(page, project, answers, [*drawn, *others, *maps])
+    for figure in [*drawn, *others, *maps]:
+        for suffix in ("svg", "pdf"):
+            with atomic_write(folder / "figures" / f"{figure.name}.{suffix}") as part_file:
+                write_picture(figure.figure, part_file)
     write_text(folder / "report.html", page.html)
     write_page(folder / "report.pdf", page)
     return folder / "report.html"
 
 
-def _write_figures(folder: Path, figures: Sequence[ReportFigure]) -> None:
-    for figure in figures:
-        for suffix in ("svg", "pdf"):
-            with atomic_write(folder / f"{figure.name}.{suffix}") as part:
-                write_picture(figure.figure, part)
+def _answered(
+    project: ProjectFolder, result: Result, record: ResultRecord, carrier: SurfaceCarrier, tick: Tick
+) -> tuple[list[_Study], list[str]]:
+    """Return the answers to all questions, the primary one first, and what can't be answered."""
+    kept, lost = stored_answers(project)
+    sample, studies = Sample.of(result), list[_Study]()
+    for index, stored in enumerate(kept):
+        part = part_of(tick, index / len(kept), (index + 1) / len(kept))
+        try:
+            answer = ask(sample, stored.question, part)
+        except InputError as error:  # such as a value that a subject added later lacks
+            lost.append(f"{stored.question.title}: {error}")
+            continue
+        try:
+            spread = spread_text(read_spread(folder_of(project, stored.question), record.fingerprint, answer))
+        except InputError as error:
+            spread = [str(error)]
+        found = findings(answer, carrier)
+        studies.append(_Study(len(studies) + 1, answer, found, stored.is_primary, " ".join(spread)))
+    return studies, lost
+
+
+def _text(context: Mapping[str, object], version: str) -> str:
+    """Return the report's texts, with numbers in place of citations, and the references at the end."""
+    resources = files("homolog_resources")
+    environment = Environment(
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+    )
+    template = environment.from_string((resources / "report_text.jinja").read_text(encoding="utf-8"))
+    with (resources / "references.csv").open(encoding="utf-8") as stream:
+        known = {row["key"]: row["text"].format(version) for row in csv.DictReader(stream)}
+    cited: list[str] = []
+
+    def number(citation: re.Match[str]) -> str:
+        keys = citation[1].split(", ")
+        if not set(keys) <= set(known):
+            return citation[0]
+        cited.extend(key for key in keys if key not in cited)
+        return f"[{', '.join(str(cited.index(key) + 1) for key in keys)}]"
+
+    pattern = re.compile(r"\[([a-z]+(?:, [a-z]+)*)\]")
+    pattern.sub(number, template.render(context, references=()))
+    references = [f"{place}. {known[key]}" for place, key in enumerate(cited, start=1)]
+    return pattern.sub(number, template.render(context, references=references))
+
+
+def _of_model(
+    project: ProjectFolder,
+    record: ResultRecord,
+    result: Result,
+    model: ShapeModel,
+    meshes: Sequence[TriangleMesh],
+    correspondence: Sequence[CorrespondenceRow],
+    drawn: Sequence[ReportFigure],
+) -> dict[str, object]:
+    """Return what the template says of the shape model."""
+    groups = list(result.groups)
+    order = [*reference_first(filter(None, groups)), *([None] if None in groups else [])]
+    counts = ", ".join(f"{groups.count(group)} {group or 'no group'}" for group in order)
+    area = result.mean_surface.area
+    placed, groomed, modelled = model_methods(record)
+    quality = [row for row in quality_rows(result, model) if row[2] is not None]
+    at = quality[min(2, len(quality) - 1)] if quality else None
+    return {
+        "names": result.names,
+        "groups": f" ({counts})" if any(groups) else "",
+        "area": area,
+        "apart": (area / record.particles) ** 0.5,
+        "pose": pose_text(record),
+        "modes": next((figure.caption for figure in drawn if figure.name == "modes"), "")
+        and f"The first {min(3, len(model.explained_variance))} modes have "
+        f"{100.0 * float(model.explained_variance_ratio[:3].sum()):.0f} % of the variance.",
+        "quality": "not known with so few subjects."
+        if at is None or at[2] is None
+        else f"{at[2]:.2g} mm with {at[0]} modes (quality.csv).",
+        "correspondence": correspondence_text(correspondence),
+        "check": _check_text(result, meshes),
+        "landmarks": _landmarks(project),
+        "placed": placed,
+        "groomed": groomed,
+        "modelled": modelled,
+    }
+
+
+def _of_studies(studies: Sequence[_Study]) -> dict[str, object]:
+    """Return what the template says of the questions and how they were answered."""
+    answers = [study.answer for study in studies]
+    asked = [answer.question for answer in answers]
+    stops = [study.number for study in studies if not study.findings[0].is_significant]
+    left = [f"{name} ({why})" for answer in answers[:1] for name, why in answer.left_out.items()]
+    by_alignment: dict[Alignment, list[str]] = {}
+    for study in studies:
+        by_alignment.setdefault(study.answer.question.alignment, []).append(str(study.number))
+    counts = sorted({comparison.test.permutations for answer in answers for comparison in answer.comparisons})
+    return {
+        "studies": studies,
+        "sequence_end": stops[0] if stops else len(studies),
+        "cautions": list(_cautions(studies)),
+        "left_out": f"Not compared in question 1: {', '.join(left)}." if left else "",
+        "alignments": " ".join(
+            f"For question {', '.join(numbers)} shapes were aligned {_ALIGNED[way]}."
+            for way, numbers in by_alignment.items()
+        ),
+        "chosen_modes": any(question.modes is not None for question in asked),
+        "permutations": " to ".join(map(str, dict.fromkeys((counts[0], counts[-1])))) if counts else "",
+        "has_pairs": any(answer.pairwise for answer in answers),
+        "has_covariates": any(question.covariates for question in asked),
+        "has_slopes": any(question.kind == "regression" for question in asked),
+        "is_paired": any(question.kind == "pairs" for question in asked),
+        "complete_cases": any(question.complete_cases for question in asked),
+        "similar": any(question.alignment is Alignment.SIMILARITY for question in asked),
+    }
+
+
+def _cautions(studies: Sequence[_Study]) -> Iterator[str]:
+    """Yield the cautions of all questions, each once with the questions that it is about."""
+    numbers: dict[str, list[int]] = {}
+    for study in studies:
+        own = [
+            item
+            for comparison in study.answer.comparisons
+            for item in cautions_of(comparison, study.answer.names)
+        ]
+        for text in dict.fromkeys([*own, *study.answer.notes]):
+            numbers.setdefault(text, []).append(study.number)
+    for text, of in numbers.items():
+        which = f"Question {', '.join(map(str, of))}: " if len(studies) > 1 else ""
+        yield f"{which}{text}"
+
+
+def _axes_text(directions: Directions) -> str:
+    """Return how places are named."""
+    if directions.are_the_patients:
+        return "Places are directions from the middle of the mean shape along the patient's confirmed axes."
+    if directions.are_named:
+        return "Places are sides of the mean shape as named by the authors."
+    return (
+        "Places are sides of the mean shape by the axes of the coordinates, as the views are named: +z "
+        "is the side of larger z. Nobody has confirmed the patient's axes (--axes patient)."
+    )
+
+
+def _missing(record: ResultRecord, details: ReportDetails, studies: Sequence[_Study]) -> list[str]:
+    """Return what a paper needs and only its authors know."""
+    points = [] if details.structure else ["the anatomical structure (--structure)"]
+    points += (
+        [] if details.cohort else ["the cohort (--cohort): recruitment, criteria, definition of the groups"]
+    )
+    points += [] if any(subject.voxel for subject in record.subjects) else ["voxel size"]
+    points += [
+        "scanner, protocol, phase or time of imaging",
+        "who segmented, how, and how well segmentations of one subject agree",
+        "reasons for the numbers of subjects and particles",
+        "ethics approval",
+    ]
+    if len(studies) > 1:
+        points.append("which question was primary before the results were seen")
+    if any(not study.spread for study in studies):
+        points.append("how answers vary with the seed of the correspondence (homolog analyze --seeds 5)")
+    return points
+
+
+def _tables(
+    answers: Sequence[Answer], result: Result, carrier: SurfaceCarrier, measures: Sequence[rows.Measure]
+) -> dict[str, Mapping[str, object]]:
+    """Return the report's tables by the names in its template: arguments of `Page.table`."""
+    if not answers:
+        return {}
+    grouped = [answer for answer in answers if answer.question.kind == "groups"][:1]
+    columns, sample = rows.sample(answers, result)
+    return {
+        "main": {
+            "columns": rows.MAIN,
+            "rows": list(rows.main(answers)),
+            "caption": "Size, shape and place",
+        },
+        "sample": {"columns": columns, "rows": sample, "caption": "Subjects"},
+        "measures": {
+            "columns": rows.measure_columns(grouped[0]) if grouped else [],
+            "rows": list(rows.measure_rows(grouped[0], measures)) if grouped else [],
+            "caption": "Surfaces at their own size; p of Welch's t-test, not corrected",
+        },
+        "covariates": {
+            "columns": rows.COVARIATES,
+            "rows": list(rows.covariates(answers)),
+            "caption": "Covariates, each adjusted for what is tested and for the others; p not corrected",
+        },
+        "regions": {
+            "columns": rows.REGIONS,
+            "rows": list(rows.regions(answers, carrier)),
+            "caption": "Largest significant regions (all: regions.csv)",
+        },
+        "details": {
+            "columns": rows.DETAILS,
+            "rows": list(rows.details(answers)),
+            "summary": "Details of all tests",
+        },
+    }
+
+
+def _write_tables(
+    folder: Path,
+    record: ResultRecord,
+    result: Result,
+    model: ShapeModel,
+    answers: Sequence[Answer],
+    measures: Sequence[rows.Measure],
+    correspondence: Sequence[CorrespondenceRow],
+) -> None:
+    """Write the tables next to the page."""
+    heads = ["modes", "compactness", "generalization_mm", "specificity_mm"]
+    write_table(folder / "quality.csv", heads, quality_rows(result, model))
+    write_table(folder / "settings.csv", ["part", "setting", "value"], settings_rows(record, answers))
+    if correspondence:
+        write_correspondence(folder, correspondence)
+    if measures:
+        columns = zip(result.names, *(item.values.tolist() for item in measures), strict=True)
+        write_table(folder / "measures.csv", ["name", *(item.column for item in measures)], columns)
 
 
 def _surfaces(project: ProjectFolder, record: ResultRecord) -> list[TriangleMesh]:
@@ -161,28 +395,30 @@ def _surfaces(project: ProjectFolder, record: ResultRecord) -> list[TriangleMesh
     return meshes
 
 
-def _add_check(page: Page, result: Result, meshes: Sequence[TriangleMesh]) -> None:
-    """Add the suspects of `homolog check`."""
+def _check_text(result: Result, meshes: Sequence[TriangleMesh]) -> str:
+    """Return a sentence on the suspects of ``homolog check``."""
     if len(meshes) < 3:
-        page.paragraph(
-            "Particles were not checked for wrong positions, which requires three subjects with surfaces."
-        )
-        return
+        return "Particles were not checked for wrong positions, which requires three subjects with surfaces. "
     suspects = inspect(result.local, meshes, result.alignments, names=result.names, workers=cores()).suspects
     if not suspects:
-        page.paragraph("homolog check finds no location where the correspondence may be wrong.")
-        return
+        return "homolog check finds no location where the correspondence may be wrong. "
     kinds = [suspect.kind.value for suspect in suspects]
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
-    particles = {(suspect.subject, int(particle)) for suspect in suspects for particle in suspect.particles}
-    names = sorted({result.names[suspect.subject] for suspect in suspects})
-    of_worst = result.names[suspects[0].subject]
-    page.paragraph(
-        f"homolog check finds {len(suspects)} locations where the correspondence may be wrong ({counts}): "
-        f"{len(particles)} of {result.world.shape[0] * result.world.shape[1]} particles on {len(names)} of "
-        f"{len(result.names)} subjects ({', '.join(names)}), the most severe on {of_worst}. Check them "
-        "before local differences there are claimed."
+    subjects = {suspect.subject for suspect in suspects}
+    return (
+        f"homolog check finds {len(suspects)} location{'s' * (len(suspects) > 1)} on {len(subjects)} of "
+        f"{len(result.names)} subjects where the correspondence may be wrong ({counts}), the most severe on "
+        f"{result.names[suspects[0].subject]}. "
     )
+
+
+def _landmarks(project: ProjectFolder) -> str:
+    """Return a sentence on landmarks, if the project's subjects have any."""
+    try:
+        errors = project_landmark_errors(project)
+    except (InputError, NumericalError) as error:
+        return f"Landmarks can't be compared. {error} "
+    return "" if errors is None else f"{landmark_text(errors)}. "
 
 
 def _made(record: ResultRecord) -> str:
@@ -190,111 +426,8 @@ def _made(record: ResultRecord) -> str:
     return f"Made with Homolog {record.versions.get('homolog', '')} from the result of {finished}."
 
 
-def _introduction(
-    page: Page, record: ResultRecord, result: Result, studies: Sequence[Answer], details: ReportDetails
-) -> None:
-    groups = list(result.groups)
-    counts = ", ".join(f"{groups.count(group)} {group or 'no group'}" for group in _in_order(groups, studies))
-    what = f"Structure: {details.structure}. " if details.structure else ""
-    page.paragraph(
-        f"{what}{len(groups)} subjects{f' ({counts})' if any(groups) else ''} with {record.particles} "
-        f"corresponding particles each, placed with {record.metric} distances."
-    )
-    if details.cohort:
-        page.paragraph(f"Cohort: {details.cohort.rstrip('.')}.")
-    if record.excluded:
-        page.paragraph(f"Excluded before the run: {len(record.excluded)}. {' '.join(record.excluded)}")
-    if record.mirrored_text:
-        names = ", ".join(subject.name for subject in record.subjects if subject.is_mirrored)
-        page.paragraph(
-            f"{record.mirrored_text}: {names}. Means, modes and differences are shown in the common frame."
-        )
-
-
-def _in_order(groups: Sequence[str | None], studies: Sequence[Answer]) -> list[str | None]:
-    """Return the different groups, in the order of the first study of them."""
-    compared = [group for study in studies for group in study.question.between]
-    order = list(dict.fromkeys([*compared, *reference_first(filter(None, groups)), *groups]))
-    return [group for group in order if group in groups]
-
-
-def _mm(value: float | None) -> str:
-    return "–" if value is None else f"{value:.3f}"
-
-
-def _model_section(
-    page: Page,
-    folder: Path,
-    record: ResultRecord,
-    result: Result,
-    model: ShapeModel,
-    figures: Sequence[ReportFigure],
-) -> None:
-    page.heading("Shape model")
-    area = result.mean_surface.area
-    each = area / record.particles
-    held_out = "" if record.source else "; it was included in the correspondence"
-    page.paragraph(
-        f"{len(result.names)} shapes, {pose_text(record)}. The mean surface has an area of {area:.0f} mm²; a "
-        f"particle represents {each:.3g} mm² of it on average, so that particles are about {each**0.5:.2g} "
-        "mm apart. The modes below are those of all subjects; tests use modes of the subjects and the "
-        "alignment of each comparison. The sign of a mode is arbitrary. Scores and standard deviations are "
-        "root mean squares over the particles. For generalization each subject in turn was held out and "
-        f"fitted with modes of the others{held_out}. Specificity was computed for some numbers of modes only."
-    )
-    page.figures([figure for figure in figures if figure.small])
-    page.figures([figure for figure in figures if not figure.small])
-    rows = quality_rows(result, model)
-    if rows:
-        write_table(
-            folder / "quality.csv", ["modes", "compactness", "generalization_mm", "specificity_mm"], rows
-        )
-        page.table(
-            ["modes", "compactness (%)", "generalization (mm)", "specificity (mm)"],
-            (
-                (str(k), f"{100 * share:.1f}", _mm(left_out), _mm(drawn))
-                for k, share, left_out, drawn in rows
-                if drawn is not None
-            ),
-            caption="Quality of the model",
-        )
-
-
-def _methods(
-    page: Page, folder: Path, record: ResultRecord, studies: list[Answer],
-    seeds: Sequence[Sequence[SeedAnswer]], carrier: SurfaceCarrier, details: ReportDetails, *, primary: bool,
-) -> None:  # fmt: skip
-    """Add methods, definitions, a list for the authors to complete, and references; settings as a table."""
-    page.heading("Methods")
-    terms = list(definitions(studies, carrier, confirmed=details.axes is not Axes.AUTO)) if studies else []
-    texts, references = numbered(
-        [*methods(record, studies), *(text for _, text in terms)], record.versions.get("homolog", "")
-    )
-    for text in texts[: len(texts) - len(terms)]:
-        page.paragraph(text)
-    repeated = [str(number) for number, own in enumerate(seeds, start=1) if len(seed_numbers(own)) > 1]
-    if repeated:
-        numbers = sorted({number for own in seeds for number in seed_numbers(own)})
-        page.paragraph(
-            f"Study {', '.join(repeated)}: optimization and tests were repeated on the same surfaces with "
-            f"seeds {', '.join(map(str, numbers))} of the optimization; the main results are medians."
-        )
-    write_table(folder / "settings.csv", ["part", "setting", "value"], settings_rows(record, studies))
-    page.paragraph("All settings and versions are in settings.csv.")
-    if terms:
-        page.heading("Definitions", 3)
-        for (term, _), text in zip(terms, texts[len(texts) - len(terms) :], strict=True):
-            page.paragraph(f"{term}: {text}")
-    page.heading("For the authors to add", 3)
-    one_seed = len(repeated) < len(seeds)
-    add_missing(page, record, details, one_seed=one_seed, primary=primary if len(studies) > 1 else None)
-    page.heading("References", 3)
-    for text in references:
-        page.paragraph(text)
-
-
-def _files(
-    page: Page, project: ProjectFolder, studies: Sequence[Answer], figures: Sequence[ReportFigure]
+def _add_files(
+    page: Page, project: ProjectFolder, answers: Sequence[Answer], figures: Sequence[ReportFigure]
 ) -> None:
     page.heading("Files")
     page.links(["report.pdf"], "This page as PDF")
@@ -302,44 +435,9 @@ def _files(
     page.links(vectors, f"Figures as vector graphics ({len(vectors)} files)")
     tables = [
         f"../{path.relative_to(project.folder).as_posix()}"
-        for study in studies
-        for path in sorted(folder_of(project, study.question).glob("*.csv"))
+        for answer in answers
+        for path in sorted(folder_of(project, answer.question).glob("*.csv"))
     ]
     own = [name for name in _TABLES if (project.folder / "report" / name).is_file()]
     tables = [*own, "../model/scores.csv", "../model/eigenvalues.csv", *tables]
     page.links(tables, f"Tables with the subjects' names ({len(tables)} files)")
-
-
-_TABLES = ("quality.csv", "correspondence.csv", "measures.csv", "settings.csv")
-"""File next to the page."""
-
-
-def _add_landmarks(page: Page, project: ProjectFolder) -> None:
-    """Write the report's section on landmarks, if the project's subjects have any."""
-    try:
-        errors = project_landmark_errors(project)
-    except (InputError, NumericalError) as error:
-        page.heading("Landmarks")
-        page.caution(f"Landmarks can't be compared. {error}")
-        return
-    if errors is None:
-        return
-    page.heading("Landmarks")
-    page.paragraph(
-        f"{landmark_text(errors)}. Each subject's landmarks were transferred to each other subject by the "
-        "thin-plate spline of the particles, projected onto the surface, and compared with that subject's "
-        "own."
-    )
-    page.table(
-        ["landmark", "mean (mm)", "median (mm)", "95th percentile (mm)", "largest (mm)"],
-        (
-            (name, *(f"{value:.2f}" for value in _figures(errors.errors[..., index])))
-            for index, name in enumerate(errors.names)
-        ),
-    )
-
-
-def _figures(errors: FloatArray) -> tuple[float, float, float, float]:
-    finite = errors[np.isfinite(errors)]
-    median, high = np.quantile(finite, [0.5, 0.95])
-    return float(finite.mean()), float(median), float(high), float(finite.max())

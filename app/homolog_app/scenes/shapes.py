@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from homolog.arrays import Array, BoolArray, FloatArray
-from homolog.comparison.findings import LEVEL
 from homolog.errors import InputError
 from homolog.geometry import transform_points
+from homolog.statistics.cautions import LEVEL
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.colours import (
     ColourScale,
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from homolog_app.studies.model_shape import ModelShape
 
 __all__ = [
-    "GREY_LABELS",
     "MEAN",
     "MEAN_OF",
+    "PALE_LABELS",
     "DisplayOptions",
     "aligned_surfaces",
     "arrow_factor",
@@ -102,7 +102,7 @@ def model_content(
     ways : (V, 3) array, optional
         Vectors of the arrows [mm]; `moved` if not given.
     faded : (V,) bool array, optional
-        Vertices that are drawn grey, without arrows, and with a line around them.
+        Vertices in pale colours, without arrows; a line surrounds the others.
     alignment : (4, 4) array, optional
         Rigid motion of the whole shape, such as an alignment to another model.
     """
@@ -114,7 +114,7 @@ def model_content(
         outward = shape.outward(moved) if values is None else values
         if look.from_middle:
             outward = outward * outward_sign(shape.mean.vertices, shape.mean_normals)
-        colours = look.scale.colours(outward, faded)
+        colours = look.scale.colours(outward, faint=faded)
     arrows = None
     if look.arrows:
         at = shape.arrows_at if faded is None else shape.arrows_at[~faded[shape.arrows_at]]
@@ -346,12 +346,12 @@ def _caption(deviations: FloatArray, model: "ModelShape", subject: Content | Non
     return f"mode {named} SD" if len(away) == 1 else f"modes {named}{' …' * (len(away) > 4)} SD"
 
 
-GREY_LABELS = {
+PALE_LABELS = {
     "difference": f"p > {LEVEL:g}, corrected over the surface",
     "discriminant": "95 % bootstrap interval includes 0, or no difference found",
     "both": f"difference: corrected p > {LEVEL:g}; discriminant: 95 % interval includes 0",
 }
-"""Meaning of grey on each map."""
+"""Meaning of pale colours on each map."""
 _GREY, _LEFT_OF_COLOUR = 150.0, 0.2
 _NAME = 24  # maximum letters of a group's name
 
@@ -393,9 +393,8 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
     scale = displacement_scale(limit, parts[0], " · ".join(parts[1:]), from_middle=view.from_middle)
     scale = scale.within(view.colour_range)
     if view.only_significant:
-        scale = replace(
-            scale, grey_label=GREY_LABELS["both" if view.count > 1 and first.values is None else view.map]
-        )
+        pale = PALE_LABELS["both" if view.count > 1 and first.values is None else view.map]
+        scale = replace(scale, note=" · ".join(filter(None, (scale.note, f"pale: {pale}"))))
     if view.outdated:
         scale = replace(scale, table=_pale(scale.table))
     contents = []

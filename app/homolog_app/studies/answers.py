@@ -8,13 +8,13 @@ import numpy as np
 
 from homolog.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from homolog.comparison.answer import Answer, ask, members_of_pairs
-from homolog.comparison.findings import LEVEL
 from homolog.comparison.question import Question
 from homolog.comparison.sample import Sample, category_of
 from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
 from homolog.io.results import Result
 from homolog.progress import Tick, part_of
+from homolog.statistics.cautions import LEVEL
 from homolog.statistics.comparison import Comparison
 from homolog.statistics.procrustes import aligned
 from homolog.surfaces.nearest import nearest_particles
@@ -178,7 +178,7 @@ def carried_answer(shape: ModelShape, result: Result, study: Answer, index: int,
         along = np.tensordot(separation.weights.astype(np.float32), carried[2:], axes=1)
         firm = ((low > 0) | (high < 0)) & (pair.p_adjusted <= LEVEL)
         discriminant = GroupMap(along, separation.weights.astype(np.float32) @ outward[1:], firm)
-        places = separation.scores
+        places = separation.cross_validated
     elif request.kind != "groups":
         places = _along(result, request, pair, subjects, way.effect)
         places = places - places.mean() if way.values is None else places

@@ -1,26 +1,18 @@
 """Possible questions about groups or a number, and the texts of their tests."""
 
-import math
 from collections import Counter
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from homolog.cohort.column_types import CATEGORY
-from homolog.comparison.findings import (
-    LEVEL,
-    classified_text,
-    correction_text,
-    dispersion_text,
-    interval_text,
-    p_text,
-    percent_text,
-    region_text,
-    size_variance_text,
-)
+from homolog.comparison.answer import Answer
+from homolog.comparison.findings import effect_text, share_of_surface
 from homolog.comparison.question import ALIGNED, Question
 from homolog.comparison.sample import SHAPE_SIZE, SIZE
 from homolog.errors import InputError
+from homolog.statistics.assumptions import Dispersion
+from homolog.statistics.cautions import LEVEL, p_text
 from homolog.statistics.data_notes import PARTNER_MISSING
 from homolog.statistics.design import is_missing, numbers
 from homolog_app.rendering.text import short
@@ -31,8 +23,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "SIZE",
+    "correction_text",
     "covariates_of",
-    "effect_line",
     "has_missing",
     "number_rows",
     "numbers_of",
@@ -162,26 +154,9 @@ def _cells(study: Study, column: str) -> list[str]:
     return ["" if is_missing(cell) else cell for cell in cells]
 
 
-def effect_line(answer: "GroupAnswer") -> str:
-    """Return p of the whole shape and the effect size, for the line below the headline."""
-    pair, test = answer.pair, answer.pair.test
-    if not test.modes:
-        return "No mode exceeds chance (parallel analysis); nothing was tested."
-    corrected = ", corrected" if correction_text(answer.study) else ""
-    parts = [f"{p_text(pair.p_adjusted, test.permutations)}{corrected}"]
-    if pair.distance is not None:
-        slope = answer.values is not None
-        name = "change per unit" if slope else "D ="
-        parts.append(f"{name} {interval_text(pair.distance, _decimals(answer))} SD")
-    return " · ".join(parts)
-
-
-def _decimals(answer: "GroupAnswer") -> int:
-    """Return the decimals of the effect: two, or three digits of a change per unit."""
-    distance = answer.pair.distance
-    if answer.values is None or distance is None or distance.value == 0.0:
-        return 2
-    return max(2 - math.floor(math.log10(abs(distance.value))), 0)
+def correction_text(answer: Answer) -> str:
+    """Return the correction of p-values for pairs of groups, or nothing."""
+    return f"corrected for {len(answer.pairwise)} pairs of groups (Holm)" if answer.pairwise else ""
 
 
 def question_text(request: Question) -> str:
@@ -206,8 +181,12 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     slope = answer.values is not None
     rows = [*_subject_rows(answer), *_test_rows(answer)]
     if pair.dispersion is not None:
-        rows.append(("Dispersion", dispersion_text(pair.dispersion)))
-    rows.append((f"Significant area (FWE-corrected p ≤ {LEVEL:g})", region_text(study, pair)))
+        rows.append(("Dispersion", _dispersion_text(pair.dispersion)))
+    inside = int(np.count_nonzero(pair.p_fwe <= LEVEL))
+    share = f"{inside} of {len(pair.p_fwe)} particles, {share_of_surface(study, pair):.1f} % of the surface"
+    rows.append((f"Significant area (FWE-corrected p ≤ {LEVEL:g})", share))
+    likely = int(np.count_nonzero(pair.pointwise.q <= LEVEL))
+    rows.append(("At a false discovery rate of 5 %", f"{likely} particles"))
     if slope:
         most = float(np.linalg.norm(answer.difference.ways, axis=1).max())
         rows.append(("Change", f"up to {short(most)} mm from {answer.first} to {answer.second}"))
@@ -235,9 +214,9 @@ def _test_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     rows = [("Modes retained (parallel analysis)", str(test.modes))]
     if pair.distance is not None and test.modes:
         name = "Mahalanobis D" if answer.values is None else "Change per unit"
-        rows.append((name, f"{interval_text(pair.distance, _decimals(answer))} SD"))
+        rows.append((name, effect_text(pair.distance, " SD", ci="90 % CI ")))
     if pair.explained is not None:
-        rows.append(("Explained variance ω²", interval_text(pair.explained)))
+        rows.append(("Explained variance ω²", effect_text(pair.explained, ci="90 % CI ")))
     if not test.modes:
         return rows
     how = f"All {test.permutations + 1} permutations" if test.exact else f"{test.permutations} permutations"
@@ -256,25 +235,39 @@ def _classification_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     pair, discriminant = answer.pair, answer.pair.discriminant
     if discriminant is None:
         return []
+    right = ", ".join(
+        f"{round(own, 1):g} of {count} {name}"
+        for own, (name, count) in zip(discriminant.right, pair.counts.items(), strict=True)
+    )
     known = ((p, discriminant.auc.permutations) for p in (pair.accuracy_p_adjusted, pair.auc_p_adjusted))
     accuracy, auc = ("" if p is None else f", {p_text(p, count)}" for p, count in known)
     return [
-        ("Balanced accuracy", f"{percent_text(discriminant.accuracy)}{accuracy}"),
-        ("Classified correctly", classified_text(pair)),
-        ("AUC", f"{interval_text(discriminant.auc)}{auc}"),
+        (
+            "Balanced accuracy",
+            f"{effect_text(discriminant.accuracy, ' %', ci='95 % CI ', step=100.0)}{accuracy}",
+        ),
+        ("Classified correctly", right),
+        ("AUC", f"{effect_text(discriminant.auc, ci='95 % CI ')}{auc}"),
     ]
 
 
 def _size_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
-    pair, request, rows = answer.pair, answer.study.question, list[tuple[str, str]]()
+    pair, question, rows = answer.pair, answer.study.question, list[tuple[str, str]]()
     overall, between = answer.study.overall.size, answer.study.overall.size_variance
     if overall is not None and overall.p is not None and between is not None:
-        p = p_text(overall.p, overall.permutations)
-        rows.append(("Size of all groups", f"{size_variance_text(between)}, {p}"))
+        p, share = p_text(overall.p, overall.permutations), between.omega_squared
+        f = f"F({between.dof[0]:g}, {between.dof[1]:.3g}) = {between.f:.2f}"
+        rows.append(("Size of all groups", f"{f}, ω² = {effect_text(share, ci='90 % CI ')}, {p}"))
     if pair.size is not None and pair.size_p_adjusted is not None:
-        unit = f"mm per unit of {request.column}" if request.kind == "regression" else "mm"
-        form = "+.2f" if answer.values is None else "+.3g"
-        size, low, high = (format(item, form) for item in (pair.size.value, pair.size.low, pair.size.high))
+        unit = f" mm per unit of {question.column}" if question.kind == "regression" else " mm"
         p = p_text(pair.size_p_adjusted, pair.size.permutations)
-        rows.append(("Size", f"{size} {unit} (95 % CI {low} to {high}), {p}"))
+        rows.append(("Size", f"{effect_text(pair.size, unit, ci='95 % CI ', sign=True)}, {p}"))
     return rows
+
+
+def _dispersion_text(dispersion: Dispersion) -> str:
+    """Return the dispersion of groups, or its change along a variable, with interval and p."""
+    groups = ", ".join(f"{name} {value:.2g} mm" for name, value in dispersion.by_group.items())
+    ratio = "" if dispersion.effect is None else effect_text(dispersion.effect, ci="95 % CI ")
+    second = f"{'ratio' if groups else 'mm per unit'} {ratio}" if ratio else ""
+    return ", ".join(filter(None, (groups, second, p_text(dispersion.p, dispersion.permutations))))

@@ -114,8 +114,8 @@ class Project(HasMeanShape):
             Description of the subjects: recruitment, criteria, meaning of the groups, scanner.
         axes : {"auto", "patient", "file"}, optional
             How locations are named. ``"patient"``: by the patient's directions (left, anterior, superior);
-            ``"file"``: by the axes of the files (+x, -z); ``"auto"``: patient if all files are images with
-            these directions in their headers.
+            ``"file"``: by the axes of the files (+x, -z); ``"auto"``: as ``"file"``, until somebody has
+            confirmed that the axes are the patient's.
         places : str, optional
             Your own names of the structure's sides, such as ``"septal/lateral anterior/inferior
             basal/apical"``. Two for each axis: towards smaller and towards larger x, y and z.

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -54,6 +54,11 @@ class Answer:
         The subjects of the sample.
     notes : tuple of str
         Remarks on the data, each a sentence.
+    steps : mapping of str to float
+        For each numeric variable the step in which its effect is told: the power of ten nearest its standard
+        deviation.
+    edge : float
+        Edge of the files' voxels [mm]; 0 if unknown. Positions are no finer than a tenth of it.
     """
 
     question: Question
@@ -64,6 +69,8 @@ class Answer:
     areas: FloatArray
     names: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    steps: Mapping[str, float] = field(default_factory=dict)
+    edge: float = 0.0
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -147,7 +154,22 @@ def ask(sample: Sample, question: Question, tick: Tick = no_tick) -> Answer:
         _areas(sample),
         sample.names,
         tuple(notes),
+        _steps(sample, question, overall),
+        sample.edge,
     )
+
+
+def _steps(sample: Sample, question: Question, overall: Comparison) -> dict[str, float]:
+    """Return the power of ten nearest the standard deviation of each numeric variable."""
+    named = dict(category_of(covariate, sample.columns) for covariate in question.covariates)
+    named |= {question.column: False} if question.kind == "regression" else {}
+    steps = {}
+    for column, is_category in named.items():
+        cells = [sample.column(column)[index] for index in overall.subjects.tolist()]
+        values = None if is_category else numbers(cells)
+        if values is not None and (spread := float(values.std(ddof=1))) > 0.0:
+            steps[column] = float(10.0 ** round(np.log10(spread)))
+    return steps
 
 
 def _others(

@@ -10,7 +10,6 @@ from scipy.spatial import KDTree
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.comparison.answer import Answer
-from homolog.io.records import ResultRecord
 from homolog.io.report_details import Axes, ReportDetails
 from homolog.io.results import Result
 from homolog.statistics.cautions import LEVEL
@@ -37,8 +36,6 @@ INNER, OUTER, EDGE = "inner surface", "outer surface", "edge of the opening"
 """The walls of a hollow shape."""
 
 
-_ASSUMED = "axes were assumed"
-"""Part of the notes on files whose header gives no orientation."""
 _OFF_THE_MIDDLE = 1.0 / 3.0
 """Fraction of half the extent along an axis from which a location is named by that side."""
 _ALONG = 0.35
@@ -93,17 +90,12 @@ FILE_AXES = Directions((("-x", "+x"), ("-y", "+y"), ("-z", "+z")))
 """Directions of coordinates whose relation to the patient is unknown."""
 
 
-def directions_of(details: ReportDetails, record: ResultRecord | None) -> Directions:
-    """Return the names of directions."""
+def directions_of(details: ReportDetails) -> Directions:
+    """Return the names of directions: the patient's only if somebody has confirmed the axes."""
     if details.places:
         pairs = (pair.split("/") for pair in details.places.split())
         return Directions(tuple((low, high) for low, high in pairs))
-    if details.axes is not Axes.AUTO:
-        return PATIENT_AXES if details.axes is Axes.PATIENT else FILE_AXES
-    stated = record is not None and all(
-        subject.voxel and not any(_ASSUMED in note for note in subject.notes) for subject in record.subjects
-    )
-    return PATIENT_AXES if stated else FILE_AXES
+    return PATIENT_AXES if details.axes is Axes.PATIENT else FILE_AXES
 
 
 @dataclass(frozen=True, eq=False)

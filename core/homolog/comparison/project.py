@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from homolog.comparison.answer import Answer, ask
-from homolog.comparison.findings import Finding, cautions, findings
+from homolog.comparison.findings import CONTROLS, Finding, cautions, findings
 from homolog.comparison.places import SurfaceCarrier, directions_of
 from homolog.comparison.question import Question, questions
 from homolog.comparison.sample import Sample, levels
@@ -66,10 +66,10 @@ class StudyAnswer:
         """The output of ``homolog analyze``."""
         lines = [self.title]
         for finding in self.findings:
-            lines += [f"  {finding.verdict}", *(f"    - {sentence}" for sentence in finding.sentences)]
+            lines += [f"  {finding.title}", *(f"    {sentence}" for sentence in finding.sentences)]
         lines += [f"  Caution: {caution}" for caution in self.cautions]
         lines += [f"  {line}" for line in spread_text(self.seeds)]
-        return "\n".join([*lines, f"  tables: {self.folder}"])
+        return "\n".join([*lines, f"  {CONTROLS}", f"  tables: {self.folder}"])
 
 
 def questions_of(
@@ -153,12 +153,12 @@ def analyze_result(
     seeds = stored_seeds(project) if seeds is None else seeds
     if seeds < 1:
         raise InputError(f"--seeds {seeds}: must be 1 or more")
-    carrier = SurfaceCarrier.of(result, directions_of(read_details(project), project.read().result))
+    carrier = SurfaceCarrier.of(result, directions_of(read_details(project)))
     sample, answers, own = Sample.of(result), list[StudyAnswer](), part_of(tick, 0.0, 1.0 / seeds)
     for index, question in enumerate(asked):
         answer = ask(sample, question, part_of(own, index / len(asked), (index + 1) / len(asked)))
         folder = store(project, answer, result, carrier)
-        answers.append(StudyAnswer(answer, tuple(findings(answer)), tuple(cautions(answer)), folder))
+        answers.append(StudyAnswer(answer, tuple(findings(answer, carrier)), tuple(cautions(answer)), folder))
     if seeds == 1:
         return tuple(answers)
     by_seed = answer_by_seed(project, result, asked, seeds, part_of(tick, 1.0 / seeds, 1.0))

@@ -57,6 +57,8 @@ class Sample:
         The same at the shapes' own sizes, even if the run scaled them [mm].
     mean_surface : TriangleMesh or None
         The mean surface, whose area belongs to the particles.
+    edge : float
+        Median edge of the files' voxels [mm]; 0 if unknown.
     """
 
     names: tuple[str, ...]
@@ -64,6 +66,7 @@ class Sample:
     shapes: FloatArray
     own_size: FloatArray
     mean_surface: TriangleMesh | None = None
+    edge: float = 0.0
 
     @classmethod
     def of(cls, result: Result) -> Self:
@@ -76,7 +79,9 @@ class Sample:
         if not np.allclose(scale, 1.0, rtol=1e-9):
             centre = own.mean(axis=1, keepdims=True)
             own = np.asarray(centre + (own - centre) / scale[:, None, None], np.float64)
-        return cls(result.names, columns, result.world, own, result.mean_surface)
+        edges = [edge for voxel in result.voxels for edge in voxel]
+        edge = float(np.median(edges)) if edges else 0.0
+        return cls(result.names, columns, result.world, own, result.mean_surface, edge)
 
     @classmethod
     def of_arrays(

@@ -24,8 +24,8 @@ from homolog.statistics.cautions import LEVEL, p_text
 from homolog.statistics.effects import CONFIDENCE, STEIGER, Effect
 
 __all__ = [
-    "COLUMNS", "FILE", "SeedAnswer", "answer_by_seed", "level_of", "median_answer", "read_spread",
-    "seed_numbers", "spread_text", "stored_seeds", "write_spread",
+    "COLUMNS", "FILE", "SeedAnswer", "answer_by_seed", "level_of", "read_spread",
+    "spread_text", "stored_seeds", "write_spread",
 ]  # fmt: skip
 
 FILE = "seeds.csv"
@@ -190,11 +190,6 @@ def read_spread(folder: Path, fingerprint: str, answer: Answer) -> list[SeedAnsw
     return repeats if is_current else []
 
 
-def seed_numbers(answers: Sequence[SeedAnswer]) -> list[int]:
-    """Return the distinct seeds of answers, the result's own first."""
-    return list(dict.fromkeys(answer.seed for answer in answers))
-
-
 def spread_text(answers: Sequence[SeedAnswer]) -> list[str]:
     """Return a sentence for each comparison: the range of its answers."""
     sentences = []
@@ -338,31 +333,3 @@ def _effect_of(row: Mapping[str, str], name: str) -> Effect | None:
     low, high = (float(row.get(f"{name}_{end}_{level}") or "nan") for end in ("low", "high"))
     p = row.get(_EFFECTS[name])
     return Effect(float(row[name]), low, high, float(p) if p else None, level=level / 100.0)
-
-
-def median_answer(answers: Sequence[SeedAnswer], title: str) -> SeedAnswer | None:
-    """Return the medians of a comparison's answers over the seeds; None unless there are several.
-
-    Bounds of intervals are also medians.
-    """
-    own = [answer for answer in answers if answer.comparison == title]
-    if len(own) < 2:
-        return None
-    return replace(
-        own[0],
-        p=float(np.median([item.p for item in own])),
-        distance=_median([item.distance for item in own]),
-        percent=float(np.median([item.percent for item in own])),
-        accuracy=_median([item.accuracy for item in own]),
-        auc=_median([item.auc for item in own]),
-        size=_median([item.size for item in own]),
-    )
-
-
-def _median(effects: Sequence[Effect | None]) -> Effect | None:
-    known = [effect for effect in effects if effect is not None]
-    if not known:
-        return None
-    value, low, high = np.median([(item.value, item.low, item.high) for item in known], axis=0).tolist()
-    tested = [item.p for item in known if item.p is not None]
-    return Effect(value, low, high, float(np.median(tested)) if tested else None, level=known[0].level)

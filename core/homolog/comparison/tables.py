@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from homolog.comparison.answer import Answer
-from homolog.comparison.findings import covariate_unit
+from homolog.comparison.findings import Seen
 from homolog.comparison.places import Directions, SurfaceCarrier, directions_of, significant_regions
 from homolog.comparison.question import Question
 from homolog.comparison.sample import SHAPE_SIZE, Sample, sample_rows
@@ -56,7 +56,7 @@ def store(
     """
     folder = folder_of(project, answer.question)
     if carrier is None:
-        carrier = SurfaceCarrier.of(result, directions_of(read_details(project), project.read().result))
+        carrier = SurfaceCarrier.of(result, directions_of(read_details(project)))
     provenance = Provenance.now(project, data_digest(result, carrier.directions))
     if not read_spread(folder, provenance.fingerprint, answer):
         (folder / FILE).unlink(missing_ok=True)
@@ -178,7 +178,8 @@ def _tests(answer: Answer, provenance: dict[str, _Cell]) -> Iterator[_Table]:
 
 
 def _unit(covariate: Comparison) -> dict[str, _Cell]:
-    return {"unit": f"per unit of {covariate.title}" if covariate_unit(covariate) else "difference"}
+    is_difference = len(covariate.pointwise.effect) > 1 or " - " in covariate.title
+    return {"unit": "difference" if is_difference else f"per unit of {covariate.title}"}
 
 
 def _provenance(question: Question, provenance: Provenance, is_primary: bool) -> dict[str, _Cell]:
@@ -202,6 +203,7 @@ def _test_row(answer: Answer, comparison: Comparison) -> dict[str, _Cell]:
     significant = comparison.p_fwe <= LEVEL
     area = float(answer.areas[significant].sum())
     regression = answer.question.kind == "regression"
+    seen = Seen.of(answer, comparison)
     return {
         "comparison": comparison.title,
         "n": sum(comparison.counts.values()),
@@ -209,6 +211,8 @@ def _test_row(answer: Answer, comparison: Comparison) -> dict[str, _Cell]:
         "modes": test.modes,
         "modes_chosen_by": "option" if answer.question.modes is not None else "parallel analysis",
         **_effect("mahalanobis_d_corrected", comparison.distance),
+        "mahalanobis_d_found_in_80_percent": seen.distance,
+        "displacement_found_in_80_percent_mm": seen.displacement,
         **_effect("omega_squared", comparison.explained),
         "mahalanobis_d_plain": test.mahalanobis,
         "studentized_statistic": test.studentized,
@@ -346,7 +350,7 @@ def _subjects(answer: Answer, result: Result) -> tuple[list[str], Iterator[list[
     places: list[dict[int, float]] = []
     for item in lines:
         assert item.discriminant is not None
-        scores = item.discriminant.scores.tolist()
+        scores = item.discriminant.cross_validated.tolist()
         places.append(dict(zip(item.subjects.tolist(), scores, strict=True)))
     size = [float(cell) for cell in Sample.of(result).texts(SHAPE_SIZE)]
     columns = ["name", answer.question.column, "takes_part", "left_out_because", "shape_size_mm"]
@@ -380,7 +384,7 @@ def _meaning(column: str, meanings: Mapping[str, str]) -> str:
         bound = "lower" if interval[2] == "low" else "upper"
         return f"{bound} bound of the {interval[3]} % confidence interval of {interval[1]}{unit}"
     if plain.startswith("discriminant_") and plain != "discriminant_outward_mm":
-        return "position of the subject along the discriminant, root mean square over the particles"
+        return "cross-validated position along the discriminant, root mean square over the particles"
     several = re.fullmatch(r"(effect_[xyz]|outward)_(\d+)_mm", plain)
     if several:
         return f"{meanings[f'{several[1]}_mm']}, group {int(several[2]) + 1} minus group 1"

@@ -76,8 +76,8 @@ class ReportDetails(BaseModel):
         Axes,
         Field(
             description="How places are named. patient: by the patient's directions (left, anterior, "
-            "superior); file: by the axes of the files (+x, -z); auto: patient if all files are images with "
-            "these directions in their headers."
+            "superior); file: by the axes of the files (+x, -z); auto: as file, until "
+            "somebody has confirmed that the axes are the patient's."
         ),
     ] = Axes.AUTO
     places: Annotated[

@@ -87,6 +87,13 @@ class Discriminant:
         displacement: FloatArray = np.tensordot(self.weights, self.modes, axes=1)
         return displacement
 
+    @property
+    def cross_validated(self) -> FloatArray:
+        """The cross-validated position of each subject [mm], as root mean square over the particles, (M,)."""
+        apart = float(np.linalg.norm(self.weights)) / np.sqrt(self.modes.shape[1])
+        positions: FloatArray = self.held_out * apart
+        return positions
+
     def bounds(self, mode_maps: FloatArray, percent: float = 95.0) -> FloatArray:
         """Return bootstrap bounds of a map on the surface, shape (2, V).
 

@@ -30,7 +30,7 @@ def page(explore, bean_project, window):
     return page
 
 
-def tested(page, window, wait, column):
+def compared(page, window, wait, column):
     page.form.column.setCurrentText(column)
     page.form.column.activated.emit(page.form.column.currentIndex())
     page.answers = []
@@ -51,8 +51,9 @@ def test_numbers_are_offered_as_numbers_and_groups_as_groups(page):
 
 def test_shape_moves_with_the_number_as_the_beans_were_made(page, window, wait):
     page.form.alignment.setCurrentText("As the shapes lie (not aligned)")
-    answer = tested(page, window, wait, "slot (as a number)")
-    assert "changes with slot" in page.verdict.text()
+    answer = compared(page, window, wait, "slot (as a number)")
+    assert "Shape" not in page.effect.text()  # it is of form and pose
+    assert "form or pose changes" in page.effect.text()
     scene, model = window.views.stage.scene, answer.shape
     values, places = answer.values, answer.places
     assert abs(np.corrcoef(values, places)[0, 1]) > 0.99
@@ -88,7 +89,7 @@ def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait)
     assert actions["site"].toolTip() == "The same for all subjects"
     actions["slot"].setChecked(True)
     assert page.form.adjust.text() == "Adjust for slot"
-    answer = tested(page, window, wait, "group")
+    answer = compared(page, window, wait, "group")
     assert answer.study.question.covariates == ("slot",)
     texts = dict(page.numbers.texts)
     assert texts["Adjusted for"] == "slot"
@@ -159,7 +160,7 @@ def test_an_answer_is_kept_as_the_command_line_keeps_it(
     from homolog_app.cli import main
 
     window.projects.save()
-    answer = tested(page, window, wait, "slot (as a number)")
+    answer = compared(page, window, wait, "slot (as a number)")
     window.commands["explore.keep"].trigger()
     wait(page.kept.text)
     project = window.workspace.project.folder
@@ -185,7 +186,7 @@ def test_the_answers_of_other_seeds_can_be_cancelled_and_are_shown_where_they_ar
     seeds.textEdited.emit("2")
     assert page.seeds.text() == "Repeat with 2 seeds"
     window.projects.save()
-    tested(page, window, wait, "group")
+    compared(page, window, wait, "group")
     job = window.workspace.session
     (cancel,) = page.progress.findChildren(QAbstractButton)
     QTest.mouseClick(page.seeds, Qt.MouseButton.LeftButton)

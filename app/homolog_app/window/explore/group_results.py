@@ -7,11 +7,11 @@ import numpy as np
 from PySide6.QtCore import QMargins, QRect, Qt, QTimer, Signal
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QTreeWidget, QTreeWidgetItem, QWidget
 
-from homolog.comparison.findings import LEVEL, correction_text, p_text
 from homolog.comparison.question import ALIGNED, Question
 from homolog.comparison.stored import StoredAnswer
-from homolog.statistics.cautions import p_number
+from homolog.statistics.cautions import LEVEL, p_number, p_text
 from homolog_app.rendering.text import short, signed, typeset
+from homolog_app.studies.questions import correction_text
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.theme import Theme
 from homolog_app.window.widgets import GRID
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 __all__ = ["AnswerTable", "GroupPlot", "GroupResults", "SeedAnswers", "StoredAnswers", "correction_sentence"]
 
 
-_HEADS = ("Effect", "D (95 % CI)", "p", "Area")
-_STORED_HEADS = ("Question", "Effect (95 % CI)", "p")
+_HEADS = ("Effect", "D (90 % CI)", "p", "Area")
+_STORED_HEADS = ("Question", "Effect (90 % CI)", "p")
 _TIPS = (
     "Second minus first group, or the number",
     "Mahalanobis distance of the means, or change per unit of the variable, corrected for bias [SD]",
@@ -145,7 +145,7 @@ class GroupResults(AnswerTable):
         """Show the comparisons of the open result, if there is more than one."""
         studies = answers.own if answers is not None else ()
         slope = bool(studies) and studies[0].question.kind == "regression"
-        self.headerItem().setText(1, "Per unit (95 % CI)" if slope else _HEADS[1])
+        self.headerItem().setText(1, "Per unit (90 % CI)" if slope else _HEADS[1])
         parts = [
             (_heading(study), [_values(study, pair) for pair in study.pairwise or (study.overall,)])
             for study in studies

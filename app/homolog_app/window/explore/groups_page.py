@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QSlider, QVBoxL
 from homolog.arrays import Array
 from homolog_app.rendering.content import SubjectContents, ViewContents
 from homolog_app.rendering.text import shortened, typeset
-from homolog_app.scenes.shapes import GREY_LABELS, group_scene
+from homolog_app.scenes.shapes import PALE_LABELS, group_scene
 from homolog_app.scenes.states import GroupsView
 from homolog_app.studies.answers import (
     Answers,
@@ -21,7 +21,7 @@ from homolog_app.studies.answers import (
     save_answers,
 )
 from homolog_app.studies.model_shape import largest_region, middle_of
-from homolog_app.studies.questions import effect_line, number_rows, question_text
+from homolog_app.studies.questions import number_rows, question_text
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.controls import CompareBox, NumbersTable, Player
 from homolog_app.window.explore.group_form import GroupForm
@@ -91,7 +91,7 @@ class GroupsPage(ExplorePage):
         self.numbers = NumbersTable()
         self.map = choice("Map", _MAPS)
         self.views: QComboBox = choice("Views", _LAYOUTS)
-        self.significant = QCheckBox("Significant only")
+        self.significant = QCheckBox("Significance")
         self.significant.setChecked(True)
         self.to_significant = button("Go to largest")
         self.to_significant.setToolTip("Show the largest significant region of the map")
@@ -321,7 +321,7 @@ class GroupsPage(ExplorePage):
 
     def _update_map(self) -> None:
         """Explain grey on the chosen map, and enable the button for the largest region."""
-        self.significant.setToolTip(f"Grey: {GREY_LABELS[self.map.currentData()]}")
+        self.significant.setToolTip(f"Pale: {PALE_LABELS[self.map.currentData()]}")
         self.to_significant.setEnabled(self._map is not None and bool(self._map.significant.any()))
 
     @property
@@ -388,18 +388,21 @@ class GroupsPage(ExplorePage):
             set_dimmed(widget, not self._current)
         if not answers or self.all is None:
             return
-        from homolog.comparison.findings import cautions, findings
+        from homolog.comparison.findings import CONTROLS, cautions, findings
 
         study = answers[0].study
         sentences = dict(zip(study.comparisons, findings(study), strict=True))
         first = sentences[answers[0].pair]
-        self.verdict.setText(typeset(first.verdict))
-        self.effect.setText(effect_line(answers[0]))
+        self.verdict.setText(typeset(first.title))
+        found = {f"{name}: {text}": name in ("Covariates", "Power") for name, text in first.lines}
+        self.effect.setText(typeset("\n".join(text for text, is_further in found.items() if not is_further)))
         self.question.setText(question_text(study.question))
         self.results.show_answers(self.all, self._mapped)
         self.others.setText(correction_sentence(self.all, len(self._questions - self.all.question.titles)))
         self.others.setVisible(bool(self.others.text()))
-        self.summary.setText(typeset("\n".join(first.sentences)))
+        self.summary.setText(
+            typeset("\n".join(text for text, is_further in found.items() if is_further) + f"\n{CONTROLS}")
+        )
         self.cautions.setText(typeset("\n".join(cautions(study))))
         self.cautions.setVisible(bool(self.cautions.text()))
         shapes = [answer.shape for answer in answers]
