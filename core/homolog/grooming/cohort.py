@@ -232,7 +232,8 @@ def groom_cohort(
     groomed: dict[str, GroomedSubject] = {}
     jobs: dict[str, _Job] = {}
     for index, subject in enumerate(cohort.subjects):
-        tick(_LOOKING * index / len(cohort.subjects), f"looking for the groomed shape of {subject.name}")
+        if cache:
+            tick(_LOOKING * index / len(cohort.subjects), f"looking for the groomed shape of {subject.name}")
         name, known = subject.name, stored_key(cache, subject.name) if cache else ""
         read = readings.get(name, Reading(""))
         whole = load_groomed(cache, name, known) if cache and read.key == known else None
