@@ -99,7 +99,7 @@ def _add_question(parser: argparse.ArgumentParser) -> None:
         choices=_ALIGNMENTS,
         nargs="+",
         help="alignment of the shapes: rigid keeps size (form), similarity removes it (shape), as-it-lies "
-        "keeps size and pose (default: similarity; size is always tested beside it)",
+        "keeps size and pose (default: similarity; size is always tested as well)",
     )
     parser.add_argument(
         "--size",
@@ -129,7 +129,7 @@ def run_analyze(arguments: argparse.Namespace) -> int:
         result = read_result(project)
         if not arguments.anyway:
             refuse_unusable(project, result.world, part_of(progress.tick, 0.0, 0.05))
-        asked = questions_of(
+        requested = questions_of(
             result,
             alignments,
             group=arguments.group,
@@ -141,9 +141,9 @@ def run_analyze(arguments: argparse.Namespace) -> int:
             **settings.model_dump(exclude={"seeds"}),
         )
         write_details(project, with_options(read_details(project), arguments))
-        chosen = primary_of(asked, arguments.primary)
+        chosen = primary_of(requested, arguments.primary)
         rest = part_of(progress.tick, 0.05, 1.0)
-        answers = analyze_result(project, result, asked, settings.seeds, rest)
+        answers = analyze_result(project, result, requested, settings.seeds, rest)
         if arguments.primary is not None:
             name_primary(project, chosen)
     stream = sys.stderr if arguments.progress == "json" else sys.stdout

@@ -5,11 +5,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from homolog.arrays import Array, BoolArray, FloatArray, frozen
-from homolog.surfaces.mesh import TriangleMesh
+
+if TYPE_CHECKING:  # scipy comes with it, and the command line's help needs colours
+    from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = [
     "DARK",
@@ -276,7 +279,7 @@ def viridis() -> Array:
 _STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 
 
-def outward_displacement(mesh: TriangleMesh, displacement: FloatArray) -> FloatArray:
+def outward_displacement(mesh: "TriangleMesh", displacement: FloatArray) -> FloatArray:
     """Return the part of a displacement (V, 3) along the outward normals [mm], shape (V,)."""
     return np.asarray((displacement * mesh.vertex_normals).sum(axis=1))
 

@@ -180,8 +180,8 @@ def _answered(
             spread = spread_text(read_spread(folder_of(project, stored.question), record.fingerprint, answer))
         except InputError as error:
             spread = [str(error)]
-        found = findings(answer, carrier)
-        studies.append(_Study(len(studies) + 1, answer, found, stored.is_primary, " ".join(spread)))
+        located = findings(answer, carrier)
+        studies.append(_Study(len(studies) + 1, answer, located, stored.is_primary, " ".join(spread)))
     return studies, lost
 
 
@@ -250,7 +250,7 @@ def _of_model(
 def _of_studies(studies: Sequence[_Study]) -> dict[str, object]:
     """Return what the template says of the questions and how they were answered."""
     answers = [study.answer for study in studies]
-    asked = [answer.question for answer in answers]
+    requested = [answer.question for answer in answers]
     stops = [study.number for study in studies if not study.findings[0].is_significant]
     left = [f"{name} ({why})" for answer in answers[:1] for name, why in answer.left_out.items()]
     by_alignment: dict[Alignment, list[str]] = {}
@@ -266,14 +266,14 @@ def _of_studies(studies: Sequence[_Study]) -> dict[str, object]:
             f"For question {', '.join(numbers)} shapes were aligned {_ALIGNED[way]}."
             for way, numbers in by_alignment.items()
         ),
-        "chosen_modes": any(question.modes is not None for question in asked),
+        "chosen_modes": any(question.modes is not None for question in requested),
         "permutations": " to ".join(map(str, dict.fromkeys((counts[0], counts[-1])))) if counts else "",
         "has_pairs": any(answer.pairwise for answer in answers),
-        "has_covariates": any(question.covariates for question in asked),
-        "has_slopes": any(question.kind == "regression" for question in asked),
-        "is_paired": any(question.kind == "pairs" for question in asked),
-        "complete_cases": any(question.complete_cases for question in asked),
-        "similar": any(question.alignment is Alignment.SIMILARITY for question in asked),
+        "has_covariates": any(question.covariates for question in requested),
+        "has_slopes": any(question.kind == "regression" for question in requested),
+        "is_paired": any(question.kind == "pairs" for question in requested),
+        "complete_cases": any(question.complete_cases for question in requested),
+        "similar": any(question.alignment is Alignment.SIMILARITY for question in requested),
     }
 
 

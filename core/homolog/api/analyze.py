@@ -94,7 +94,7 @@ def analyze(
         result = read_result(folder)
         if not anyway:
             refuse_unusable(folder, result.world)
-        asked = questions_of(
+        requested = questions_of(
             result,
             alignments,
             group=group,
@@ -107,8 +107,8 @@ def analyze(
             permutations=permutations,
             seed=seed,
         )
-        chosen = primary_of(asked, primary)
-        answers = analyze_result(folder, result, asked, seeds, tick_of(callback))
+        chosen = primary_of(requested, primary)
+        answers = analyze_result(folder, result, requested, seeds, tick_of(callback))
         if primary is not None:
             name_primary(folder, chosen)
         return answers

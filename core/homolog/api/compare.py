@@ -297,9 +297,9 @@ def _comparisons(
     question: Mapping[str, Any],
 ) -> Comparison | tuple[Comparison, ...]:
     """Return the comparison for one alignment, or one for each of several."""
-    asked = questions((alignment,) if isinstance(alignment, str) else tuple(alignment), **question)
+    requested = questions((alignment,) if isinstance(alignment, str) else tuple(alignment), **question)
     tick, done = tick_of(callback), list[Comparison]()
-    for index, one in enumerate(asked):
-        answer = ask(sample, one, part_of(tick, index / len(asked), (index + 1) / len(asked)))
+    for index, wanted in enumerate(requested):
+        answer = ask(sample, wanted, part_of(tick, index / len(requested), (index + 1) / len(requested)))
         done.append(replace(answer.overall, pairwise=answer.pairwise, notes=answer.notes))
     return done[0] if isinstance(alignment, str) else tuple(done)

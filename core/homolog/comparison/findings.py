@@ -259,7 +259,7 @@ def _shape(answer: Answer, comparison: Comparison) -> str:
     noun = NOUNS[answer.question.alignment]
     if comparison.p_adjusted <= LEVEL:
         verb = f"{noun} changes" if slope else f"the groups differ in {noun}"
-        told = "" if far is None else f"D = {effect_text(far, per, ci='90 % CI ', step=step)}, "
+        stated = "" if far is None else f"D = {effect_text(far, per, ci='90 % CI ', step=step)}, "
         return f"{verb}: {told}{p}."
     what = "change" if slope else "difference"
     if far is None:

@@ -105,9 +105,9 @@ def questions_of(
         If they are invalid.
     """
     if pairs and regress:
-        raise InputError("--pairs compares two groups and can't be combined with --regress; give one of them")
+        raise InputError("pairs compare two groups and can't be combined with a regression; give one of them")
     if regress and between:
-        raise InputError("--between names groups and can't be combined with --regress")
+        raise InputError("groups to be compared can't be combined with a regression")
     column = regress or group
     if not (regress or between):
         between = reference_first(levels(Sample.of(result).column(column)))
@@ -121,7 +121,7 @@ def questions_of(
     )
 
 
-def primary_of(asked: Sequence[Question], alignment: str | None) -> Question | None:
+def primary_of(requested: Sequence[Question], alignment: str | None) -> Question | None:
     """Return the question that is primary: that of an alignment, or the first; None for none.
 
     Raises
@@ -131,7 +131,7 @@ def primary_of(asked: Sequence[Question], alignment: str | None) -> Question | N
     """
     if alignment is None or alignment == "none":
         return None
-    own = [question for question in asked if alignment in ("", question.alignment.value)]
+    own = [question for question in requested if alignment in ("", question.alignment.value)]
     if not own:
         raise InputError(
             f"primary study: {alignment} is not among the compared alignments; add it, or choose one of them"
@@ -142,7 +142,7 @@ def primary_of(asked: Sequence[Question], alignment: str | None) -> Question | N
 def analyze_result(
     project: ProjectFolder,
     result: Result,
-    asked: Sequence[Question],
+    requested: Sequence[Question],
     seeds: int | None = None,
     tick: Tick = no_tick,
 ) -> tuple[StudyAnswer, ...]:
@@ -155,13 +155,13 @@ def analyze_result(
         raise InputError(f"--seeds {seeds}: must be 1 or more")
     carrier = SurfaceCarrier.of(result, directions_of(read_details(project)))
     sample, answers, own = Sample.of(result), list[StudyAnswer](), part_of(tick, 0.0, 1.0 / seeds)
-    for index, question in enumerate(asked):
-        answer = ask(sample, question, part_of(own, index / len(asked), (index + 1) / len(asked)))
+    for index, question in enumerate(requested):
+        answer = ask(sample, question, part_of(own, index / len(requested), (index + 1) / len(requested)))
         folder = store(project, answer, result, carrier)
         answers.append(StudyAnswer(answer, tuple(findings(answer, carrier)), tuple(cautions(answer)), folder))
     if seeds == 1:
         return tuple(answers)
-    by_seed = answer_by_seed(project, result, asked, seeds, part_of(tick, 1.0 / seeds, 1.0))
+    by_seed = answer_by_seed(project, result, requested, seeds, part_of(tick, 1.0 / seeds, 1.0))
     for done, spread in zip(answers, by_seed, strict=True):
         write_spread(done.folder, spread)
     return tuple(replace(done, seeds=tuple(spread)) for done, spread in zip(answers, by_seed, strict=True))

@@ -133,8 +133,8 @@ def answer_by_seed(
         sample = Sample.of(again)
         for index, question in enumerate(questions):
             low, high = 0.8 + 0.2 * index / len(questions), 0.8 + 0.2 * (index + 1) / len(questions)
-            one = ask(sample, question, part_of(part, low, high))
-            answers[index] += _answers(one, seed, record.fingerprint)
+            single = ask(sample, question, part_of(part, low, high))
+            answers[index] += _answers(single, seed, record.fingerprint)
     return answers
 
 
@@ -181,9 +181,7 @@ def read_spread(folder: Path, fingerprint: str, answer: Answer) -> list[SeedAnsw
             for distance, accuracy, auc, size in [[_effect_of(row, name) for name in _EFFECTS]]
         ]  # fmt: skip
     except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
-        raise InputError(
-            f"{path}: can't be read: {error}; delete it and analyze again with --seeds"
-        ) from error
+        raise InputError(f"{path}: can't be read: {error}; delete it and analyze again with seeds") from error
     first = {(item.comparison, item.p) for item in repeats if item.seed == repeats[0].seed}
     own = {(item.title, item.p_adjusted) for item in answer.comparisons}
     is_current = first <= own and all(item.fingerprint == fingerprint for item in repeats)

@@ -221,8 +221,8 @@ class Engine:
 
     def neighbourhoods(self) -> Neighbourhoods:
         """Return the neighbourhoods on the mean shape; empty ones before the first iteration."""
-        found = self.coherence.neighbourhoods
-        return found or (np.zeros((self.count, 0), np.int32), np.zeros((self.count, 0), np.float32))
+        known = self.coherence.neighbourhoods
+        return known or (np.zeros((self.count, 0), np.int32), np.zeros((self.count, 0), np.float32))
 
     def host_positions(self) -> Float32Array:
         """Return the particles in the optimizer's coordinates, shape (M, n, 3)."""

@@ -165,11 +165,11 @@ def _placed(
     """Return the orientations of all shapes, with their final registrations to the most typical one."""
     reference = units[order[0]]
 
-    def found(index: int, inner: Tick) -> list[Fit]:
+    def poses_found(index: int, inner: Tick) -> list[Fit]:
         inner(0.0, "aligning")
         return find(units[index], reference)
 
-    works = [partial(found, index) for index in range(len(units))]
+    works = [partial(poses_found, index) for index in range(len(units))]
     fits = run_in_threads(works, tick, "aligning", cores())
     holds = len(units) >= MIN_SUBJECTS and _are_soft(units, order, fits)
 

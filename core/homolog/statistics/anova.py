@@ -200,15 +200,15 @@ def differences(
         As in `procrustes_anova`.
     """
     rows = shapes.reshape(len(shapes), -1)
-    found = []
+    statistic = []
     for number, hypothesis in enumerate(hypotheses):
         part = part_of(tick, number / len(hypotheses), (number + 1) / len(hypotheses))
         test = Randomization(hypothesis, rows, draws=permutations, seed=seed, tick=part).ratio(rows)
         effect = hypothesis.coefficients(rows)[0]
         length = float(np.sqrt(np.square(effect).sum() / shapes.shape[1]))
-        found.append((hypothesis.name, effect, length, mahalanobis(scores, hypothesis), test.z, test.p))
-    adjusted = holm(np.array([item[-1] for item in found]))
-    return tuple(Difference(*item, float(p)) for item, p in zip(found, adjusted, strict=True))
+        statistic.append((hypothesis.name, effect, length, mahalanobis(scores, hypothesis), test.z, test.p))
+    adjusted = holm(np.array([item[-1] for item in statistic]))
+    return tuple(Difference(*item, float(p)) for item, p in zip(statistic, adjusted, strict=True))
 
 
 def mahalanobis(scores: FloatArray, hypothesis: Hypothesis) -> Effect | None:

@@ -59,7 +59,7 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
     if not numbers:
         return (
             f"covariances change with the variable ({p}). The tests of the whole shape, particles and size "
-            "allow for this; T², F and the interval of D do not."
+            "hold nevertheless; T², F and the interval of D do not."
         )
     mean = ", ".join(f"{name} {value:.2f} mm" for name, value in dispersion.by_group.items())
     what = (

@@ -370,7 +370,7 @@ class Design:
         """
         names = [item.name for item in self.terms]
         if term not in names:
-            raise InputError(f"{term!r} is no term of {self.formula!r}; terms are: {', '.join(names)}")
+            raise InputError(f"{term!r} is not a term of {self.formula!r}; terms are: {', '.join(names)}")
         at = names.index(term)
         own, sums = self._factors[at], squares is Squares.PARTIAL
         if squares is Squares.SEQUENTIAL:
@@ -463,7 +463,7 @@ class Design:
 
     def _slope(self, number: str, given: Mapping[str, str | float]) -> FloatArray:
         if number not in self.numbers:
-            raise InputError(f"{number!r} is no number of {self.formula!r}")
+            raise InputError(f"{number!r} is not a number of {self.formula!r}")
         slope: FloatArray = self.at({**given, number: 1.0}) - self.at({**given, number: 0.0})
         return slope
 
@@ -518,7 +518,7 @@ class Design:
         there = set(zip(*(self._codes[name].tolist() for name in categories), strict=True))
         for cell in product(*(range(len(self.levels[name])) for name in categories)):
             if cell not in there:
-                words = " and ".join(
+                terms_text = " and ".join(
                     f"{name} {self.levels[name][code]}" for name, code in zip(categories, cell, strict=True)
                 )
                 raise InputError(
@@ -560,7 +560,7 @@ class Design:
 
     def _levels(self, factor: str) -> tuple[str, ...]:
         if factor not in self.levels:
-            raise InputError(f"{factor!r} is no category of {self.formula!r}")
+            raise InputError(f"{factor!r} is not a category of {self.formula!r}")
         return self.levels[factor]
 
     def _coding(self, factors: tuple[str, ...], name: str, *, sums: bool = False) -> FloatArray:
@@ -741,12 +741,12 @@ def _parsed(formula: str) -> tuple[tuple[str, ...], ...]:
         for factor in term.factors:
             if factor.eval_method.value != "lookup":
                 raise InputError(
-                    f"formula: {factor.expr!r} is no column; use columns, +, :, *, ^ and parentheses, and "
+                    f"formula: {factor.expr!r} is not a column; use columns, +, :, *, ^ and parentheses, and "
                     "add a column of computed values to the table"
                 )
         terms.append(tuple(factor.expr.strip("`") for factor in term.factors))
     if not intercept:
-        raise InputError(f"formula {formula!r}: the intercept belongs to every design; leave out 0 and -1")
+        raise InputError(f"formula {formula!r}: the intercept belongs to every design; remove 0 and -1")
     if not terms:
         raise InputError(f"formula {formula!r}: name a column whose effect on shape is asked for")
     return tuple(terms)
@@ -792,7 +792,7 @@ def refuse_repeated(names: Sequence[str], table: Mapping[str, Sequence[str | flo
     if twice is not None:
         raise InputError(
             f"{twice} stands in more than one row, and such rows are not independent; name the column of "
-            "subjects (--subject), or keep one row of each"
+            "subjects, or keep one row of each"
         )
     for name, column in table.items():
         texts = [str(value).strip() for value in column if not is_missing(value)]
@@ -800,7 +800,7 @@ def refuse_repeated(names: Sequence[str], table: Mapping[str, Sequence[str | flo
         if len(texts) == len(names) and counts and min(counts) >= 2 and max(counts) < len(counts):
             raise InputError(
                 f"column {name!r} names {len(counts)} subjects in {len(names)} rows, and rows of one subject "
-                f"are not independent; use --subject {name}, or remove the column if it names something else"
+                f"are not independent; name {name} as the column of subjects, or remove it if it is not"
             )
 
 

@@ -133,16 +133,16 @@ def pointwise_test(
     rows = shapes.reshape(len(shapes), -1)
     residuals = hypothesis.residuals(rows).reshape(shapes.shape)
     explained, variables = _explained(residuals, hypothesis)
-    found = Randomization(hypothesis, rows, draws=permutations, seed=seed, tick=tick).surface(shapes)
+    tested = Randomization(hypothesis, rows, draws=permutations, seed=seed, tick=tick).surface(shapes)
     return PointwiseTest(
         effect=hypothesis.coefficients(rows).reshape(-1, *shapes.shape[1:]),
         explained=explained,
         p_f=wilks_p(1.0 - explained, variables, hypothesis.tested.shape[1], hypothesis.error_dof),
-        studentized=found.statistic,
-        p=found.p,
-        p_fwe=found.p_fwe,
-        q=stats.false_discovery_control(found.p),
-        permutations=found.count,
+        studentized=tested.statistic,
+        p=tested.p,
+        p_fwe=tested.p_fwe,
+        q=stats.false_discovery_control(tested.p),
+        permutations=tested.count,
         variables=variables,
         **_errors(residuals, hypothesis, members),
     )

@@ -394,14 +394,16 @@ class GroupsPage(ExplorePage):
         sentences = dict(zip(study.comparisons, findings(study), strict=True))
         first = sentences[answers[0].pair]
         self.verdict.setText(typeset(first.title))
-        found = {f"{name}: {text}": name in ("Covariates", "Power") for name, text in first.lines}
-        self.effect.setText(typeset("\n".join(text for text, is_further in found.items() if not is_further)))
+        located = {f"{name}: {text}": name in ("Covariates", "Power") for name, text in first.lines}
+        self.effect.setText(
+            typeset("\n".join(text for text, is_further in located.items() if not is_further))
+        )
         self.question.setText(question_text(study.question))
         self.results.show_answers(self.all, self._mapped)
         self.others.setText(correction_sentence(self.all, len(self._questions - self.all.question.titles)))
         self.others.setVisible(bool(self.others.text()))
         self.summary.setText(
-            typeset("\n".join(text for text, is_further in found.items() if is_further) + f"\n{CONTROLS}")
+            typeset("\n".join(text for text, is_further in located.items() if is_further) + f"\n{CONTROLS}")
         )
         self.cautions.setText(typeset("\n".join(cautions(study))))
         self.cautions.setVisible(bool(self.cautions.text()))

@@ -52,8 +52,8 @@ def find_neighbourhoods(centres: FloatArray, normals: FloatArray) -> Neighbourho
     """
     n = len(centres)
     k = min(N_NEIGHBOURS, n - 1)
-    found = cKDTree(centres).query(centres, k=min(n, N_CANDIDATES + 1))
-    distances, candidates = np.asarray(found[0]), np.asarray(found[1])
+    nearest = cKDTree(centres).query(centres, k=min(n, N_CANDIDATES + 1))
+    distances, candidates = np.asarray(nearest[0]), np.asarray(nearest[1])
     others = candidates != np.arange(n)[:, None]
     others[others.all(axis=1), -1] = False  # particles in one place: the tree may list others first
     distances = distances[others].reshape(n, -1)

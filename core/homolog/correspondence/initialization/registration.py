@@ -196,10 +196,10 @@ class Registration:
             for index, target in enumerate(targets):
                 tick(0.0, "first particles")
                 own = places[:, index], normals[:, index]
-                found = _closest_points(target, trees[index], *own, errors[index])
-                errors[index] = MatchErrors.measured(*own, *found, target)
-                opposes = np.einsum("nd,nd->n", own[1], found[1]) <= 0.0
-                matched[index] = np.where(opposes[:, None], own[0], found[0])
+                closest_and_normals = _closest_points(target, trees[index], *own, errors[index])
+                errors[index] = MatchErrors.measured(*own, *closest_and_normals, target)
+                opposes = np.einsum("nd,nd->n", own[1], closest_and_normals[1]) <= 0.0
+                matched[index] = np.where(opposes[:, None], own[0], closest_and_normals[0])
             if smoothing is not None:  # the first closest points tell their errors only
                 flat = matched.transpose(1, 0, 2).reshape(len(self.control), -1)
                 deformed = self.maps.apply(flat, smoothing).reshape(deformed.shape)
