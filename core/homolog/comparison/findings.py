@@ -260,7 +260,7 @@ def _shape(answer: Answer, comparison: Comparison) -> str:
     if comparison.p_adjusted <= LEVEL:
         verb = f"{noun} changes" if slope else f"the groups differ in {noun}"
         stated = "" if far is None else f"D = {effect_text(far, per, ci='90 % CI ', step=step)}, "
-        return f"{verb}: {told}{p}."
+        return f"{verb}: {stated}{p}."
     what = "change" if slope else "difference"
     if far is None:
         return f"no {what} of {noun} is shown: {p}."

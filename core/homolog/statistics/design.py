@@ -522,7 +522,7 @@ class Design:
                     f"{name} {self.levels[name][code]}" for name, code in zip(categories, cell, strict=True)
                 )
                 raise InputError(
-                    f"{':'.join(factors)} can't be estimated: no subject has {words}; remove the "
+                    f"{':'.join(factors)} can't be estimated: no subject has {terms_text}; remove the "
                     "interaction, or compare fewer levels"
                 )
 
