@@ -60,7 +60,7 @@ __all__ = [
     "write_mesh",
 ]
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 _HOMES = {
     "Cancelled": "errors",
