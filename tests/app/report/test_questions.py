@@ -35,7 +35,7 @@ def test_regression_and_pairs_are_analyzed(project, capsys, analyze, rows_of):
         (["--modes", "0"], "--modes 0: must be at least 1"),
         (["--pairs", "twin"], "between two values of column 'group'; choose two of: A, B, C"),
         (["--pairs", "twin", "--between", "X", "Y"], "no subject is in 'X'; groups are: A, B, C"),
-        (["--pairs", "twin", "--regress", "age"], "can't be combined with --regress"),
+        (["--pairs", "twin", "--regress", "age"], "can't be combined with a regression"),
         (["--pairs", "halves", "--between", "A", "B"], "'halves': no pair for subject 1; fill it in"),
         (["--covariates", "age", "age"], "'age' is given twice"),
         (["--covariates", "dose"], "'dose' contains numbers, but also '30 y' of subject 3"),

@@ -3,6 +3,7 @@
 import importlib
 import pkgutil
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -145,6 +146,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
 
     from homolog.comparison.stored import StoredAnswer, StoredTest
     from homolog.errors import InputError
+    from homolog.inspection import Word
     from homolog_app.window.commands import COMMANDS
     from homolog_app.window.dialogs import ask
     from homolog_app.window.explore.groups_page import GroupsPage
@@ -197,6 +199,14 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
         commands["view.explore"].trigger()
         yield "energies", window.docks.curves
 
+    def doubtful():
+        verdict = replace(
+            session.result.verdict, word=Word.DOUBTFUL, cause="Half is noise.", remedy="Add subjects."
+        )
+        session.result = replace(session.result, verdict=verdict)
+        session.result_changed.emit()
+        yield "a doubtful model", panels.explore
+
     def pages():
         for page in panels.explore.pages:
             panels.explore.open_page(page)
@@ -223,7 +233,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
                 yield "two measures", page
                 yield "one measure against another", page.charts
 
-    for places in (steps, around, pages):
+    for places in (steps, around, pages, doubtful):
         look_through(places)
     page = panels.explore.page_of(GroupsPage)
     panels.explore.open_page(page)

@@ -197,7 +197,7 @@ def test_strata_are_removed_before_terms():
     ("formula", "table", "message"),
     [
         ("~ group + oops", {}, "no column 'oops'; columns are: group, sex, age"),
-        ("~ log(age)", {}, "'log(age)' is no column"),
+        ("~ log(age)", {}, "'log(age)' is not a column"),
         ("~ group +", {}, "can't be read"),
         ("~ 0 + group", {}, "the intercept belongs to every design"),
         ("shape ~ group", {}, "begin with '~'"),
@@ -249,7 +249,7 @@ def test_rows_of_one_subject_are_refused_without_a_column_of_subjects():
         refuse_repeated(["p1", "p2", "p1"], {})
     names = [f"scan{k}" for k in range(20)]
     patients = [f"p{k // 2}" for k in range(20)]
-    with pytest.raises(InputError, match="use --subject patient"):
+    with pytest.raises(InputError, match="name patient as the column of subjects"):
         refuse_repeated(names, {"patient": patients})
     refuse_repeated(names, {"site": np.resize(["x", "y", "z"], 20).tolist(), "scanner": [*patients[:-1], ""]})
 
