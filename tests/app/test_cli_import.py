@@ -81,7 +81,7 @@ def test_landmark_errors_are_in_info_and_report(finished_run, ellipsoids, tmp_pa
     assert "2 landmarks of 4 subjects" in capsys.readouterr().out
     assert main(["report", str(project.folder), "--progress", "none"]) == 0
     page = (project.folder / "report" / "report.html").read_text(encoding="utf-8")
-    assert "95th percentile (mm)" in page
+    assert "2 landmarks of 4 subjects, transferred to each other: mean" in page
     assert "tip &lt;b&gt;" in page
     assert "tip <b>" not in page
     (tmp_path / "scans" / "b.mrk.json").write_text("no markups")
