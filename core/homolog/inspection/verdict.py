@@ -157,7 +157,7 @@ class Verdict:
             )
         if np.isfinite(self.landmark):
             texts.append(
-                f"Landmark error about {self.landmark:.2g} mm, particles {self.spacing:.2g} mm apart."
+                f"Landmark error at least {self.landmark:.2g} mm, particles {self.spacing:.2g} mm apart."
             )
         return " ".join(texts)
 
@@ -172,7 +172,7 @@ class Verdict:
             ("left-out particles, residual of spread", _of(self.residual, self.spread)),
             ("left-out surface, residual of spread", _of(self.surface, self.surface_spread)),
             ("modes above chance", str(self.modes)),
-            ("landmark error, about", _length(self.landmark)),
+            ("landmark error, at least", _length(self.landmark)),
             ("the same if neighbours were exchanged", _length(self.exchanged)),
             ("distance of neighbouring particles", _length(self.spacing)),
             ("surface with walls below that", _percent(self.thin)),
