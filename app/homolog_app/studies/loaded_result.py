@@ -5,13 +5,13 @@ from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from homolog.arrays import FloatArray, frozen
 from homolog.cohort import Cohort
 from homolog.errors import InputError
-from homolog.inspection.verdict import Verdict, read_verdict, write_verdict
 from homolog.io.arrays import read_arrays, write_arrays
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ProjectRecord, ResultRecord, ResultSubject
@@ -19,6 +19,9 @@ from homolog.io.results import Result, read_result, read_surface
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import Method
 from homolog.surfaces.mesh import TriangleMesh
+
+if TYPE_CHECKING:  # Warp comes with it, and the window opens without
+    from homolog.inspection.verdict import Verdict
 
 __all__ = ["LoadedResult", "RecordedFrame", "Recorder", "SubjectSurfaces", "load_result", "write_from_memory"]
 
@@ -130,7 +133,7 @@ class LoadedResult:
     frames: tuple[RecordedFrame, ...]
     summary: str
     record: ResultRecord
-    verdict: Verdict
+    verdict: "Verdict"
 
     @property
     def method(self) -> Method:
@@ -198,6 +201,8 @@ def load_result(project: ProjectFolder, tick: Tick = no_tick) -> LoadedResult:
         raise InputError(f"{project.folder}: has no result")
     surfaces = SubjectSurfaces(project, record.subjects)
     surfaces.read_first(part_of(tick, 0.3, 0.9))
+    from homolog.inspection.verdict import read_verdict
+
     verdict = read_verdict(project, result.world, part_of(tick, 0.9, 1.0))
     summary = f"{record.particles} particles on {len(record.subjects)} shapes, " + (
         f"imported from {record.source}{_remarks(record)}"
@@ -248,6 +253,8 @@ def write_from_memory(
             write_mesh(surface_file(project, subject.file), mesh)
         write_model(new, own, model)
         write_surfaces(new, model, surface, part_of(tick, 0.5, 1.0))
+        from homolog.inspection.verdict import write_verdict
+
         write_verdict(new, loaded.verdict, result.world)
         rows = ([int(row[0]), *row[1:]] for row in loaded.energies.tolist())
         write_table(new.folder / "energies.csv", ["iteration", "sampling", "ensemble", "normals"], rows)

@@ -132,6 +132,16 @@ class Verdict:
     description_length: float
 
     @property
+    def is_sound(self) -> bool:
+        """Whether the word is *sound*."""
+        return self.word is Word.SOUND
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether the model may be analysed: the word is not *not usable*."""
+        return self.word is not Word.UNUSABLE
+
+    @property
     def line(self) -> str:
         """The verdict in one line: word, cause and remedy, numbers."""
         return " ".join(filter(None, [f"Verdict: {self.word}.", self.cause, self.remedy, self.numbers]))

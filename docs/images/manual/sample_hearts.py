@@ -80,7 +80,7 @@ def keep_cut(
 def keep_groups(
     window: "MainWindow", until: Callable[[Callable[[], object]], None], keep: Callable[[str], None]
 ) -> None:
-    """Compare the groups in form and shape, and keep the map of shape; the hearts are cut open."""
+    """Compare the groups, and keep the map; the hearts are cut open."""
     session, order = window.workspace.session, window.commands
     order["explore.groups"].trigger()
     order["view.grid1"].trigger()
@@ -88,8 +88,6 @@ def keep_groups(
     until(lambda: window.inspector.explore.fitted.shape is not None and not session.job.is_busy)
     order["explore.test"].trigger()
     until(lambda: page.answers and not session.job.is_busy)
-    page.results.chosen.emit(1, 0)
-    until(lambda: page.answers[0].study is page.all.own[1] and not session.job.is_busy)
     order["view.corner"].trigger()
     keep("groups")
 

@@ -14,7 +14,7 @@ def test_a_subject_that_is_groomed_again_keeps_the_note_that_it_was_mirrored(ell
     scans.mkdir()
     for path, side in zip(sorted(ellipsoids.glob("*.nrrd"))[:3], "LRR", strict=True):
         shutil.copy(path, scans / f"{path.stem}_{side}.nrrd")
-    cohort, project = read_cohort(scans), ProjectFolder(tmp_path / "project")
+    cohort, project = read_cohort(scans, "{subject}_{side}.nrrd"), ProjectFolder(tmp_path / "project")
     settings = RunSettings(groom=GroomSettings(mesh_edge=2.0), workers=1)
     groomed, _ = groom(cohort, settings, project, no_tick)
     first = groomed[0]

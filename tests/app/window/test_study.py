@@ -32,14 +32,6 @@ def test_a_folder_and_single_files_can_be_dropped_together(ellipsoids, tmp_path)
     ]
 
 
-def test_both_sides_in_a_subjects_folder_are_members(tmp_path):
-    for name in ("p1/left.ply", "p1/right.ply", "p2/left.ply"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).touch()
-    names = [subject.name for subject in read_subjects([tmp_path]).subjects]
-    assert names == ["p1_left", "p1_right", "p2_left"]
-
-
 def test_a_file_of_another_kind_is_refused_by_name(tmp_path):
     with pytest.raises(InputError, match=r"notes\.txt"):
         read_subjects([tmp_path / "notes.txt"])

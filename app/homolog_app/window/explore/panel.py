@@ -13,7 +13,6 @@ from homolog.arrays import Array
 from homolog.comparison.question import Question
 from homolog.comparison.stored import stored_answers
 from homolog.errors import InputError
-from homolog.inspection.verdict import Word
 from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.studies.study import FILES, outdated_text
 from homolog_app.window.actions import Actions
@@ -239,7 +238,7 @@ class ExploreController(Controller):
             or session.folder is None
             or not session.is_result_written
             or session.result is None
-            or session.result.verdict.word is Word.UNUSABLE
+            or not session.result.verdict.is_usable
         ):
             return
         with suppress(InputError):  # *Overview* shows the reason

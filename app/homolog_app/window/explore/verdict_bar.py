@@ -1,12 +1,16 @@
 """The verdict on the model, above the pages of *Explore*."""
 
+from typing import TYPE_CHECKING
+
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
-from homolog.inspection.verdict import Verdict, Word
 from homolog_app.window.dialogs import ask
 from homolog_app.window.session import Session
 from homolog_app.window.widgets import GRID, label
+
+if TYPE_CHECKING:
+    from homolog.inspection.verdict import Verdict
 
 __all__ = ["VerdictBar", "may_use"]
 
@@ -29,7 +33,7 @@ class VerdictBar(QWidget):
 
     def _show(self) -> None:
         verdict = _verdict(self._session)
-        self.setVisible(verdict is not None and verdict.word is not Word.SOUND)
+        self.setVisible(verdict is not None and not verdict.is_sound)
         if verdict is not None:
             self.text.setText(f"This model is {verdict.word}. {verdict.cause} {verdict.remedy}")
 
@@ -37,7 +41,7 @@ class VerdictBar(QWidget):
 def may_use(window: QWidget, session: Session) -> bool:
     """Return whether the result may be analysed: it is usable, or the user says so now or has said so."""
     loaded, verdict = session.result, _verdict(session)
-    if verdict is None or verdict.word is not Word.UNUSABLE or session.used_anyway is loaded:
+    if verdict is None or verdict.is_usable or session.used_anyway is loaded:
         return True
     details = f"{verdict.cause} {verdict.remedy}\n\n{verdict.numbers}"
     if ask(window, "This model is not usable.", details, _ANSWERS, 1) != _ANSWERS[0]:
@@ -46,5 +50,5 @@ def may_use(window: QWidget, session: Session) -> bool:
     return True
 
 
-def _verdict(session: Session) -> Verdict | None:
+def _verdict(session: Session) -> "Verdict | None":
     return session.result.verdict if session.result is not None else None
