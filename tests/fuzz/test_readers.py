@@ -36,5 +36,9 @@ def test_a_good_file_is_read_and_changed_ones_are_read_or_refused(name, tmp_path
 def test_what_is_no_such_file_at_all_is_refused(name, content, tmp_path):
     target = TARGETS[name]
     target.good(tmp_path)
-    lenient = name in ("preferences.ini", "journal.json", "study.json")  # what can't be read there is left out
+    lenient = name in (
+        "preferences.ini",
+        "journal.json",
+        "study.json",
+    )  # what can't be read there is left out
     assert attempt(target, tmp_path, content) == ("read" if lenient else "refused")
