@@ -9,9 +9,11 @@ from typing import Any
 
 import homolog as hl
 from homolog.cohort import Subject
+from homolog.comparison.formula import Differences
 from homolog.parameters import parameters
 from homolog.patient import Percentile, Region
 from homolog.settings import GroomSettings, OptimizeSettings
+from homolog.statistics.anova import AnovaRow, Difference
 from homolog.statistics.assumptions import Dispersion
 from homolog.statistics.comparison import Comparison
 from homolog.statistics.discriminant import Discriminant
@@ -28,6 +30,11 @@ GROUPS: dict[str, list[Any]] = {
     "Group differences": [
         hl.compare_groups,
         hl.regress,
+        hl.compare,
+        hl.FormulaAnswer,
+        AnovaRow,
+        Differences,
+        Difference,
         Comparison,
         ModeTest,
         PointwiseTest,

@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from homolog.api.analyze import analyze
-    from homolog.api.compare import compare_groups, regress
+    from homolog.api.compare import compare, compare_groups, regress
     from homolog.api.correspond import Correspondence, correspond
     from homolog.api.patient import compare_patient, make_reference
     from homolog.api.project import Project
     from homolog.api.report import report
     from homolog.cohort import Cohort, read_cohort
+    from homolog.comparison.formula import FormulaAnswer
     from homolog.comparison.project import StudyAnswer
     from homolog.errors import Cancelled, InputError, NumericalError
     from homolog.geodesics import geodesic_distances
@@ -39,6 +40,7 @@ __all__ = [
     "Cohort",
     "Comparison",
     "Correspondence",
+    "FormulaAnswer",
     "InputError",
     "NumericalError",
     "PatientComparison",
@@ -48,6 +50,7 @@ __all__ = [
     "StudyAnswer",
     "TriangleMesh",
     "analyze",
+    "compare",
     "compare_groups",
     "compare_patient",
     "correspond",
@@ -67,6 +70,7 @@ _HOMES = {
     "Cohort": "cohort",
     "Comparison": "statistics.comparison",
     "Correspondence": "api.correspond",
+    "FormulaAnswer": "comparison.formula",
     "InputError": "errors",
     "NumericalError": "errors",
     "PatientComparison": "patient.compare",
@@ -76,6 +80,7 @@ _HOMES = {
     "StudyAnswer": "comparison.project",
     "TriangleMesh": "surfaces.mesh",
     "analyze": "api.analyze",
+    "compare": "api.compare",
     "compare_groups": "api.compare",
     "compare_patient": "api.patient",
     "correspond": "api.correspond",

@@ -45,9 +45,9 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
     """Declare the command."""
     parser = subparsers.add_parser(
         "analyze",
-        description="Compare the groups of a column (the default), test the linear effect of a column, or "
-        "compare paired subjects. Prints the results, writes tables to PROJECT/analysis and adds the study "
-        "to homolog report.",
+        description="Compare the groups of a column (the default), test the linear effect of a column, "
+        "compare paired subjects, or test the terms of a formula. Prints the results, writes tables to "
+        "PROJECT/analysis and adds the study (but no formula) to homolog report.",
     )
     parser.add_argument("project", type=Path, help="project folder")
     _add_question(parser)
@@ -71,6 +71,25 @@ def _add_question(parser: argparse.ArgumentParser) -> None:
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--group", metavar="COLUMN", default="group", help="column of groups (default group)")
     what.add_argument("--regress", metavar="COLUMN", help="column of a continuous variable")
+    what.add_argument(
+        "--formula",
+        metavar="FORMULA",
+        help='terms to test, such as "~ group * age + sex": analysis of variance, differences, slopes',
+    )
+    terms = parser.add_argument_group("with --formula")
+    terms.add_argument("--subject", metavar="COLUMN", help="column of the subject, for repeated measures")
+    terms.add_argument(
+        "--strata", metavar="COLUMN", help="column of strata, such as sites; effects are within"
+    )
+    terms.add_argument(
+        "--squares",
+        choices=["I", "II", "III"],
+        help="sums of squares: each term adjusted for those before it (I), all that do not contain it "
+        "(II, the default), or all others (III)",
+    )
+    terms.add_argument(
+        "--out", type=Path, metavar="FOLDER", help="folder of the tables (default: in PROJECT/analysis)"
+    )
     parser.add_argument(
         "--between",
         nargs="+",
@@ -110,6 +129,11 @@ def _add_question(parser: argparse.ArgumentParser) -> None:
 
 def run_analyze(arguments: argparse.Namespace) -> int:
     """Run the tests; return the exit code."""
+    if arguments.formula is not None:
+        return _run_formula(arguments)
+    for name in ("subject", "strata", "squares", "out"):
+        if getattr(arguments, name) is not None:
+            raise InputError(f"--{name} belongs to --formula; add the formula, or leave it out")
     from homolog.comparison.project import analyze_result, primary_of, questions_of
     from homolog.comparison.stored import name_primary
     from homolog.inspection.verdict import refuse_unusable
@@ -148,6 +172,55 @@ def run_analyze(arguments: argparse.Namespace) -> int:
             name_primary(project, chosen)
     stream = sys.stderr if arguments.progress == "json" else sys.stdout
     stream.write("\n".join([*lines, *(answer.text for answer in answers)]) + "\n")
+    return 0
+
+
+def _run_formula(arguments: argparse.Namespace) -> int:
+    """Test the terms of a formula; return the exit code."""
+    from homolog.comparison.formula import ask_formula, design_of, formula_questions
+    from homolog.comparison.sample import Sample
+    from homolog.inspection.verdict import refuse_unusable
+    from homolog.io.results import read_result
+    from homolog.progress import part_of
+
+    settings = with_options(AnalysisSettings(), arguments)
+    for name in ("between", "pairs", "covariates"):
+        if getattr(arguments, name):
+            raise InputError(
+                f"--{name} can't be combined with --formula, which names all columns; leave it out"
+            )
+    if arguments.primary is not None or settings.seeds is not None:
+        raise InputError("--primary and --seeds are not for formulas; leave them out")
+    project = ProjectFolder(arguments.project)
+    asked = formula_questions(
+        _alignments(arguments),
+        formula=arguments.formula,
+        subject=arguments.subject,
+        strata=arguments.strata,
+        squares=arguments.squares or "II",
+        complete_cases=arguments.complete_cases,
+        **settings.model_dump(exclude={"seeds"}),
+    )
+    if arguments.out is not None and len(asked) > 1:
+        raise InputError("--out takes the tables of one alignment; leave it out, or give one alignment")
+    texts = []
+    with project.locked(new=False), show_progress(arguments.progress) as progress:
+        result = read_result(project)
+        sample = Sample.of(result)
+        designed = design_of(sample, asked[0])
+        if not arguments.anyway:
+            refuse_unusable(project, result.world, part_of(progress.tick, 0.0, 0.05))
+        write_details(project, with_options(read_details(project), arguments))
+        for index, question in enumerate(asked):
+            part = part_of(
+                progress.tick, 0.05 + 0.95 * index / len(asked), 0.05 + 0.95 * (index + 1) / len(asked)
+            )
+            answer = ask_formula(sample, question, designed, part)
+            folder = arguments.out or project.folder / "analysis" / question.name
+            answer.write(folder)
+            texts.append(f"{answer.text}\n  tables: {folder}")
+    stream = sys.stderr if arguments.progress == "json" else sys.stdout
+    stream.write("\n".join(texts) + "\n")
     return 0
 
 

@@ -4,17 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal, overload
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, cast, overload
 
+from homolog.api.project import Project
 from homolog.arrays import Array, ArrayLike
 from homolog.comparison.answer import ask
+from homolog.comparison.formula import FormulaAnswer, ask_formula, design_of, formula_questions
 from homolog.comparison.question import questions
-from homolog.comparison.sample import Sample, levels
+from homolog.comparison.sample import Sample, at_own_size, levels
 from homolog.errors import InputError
+from homolog.inspection.verdict import Word
 from homolog.progress import part_of, tick_of
 from homolog.statistics.comparison import Comparison
 
-__all__ = ["compare_groups", "regress"]
+if TYPE_CHECKING:
+    from homolog.api.correspond import Correspondence
+
+__all__ = ["compare", "compare_groups", "regress"]
 
 _Alignment = Literal["rigid", "similarity", "as-it-lies"]
 _BOTH: tuple[_Alignment, ...] = ("rigid", "similarity")
@@ -283,6 +291,115 @@ def regress(
         "seed": seed,
     }
     return _comparisons(sample, alignment, callback, question)
+
+
+def compare(
+    result: Correspondence | Project | str | PathLike[str] | ArrayLike,
+    formula: str,
+    data: Mapping[str, Sequence[str | float | None] | Array] | None = None,
+    *,
+    subject: str | None = None,
+    strata: str | None = None,
+    squares: Literal["I", "II", "III"] = "II",
+    complete_cases: bool = False,
+    alignment: _Alignment = "similarity",
+    modes: int | None = None,
+    permutations: int = 10_000,
+    seed: int = 0,
+    out: str | PathLike[str] | None = None,
+    anyway: bool = False,
+    callback: Callable[[float, str], object] | None = None,
+) -> FormulaAnswer:
+    """Test the terms of a formula, and what differs, as ``homolog analyze --formula`` does.
+
+    Parameters
+    ----------
+    result : Correspondence, Project, path of a project, or (M, N, 3) array_like
+        Corresponding points of the M subjects.
+    formula : str
+        Such as ``"~ group * age + sex"``: columns, ``+``, ``:`` (interaction), ``*`` (both and their
+        interaction), ``^`` and parentheses. ``size`` is the size of the shapes.
+    data : pandas.DataFrame or mapping of str to sequence, optional
+        The columns, M values each, in the order of the subjects. By default the groups and covariates of the
+        result.
+    subject : str, optional
+        Column of the subject of each row, for repeated measures.
+    strata : str, optional
+        Column of strata, such as sites; effects are those within strata.
+    squares : {"II", "I", "III"}
+        Type of the sums of squares: each term adjusted for all that do not contain it, for those before it,
+        or for all others.
+    complete_cases : bool
+        Whether rows with missing values in the columns used are excluded and named, instead of refused.
+    alignment : {"similarity", "rigid", "as-it-lies"}
+        Alignment before the test, as in `compare_groups`.
+    modes : int, optional
+        Number of modes that are tested beside the coordinates; by parallel analysis if not given.
+    permutations : int
+        Number of randomizations of each test.
+    seed : int
+        Random seed.
+    out : path, optional
+        Folder for ``anova.csv``, ``differences.csv`` and ``columns.csv``.
+    anyway : bool
+        Whether to use a model even if its verdict is *not usable*.
+    callback : callable, optional
+        ``callback(fraction, message)``; raise `Cancelled`, or any other error, in it to stop.
+
+    Returns
+    -------
+    FormulaAnswer
+
+    Raises
+    ------
+    InputError
+        Before anything is computed, if the design can't be estimated (terms that can't be told apart, an
+        interaction without subjects in a cell, too few rows), rows of one subject are not declared, or a
+        column or argument is wrong; or if the model is not usable.
+
+    Examples
+    --------
+    Spheres of two groups, of which one grows upward with age:
+
+    >>> import numpy as np
+    >>> import homolog as hl
+    >>> random = np.random.default_rng(1)
+    >>> directions = random.normal(size=(40, 3))
+    >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    >>> shapes = 10.0 * directions + random.normal(scale=0.05, size=(24, 40, 3))
+    >>> data = {"group": 12 * ["a", "b"], "age": list(range(50, 74))}
+    >>> shapes[1::2, 7] *= 1.0 + 0.02 * np.arange(1, 25, 2)[:, None]
+    >>> answer = hl.compare(shapes, "~ group * age", data, permutations=999)
+    >>> [row.term for row in answer.coordinates if row.p is not None and row.p < 0.05]
+    ['group', 'age', 'group:age']
+    """
+    (question,) = formula_questions(
+        (alignment,), formula=formula, subject=subject, strata=strata, squares=squares, modes=modes,
+        complete_cases=complete_cases, permutations=permutations, seed=seed,
+    )  # fmt: skip
+    columns = None if data is None else {str(name): list(data[name]) for name in data}
+    if isinstance(result, str | PathLike):
+        result = Project(result)
+    model = None
+    if hasattr(result, "aligned"):
+        model = cast("Correspondence | Project", result)
+        given = columns or {**model.covariates, "group": [group or "" for group in model.groups]}
+        sample = Sample.of_arrays(model.aligned, given, model.names)
+        sample = replace(sample, own_size=at_own_size(model.aligned, model.alignments))
+    elif columns is None:
+        raise InputError("data: give the columns of the formula, one value for each shape")
+    else:
+        sample = Sample.of_arrays(result, columns)
+    designed = design_of(sample, question)
+    if model is not None and not anyway and model.verdict.word is Word.UNUSABLE:
+        raise InputError(
+            f"the model is not usable. {model.verdict.cause} {model.verdict.remedy} To use it all the same, "
+            "add the option anyway"
+        )
+    answer = ask_formula(sample, question, designed, tick_of(callback))
+    if out is not None:
+        answer.write(Path(out))
+    return answer
 
 
 def _unused(name: str, covariates: Covariates | None) -> str:

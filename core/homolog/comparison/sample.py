@@ -25,6 +25,7 @@ __all__ = [
     "VOXEL",
     "Sample",
     "SampleRow",
+    "at_own_size",
     "category_of",
     "column_of",
     "levels",
@@ -74,11 +75,7 @@ class Sample:
         known = dict.fromkeys(name for columns in result.columns for name in columns)
         columns = {name: [own.get(name, "") for own in result.columns] for name in known}
         columns["group"] = [group or "" for group in result.groups]
-        scale = scale_of(result.alignments)
-        own = result.world
-        if not np.allclose(scale, 1.0, rtol=1e-9):
-            centre = own.mean(axis=1, keepdims=True)
-            own = np.asarray(centre + (own - centre) / scale[:, None, None], np.float64)
+        own = at_own_size(result.world, result.alignments)
         edges = [edge for voxel in result.voxels for edge in voxel]
         edge = float(np.median(edges)) if edges else 0.0
         return cls(result.names, columns, result.world, own, result.mean_surface, edge)
@@ -139,6 +136,15 @@ class Sample:
     def compared(self, alignment: Alignment) -> FloatArray:
         """Return the compared points (M, N, 3) before their alignment [mm]."""
         return self.shapes if alignment is Alignment.AS_IT_LIES else self.own_size
+
+
+def at_own_size(shapes: FloatArray, alignments: FloatArray) -> FloatArray:
+    """Return shapes (M, N, 3) at the sizes that they had before alignments scaled them."""
+    scale = scale_of(alignments)
+    if np.allclose(scale, 1.0, rtol=1e-9):
+        return shapes
+    centre = shapes.mean(axis=1, keepdims=True)
+    return np.asarray(centre + (shapes - centre) / scale[:, None, None], np.float64)
 
 
 def column_of(result: Result, column: str) -> list[str]:

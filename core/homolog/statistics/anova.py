@@ -156,8 +156,8 @@ class Difference:
     length : float
         Root mean square of the effect over the particles [mm]; of scores over the modes.
     distance : Effect or None
-        Mahalanobis distance in the modes, corrected for bias, with its 90 % interval; None for too few
-        degrees of freedom.
+        Mahalanobis distance in the modes, corrected for bias, with its 90 % interval; None without scores
+        or with too few degrees of freedom.
     z, p : float
         Effect size and p-value of residual randomization on all variables.
     p_adjusted : float
@@ -179,7 +179,7 @@ class Difference:
 
 def differences(
     shapes: FloatArray,
-    scores: FloatArray,
+    scores: FloatArray | None,
     hypotheses: Sequence[Hypothesis],
     *,
     permutations: int = 10_000,
@@ -192,8 +192,8 @@ def differences(
     ----------
     shapes : (M, N, 3) array
         Aligned shapes [mm].
-    scores : (M, k) array
-        Their scores in the retained modes, from `mode_scores`.
+    scores : (M, k) array or None
+        Their scores in the retained modes, from `mode_scores`; without them no distance is told.
     hypotheses : sequence of Hypothesis
         From `Design.differences`, `Design.slopes` or `Design.slope_differences`.
     permutations, seed, tick
@@ -206,7 +206,8 @@ def differences(
         test = Randomization(hypothesis, rows, draws=permutations, seed=seed, tick=part).ratio(rows)
         effect = hypothesis.coefficients(rows)[0]
         length = float(np.sqrt(np.square(effect).sum() / shapes.shape[1]))
-        statistic.append((hypothesis.name, effect, length, mahalanobis(scores, hypothesis), test.z, test.p))
+        distance = None if scores is None else mahalanobis(scores, hypothesis)
+        statistic.append((hypothesis.name, effect, length, distance, test.z, test.p))
     adjusted = holm(np.array([item[-1] for item in statistic]))
     return tuple(Difference(*item, float(p)) for item, p in zip(statistic, adjusted, strict=True))
 

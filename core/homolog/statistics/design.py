@@ -35,6 +35,7 @@ __all__ = [
     "names_reference",
     "numbers",
     "paired_design",
+    "parsed",
     "reference_first",
     "refuse_repeated",
     "regression_design",
@@ -665,7 +666,7 @@ def make_design(
         interaction has an empty cell, a term hangs on a single subject (with its variance inflation), or rows
         are too few for the columns.
     """
-    factors = _parsed(formula)
+    factors = parsed(formula)
     used = list(dict.fromkeys(name for item in factors for name in item))
     for name in used:
         if name not in table:
@@ -715,7 +716,7 @@ def _codes(values: Sequence[str]) -> IntArray:
     return codes
 
 
-def _parsed(formula: str) -> tuple[tuple[str, ...], ...]:
+def parsed(formula: str) -> tuple[tuple[str, ...], ...]:
     """Return the columns of each term, without the intercept.
 
     Names of columns are all that a formula may call: it is never evaluated, since a project may come from
@@ -729,12 +730,12 @@ def _parsed(formula: str) -> tuple[tuple[str, ...], ...]:
     if "~" in right:
         raise InputError(f"formula {formula!r}: shape is what is explained; begin with '~'")
     try:
-        parsed = DefaultFormulaParser().get_terms(f"~ {right}").root
+        found = DefaultFormulaParser().get_terms(f"~ {right}").root
     except (FormulaicError, SyntaxError, AttributeError, TypeError, ValueError) as error:
         raise InputError(f"formula {formula!r} can't be read: {str(error).splitlines()[0]}") from error
     terms: list[tuple[str, ...]] = []
     intercept = False
-    for term in parsed:
+    for term in found:
         if any(factor.eval_method.value == "literal" for factor in term.factors):
             intercept = intercept or str(term) == "1"
             continue
