@@ -53,9 +53,9 @@ _DIFFERENCES = {
     "of": "what is compared: means of a category, or slopes along a number",
     "difference": "second minus first level, or the slope itself",
     "unit": "unit of the difference: difference, or per unit of a number",
-    "length_mm": "root mean square of the difference over the particles [mm, or mm per unit]",
-    "mahalanobis_d_corrected": "length of the difference in the retained modes, corrected for bias [SD, or SD "
-    "per unit]; empty for repeated measures, if no mode is retained, and if there are too few degrees of freedom",
+    "length_mm": "root mean square of the difference over the particles [mm or mm per unit]",
+    "mahalanobis_d_corrected": "length of the difference in the retained modes, corrected for bias [SD, or "
+    "SD per unit]; empty for repeated measures, if no mode is retained, and for too few degrees of freedom",
     "mahalanobis_d_corrected_low_90": "lower bound of its 90 % confidence interval",
     "mahalanobis_d_corrected_high_90": "upper bound of its 90 % confidence interval",
     "Z": _ANOVA["Z"],
@@ -325,9 +325,10 @@ def ask_formula(
     if len(rows) < len(sample.names):
         out = [name for row, name in enumerate(sample.names) if row not in rows]
         notes.append(f"{len(out)} without values are left out: {', '.join(out)}.")
-    many = {"permutations": question.permutations, "seed": question.seed}
-    tests = {"squares": question.squares, **many}
-    coordinates = procrustes_anova(shapes, design, **tests, tick=part_of(tick, 0.0, 0.4))
+    draws, seed, squares = question.permutations, question.seed, question.squares
+    coordinates = procrustes_anova(
+        shapes, design, squares=squares, permutations=draws, seed=seed, tick=part_of(tick, 0.0, 0.4)
+    )
     modes: tuple[AnovaRow, ...] = ()
     scores: FloatArray | None = None
     try:
@@ -335,7 +336,9 @@ def ask_formula(
     except InputError as error:
         notes.append(f"On modes nothing is tested: {error}.")
     else:
-        modes = procrustes_anova(scores, design, **tests, tick=part_of(tick, 0.4, 0.5))
+        modes = procrustes_anova(
+            scores, design, squares=squares, permutations=draws, seed=seed, tick=part_of(tick, 0.4, 0.5)
+        )
     repeated = design.rows > int(design.units.max()) + 1
     if repeated:
         notes.append("Intervals of D need one row for each subject; they are left out.")
@@ -343,7 +346,9 @@ def ask_formula(
     found = []
     for number, (of, along, hypotheses) in enumerate(asked):
         part = part_of(tick, 0.5 + 0.4 * number / len(asked), 0.5 + 0.4 * (number + 1) / len(asked))
-        each = differences(shapes, None if repeated else scores, hypotheses, **many, tick=part)
+        each = differences(
+            shapes, None if repeated else scores, hypotheses, permutations=draws, seed=seed, tick=part
+        )
         found.append(Differences(of, along, each))
     notes += _unequal_slopes(shapes, design, question, part_of(tick, 0.9, 1.0))
     names = tuple(sample.names[row] for row in rows)
