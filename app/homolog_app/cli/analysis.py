@@ -192,7 +192,7 @@ def _run_formula(arguments: argparse.Namespace) -> int:
     if arguments.primary is not None or settings.seeds is not None:
         raise InputError("--primary and --seeds are not for formulas; leave them out")
     project = ProjectFolder(arguments.project)
-    asked = formula_questions(
+    formula_list = formula_questions(
         _alignments(arguments),
         formula=arguments.formula,
         subject=arguments.subject,
@@ -201,19 +201,21 @@ def _run_formula(arguments: argparse.Namespace) -> int:
         complete_cases=arguments.complete_cases,
         **settings.model_dump(exclude={"seeds"}),
     )
-    if arguments.out is not None and len(asked) > 1:
+    if arguments.out is not None and len(formula_list) > 1:
         raise InputError("--out takes the tables of one alignment; leave it out, or give one alignment")
     texts = []
     with project.locked(new=False), show_progress(arguments.progress) as progress:
         result = read_result(project)
         sample = Sample.of(result)
-        designed = design_of(sample, asked[0])
+        designed = design_of(sample, formula_list[0])
         if not arguments.anyway:
             refuse_unusable(project, result.world, part_of(progress.tick, 0.0, 0.05))
         write_details(project, with_options(read_details(project), arguments))
-        for index, question in enumerate(asked):
+        for index, question in enumerate(formula_list):
             part = part_of(
-                progress.tick, 0.05 + 0.95 * index / len(asked), 0.05 + 0.95 * (index + 1) / len(asked)
+                progress.tick,
+                0.05 + 0.95 * index / len(formula_list),
+                0.05 + 0.95 * (index + 1) / len(formula_list),
             )
             answer = ask_formula(sample, question, designed, part)
             folder = arguments.out or project.folder / "analysis" / question.name

@@ -383,7 +383,10 @@ def compare(
     model = None
     if hasattr(result, "aligned"):
         model = cast("Correspondence | Project", result)
-        given: Covariates = columns or {**model.covariates, "group": [group or "" for group in model.groups]}
+        given: Covariates = columns or {
+            **{name: list(values) for name, values in model.covariates.items()},
+            "group": [group or "" for group in model.groups],
+        }
         sample = Sample.of_arrays(model.aligned, given, model.names)
         sample = replace(sample, own_size=at_own_size(model.aligned, model.alignments))
     elif columns is None:

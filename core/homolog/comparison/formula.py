@@ -91,9 +91,9 @@ class FormulaQuestion(Precision):
     @property
     def name(self) -> str:
         """A name of a folder for the question, of its words and a digest of all that it says."""
-        words = re.sub(r"[^\w.-]+", "_", self.formula).strip("._")[:60]
+        file_stem = re.sub(r"[^\w.-]+", "_", self.formula).strip("._")[:60]
         digest = sha256(self.model_dump_json(exclude={"permutations"}).encode()).hexdigest()[:8]
-        return f"formula_{words}_{digest}"
+        return f"formula_{file_stem}_{digest}"
 
 
 def formula_questions(
@@ -273,8 +273,8 @@ def design_of(sample: Sample, question: FormulaQuestion) -> tuple[Design, IntArr
     for name in named:
         if name not in columns:
             raise InputError(f"no column {name!r}; the cohort has: {', '.join(columns)}")
-    asked = {name for term in parsed(question.formula) for name in term}
-    used = [*named, *(name for name in columns if name in asked)]
+    in_question = {name for term in parsed(question.formula) for name in term}
+    used = [*named, *(name for name in columns if name in in_question)]
     rows = np.arange(len(sample.names))
     if question.complete_cases:
         rows = np.flatnonzero([not any(is_missing(columns[name][row]) for name in used) for row in rows])
@@ -324,7 +324,7 @@ def ask_formula(
     notes = []
     if len(rows) < len(sample.names):
         out = [name for row, name in enumerate(sample.names) if row not in rows]
-        notes.append(f"{len(out)} without values are left out: {', '.join(out)}.")
+        notes.append(f"{len(out)} without values are not used: {', '.join(out)}.")
     draws, seed, squares = question.permutations, question.seed, question.squares
     coordinates = procrustes_anova(
         shapes, design, squares=squares, permutations=draws, seed=seed, tick=part_of(tick, 0.0, 0.4)
@@ -341,18 +341,20 @@ def ask_formula(
         )
     repeated = design.rows > int(design.units.max()) + 1
     if repeated:
-        notes.append("Intervals of D need one row for each subject; they are left out.")
-    asked = list(_families(design))
-    found = []
-    for number, (of, along, hypotheses) in enumerate(asked):
-        part = part_of(tick, 0.5 + 0.4 * number / len(asked), 0.5 + 0.4 * (number + 1) / len(asked))
+        notes.append("Intervals of D need one row for each subject; they are not given.")
+    in_question = list(_families(design))
+    comparisons = []
+    for number, (of, along, hypotheses) in enumerate(in_question):
+        part = part_of(
+            tick, 0.5 + 0.4 * number / len(in_question), 0.5 + 0.4 * (number + 1) / len(in_question)
+        )
         each = differences(
             shapes, None if repeated else scores, hypotheses, permutations=draws, seed=seed, tick=part
         )
-        found.append(Differences(of, along, each))
+        comparisons.append(Differences(of, along, each))
     notes += _unequal_slopes(shapes, design, question, part_of(tick, 0.9, 1.0))
     names = tuple(sample.names[row] for row in rows)
-    return FormulaAnswer(question, design, names, coordinates, modes, tuple(found), tuple(notes))
+    return FormulaAnswer(question, design, names, coordinates, modes, tuple(comparisons), tuple(notes))
 
 
 def _families(design: Design) -> Iterator[tuple[str, str | None, list[Hypothesis]]]:

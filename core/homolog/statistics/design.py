@@ -730,12 +730,12 @@ def parsed(formula: str) -> tuple[tuple[str, ...], ...]:
     if "~" in right:
         raise InputError(f"formula {formula!r}: shape is what is explained; begin with '~'")
     try:
-        found = DefaultFormulaParser().get_terms(f"~ {right}").root
+        parsed_terms = DefaultFormulaParser().get_terms(f"~ {right}").root
     except (FormulaicError, SyntaxError, AttributeError, TypeError, ValueError) as error:
         raise InputError(f"formula {formula!r} can't be read: {str(error).splitlines()[0]}") from error
     terms: list[tuple[str, ...]] = []
     intercept = False
-    for term in found:
+    for term in parsed_terms:
         if any(factor.eval_method.value == "literal" for factor in term.factors):
             intercept = intercept or str(term) == "1"
             continue
