@@ -10,11 +10,13 @@ import argparse
 import importlib
 import os
 import signal
+import subprocess
 import sys
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NoReturn
 
 from homolog import __version__
 from homolog.errors import Cancelled, InputError, NumericalError, user_message
@@ -42,6 +44,7 @@ _COMMANDS = {
     "import": ("project", "import a ShapeWorks project or a folder of particles"),
     "export": ("export", "films, pictures, plots, meshes, tables and particles for other programs"),
     "geodesics": ("analysis", "compute geodesic distances on a surface"),
+    "doctor": ("doctor", "show what this machine offers, and the remedy for what is missing"),
     "worker": ("run", "run a worker for a Dask scheduler (homolog run --cluster)"),
 }
 """Module and purpose of each command, for ``homolog --help``, which imports none."""
@@ -57,6 +60,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv : sequence of str, optional
         Arguments after the program's name; those of the process by default.
     """
+    if "_ARGCOMPLETE" in os.environ:  # the shell asks what may follow; this does not return
+        import argcomplete
+
+        argcomplete.autocomplete(command_parser()[0])
     given = sys.argv[1:] if argv is None else list(argv)
     command = next((word for word in given if not word.startswith("-")), None)
     if given and given[0] not in _COMMANDS and Path(given[0]).exists():
@@ -116,7 +123,7 @@ def command_parser(
         description="Statistical shape analysis: corresponding points on a cohort of shapes, shape models "
         "and group tests. Without a command the window opens; homolog FOLDER opens a project or cohort.",
     )
-    parser.add_argument("--version", action="version", version=f"homolog {__version__}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     subparsers = _Subparsers(parser.add_subparsers(dest="command", metavar="COMMAND", title="commands"))
     modules = {}
     for name in _COMMANDS:
@@ -126,6 +133,20 @@ def command_parser(
         else:
             subparsers.add_parser(name)
     return parser, modules
+
+
+class _Version(argparse.Action):
+    """Prints the version, in a git checkout with its commit."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        """Print and exit; git is asked only then."""
+        root, commit = Path(__file__).parents[3], ""
+        if (root / ".git").exists():
+            with suppress(OSError):  # no git on this machine
+                command = ["git", "-C", str(root), "rev-parse", "--short", "HEAD"]
+                commit = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
+        sys.stdout.write(f"homolog {__version__}{f' ({commit})' if commit else ''}\n")
+        parser.exit()
 
 
 class _Subparsers:

@@ -1,0 +1,64 @@
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from homolog import __version__
+from homolog_app.cli import doctor, main
+
+ROOT = Path(__file__).parents[2]
+PATHS = ":".join(str(ROOT / folder) for folder in ("core", "app", "resources"))
+
+
+def run(*command, **variables):
+    """Run Python in a process of its own; returns what it did."""
+    environment = os.environ | {"PYTHONPATH": PATHS} | variables
+    return subprocess.run(
+        [sys.executable, *command], capture_output=True, text=True, env=environment, check=False
+    )
+
+
+def test_the_package_runs_as_a_module():
+    done = run("-m", "homolog", "--version")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(f"homolog {__version__}")
+
+
+def test_the_version_names_the_commit_of_a_checkout(capsys):
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a git checkout")
+    commit = subprocess.check_output(["git", "-C", ROOT, "rev-parse", "--short", "HEAD"], text=True).strip()
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert capsys.readouterr().out == f"homolog {__version__} ({commit})\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"), [("homolog doc", {"doctor"}), ("homolog analyze --permut", {"--permutations"})]
+)
+def test_the_shell_completes_commands_and_options(line, expected, tmp_path):
+    answer = tmp_path / "answer"
+    run(
+        "-m", "homolog", _ARGCOMPLETE="1", _ARGCOMPLETE_IFS="\n", COMP_LINE=line, COMP_POINT=str(len(line)),
+        _ARGCOMPLETE_STDOUT_FILENAME=str(answer),
+    )  # fmt: skip
+    assert {word.strip() for word in answer.read_text().splitlines()} == expected
+
+
+def test_doctor_has_a_line_for_each_part_of_the_machine(capsys, monkeypatch):
+    monkeypatch.setattr(doctor, "_fault_of", lambda _: None)
+    assert main(["doctor"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == ["cores", "memory", "GPU", "OpenGL", "Qt", "disk"]
+
+
+def test_doctor_names_the_remedy_of_a_library_that_does_not_load(capsys, monkeypatch):
+    monkeypatch.setattr(doctor, "_QT", "raise ImportError('libEGL.so.1: cannot open shared object file')")
+    monkeypatch.setattr(doctor, "_OPENGL", "import os; os.abort()")
+    assert main(["doctor"]) == 2
+    said = capsys.readouterr().out
+    assert "libEGL.so.1: cannot open" in said
+    assert "apt install libegl1" in said
+    assert "does not draw (the process ended with -6)" in said
