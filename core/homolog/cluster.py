@@ -31,9 +31,14 @@ _J = TypeVar("_J")
 _T = TypeVar("_T")
 
 __all__ = [
-    "LOCAL", "SLURM", "SubjectWorkers", "each_in_workers", "retried_on_workers", "serve_as_worker",
+    "LOCAL",
+    "SLURM",
+    "SubjectWorkers",
+    "each_in_workers",
+    "retried_on_workers",
+    "serve_as_worker",
     "subject_executor",
-]  # fmt: skip
+]
 
 LOCAL = "local"
 """A Dask cluster of this machine's cores."""

@@ -374,9 +374,16 @@ def compare(
     ['group', 'age', 'group:age']
     """
     (question,) = formula_questions(
-        (alignment,), formula=formula, subject=subject, strata=strata, squares=squares, modes=modes,
-        complete_cases=complete_cases, permutations=permutations, seed=seed,
-    )  # fmt: skip
+        (alignment,),
+        formula=formula,
+        subject=subject,
+        strata=strata,
+        squares=squares,
+        modes=modes,
+        complete_cases=complete_cases,
+        permutations=permutations,
+        seed=seed,
+    )
     columns = None if data is None else {str(name): list(data[name]) for name in data}
     if isinstance(result, str | PathLike):
         result = Project(result)

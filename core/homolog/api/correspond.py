@@ -303,9 +303,15 @@ def _grown(
         for item in groomed:
             save_groomed(folder, item, item.name)
         outcome = grow(
-            cohort, [outline(item) for item in groomed], settings, (folder, folder / "fits"), device, control,
-            lambda inputs: run_optimization(inputs, control), in_process=settings.workers == 1,
-        )  # fmt: skip
+            cohort,
+            [outline(item) for item in groomed],
+            settings,
+            (folder, folder / "fits"),
+            device,
+            control,
+            lambda inputs: run_optimization(inputs, control),
+            in_process=settings.workers == 1,
+        )
         noted = [
             replace(item, report=other.report)
             for item, other in zip(groomed, outcome.inputs.groomed, strict=True)

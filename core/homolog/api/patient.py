@@ -72,9 +72,14 @@ def make_reference(
             f"make_reference needs a project, not {type(project).__name__}; save the correspondence first"
         )
     return _make(
-        ProjectFolder(Path(folder)), group=group, adjust=adjust, pairs=pairs, time=time, workers=workers,
+        ProjectFolder(Path(folder)),
+        group=group,
+        adjust=adjust,
+        pairs=pairs,
+        time=time,
+        workers=workers,
         tick=tick_of(callback),
-    )  # fmt: skip
+    )
 
 
 def compare_patient(

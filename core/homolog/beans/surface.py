@@ -121,8 +121,11 @@ def surface_areas(bean: Bean) -> tuple[float, float]:
     share, weights = (nodes + 1.0) / 2.0, weights / 2.0
     edge = (rim(bean, count) - bean.slot_centre) / bean.slot_axes
     polar = np.arccos(-edge[:, 2]) * share[:, None]
-    ring = np.sqrt((b * c * np.cos(angle) * np.sin(polar)) ** 2 + (a * c * np.sin(angle) * np.sin(polar)) ** 2
-                   + (a * b * np.cos(polar)) ** 2) * np.sin(polar)  # fmt: skip
+    ring = np.sqrt(
+        (b * c * np.cos(angle) * np.sin(polar)) ** 2
+        + (a * c * np.sin(angle) * np.sin(polar)) ** 2
+        + (a * b * np.cos(polar)) ** 2
+    ) * np.sin(polar)
     slot = float((weights[:, None] * ring * np.arccos(-edge[:, 2])).sum() * 2.0 * np.pi / count)
     outer = np.hypot(edge[:, 0], edge[:, 1])
     radius = outer * share[:, None]

@@ -7,8 +7,14 @@ from pathlib import Path
 __all__ = ["notes_on_skipped", "readable_entries"]
 
 _OF_SYSTEMS = {
-    "#recycle", "#snapshot", "$recycle.bin", "@eadir", "__macosx", "lost+found", "system volume information",
-}  # fmt: skip
+    "#recycle",
+    "#snapshot",
+    "$recycle.bin",
+    "@eadir",
+    "__macosx",
+    "lost+found",
+    "system volume information",
+}
 """Folders that operating systems and storage add, in lower case; some are unreadable."""
 _DEPTH = 5
 """Number of levels of folders that are searched."""

@@ -212,5 +212,9 @@ def _folders(folder: Path, shapes: Sequence[Path]) -> Cohort | None:
 
 
 _LAYOUTS: tuple[Callable[[Path, Sequence[Path]], Cohort | None], ...] = (
-    _bids, _nnunet, _totalsegmentator, _flat, _folders,
-)  # fmt: skip
+    _bids,
+    _nnunet,
+    _totalsegmentator,
+    _flat,
+    _folders,
+)

@@ -93,9 +93,14 @@ class Subject:
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle the columns as a plain dict; Python 3.11.2 ignores `__getstate__` of classes with slots."""
         return _subject_of, (
-            self.name, self.path, self.group, dict(self.columns), self.landmarks, self.image,
+            self.name,
+            self.path,
+            self.group,
+            dict(self.columns),
+            self.landmarks,
+            self.image,
             dict(self.structures),
-        )  # fmt: skip
+        )
 
 
 def _subject_of(

@@ -122,9 +122,14 @@ def ask(sample: Sample, question: Question, tick: Tick = no_tick) -> Answer:
         columns = _covariates(sample, question, members)
         if len(question.between) > 2:
             overall, pairwise = compare_groups(
-                shapes, taken, question.between, covariates=columns, options=options, names=sample.names,
+                shapes,
+                taken,
+                question.between,
+                covariates=columns,
+                options=options,
+                names=sample.names,
                 tick=main,
-            )  # fmt: skip
+            )
             pairwise = with_unadjusted(pairwise, _table(sample, question, np.arange(len(labels)))[0])
         else:
             two = question.between[0], question.between[1]

@@ -223,17 +223,20 @@ class FormulaAnswer:
                 _DIFFERENCES,
                 [
                     [
-                        family.of, item.name,
+                        family.of,
+                        item.name,
                         "difference" if family.number is None else f"per unit of {family.number}",
                         item.length,
                         *((far.value, far.low, far.high) if (far := item.distance) else (None, None, None)),
-                        item.z, item.p, item.p_adjusted,
+                        item.z,
+                        item.p,
+                        item.p_adjusted,
                     ]
                     for family in self.differences
                     for item in family.each
                 ],
             ),
-        ]  # fmt: skip
+        ]
         for name, columns, lines in tables:
             write_table(folder / name, list(columns), lines)
         meanings = [[name, *item] for name, columns, _ in tables for item in columns.items()]
@@ -289,9 +292,13 @@ def design_of(sample: Sample, question: FormulaQuestion) -> tuple[Design, IntArr
     if question.strata is not None and any(is_missing(value) for value in table[question.strata]):
         raise InputError(f"{question.strata}: a value is missing; fill it in, or use complete cases")
     design = make_design(
-        question.formula, table, subject=texts(question.subject), strata=texts(question.strata),
-        categories=categories, names=names,
-    )  # fmt: skip
+        question.formula,
+        table,
+        subject=texts(question.subject),
+        strata=texts(question.strata),
+        categories=categories,
+        names=names,
+    )
     if question.modes is not None and question.modes >= design.rows - design.matrix.shape[1]:
         raise InputError(
             f"modes {question.modes}: {design.rows} rows and {design.formula} leave "

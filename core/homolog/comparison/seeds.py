@@ -24,18 +24,27 @@ from homolog.statistics.cautions import LEVEL, p_text
 from homolog.statistics.effects import CONFIDENCE, STEIGER, Effect
 
 __all__ = [
-    "COLUMNS", "FILE", "SeedAnswer", "answer_by_seed", "level_of", "read_spread",
-    "spread_text", "stored_seeds", "write_spread",
-]  # fmt: skip
+    "COLUMNS",
+    "FILE",
+    "SeedAnswer",
+    "answer_by_seed",
+    "level_of",
+    "read_spread",
+    "spread_text",
+    "stored_seeds",
+    "write_spread",
+]
 
 FILE = "seeds.csv"
 _FOLDER = "seeds"
 _P = "p_permutation_corrected"
 _NOT_NEGATIVE = ("mahalanobis_d_corrected", "omega_squared", "size_omega_squared")
 _EFFECTS = {
-    "mahalanobis_d_corrected": "", "balanced_accuracy": f"balanced_accuracy_{_P}", "auc": f"auc_{_P}",
+    "mahalanobis_d_corrected": "",
+    "balanced_accuracy": f"balanced_accuracy_{_P}",
+    "auc": f"auc_{_P}",
     "size_effect_mm": f"size_{_P}",
-}  # fmt: skip
+}
 """Columns of estimates, and of their p-values, if any; intervals are in adjacent columns."""
 
 
@@ -49,11 +58,16 @@ def _ends(name: str) -> tuple[str, str, str]:
 
 
 COLUMNS = [
-    "comparison", "seed_of_correspondence", _P, "particles_p_fwe_corrected_05",
+    "comparison",
+    "seed_of_correspondence",
+    _P,
+    "particles_p_fwe_corrected_05",
     "area_p_fwe_corrected_05_percent",
     *(f"{name}{end}" for name in _EFFECTS for end in _ends(name)),
-    *filter(None, _EFFECTS.values()), "permutations", "result_fingerprint",
-]  # fmt: skip
+    *filter(None, _EFFECTS.values()),
+    "permutations",
+    "result_fingerprint",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,18 +159,23 @@ def write_spread(folder: Path, answers: Sequence[SeedAnswer]) -> None:
         COLUMNS,
         (
             [
-                answer.comparison, answer.seed, answer.p, answer.particles, answer.percent,
+                answer.comparison,
+                answer.seed,
+                answer.p,
+                answer.particles,
+                answer.percent,
                 *(
                     cell
                     for effect in answer.effects
                     for cell in ((effect.value, effect.low, effect.high) if effect else (None,) * 3)
                 ),
                 *(effect.p if effect else None for effect in answer.effects[1:]),
-                answer.permutations, answer.fingerprint,
+                answer.permutations,
+                answer.fingerprint,
             ]
             for answer in answers
         ),
-    )  # fmt: skip
+    )
 
 
 def read_spread(folder: Path, fingerprint: str, answer: Answer) -> list[SeedAnswer]:
@@ -173,13 +192,21 @@ def read_spread(folder: Path, fingerprint: str, answer: Answer) -> list[SeedAnsw
             ]
         repeats = [
             SeedAnswer(
-                row["comparison"], int(row["seed_of_correspondence"]), float(row[_P]), distance,
-                int(row["particles_p_fwe_corrected_05"]), float(row["area_p_fwe_corrected_05_percent"]),
-                accuracy, auc, size, int(row["permutations"]), row["result_fingerprint"],
+                row["comparison"],
+                int(row["seed_of_correspondence"]),
+                float(row[_P]),
+                distance,
+                int(row["particles_p_fwe_corrected_05"]),
+                float(row["area_p_fwe_corrected_05_percent"]),
+                accuracy,
+                auc,
+                size,
+                int(row["permutations"]),
+                row["result_fingerprint"],
             )
             for row in rows
             for distance, accuracy, auc, size in [[_effect_of(row, name) for name in _EFFECTS]]
-        ]  # fmt: skip
+        ]
     except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
         raise InputError(f"{path}: can't be read: {error}; delete it and analyze again with seeds") from error
     first = {(item.comparison, item.p) for item in repeats if item.seed == repeats[0].seed}

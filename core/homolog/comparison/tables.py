@@ -133,12 +133,18 @@ def _tables(
     yield (
         "dispersion.csv",
         [
-            "comparison", "group", "n", "mean_distance_mm", "mean_distance_low_95_mm",
+            "comparison",
+            "group",
+            "n",
+            "mean_distance_mm",
+            "mean_distance_low_95_mm",
             "mean_distance_high_95_mm",
         ],
         (
             [
-                comparison.title, group, count,
+                comparison.title,
+                group,
+                count,
                 None if spread is None else spread.by_group.get(group),
                 *_bounds(None if spread is None else spread.intervals.get(group)),
             ]
@@ -146,15 +152,22 @@ def _tables(
             for spread in [comparison.dispersion]
             for group, count in comparison.counts.items()
         ),
-    )  # fmt: skip
+    )
     yield (
         "sample.csv",
         [
-            "group", "variable", "category", "n", "mean", "standard_deviation", "minimum", "maximum",
+            "group",
+            "variable",
+            "category",
+            "n",
+            "mean",
+            "standard_deviation",
+            "minimum",
+            "maximum",
             "unit_of_variable",
         ],
         (astuple(row) for row in sample_rows(answer, result)),
-    )  # fmt: skip
+    )
     yield "regions.csv", _REGION_COLUMNS, _regions(answer, carrier)
     stems = file_stems([comparison.title for comparison in answer.comparisons])
     for item, stem in zip(answer.comparisons, stems, strict=True):
@@ -308,25 +321,55 @@ def _particles(
 
 
 _REGION_COLUMNS = (
-    "comparison", "region", "particles", "area_mm2", "mean_outward_mm", "mean_outward_low_95_mm",
-    "mean_outward_high_95_mm", "least_outward_mm",
-    "largest_outward_mm", "peak_particle",
-    "peak_x_mm", "peak_y_mm", "peak_z_mm", "peak_wall", "peak_place", "peak_outward_mm",
-    "peak_outward_low_95_mm", "peak_outward_high_95_mm", "peak_displacement_mm", "peak_p_fwe_corrected",
-    "peak_q", "peak_displacement_towards",
-)  # fmt: skip
+    "comparison",
+    "region",
+    "particles",
+    "area_mm2",
+    "mean_outward_mm",
+    "mean_outward_low_95_mm",
+    "mean_outward_high_95_mm",
+    "least_outward_mm",
+    "largest_outward_mm",
+    "peak_particle",
+    "peak_x_mm",
+    "peak_y_mm",
+    "peak_z_mm",
+    "peak_wall",
+    "peak_place",
+    "peak_outward_mm",
+    "peak_outward_low_95_mm",
+    "peak_outward_high_95_mm",
+    "peak_displacement_mm",
+    "peak_p_fwe_corrected",
+    "peak_q",
+    "peak_displacement_towards",
+)
 
 
 def _regions(answer: Answer, carrier: SurfaceCarrier) -> Iterator[list[_Cell]]:
     for comparison in answer.comparisons:
         for number, region in enumerate(significant_regions(answer, comparison, carrier), start=1):
             yield [
-                comparison.title, number, len(region.particles), region.area, region.mean_outward.value,
-                region.mean_outward.low, region.mean_outward.high,
-                *region.outward_range, region.peak, *region.position.tolist(), region.wall, region.place,
-                region.outward.value, region.outward.low, region.outward.high, region.length, region.p,
-                region.q, region.way,
-            ]  # fmt: skip
+                comparison.title,
+                number,
+                len(region.particles),
+                region.area,
+                region.mean_outward.value,
+                region.mean_outward.low,
+                region.mean_outward.high,
+                *region.outward_range,
+                region.peak,
+                *region.position.tolist(),
+                region.wall,
+                region.place,
+                region.outward.value,
+                region.outward.low,
+                region.outward.high,
+                region.length,
+                region.p,
+                region.q,
+                region.way,
+            ]
 
 
 def _outward_test(

@@ -98,9 +98,15 @@ def prepare_on(
     """
     if len(devices) == 1:
         return prepare_cohort(
-            shapes, settings, device=devices[0], counts=counts, free_shapes=free_shapes, solve=solve,
-            store=store, tick=tick,
-        )  # fmt: skip
+            shapes,
+            settings,
+            device=devices[0],
+            counts=counts,
+            free_shapes=free_shapes,
+            solve=solve,
+            store=store,
+            tick=tick,
+        )
     _connect(devices)
     unit = length_unit(shapes)
     opening = settings.opening_weight if settings.method.uses_normals else 0.0
@@ -112,12 +118,19 @@ def prepare_on(
     free = np.full(len(shapes), True) if free_shapes is None else free_shapes
     parts = tuple(
         prepare_cohort(
-            shapes[own], settings, device=device, counts=counts, free_shapes=free[own], solve=solve,
-            unit=unit, opening_scale=openings, store=store,
+            shapes[own],
+            settings,
+            device=device,
+            counts=counts,
+            free_shapes=free[own],
+            solve=solve,
+            unit=unit,
+            opening_scale=openings,
+            store=store,
             tick=part_of(tick, 0.05 + 0.95 * own.start / len(shapes), 0.05 + 0.95 * own.stop / len(shapes)),
         )
         for device, own in zip(devices, spans, strict=False)  # no more devices than shapes
-    )  # fmt: skip
+    )
     return DividedCohort(
         names=tuple(shape.name for shape in shapes),
         unit=unit,
@@ -226,9 +239,13 @@ class DividedEngine(Engine):
             for part, own in zip(cohort.parts, self._spans, strict=True)
         ]
         self._lay_out(
-            positions, cohort.surface_set(positions.shape[1]), free,
-            geodesic=cohort.geodesic, area=MEAN_AREA, launcher=launcher,
-        )  # fmt: skip
+            positions,
+            cohort.surface_set(positions.shape[1]),
+            free,
+            geodesic=cohort.geodesic,
+            area=MEAN_AREA,
+            launcher=launcher,
+        )
         self.second = cohort.parts[1].device
         self._transfers = [Transfer(part.device, launcher.device) for part in cohort.parts]
         self._tie(any_fixed=free is not None)

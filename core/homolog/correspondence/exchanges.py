@@ -111,9 +111,11 @@ class Exchanges:
         """Return for some shapes the near pairs (P, 2) whose exchange lowers both when a pass begins."""
         rows, own = self._rows, np.arange(len(allowed))[:, None]
         placed = PlacedParticles(
-            rows.positions[own, self.order], rows.normals[own, self.order], rows.openings[own, self.order],
+            rows.positions[own, self.order],
+            rows.normals[own, self.order],
+            rows.openings[own, self.order],
             rows.means,
-        )  # fmt: skip
+        )
         surveys = [part.survey(term.weight) for part, term in zip(self._entropies, rows.terms, strict=True)]
         divisor = self._entropies[0].divisor
         return promising_pairs(placed, allowed, surveys, divisor=divisor, least=LEAST_GAIN, device=device)

@@ -98,9 +98,15 @@ class FitEngine(Engine):
         self._ensemble, self._is_in_it = ensemble, is_in_it
         count = len(ensemble.mean)
         super().__init__(
-            cohort.fields, cohort.opening_fields, cohort.surface_set(count), points,
-            geodesic=cohort.geodesic, area=MEAN_AREA, launcher=launcher, poses=poses,
-        )  # fmt: skip
+            cohort.fields,
+            cohort.opening_fields,
+            cohort.surface_set(count),
+            points,
+            geodesic=cohort.geodesic,
+            area=MEAN_AREA,
+            launcher=launcher,
+            poses=poses,
+        )
         self.means = wp.array(ensemble.normals, dtype=wp.vec3, device=launcher.device)
 
     def _tie(self, *, any_fixed: bool) -> None:

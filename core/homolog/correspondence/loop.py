@@ -220,14 +220,22 @@ class OptimizationLoop:
         aligned = self.engine.aligned_positions()
         if regularization is not None:
             self.poses = entropy_step(
-                aligned, self.poses, self.free_poses, scaling=self.scaling, regularization=regularization,
+                aligned,
+                self.poses,
+                self.free_poses,
+                scaling=self.scaling,
+                regularization=regularization,
                 compiled=self.launcher.device != "cpu",
-            )  # fmt: skip
+            )
         else:
             self.poses = procrustes_step(
-                aligned, self.engine.aligned_normals(), self.poses, self.free_poses,
-                scaling=self.scaling, tangential_weight=tangential_weight,
-            )  # fmt: skip
+                aligned,
+                self.engine.aligned_normals(),
+                self.poses,
+                self.free_poses,
+                scaling=self.scaling,
+                tangential_weight=tangential_weight,
+            )
         self.engine.set_poses(self.poses)
 
     def _split(self, index: int) -> None:

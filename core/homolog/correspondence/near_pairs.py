@@ -94,11 +94,16 @@ def promising_pairs(
     judged = [_part(survey, pairs, device) for survey in surveys]
     promising = wp.zeros(nearest.shape, dtype=bool, device=device)
     inputs = [
-        divisor, least, wp.array(nearest, dtype=wp.int32, device=device),
-        wp.array(allowed.ravel(), dtype=bool, device=device), wp.array(codes, dtype=wp.int64, device=device),
+        divisor,
+        least,
+        wp.array(nearest, dtype=wp.int32, device=device),
+        wp.array(allowed.ravel(), dtype=bool, device=device),
+        wp.array(codes, dtype=wp.int64, device=device),
         *[_vectors(item, device) for item in (placed.means, placed.positions, placed.normals)],
-        wp.array(placed.openings.ravel(), dtype=wp.float64, device=device), *judged, promising,
-    ]  # fmt: skip
+        wp.array(placed.openings.ravel(), dtype=wp.float64, device=device),
+        *judged,
+        promising,
+    ]
     _launch(kernels.find_promising, shapes * count, inputs, device)
     particle, column = np.nonzero(promising.numpy())
     shape, place = np.divmod(particle, count)

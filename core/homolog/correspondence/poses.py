@@ -62,12 +62,16 @@ def entropy_step(
     together, size = (TOGETHER, BLOCK) if many else (1, 1)
     steps_of = (
         _CompiledSteps(
-            points, np.flatnonzero(free), block=size, together=together, outlier_ratio=OUTLIER_RATIO,
+            points,
+            np.flatnonzero(free),
+            block=size,
+            together=together,
+            outlier_ratio=OUTLIER_RATIO,
             scaling=scaling,
         )
         if compiled
         else None
-    )  # fmt: skip
+    )
     for _ in range(1 if many else N_SWEEPS):
         weights = inverse_dual(covariance(flat - flat.mean(axis=0)), regularization)
         for number, block in enumerate(blocks(free, size)):

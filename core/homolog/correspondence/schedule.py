@@ -156,10 +156,15 @@ def plan_stages(
     expected = min(MOST_SETTLING, max(FEWEST_SETTLING, expected))
     stages.append(
         StagePlan(
-            Stage.OPTIMIZING, settings.particles, iterations, *settling, coherence,
-            until_converged=True, expected_settling=expected,
+            Stage.OPTIMIZING,
+            settings.particles,
+            iterations,
+            *settling,
+            coherence,
+            until_converged=True,
+            expected_settling=expected,
         )
-    )  # fmt: skip
+    )
     return stages
 
 

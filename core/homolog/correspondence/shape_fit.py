@@ -107,9 +107,15 @@ def shape_state(
     points = cohort.to_optimizer[0].apply(transform_points(side, local))
     launcher = Launcher("cpu", 1)
     engine = Engine(
-        cohort.fields, cohort.opening_fields, cohort.surface_set(len(local)), points[None],
-        geodesic=cohort.geodesic, area=MEAN_AREA, launcher=launcher, free=np.zeros((1, len(local)), np.bool_),
-    )  # fmt: skip
+        cohort.fields,
+        cohort.opening_fields,
+        cohort.surface_set(len(local)),
+        points[None],
+        geodesic=cohort.geodesic,
+        area=MEAN_AREA,
+        launcher=launcher,
+        free=np.zeros((1, len(local)), np.bool_),
+    )
     return state_of(engine, local, shape.alignment)
 
 
@@ -245,9 +251,15 @@ def _prepared(
     world[:3] *= unit
     images = with_mirror_images([replace(shape, alignment=world)])
     cohort = prepare_cohort(
-        images.shapes, settings, device="cpu", counts=[count], free_shapes=np.array([free]),
-        unit=unit, opening_scale=opening_scale, tick=tick,
-    )  # fmt: skip
+        images.shapes,
+        settings,
+        device="cpu",
+        counts=[count],
+        free_shapes=np.array([free]),
+        unit=unit,
+        opening_scale=opening_scale,
+        tick=tick,
+    )
     return cohort, MIRROR if mirrors(world) else np.eye(4)
 
 
@@ -349,9 +361,11 @@ class _FitLoop(OptimizationLoop):
             self.poses = procrustes_step(
                 np.stack([ensemble.mean, points[0]]),
                 np.stack([ensemble.normals, self.engine.aligned_normals()[0]]),
-                np.stack([np.eye(4), self.poses[0]]), np.array([False, True]),
-                scaling=self.scaling, tangential_weight=tangential_weight,
-            )[1:]  # fmt: skip
+                np.stack([np.eye(4), self.poses[0]]),
+                np.array([False, True]),
+                scaling=self.scaling,
+                tangential_weight=tangential_weight,
+            )[1:]
         else:
             rest = ensemble.rest_of_positions(ensemble.deviation(points[0]), regularization).reshape(-1, 3)
             self.poses = robust_step(points[0], points[0] - rest, scaling=self.scaling) @ self.poses

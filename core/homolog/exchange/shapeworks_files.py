@@ -21,9 +21,15 @@ Row = dict[str, str]
 INPUTS = ("segmentation_", "shape_", "mesh_", "contour_")
 """Prefixes of columns with the path of an input."""
 PATH_PREFIXES = (
-    *INPUTS, "groomed_", "local_particles_", "world_particles_", "landmarks_file_", "constraints_", "image_",
+    *INPUTS,
+    "groomed_",
+    "local_particles_",
+    "world_particles_",
+    "landmarks_file_",
+    "constraints_",
+    "image_",
     "feature_",
-)  # fmt: skip
+)
 """Prefixes of columns with paths relative to the project's folder."""
 PREFIXES = (*PATH_PREFIXES, "alignment_", "procrustes_", "group_")
 """Prefixes of all columns that ShapeWorks interprets; other columns are table data."""

@@ -15,9 +15,14 @@ _FLAGS = ("fixed", "excluded")
 _TAKEN = ("name", "local_particles", "world_particles", *(item for item in PREFIXES if item != "group_"))
 _IDENTITY = " ".join(str(float(row == column)) for row in range(4) for column in range(4))
 _OF_EACH = {
-    "landmarks_file_": "", "constraints_": "", "groomed_": "", "local_particles_": "", "world_particles_": "",
-    "alignment_": _IDENTITY, "procrustes_": _IDENTITY,
-}  # fmt: skip
+    "landmarks_file_": "",
+    "constraints_": "",
+    "groomed_": "",
+    "local_particles_": "",
+    "world_particles_": "",
+    "alignment_": _IDENTITY,
+    "procrustes_": _IDENTITY,
+}
 """Prefixes of columns that must exist for all anatomies or none, and their empty values."""
 
 

@@ -21,9 +21,15 @@ from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = [
-    "check_names", "content_key", "is_outdated", "load_groomed", "load_report",
-    "read_groomed", "save_groomed", "stored_key",
-]  # fmt: skip
+    "check_names",
+    "content_key",
+    "is_outdated",
+    "load_groomed",
+    "load_report",
+    "read_groomed",
+    "save_groomed",
+    "stored_key",
+]
 
 _VERSION = "13"
 """Increase this number whenever results of grooming change: older archives are then recomputed."""

@@ -104,10 +104,21 @@ def _tokens(name: str) -> list[str]:
 
 
 _SYNONYMS = {
-    "l": "left", "lh": "left", "lt": "left", "r": "right", "rh": "right", "rt": "right",
-    "links": "left", "gauche": "left", "rechts": "right", "droit": "right", "droite": "right",
-    "third": "3rd", "fourth": "4th", "fifth": "5th",
-}  # fmt: skip
+    "l": "left",
+    "lh": "left",
+    "lt": "left",
+    "r": "right",
+    "rh": "right",
+    "rt": "right",
+    "links": "left",
+    "gauche": "left",
+    "rechts": "right",
+    "droit": "right",
+    "droite": "right",
+    "third": "3rd",
+    "fourth": "4th",
+    "fifth": "5th",
+}
 
 
 def label_table(path: Path, values: Iterable[int], wanted: str | None = None) -> LabelTable | None:

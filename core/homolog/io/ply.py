@@ -179,9 +179,15 @@ def write_ply(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array], c
     triangles = np.empty(len(mesh.faces), [("count", "u1"), ("corners", "<i4", 3)])
     triangles["count"], triangles["corners"] = 3, mesh.faces
     header = [
-        "ply", "format binary_little_endian 1.0", f"comment {comment}", f"element vertex {len(points)}",
-        *(f"property double {axis}" for axis in "xyz"), *(f"property float {name}" for name in columns),
-        f"element face {len(triangles)}", "property list uchar int vertex_indices", "end_header\n",
-    ]  # fmt: skip
+        "ply",
+        "format binary_little_endian 1.0",
+        f"comment {comment}",
+        f"element vertex {len(points)}",
+        *(f"property double {axis}" for axis in "xyz"),
+        *(f"property float {name}" for name in columns),
+        f"element face {len(triangles)}",
+        "property list uchar int vertex_indices",
+        "end_header\n",
+    ]
     with atomic_write(path) as part:
         part.write_bytes("\n".join(header).encode() + points.tobytes() + triangles.tobytes())

@@ -49,8 +49,17 @@ _OUT_OF_DATE_TEXT = (
 )
 _COMPLETE = "complete"
 _WRITTEN = (
-    "groomed", "geodesics", "fits", "particles", "model", "figures", "analysis", "report", "seeds", _NEXT,
-)  # fmt: skip
+    "groomed",
+    "geodesics",
+    "fits",
+    "particles",
+    "model",
+    "figures",
+    "analysis",
+    "report",
+    "seeds",
+    _NEXT,
+)
 """Folders that Homolog writes into."""
 
 

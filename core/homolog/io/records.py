@@ -14,9 +14,16 @@ from homolog.settings import RunSettings
 from homolog.surfaces.mirroring import mirrors
 
 __all__ = [
-    "FORMAT_VERSION", "IMPORTED", "NoteKind", "ProjectRecord", "ResultRecord", "ResultSubject",
-    "SubjectRecord", "note_kinds", "note_lines",
-]  # fmt: skip
+    "FORMAT_VERSION",
+    "IMPORTED",
+    "NoteKind",
+    "ProjectRecord",
+    "ResultRecord",
+    "ResultSubject",
+    "SubjectRecord",
+    "note_kinds",
+    "note_lines",
+]
 
 FORMAT_VERSION = 1
 IMPORTED = "imported"

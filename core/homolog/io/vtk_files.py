@@ -31,9 +31,18 @@ __all__ = ["read_legacy_vtk", "read_vtp", "write_vtp"]
 
 _APPENDED = re.compile(rb"<AppendedData[^>]*>\s*_")
 _KINDS = {
-    "Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4", "UInt32": "u4", "Int64": "i8",
-    "UInt64": "u8", "Float32": "f4", "Float64": "f8", "String": "u1",
-}  # fmt: skip
+    "Int8": "i1",
+    "UInt8": "u1",
+    "Int16": "i2",
+    "UInt16": "u2",
+    "Int32": "i4",
+    "UInt32": "u4",
+    "Int64": "i8",
+    "UInt64": "u8",
+    "Float32": "f4",
+    "Float64": "f8",
+    "String": "u1",
+}
 _DEFLATED = 1032  # largest number of bytes per compressed byte
 _LONGEST_TEXT = 100
 _SPACE = "FieldData/*[@Name='SPACE']"

@@ -107,9 +107,14 @@ def make_reference(
     controls = read_controls(project, result, chosen, part_of(tick, 0.0, 0.15), later=later)
     about = _provenance(project, record, result, chosen, group)
     reference = reference_of(
-        controls, coding, columns, about,
-        between="" if twice is None else twice.between, workers=workers, tick=part_of(tick, 0.15, 1.0),
-    )  # fmt: skip
+        controls,
+        coding,
+        columns,
+        about,
+        between="" if twice is None else twice.between,
+        workers=workers,
+        tick=part_of(tick, 0.15, 1.0),
+    )
     if not (scores or names):
         return reference
     own = scores_of_points(reference.model, controls.points, columns)[:, : reference.modes]
@@ -233,10 +238,19 @@ def _reference(
     )
     total = LocalNorm.of(left_out.totals, model.faces)
     return Reference(
-        model=model, modes=modes, coding=coding, **values, maxima=maxima, limit=limit,
-        local=local, total=total, quality=quality, provenance=provenance, placing=placing,
+        model=model,
+        modes=modes,
+        coding=coding,
+        **values,
+        maxima=maxima,
+        limit=limit,
+        local=local,
+        total=total,
+        quality=quality,
+        provenance=provenance,
+        placing=placing,
         mirrored=left_out.mirrored,
-    )  # fmt: skip
+    )
 
 
 def _provenance(

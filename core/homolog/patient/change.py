@@ -130,9 +130,13 @@ class ExpectedChange:
         maxima = [np.abs(norm.standardised(own)).max() for norm, own in zip(norms, maps, strict=True)]
         beyond = [_rms(own - norm.mean, surface) for norm, own in zip(norms, maps, strict=True)]
         return cls(
-            LocalNorm.of(maps, surface.faces), np.array(beyond), volumes, np.array(maxima),
-            prediction_limit(np.array(maxima), _LEVEL), between,
-        )  # fmt: skip
+            LocalNorm.of(maps, surface.faces),
+            np.array(beyond),
+            volumes,
+            np.array(maxima),
+            prediction_limit(np.array(maxima), _LEVEL),
+            between,
+        )
 
     def against(
         self, fit: SurfaceFit, own: SurfaceFit, volume: float, surface: TriangleMesh

@@ -181,9 +181,14 @@ def compare_patient(
         lambda _: groom_subject(subject, reference.provenance.groom), part_of(tick, 0.0, 0.5), "grooming"
     )
     return compare_groomed(
-        reference, groomed, covariates,
-        side=side, cut_off=cut_off, force=force, tick=part_of(tick, 0.5, 1.0),
-    )  # fmt: skip
+        reference,
+        groomed,
+        covariates,
+        side=side,
+        cut_off=cut_off,
+        force=force,
+        tick=part_of(tick, 0.5, 1.0),
+    )
 
 
 @on_one_thread

@@ -155,9 +155,15 @@ def compare_times(
         for item, fit in zip(comparisons[1:], later, strict=True)
     ]
     return FollowUp(
-        tuple(comparisons), surface, tuple(changes), len(again),
-        None if error is None else frozen(error), limit, len(again) >= _FEWEST_REPEATS, expected,
-    )  # fmt: skip
+        tuple(comparisons),
+        surface,
+        tuple(changes),
+        len(again),
+        None if error is None else frozen(error),
+        limit,
+        len(again) >= _FEWEST_REPEATS,
+        expected,
+    )
 
 
 def _change(

@@ -176,10 +176,17 @@ def fit_left_out(
     for index, name in enumerate(controls.names):
         others = np.arange(count) != index
         jobs[name] = _Job(
-            controls.points[others], columns[others], controls.surface, controls.meshes[index],
-            controls.particles[index], columns[index], modes, fitted_modes,
-            _placed(controls, index) if index in placed else None, controls.later.get(index),
-        )  # fmt: skip
+            controls.points[others],
+            columns[others],
+            controls.surface,
+            controls.meshes[index],
+            controls.particles[index],
+            columns[index],
+            modes,
+            fitted_modes,
+            _placed(controls, index) if index in placed else None,
+            controls.later.get(index),
+        )
     fitted: dict[str, _Fitted] = {}
     with worker_processes(min(workers or cores(), count)) as executor:
         try:
@@ -231,10 +238,13 @@ def _placed(controls: Controls, index: int) -> tuple[Placing, Shape, FloatArray]
         return None
     ensemble = jointly.ensemble
     others = make_ensemble(
-        [state for number, state in enumerate(jointly.states) if number != index], jointly.settings,
-        unit=float(ensemble.unit[0]), area=float(ensemble.area[0]),
-        opening_scale=float(ensemble.opening_scale[0]), templates=(),
-    )  # fmt: skip
+        [state for number, state in enumerate(jointly.states) if number != index],
+        jointly.settings,
+        unit=float(ensemble.unit[0]),
+        area=float(ensemble.area[0]),
+        opening_scale=float(ensemble.opening_scale[0]),
+        templates=(),
+    )
     return Placing(others, jointly.settings), jointly.shapes[index], jointly.turns[index]
 
 

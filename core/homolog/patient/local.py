@@ -12,8 +12,15 @@ from homolog.patient.mesh_graph import edges_of, ring_mean
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = [
-    "BANDS", "LocalNorm", "Region", "bands_of", "maxima_left_out", "prediction_limit", "regions", "scores_of",
-]  # fmt: skip
+    "BANDS",
+    "LocalNorm",
+    "Region",
+    "bands_of",
+    "maxima_left_out",
+    "prediction_limit",
+    "regions",
+    "scores_of",
+]
 
 BANDS: tuple[tuple[int, int], ...] = ((4, 0), (4, 32), (1, 8))
 """Rounds of averaging over neighbours, and rounds of the subtracted average, for wide, middle and narrow

@@ -11,9 +11,15 @@ from homolog.geometry import fit_rotation, rotation_of, scale_of, transform_poin
 from homolog.surfaces.orientation import prior_weights
 
 __all__ = [
-    "NORMAL_WEIGHT", "Fit", "OrientedPoints", "SearchedPoints", "iterated", "iterated_each", "robust_weights",
+    "NORMAL_WEIGHT",
+    "Fit",
+    "OrientedPoints",
+    "SearchedPoints",
+    "iterated",
+    "iterated_each",
+    "robust_weights",
     "search_tree",
-]  # fmt: skip
+]
 
 NORMAL_WEIGHT = 0.5
 """Weight of normals in distances, relative to the size: separates the sides of a wall."""

@@ -31,9 +31,20 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.orientation import softness
 
 __all__ = [
-    "ANOTHER", "Bending", "Fit", "OrientedPoints", "axes_rotation", "candidates", "oriented_points",
-    "refined", "refined_each", "refitted", "registered", "softness_of_fit", "sought",
-]  # fmt: skip
+    "ANOTHER",
+    "Bending",
+    "Fit",
+    "OrientedPoints",
+    "axes_rotation",
+    "candidates",
+    "oriented_points",
+    "refined",
+    "refined_each",
+    "refitted",
+    "registered",
+    "softness_of_fit",
+    "sought",
+]
 
 _SCREENING_POINTS, _TRIAL_POINTS, _FIT_POINTS = 100, 300, 1000  # of each surface
 _SCREENING_ROUNDS, _TRIAL_ROUNDS, _ROUNDS = 3, 10, 40

@@ -199,10 +199,14 @@ def fit_others(
         if number > 1:
             following.extrapolate(states, EXTRAPOLATION)
         ensemble = make_ensemble(
-            states if number == 1 else following, fits.placing, unit=float(ensemble.unit[0]),
-            area=float(ensemble.area[0]), opening_scale=float(ensemble.opening_scale[0]), templates=(),
+            states if number == 1 else following,
+            fits.placing,
+            unit=float(ensemble.unit[0]),
+            area=float(ensemble.area[0]),
+            opening_scale=float(ensemble.opening_scale[0]),
+            templates=(),
             workspace=workspace,
-        )  # fmt: skip
+        )
         begin = {index: (state.local, state.placement) for index, state in enumerate(states)}
         share = part_of(tick, 0.3 + 0.7 * (number - 1) / len(plans), 0.3 + 0.7 * number / len(plans))
         fits.run(ensemble, begin, (), number, following, share, plans[number - 1])
@@ -212,8 +216,10 @@ def fit_others(
             error = generalization_error(states.aligned, workspace)
             _log.info(
                 "pass %d over all subjects: generalization error %.5g, before %.5g",
-                number, error, reached.error,
-            )  # fmt: skip
+                number,
+                error,
+                reached.error,
+            )
             settles = number > reached.annealing
             is_last = number == len(plans) or (settles and error > _ENOUGH * reached.error)
         reached = replace(reached, number=number, error=error, is_last=is_last)
@@ -266,15 +272,22 @@ def joint_ensemble(
         tick(0.2 + 0.8 * index / len(shapes), f"normals of {shape.name}")
         states.append(
             shape_state(
-                replace(shape, alignment=placement), settings, local[index],
-                unit=unit, opening_scale=openings,
+                replace(shape, alignment=placement),
+                settings,
+                local[index],
+                unit=unit,
+                opening_scale=openings,
             )
-        )  # fmt: skip
+        )
     area = scaled[0].mesh.area * float(scale_of(placements[0])) ** 2
     return states, make_ensemble(
-        states, settings, unit=unit, area=area if settings.procrustes.takes_size_out else 0.0,
-        opening_scale=openings, templates=range(len(states)),
-    )  # fmt: skip
+        states,
+        settings,
+        unit=unit,
+        area=area if settings.procrustes.takes_size_out else 0.0,
+        opening_scale=openings,
+        templates=range(len(states)),
+    )
 
 
 def first_placement(shape: Shape, ensemble: Ensemble, settings: OptimizeSettings) -> FloatArray:

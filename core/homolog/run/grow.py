@@ -104,9 +104,17 @@ def grow(
         in_process=in_process,
     ) as workers:
         local, aligned = fit_others(
-            whole.shapes, [item.name for item in annotated], core, outcome, fits, groomed, settings, workers,
-            tick, store=store,
-        )  # fmt: skip
+            whole.shapes,
+            [item.name for item in annotated],
+            core,
+            outcome,
+            fits,
+            groomed,
+            settings,
+            workers,
+            tick,
+            store=store,
+        )
     for index, item in zip(chosen, outcome.inputs.groomed, strict=True):
         annotated[index] = item
     return replace(

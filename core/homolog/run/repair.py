@@ -29,9 +29,15 @@ from homolog.surfaces.topology import check_mesh
 from homolog.threads import cores
 
 __all__ = [
-    "COLUMNS", "inspect_project", "read_inputs", "repair_result", "repaired", "rows", "write_repaired",
+    "COLUMNS",
+    "inspect_project",
+    "read_inputs",
+    "repair_result",
+    "repaired",
+    "rows",
+    "write_repaired",
     "write_suspects",
-]  # fmt: skip
+]
 
 COLUMNS = ("kind", "subject", "severity", "particles", "x_mm", "y_mm", "z_mm", "area_mm2", "words")
 """Columns of the table; x, y and z are the location in the coordinates of the subject's file."""

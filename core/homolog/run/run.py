@@ -231,9 +231,14 @@ class Run:
                 outcome = self._grown(cohort, groomed, device)
             else:
                 self._study = prepare_inputs(
-                    cohort, groomed, self._settings, device, self._control.tick,
-                    prior=prior, registrations=self.project.registrations,
-                )  # fmt: skip
+                    cohort,
+                    groomed,
+                    self._settings,
+                    device,
+                    self._control.tick,
+                    prior=prior,
+                    registrations=self.project.registrations,
+                )
                 outcome = self._optimized(self._study, prior)
             self._control.enter(Phase.MODELING, "principal components")
             model, surface = run_in_background(
@@ -343,9 +348,16 @@ class Run:
 
         folders = self.project.groomed, self.project.fits
         return grow(
-            cohort, outlines, self._settings, folders, device, self._control, optimized,
-            store=self._store, registrations=self.project.registrations,
-        )  # fmt: skip
+            cohort,
+            outlines,
+            self._settings,
+            folders,
+            device,
+            self._control,
+            optimized,
+            store=self._store,
+            registrations=self.project.registrations,
+        )
 
     def _optimized(self, inputs: OptimizationInput, prior: PriorResult | None) -> OptimizationOutcome:
         path = self.project.checkpoint

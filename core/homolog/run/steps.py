@@ -139,6 +139,12 @@ def run_optimization(
         )
     return_freed_memory()  # tables and fields take as much as the next steps need
     return OptimizationOutcome(
-        add_repair_notes(inputs, result), result.world, result.local, result.alignments, result.energies,
-        result.iterations, result.reason.value, control.seconds,
-    )  # fmt: skip
+        add_repair_notes(inputs, result),
+        result.world,
+        result.local,
+        result.alignments,
+        result.energies,
+        result.iterations,
+        result.reason.value,
+        control.seconds,
+    )

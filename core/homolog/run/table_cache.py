@@ -88,8 +88,9 @@ class TableCache:
         if (needed := sum(table.nbytes for table in self._unsaved.values())) > room / 2:
             _log.warning(
                 "%.1f GB of geodesic tables are not stored (%.1f GB are free): a resumed run recomputes them",
-                needed / 1e9, room / 1e9,
-            )  # fmt: skip
+                needed / 1e9,
+                room / 1e9,
+            )
         else:
             for path, table in self._unsaved.items():
                 save_table(path, table)
