@@ -252,9 +252,12 @@ def add_check(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
         help="lowest severity to list (default 1)",
     )
     repair = parser.add_argument(
-        "--repair", type=int, default=0, metavar="COUNT",
+        "--repair",
+        type=int,
+        default=0,
+        metavar="COUNT",
         help="optimize the particles around the COUNT most severe suspects again, and keep what improves",
-    )  # fmt: skip
+    )
     parser.add_argument("--workers", type=int, help="number of processes (default: one per core)")
     add_former_name(parser, "--least", least)
     add_former_name(parser, "--mend", repair)

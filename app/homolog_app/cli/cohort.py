@@ -41,9 +41,12 @@ def add_cohort_options(parser: argparse.ArgumentParser, what: str) -> None:
 def add_missing_option(parser: argparse.ArgumentParser) -> None:
     """Declare the option for values that stand for missing ones."""
     parser.add_argument(
-        "--missing", action="append", default=[], metavar="VALUE",
+        "--missing",
+        action="append",
+        default=[],
+        metavar="VALUE",
         help="value that stands for a missing one in the table, such as -999; may be repeated",
-    )  # fmt: skip
+    )
 
 
 def cohort_of(arguments: argparse.Namespace) -> Cohort:

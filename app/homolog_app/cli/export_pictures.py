@@ -84,10 +84,14 @@ def add_motion_options(parser: argparse.ArgumentParser) -> None:
         "--group", nargs=3, metavar=("COLUMN", "A", "B"), help="from the mean of one group to that of another"
     )
     parser.add_argument(
-        "--view", nargs="+", type=_direction, metavar="VIEW", default=["oblique"],
+        "--view",
+        nargs="+",
+        type=_direction,
+        metavar="VIEW",
+        default=["oblique"],
         help=f"view directions; several form a grid: {', '.join(SIGHTS)} (default oblique), or "
         "camera:X,Y,Z,X,Y,Z, the directions to the viewer and upwards (LPS), as in the window's dialogs",
-    )  # fmt: skip
+    )
 
 
 def _direction(text: str) -> str:

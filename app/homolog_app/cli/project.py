@@ -29,9 +29,17 @@ if TYPE_CHECKING:
     from homolog.run.events import RunStatus
 
 __all__ = [
-    "add_batch", "add_import", "add_info", "add_labels", "add_table", "run_batch",
-    "run_import", "run_info", "run_labels", "run_table",
-]  # fmt: skip
+    "add_batch",
+    "add_import",
+    "add_info",
+    "add_labels",
+    "add_table",
+    "run_batch",
+    "run_import",
+    "run_info",
+    "run_labels",
+    "run_table",
+]
 
 _NAMES_OF_NOTE = 5
 

@@ -65,10 +65,13 @@ def add_run(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
     )
     parser.add_argument("--resume", action="store_true", help="continue a run that was cancelled or killed")
     parser.add_argument(
-        "--fit", type=Path, nargs="+", metavar="FILE",
+        "--fit",
+        type=Path,
+        nargs="+",
+        metavar="FILE",
         help="fit new subjects (files, folders or a cohort.csv) to the project's result, which does not "
         "change",
-    )  # fmt: skip
+    )
     restart = parser.add_argument(
         "--restart", action="store_true", help="place all particles from the start, even if there is a result"
     )

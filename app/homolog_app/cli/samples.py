@@ -311,12 +311,14 @@ def write_comparison(
         by_method[name] = _figures_of(project, beans, part)
     rows = [
         ComparisonRow(
-            figure, key, style,
+            figure,
+            key,
+            style,
             values={name: figures[key] for name, figures in by_method.items()},
             paper=_PAPER_LEAK if key == "leak" else {},
         )
         for figure, key, style in _FIGURES
-    ]  # fmt: skip
+    ]
     write_table(
         out / "comparison.csv",
         ["figure", *projects, *(f"paper_{name}" for name in projects)],

@@ -46,9 +46,14 @@ class Board:
         """Add a line centred on (x, y), size in em; it is reduced to fit the space."""
         points = size * self.em * 72.0 / _DPI
         text = self._figure.text(
-            x / self.width, 1.0 - y / self.height, content, ha="center", va="center", color=self._theme.text,
+            x / self.width,
+            1.0 - y / self.height,
+            content,
+            ha="center",
+            va="center",
+            color=self._theme.text,
             fontsize=points,
-        )  # fmt: skip
+        )
         complete_text(text)
         taken = text.get_window_extent().width
         text.set_fontsize(max(points * min(room / taken, 1.0), _LEAST_TEXT * 72.0 / _DPI))
@@ -67,9 +72,12 @@ class Board:
         pixels = length / millimetres_a_pixel
         thick = max(round(0.15 * self.em), 2)
         bar = Rectangle(
-            (x / self.width, 1.0 - (y + thick) / self.height), pixels / self.width, thick / self.height,
-            color=self._theme.text, linewidth=0.0,
-        )  # fmt: skip
+            (x / self.width, 1.0 - (y + thick) / self.height),
+            pixels / self.width,
+            thick / self.height,
+            color=self._theme.text,
+            linewidth=0.0,
+        )
         self._figure.add_artist(bar)
         label = self.text(x + pixels / 2.0, y - 0.6 * self.em, f"{length:g} mm", room=8.0 * self.em, size=0.8)
         label.set_x(max(label.get_position()[0], (x + 2.0 * self.em) / self.width))

@@ -63,9 +63,13 @@ def write_glb(
         f"_{name.upper()}": np.asarray(item, dtype=np.float32) for name, item in (point_data or {}).items()
     }
     surface = trimesh.Trimesh(
-        mesh.vertices, mesh.faces, vertex_normals=mesh.vertex_normals, vertex_colors=tints,
-        vertex_attributes=values, process=False,
-    )  # fmt: skip
+        mesh.vertices,
+        mesh.faces,
+        vertex_normals=mesh.vertex_normals,
+        vertex_colors=tints,
+        vertex_attributes=values,
+        process=False,
+    )
     surface.metadata["coordinates"] = "LPS millimetres"
     placed = np.eye(4)
     placed[:3, :3] = _LPS_TO_GLTF

@@ -257,11 +257,13 @@ def make_plan(
     inner = [Box(box.x + rim, box.y + rim, box.width - 2 * rim, box.height - 2 * rim) for box in boxes]
     cells = tuple(
         ViewCell(
-            index // len(views), _sized(frame, box, millimetres), box,
+            index // len(views),
+            _sized(frame, box, millimetres),
+            box,
             (frame.width / millimetres, frame.height / millimetres),
         )
         for index, (frame, box) in enumerate(zip(flat, inner, strict=True))
-    )  # fmt: skip
+    )
     middle = area.x + area.width / 2.0
     if len(motions) == 1:
         room = area.width - 2.0 * (SCALE_SHARE * width + 1.5 * em)

@@ -96,10 +96,12 @@ class CutSettings(BaseModel):
     clip_at: Annotated[
         float,
         Field(
-            ge=0.0, le=1.0, title="position of the cut",
+            ge=0.0,
+            le=1.0,
+            title="position of the cut",
             description="Position of the plane: 0 at the feet, front, right or viewer, 1 at the other end.",
         ),
-    ] = 0.5  # fmt: skip
+    ] = 0.5
     clip_flip: Annotated[
         bool, Field(title="flip the cut", description="Remove the other side of the plane.")
     ] = False

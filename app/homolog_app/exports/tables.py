@@ -141,9 +141,13 @@ def _copied(project: ProjectFolder, stored: StoredAnswer, result: Result, folder
 def _write_study(project: ProjectFolder, folder: Path, answer: Answer, result: Result) -> None:
     directions = directions_of(read_details(project))
     write_answer_tables(
-        folder, answer, result, SurfaceCarrier.of(result, directions), Provenance.now(project),
+        folder,
+        answer,
+        result,
+        SurfaceCarrier.of(result, directions),
+        Provenance.now(project),
         is_primary=is_primary(folder_of(project, answer.question)),
-    )  # fmt: skip
+    )
 
 
 def _columns(result: Result) -> list[str]:
@@ -159,14 +163,23 @@ def _write_scores(path: Path, result: Result, model: ShapeModel) -> None:
 def _write_modes(path: Path, result: Result, model: ShapeModel) -> None:
     parallel = parallel_analysis(result.world)
     columns = [
-        "mode", "eigenvalue_mm2", "standard_deviation_rms_mm", "share", "cumulative_share",
-        "chance_eigenvalue_mm2", "above_chance",
-    ]  # fmt: skip
+        "mode",
+        "eigenvalue_mm2",
+        "standard_deviation_rms_mm",
+        "share",
+        "cumulative_share",
+        "chance_eigenvalue_mm2",
+        "above_chance",
+    ]
     shares, eigenvalues = model.explained_variance_ratio, len(model.mean) * model.explained_variance
     rows = zip(
-        eigenvalues.tolist(), model.standard_deviations.tolist(), shares.tolist(),
-        np.cumsum(shares).tolist(), parallel.threshold.tolist(), strict=False,
-    )  # fmt: skip
+        eigenvalues.tolist(),
+        model.standard_deviations.tolist(),
+        shares.tolist(),
+        np.cumsum(shares).tolist(),
+        parallel.threshold.tolist(),
+        strict=False,
+    )
     write_table(
         path,
         columns,

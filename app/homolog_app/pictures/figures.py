@@ -118,11 +118,18 @@ def draw_modes(
     for mode, frame in zip(modes, frames, strict=True):
         strips = [
             _panels(
-                model, mean, mode, deviations, frame, limit, theme, width,
+                model,
+                mean,
+                mode,
+                deviations,
+                frame,
+                limit,
+                theme,
+                width,
                 cut_of(clip, model.mean.vertices, frame.view.axes[2]),
             )
             for model, mean in zip(all_models, means, strict=True)
-        ]  # fmt: skip
+        ]
         rows.append([panel for strip in strips for panel in strip])
     return arrange(
         rows,
@@ -152,9 +159,16 @@ def _frames(
 
 
 def _panels(
-    model: ModeSurfaces, mean: Surface, mode: int, deviations: float, frame: Frame, limit: float,
-    theme: Theme, width: int, cut: Cut | None,
-) -> list[Panel]:  # fmt: skip
+    model: ModeSurfaces,
+    mean: Surface,
+    mode: int,
+    deviations: float,
+    frame: Frame,
+    limit: float,
+    theme: Theme,
+    width: int,
+    cut: Cut | None,
+) -> list[Panel]:
     """Return three panels of a mode: below the mean, the mean, and above it."""
     outward = outward_displacement(model.mean, model.displacements[mode])
     panels = []

@@ -229,9 +229,12 @@ def draw_displacement_bar(place: Axes, limit: float, theme: Theme, font_pt: floa
     bar.outline.set_edgecolor(theme.text)
     bar.outline.set_linewidth(0.5)
     style: dict[str, Any] = {
-        "xycoords": "axes fraction", "textcoords": "offset points", "ha": "center",
-        "color": theme.text, "fontsize": font_pt,
-    }  # fmt: skip
+        "xycoords": "axes fraction",
+        "textcoords": "offset points",
+        "ha": "center",
+        "color": theme.text,
+        "fontsize": font_pt,
+    }
     high, low = (f"{end}\n({scale.unit})" for end in (scale.high_label, scale.low_label))
     place.annotate(high, (0.5, 1.0), (0.0, 0.7 * font_pt), va="bottom", **style)
     place.annotate(low, (0.5, 0.0), (0.0, -0.7 * font_pt), va="top", **style)

@@ -29,8 +29,25 @@ from homolog_app.plots.model import (
 from homolog_app.plots.names import draw_all_names, draw_subjects
 
 __all__ = [
-    "DPI", "discriminant_points", "draw_all_names", "draw_boxes", "draw_discriminant", "draw_energies",
-    "draw_energy_curves", "draw_energy_frames", "draw_measure", "draw_percentiles", "draw_place",
-    "draw_quality", "draw_scores", "draw_scree", "draw_slope", "draw_subjects", "draw_value",
-    "group_order", "group_style", "new_figure", "percentile_rows",
-]  # fmt: skip
+    "DPI",
+    "discriminant_points",
+    "draw_all_names",
+    "draw_boxes",
+    "draw_discriminant",
+    "draw_energies",
+    "draw_energy_curves",
+    "draw_energy_frames",
+    "draw_measure",
+    "draw_percentiles",
+    "draw_place",
+    "draw_quality",
+    "draw_scores",
+    "draw_scree",
+    "draw_slope",
+    "draw_subjects",
+    "draw_value",
+    "group_order",
+    "group_style",
+    "new_figure",
+    "percentile_rows",
+]

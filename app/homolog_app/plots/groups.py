@@ -28,9 +28,15 @@ if TYPE_CHECKING:
     from homolog.patient import PatientComparison, Percentile, Reference
 
 __all__ = [
-    "discriminant_points", "draw_boxes", "draw_discriminant", "draw_measure", "draw_percentiles",
-    "draw_slope", "draw_value", "percentile_rows",
-]  # fmt: skip
+    "discriminant_points",
+    "draw_boxes",
+    "draw_discriminant",
+    "draw_measure",
+    "draw_percentiles",
+    "draw_slope",
+    "draw_value",
+    "percentile_rows",
+]
 
 _WAVE = 2.4  # phase step between subjects [rad], so that neighbours do not hide each other
 _BOX = 0.28
@@ -47,9 +53,15 @@ def discriminant_points(places: FloatArray, second: BoolArray) -> FloatArray:
 
 
 def draw_discriminant(
-    axes: Axes, places: FloatArray, second: BoolArray, names: tuple[str, str], order: Sequence[str],
-    colours: Colours, *, along: str = "discriminant",
-) -> None:  # fmt: skip
+    axes: Axes,
+    places: FloatArray,
+    second: BoolArray,
+    names: tuple[str, str],
+    order: Sequence[str],
+    colours: Colours,
+    *,
+    along: str = "discriminant",
+) -> None:
     """Draw two groups along their discriminant or difference, with a bar at each group's mean.
 
     Parameters
@@ -84,9 +96,14 @@ def draw_discriminant(
 
 
 def draw_slope(
-    axes: Axes, values: FloatArray, places: FloatArray, groups: Sequence[str], column: str, slope: float,
+    axes: Axes,
+    values: FloatArray,
+    places: FloatArray,
+    groups: Sequence[str],
+    column: str,
+    slope: float,
     colours: Colours,
-) -> None:  # fmt: skip
+) -> None:
     """Draw the positions of subjects along the effect of a number, with the regression line.
 
     Parameters
@@ -110,9 +127,15 @@ def draw_slope(
 
 
 def draw_boxes(
-    axes: Axes, parts: Sequence[FloatArray], names: Sequence[str], means: Sequence[Sequence[str]],
-    title: str, unit: str, colours: Colours, places: Sequence[int],
-) -> None:  # fmt: skip
+    axes: Axes,
+    parts: Sequence[FloatArray],
+    names: Sequence[str],
+    means: Sequence[Sequence[str]],
+    title: str,
+    unit: str,
+    colours: Colours,
+    places: Sequence[int],
+) -> None:
     """Draw a measure by group: quartiles, whiskers, the mean as a diamond, and every subject.
 
     A box extends from the first to the third quartile, with a line at the median. Whiskers extend to the last
@@ -136,10 +159,18 @@ def draw_boxes(
     dress(axes, colours, title, "", unit)
     line = {"linewidth": LINE_PT}
     drawn = axes.boxplot(
-        list(parts), positions=range(len(parts)), widths=2.0 * _BOX, patch_artist=True, showfliers=False,
-        boxprops=line, medianprops=line, whiskerprops=line, capprops=line, showmeans=True,
+        list(parts),
+        positions=range(len(parts)),
+        widths=2.0 * _BOX,
+        patch_artist=True,
+        showfliers=False,
+        boxprops=line,
+        medianprops=line,
+        whiskerprops=line,
+        capprops=line,
+        showmeans=True,
         meanprops={"marker": "D", "mfc": colours.text, "mec": colours.text, "markersize": 4, "zorder": 4},
-    )  # fmt: skip
+    )
     for index, part in enumerate(parts):
         colour, _ = group_style(places[index], colours)
         drawn["boxes"][index].set(edgecolor=colour, facecolor=f"{colour}3c")
@@ -186,9 +217,15 @@ def draw_value(axes: Axes, x: float, y: float, text: str, colours: Colours) -> S
     dot = Line2D([x], [y], marker="o", markersize=7, color=colours.accent, linestyle="none", zorder=6)
     axes.add_artist(dot)
     note = axes.annotate(
-        text, (1.0, 1.0), (0, 6), xycoords="axes fraction", textcoords="offset points", ha="right",
-        fontsize=FONT_PT, color=colours.text,
-    )  # fmt: skip
+        text,
+        (1.0, 1.0),
+        (0, 6),
+        xycoords="axes fraction",
+        textcoords="offset points",
+        ha="right",
+        fontsize=FONT_PT,
+        color=colours.text,
+    )
     return dot, note
 
 

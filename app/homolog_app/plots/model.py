@@ -18,10 +18,28 @@ from homolog_app.rendering.colours import Colours
 from homolog_app.rendering.text import shortened
 
 __all__ = [
-    "DPI", "FONT_PT", "LETTER", "LINE_PT", "TICK_PT", "draw_energies", "draw_energy_curves",
-    "draw_energy_frames", "draw_place", "draw_quality", "draw_scores", "draw_scree", "dress",
-    "fitting", "group_order", "group_style", "legend_above", "letters", "new_figure", "points_in", "width_of",
-]  # fmt: skip
+    "DPI",
+    "FONT_PT",
+    "LETTER",
+    "LINE_PT",
+    "TICK_PT",
+    "draw_energies",
+    "draw_energy_curves",
+    "draw_energy_frames",
+    "draw_place",
+    "draw_quality",
+    "draw_scores",
+    "draw_scree",
+    "dress",
+    "fitting",
+    "group_order",
+    "group_style",
+    "legend_above",
+    "letters",
+    "new_figure",
+    "points_in",
+    "width_of",
+]
 
 DPI = 96
 """Pixels per inch on the screen."""
@@ -114,11 +132,20 @@ def legend_above(axes: Axes, colours: Colours) -> None:
 
     most = next((most for most in range(_LABEL, 8, -1) if row(most) <= room), 8)
     axes.legend(
-        handles, [shortened(label, most) for label in labels], loc="lower left", bbox_to_anchor=(0.0, 1.0),
-        ncols=len(labels) if row(most) <= room else max(room // (most + _KEY), 1), fontsize=TICK_PT,
-        frameon=False, labelcolor=colours.text, borderpad=0.2, borderaxespad=0.0, handletextpad=0.2,
-        columnspacing=1.0, handlelength=1.4,
-    )  # fmt: skip
+        handles,
+        [shortened(label, most) for label in labels],
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=len(labels) if row(most) <= room else max(room // (most + _KEY), 1),
+        fontsize=TICK_PT,
+        frameon=False,
+        labelcolor=colours.text,
+        borderpad=0.2,
+        borderaxespad=0.0,
+        handletextpad=0.2,
+        columnspacing=1.0,
+        handlelength=1.4,
+    )
 
 
 def draw_scree(
@@ -162,9 +189,14 @@ def draw_scree(
 
 
 def draw_scores(
-    axes: Axes, points: FloatArray, groups: Sequence[str], labels: tuple[str, str], colours: Colours, *,
+    axes: Axes,
+    points: FloatArray,
+    groups: Sequence[str],
+    labels: tuple[str, str],
+    colours: Colours,
+    *,
     ellipses: bool = False,
-) -> None:  # fmt: skip
+) -> None:
     """Draw subjects in the plane of two modes, and each group's mean as a large open marker.
 
     Parameters
@@ -254,9 +286,14 @@ def draw_energy_frames(
         if not _counts(values):
             axes.set(xticks=(), yticks=())
             axes.text(
-                0.5, 0.5, "not part of this method", transform=axes.transAxes, ha="center",
-                fontsize=FONT_PT, color=colours.dim,
-            )  # fmt: skip
+                0.5,
+                0.5,
+                "not part of this method",
+                transform=axes.transAxes,
+                ha="center",
+                fontsize=FONT_PT,
+                color=colours.dim,
+            )
             continue
         later = known[len(known) // _FIRST :]
         low, high = float(later.min()), float(later.max())
@@ -283,9 +320,12 @@ def _counts(values: FloatArray) -> bool:
 
 
 def draw_quality(
-    places: Sequence[Axes], compactness: FloatArray, generalization: FloatArray,
-    specificity: tuple[Sequence[int], FloatArray], colours: Colours,
-) -> None:  # fmt: skip
+    places: Sequence[Axes],
+    compactness: FloatArray,
+    generalization: FloatArray,
+    specificity: tuple[Sequence[int], FloatArray],
+    colours: Colours,
+) -> None:
     """Draw compactness, generalization and specificity against the number of modes.
 
     Parameters

@@ -57,9 +57,14 @@ def _count(drawn: Sequence[Artist]) -> int:
 
 
 def draw_subjects(
-    axes: Axes, points: FloatArray, names: Sequence[str], selected: Sequence[str], colours: Colours, *,
+    axes: Axes,
+    points: FloatArray,
+    names: Sequence[str],
+    selected: Sequence[str],
+    colours: Colours,
+    *,
     others: bool = True,
-) -> list[Artist]:  # fmt: skip
+) -> list[Artist]:
     """Write names near subjects' points (n, 2), and draw a ring around selected ones.
 
     `others` names also those that are not selected. A name stands next to its mark or, with a leader, at some
@@ -82,10 +87,17 @@ def draw_subjects(
         if not (others or is_selected[index]):
             break
         text = axes.annotate(
-            shortened(names[index], _LETTERS), tuple(points[index]), (0.0, 0.0), textcoords="offset points",
-            fontsize=FONT_PT if is_selected[index] else TICK_PT, color=colours.text, zorder=5,
-            arrowprops=_LINE | {"color": colours.dim}, ha="center", va="center",
-        )  # fmt: skip
+            shortened(names[index], _LETTERS),
+            tuple(points[index]),
+            (0.0, 0.0),
+            textcoords="offset points",
+            fontsize=FONT_PT if is_selected[index] else TICK_PT,
+            color=colours.text,
+            zorder=5,
+            arrowprops=_LINE | {"color": colours.dim},
+            ha="center",
+            va="center",
+        )
         complete_text(text)
         text.set_in_layout(False)
         place = room.find(marks[index], scale * np.array(Text.get_window_extent(text).size))

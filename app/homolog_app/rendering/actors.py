@@ -31,7 +31,7 @@ from homolog_app.rendering.scene import (
     Colour,
     Scene,
     Surface,
-)  # fmt: skip
+)
 
 __all__ = ["Overview", "QuickBalls", "RoundBalls", "SceneActors"]
 

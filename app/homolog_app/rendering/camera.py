@@ -264,9 +264,11 @@ class CameraState(BaseModel):
     def of(cls, camera: Any) -> "CameraState":  # noqa: ANN401 - VTK is untyped
         """Return the state of a VTK camera."""
         return cls(
-            at=camera.GetFocalPoint(), eye=camera.GetPosition(), up=camera.GetViewUp(),
+            at=camera.GetFocalPoint(),
+            eye=camera.GetPosition(),
+            up=camera.GetViewUp(),
             height=2.0 * camera.GetParallelScale(),
-        )  # fmt: skip
+        )
 
     def set(self, camera: Any) -> None:  # noqa: ANN401
         """Apply this state to a VTK camera."""

@@ -336,12 +336,19 @@ def _content(name: str, note: str, arrays: _Arrays) -> Content:
         arrows = Arrows(begin, _table(arrays, "arrows.vectors", len(begin)))
     lines = _table(arrays, "lines", shape=(2, 3)) if "lines" in arrays else None
     return Content(
-        name, alignment=_table(arrays, "alignment", 4, (4,)), note=note, arrows=arrows, lines=lines, **meshes,
+        name,
+        alignment=_table(arrays, "alignment", 4, (4,)),
+        note=note,
+        arrows=arrows,
+        lines=lines,
+        **meshes,
         colours=_table(arrays, "colours", points, kind="u1") if "colours" in arrays else None,
         normals=_table(arrays, "normals", points) if "normals" in arrays else None,
         through="through" in arrays,
-        overlaid="overlaid" in arrays, titled="untitled" not in arrays, numbers=_numbers(arrays),
-    )  # fmt: skip
+        overlaid="overlaid" in arrays,
+        titled="untitled" not in arrays,
+        numbers=_numbers(arrays),
+    )
 
 
 def _numbers(arrays: _Arrays) -> Numbers | None:

@@ -9,9 +9,18 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.camera import Box, Cut
 
 __all__ = [
-    "AMBIENT", "CAP", "DIFFUSE", "LIGHTS", "Arrows", "Balls", "Colour", "Scene", "Surface", "bytes_of",
+    "AMBIENT",
+    "CAP",
+    "DIFFUSE",
+    "LIGHTS",
+    "Arrows",
+    "Balls",
+    "Colour",
+    "Scene",
+    "Surface",
+    "bytes_of",
     "surface",
-]  # fmt: skip
+]
 
 Colour = tuple[int, int, int]
 """Red, green, blue in 0 ... 255."""

@@ -221,6 +221,8 @@ def edge_letters(patient_axes: FloatArray, right: FloatArray, up: FloatArray) ->
     """
     across, along = patient_axes.T @ right, patient_axes.T @ up
     return (
-        direction_letters(-across), direction_letters(across),
-        direction_letters(-along), direction_letters(along),
-    )  # fmt: skip
+        direction_letters(-across),
+        direction_letters(across),
+        direction_letters(-along),
+        direction_letters(along),
+    )

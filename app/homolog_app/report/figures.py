@@ -44,9 +44,18 @@ from homolog_app.rendering.camera import VIEWS, Clip, ClipPlane, View
 from homolog_app.rendering.colours import page_colours
 
 __all__ = [
-    "ReportFigure", "discriminant_figure", "energies_figure", "map_figure", "map_limits", "model_figures",
-    "quality_figure", "quality_rows", "scores_figure", "scree_figure", "study_figures",
-]  # fmt: skip
+    "ReportFigure",
+    "discriminant_figure",
+    "energies_figure",
+    "map_figure",
+    "map_limits",
+    "model_figures",
+    "quality_figure",
+    "quality_rows",
+    "scores_figure",
+    "scree_figure",
+    "study_figures",
+]
 
 _SPECIFICITY_AT = (1, 2, 3, 5, 8, 13, 21)
 _DRAWS = 200
@@ -67,9 +76,13 @@ class ReportFigure:
 
 
 def model_figures(
-    project: ProjectFolder, result: Result, model: ShapeModel, carrier: SurfaceCarrier, tick: Tick,
+    project: ProjectFolder,
+    result: Result,
+    model: ShapeModel,
+    carrier: SurfaceCarrier,
+    tick: Tick,
     clip: Clip | None = None,
-) -> Iterator[ReportFigure]:  # fmt: skip
+) -> Iterator[ReportFigure]:
     """Yield the figures of the shape model, optionally cut open by a plane."""
     parallel, record = parallel_analysis(result.world), project.read().result
     mirrored = f" {record.mirrored_text}." if record is not None and record.mirrored_text else ""

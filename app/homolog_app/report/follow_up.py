@@ -33,7 +33,7 @@ __all__ = [
     "follow_up_sheets",
     "limit_text",
     "write_follow_up",
-]  # fmt: skip
+]
 
 _METHOD = (
     "Each time was compared with the reference separately. The first surface was then registered rigidly to "
@@ -134,19 +134,37 @@ def _write_tables(folder: Path, follow_up: FollowUp, placement: FloatArray) -> N
     """Write the numbers of each time, and the regions in the frame of the first time's file."""
     areas = follow_up.surface.vertex_areas
     columns = [
-        "time", "since", "volume_percent", "mean_mm", "rms_mm", "outward_mm", "inward_mm", "beyond_mm2",
-        "largest_z", "limit", "repeats", "controls_twice",
-        "beyond_expected_rms_mm", "beyond_expected_percentile", "volume_percentile", "expected_largest_z",
-        "expected_limit", "expected_regions",
-    ]  # fmt: skip
+        "time",
+        "since",
+        "volume_percent",
+        "mean_mm",
+        "rms_mm",
+        "outward_mm",
+        "inward_mm",
+        "beyond_mm2",
+        "largest_z",
+        "limit",
+        "repeats",
+        "controls_twice",
+        "beyond_expected_rms_mm",
+        "beyond_expected_percentile",
+        "volume_percentile",
+        "expected_largest_z",
+        "expected_limit",
+        "expected_regions",
+    ]
     rows = [
         [
-            change.name, follow_up.comparisons[0].name, *_numbers(change, areas),
-            None if change.z is None else float(np.abs(change.z).max()), follow_up.limit, follow_up.repeats,
+            change.name,
+            follow_up.comparisons[0].name,
+            *_numbers(change, areas),
+            None if change.z is None else float(np.abs(change.z).max()),
+            follow_up.limit,
+            follow_up.repeats,
             *_expected_numbers(change, follow_up),
         ]
         for change in follow_up.changes
-    ]  # fmt: skip
+    ]
     write_table(folder / "changes.csv", columns, rows)
     back = inverse_matrices(placement)
     write_table(
@@ -154,7 +172,13 @@ def _write_tables(folder: Path, follow_up: FollowUp, placement: FloatArray) -> N
         ["time", "against", "region", "area_mm2", "mean_mm", "peak_mm", "peak_z", "x_mm", "y_mm", "z_mm"],
         (
             [
-                change.name, against, number, region.area, region.mean, region.peak, region.z,
+                change.name,
+                against,
+                number,
+                region.area,
+                region.mean,
+                region.peak,
+                region.z,
                 *transform_points(back, follow_up.surface.vertices[region.centre][None])[0].tolist(),
             ]
             for change in follow_up.changes
@@ -164,7 +188,7 @@ def _write_tables(folder: Path, follow_up: FollowUp, placement: FloatArray) -> N
             )
             for number, region in enumerate(beyond, start=1)
         ),
-    )  # fmt: skip
+    )
 
 
 def _title(follow_up: FollowUp) -> str:
@@ -306,9 +330,14 @@ def _expected_numbers(change: Change, follow_up: FollowUp) -> list[float | None]
     if against is None or expected is None:
         return [0, *[None] * 6]
     return [
-        expected.pairs, against.beyond.value, against.beyond.percent, against.volume.percent,
-        float(np.abs(against.z).max()), expected.limit, len(against.regions),
-    ]  # fmt: skip
+        expected.pairs,
+        against.beyond.value,
+        against.beyond.percent,
+        against.volume.percent,
+        float(np.abs(against.z).max()),
+        expected.limit,
+        len(against.regions),
+    ]
 
 
 def _numbers(change: Change, areas: Array) -> list[float | None]:

@@ -24,9 +24,15 @@ if TYPE_CHECKING:
     from homolog.exchange import LandmarkErrors
 
 __all__ = [
-    "CorrespondenceRow", "correspondence_rows", "correspondence_text", "landmark_text", "model_methods",
-    "pose_text", "settings_rows", "write_correspondence",
-]  # fmt: skip
+    "CorrespondenceRow",
+    "correspondence_rows",
+    "correspondence_text",
+    "landmark_text",
+    "model_methods",
+    "pose_text",
+    "settings_rows",
+    "write_correspondence",
+]
 
 
 def model_methods(record: ResultRecord) -> tuple[str, str, str]:

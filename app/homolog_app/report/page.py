@@ -185,9 +185,18 @@ def _embedded(report_figure: ReportFigure) -> dict[str, object]:
 
 
 _HEADS = (
-    "structure", "number", "subjects", "absent", "at border", "in pieces", "median (ml)", "range (ml)",
-    "particles", "first mode (%)", "state",
-)  # fmt: skip
+    "structure",
+    "number",
+    "subjects",
+    "absent",
+    "at border",
+    "in pieces",
+    "median (ml)",
+    "range (ml)",
+    "particles",
+    "first mode (%)",
+    "state",
+)
 
 
 _ENDED = {"iterations": "not converged"}

@@ -61,11 +61,27 @@ __all__ = [
 ]
 
 _SUMMARY = (
-    "name", "flagged", "regions", "region_area_mm2", "largest_z", "limit", "largest_z_percentile",
-    "largest_z_p", "mahalanobis", "mahalanobis_percentile", "mahalanobis_p", "outside_mm",
-    "outside_percentile", "outside_p",
-    "size_ratio", "size_percentile", "size_p", "nearest_controls", "remarks", "error",
-)  # fmt: skip
+    "name",
+    "flagged",
+    "regions",
+    "region_area_mm2",
+    "largest_z",
+    "limit",
+    "largest_z_percentile",
+    "largest_z_p",
+    "mahalanobis",
+    "mahalanobis_percentile",
+    "mahalanobis_p",
+    "outside_mm",
+    "outside_percentile",
+    "outside_p",
+    "size_ratio",
+    "size_percentile",
+    "size_p",
+    "nearest_controls",
+    "remarks",
+    "error",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,23 +296,45 @@ def write_patient(
     tick(0.8, "writing tables and surfaces")
     write_table(
         folder / "regions.csv",
-        ["region", "area_mm2", "mean_mm", "peak_mm", "peak_z", "x_mm", "y_mm", "z_mm", "place",
-         "missing_share"],
+        [
+            "region",
+            "area_mm2",
+            "mean_mm",
+            "peak_mm",
+            "peak_z",
+            "x_mm",
+            "y_mm",
+            "z_mm",
+            "place",
+            "missing_share",
+        ],
         (
-            [number, region.area, region.mean, region.peak, region.z, *comparison.position(region).tolist(),
-             comparison.place(region), region.missing]
+            [
+                number,
+                region.area,
+                region.mean,
+                region.peak,
+                region.z,
+                *comparison.position(region).tolist(),
+                comparison.place(region),
+                region.missing,
+            ]
             for number, region in enumerate(comparison.regions, start=1)
         ),
-    )  # fmt: skip
+    )
     back = inverse_matrices(comparison.placement)
     numbers = np.zeros(len(comparison.z), dtype=np.int32)
     for number, region in enumerate(comparison.regions, start=1):
         numbers[region.vertices] = number
     values: dict[str, Array] = {
-        "difference_mm": comparison.residual, "z": comparison.z, "region": numbers,
-        "difference_from_mean_mm": comparison.total, "z_from_mean": comparison.total_z,
-        "detectable_mm": reference.detectable, "cut_off": comparison.missing.astype(np.int32),
-    }  # fmt: skip
+        "difference_mm": comparison.residual,
+        "z": comparison.z,
+        "region": numbers,
+        "difference_from_mean_mm": comparison.total,
+        "z_from_mean": comparison.total_z,
+        "detectable_mm": reference.detectable,
+        "cut_off": comparison.missing.astype(np.int32),
+    }
     write_mesh(folder / "map.vtp", comparison.expected.placed(back), values)
     vertices = len(comparison.mesh.vertices)
     mapped = ("difference_mm", "z", "difference_from_mean_mm", "z_from_mean")

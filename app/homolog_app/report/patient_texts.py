@@ -262,9 +262,15 @@ GroupRow = tuple[str, int, float | None, float | None, float | None, int | None,
 """A line of ``groups.csv``."""
 
 GROUP_COLUMNS = (
-    "group", "controls", "p_modes", "p_outside", "p", "controls_within_modes", "controls_within_outside",
+    "group",
+    "controls",
+    "p_modes",
+    "p_outside",
+    "p",
+    "controls_within_modes",
+    "controls_within_outside",
     "problem",
-)  # fmt: skip
+)
 
 GROUP_CAUTION = (
     "Not a diagnosis: a shape can be typical of several groups or of none, and groups that were scanned or "
@@ -319,5 +325,12 @@ def group_sentence(row: GroupRow) -> str:
 
 def _row(item: Typicality) -> GroupRow:
     return (
-        item.group, item.controls, item.modes, item.outside, item.p, item.held_modes, item.held_outside, "",
-    )  # fmt: skip
+        item.group,
+        item.controls,
+        item.modes,
+        item.outside,
+        item.p,
+        item.held_modes,
+        item.held_outside,
+        "",
+    )

@@ -46,15 +46,31 @@ _MOST_REGIONS = 2
 """Maximum number of regions of a comparison in the table."""
 
 MAIN = (
-    "question", "comparison", "size (mm, 95 % CI)", "p of size", "D (90 % CI)", "p", "particles: FWE; FDR",
+    "question",
+    "comparison",
+    "size (mm, 95 % CI)",
+    "p of size",
+    "D (90 % CI)",
+    "p",
+    "particles: FWE; FDR",
     "area (%)",
-)  # fmt: skip
+)
 COVARIATES = ("question", "covariate", "D (90 % CI)", "p", "area (%)", "size (mm, 95 % CI)", "p of size")
 REGIONS = ("question", "comparison", "region", "area (mm²)", "outward, mean (mm, 95 % CI)", "p at the peak")
 DETAILS = (
-    "question", "comparison", "modes (variance)", "statistic", "T² or Λ", "F (df), p", "ω² (90 % CI)",
-    "accuracy (%, 95 % CI), p", "AUC (95 % CI), p", "dispersion, p", "skewness of size, p", "outliers",
-)  # fmt: skip
+    "question",
+    "comparison",
+    "modes (variance)",
+    "statistic",
+    "T² or Λ",
+    "F (df), p",
+    "ω² (90 % CI)",
+    "accuracy (%, 95 % CI), p",
+    "AUC (95 % CI), p",
+    "dispersion, p",
+    "skewness of size, p",
+    "outliers",
+)
 
 
 def main(answers: Sequence[Answer]) -> Iterator[tuple[str, ...]]:

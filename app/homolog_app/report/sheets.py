@@ -90,9 +90,14 @@ class Sheet:
     def line(self, content: str, size: float = 8.5, *, bold: bool = False, colour: str = "#1a1a1e") -> None:
         """Add a line."""
         self.figure.text(
-            EDGE / WIDE, 1.0 - self.y / HIGH, content, fontsize=size, va="top", color=colour,
+            EDGE / WIDE,
+            1.0 - self.y / HIGH,
+            content,
+            fontsize=size,
+            va="top",
+            color=colour,
             weight="bold" if bold else "normal",
-        )  # fmt: skip
+        )
         self.y += _LINE * size / 8.5
 
     def heading(self, content: str) -> None:
@@ -113,9 +118,14 @@ class Sheet:
         cells = wrapped_cells(row, starts, _BOLD if bold else 1.0)
         for parts, start in zip(cells, starts, strict=True):
             self.figure.text(
-                (EDGE + start) / WIDE, 1.0 - self.y / HIGH, "\n".join(parts), fontsize=8, va="top",
-                weight="bold" if bold else "normal", linespacing=1.3,
-            )  # fmt: skip
+                (EDGE + start) / WIDE,
+                1.0 - self.y / HIGH,
+                "\n".join(parts),
+                fontsize=8,
+                va="top",
+                weight="bold" if bold else "normal",
+                linespacing=1.3,
+            )
         self.y += row_height(cells)
 
     def panels(self, panels: Sequence[Panel], limit: float, most: float = HIGH) -> None:
@@ -128,9 +138,13 @@ class Sheet:
             left, top = EDGE + index * width, self.y + (tall - slope * wide) / 2.0
             self.picture(panel.image, left + (width - 0.06 - wide) / 2.0, top, wide)
             self.figure.text(
-                (left + width / 2.0) / WIDE, 1.0 - (self.y + tall + 0.03) / HIGH, panel.caption,
-                fontsize=7.5, ha="center", va="top",
-            )  # fmt: skip
+                (left + width / 2.0) / WIDE,
+                1.0 - (self.y + tall + 0.03) / HIGH,
+                panel.caption,
+                fontsize=7.5,
+                ha="center",
+                va="top",
+            )
         long = max(min(tall, 1.6) - 0.5, 0.5)
         bar = self.figure.add_axes(
             (
@@ -346,9 +360,13 @@ class _Flow:
                 self.room(row if is_row else needed)
             self.sheet.embed(figure, EDGE + left, self.sheet.y, width)
             self.sheet.figure.text(
-                (EDGE + left) / WIDE, 1.0 - (self.sheet.y + high + 0.03) / HIGH, caption,
-                fontsize=7.5, va="top", linespacing=1.3,
-            )  # fmt: skip
+                (EDGE + left) / WIDE,
+                1.0 - (self.sheet.y + high + 0.03) / HIGH,
+                caption,
+                fontsize=7.5,
+                va="top",
+                linespacing=1.3,
+            )
             left, below = left + width + 0.1, max(below, needed + 0.1)
         self.sheet.y += below
 

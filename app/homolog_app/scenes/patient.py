@@ -124,9 +124,16 @@ def patient_scene(
     else:
         moved = vertices - comparison.matched.vertices if look.way < 1.0 else None
         mapped = on_own_surface(
-            comparison, comparison.name, note, scale, values, beyond, faded=faded, faint=kind != MEAN,
+            comparison,
+            comparison.name,
+            note,
+            scale,
+            values,
+            beyond,
+            faded=faded,
+            faint=kind != MEAN,
             moved=moved,
-        )  # fmt: skip
+        )
     if look.overlaid:
         mean = comparison.mean.placed(inverse_matrices(comparison.placement))
         notes = filter(None, (note, "transparent over the mean"))

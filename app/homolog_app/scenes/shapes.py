@@ -231,8 +231,10 @@ def mesh_file(path: Path) -> TriangleMesh:
 
 
 _STEPS: Mapping[int, tuple[float, ...]] = {
-    4: (-1.0, 1.0), 9: (-1.0, 0.0, 1.0), 16: (-1.0, -0.5, 0.5, 1.0),
-}  # fmt: skip
+    4: (-1.0, 1.0),
+    9: (-1.0, 0.0, 1.0),
+    16: (-1.0, -0.5, 0.5, 1.0),
+}
 """Positions in each row as fractions of the range, by the number of views."""
 _MOST = 16
 _SPARSE = 5  # of so many vertices one is looked at to frame a shape, as in the views
@@ -369,10 +371,16 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
     """
     if not answers:
         plain = [
-            model_content(model, model.title_among(models), "mean", np.zeros_like(model.mean_normals),
-                          DisplayOptions(), alignment=_placement(model, models))
+            model_content(
+                model,
+                model.title_among(models),
+                "mean",
+                np.zeros_like(model.mean_normals),
+                DisplayOptions(),
+                alignment=_placement(model, models),
+            )
             for model in models
-        ]  # fmt: skip
+        ]
         plain = [untitled(content, models) for content in plain]
         return ViewContents(plain, len(plain), None, {})
     rows = sorted(
@@ -444,10 +452,16 @@ def _mapped(
     ends = [shortened(name, _NAME) for name in (answer.second, answer.first)]
     name = f"Effect of {answer.study.question.column}" if slope else f"{ends[0]} − {ends[1]}: {what}"
     return model_content(
-        shape, title or name, f"{name} · {place}" if title else place,
-        _at(answer, chosen, view.way), look, values=chosen.outward, ways=chosen.ways,
-        faded=~chosen.significant if view.only_significant else None, alignment=placed,
-    )  # fmt: skip
+        shape,
+        title or name,
+        f"{name} · {place}" if title else place,
+        _at(answer, chosen, view.way),
+        look,
+        values=chosen.outward,
+        ways=chosen.ways,
+        faded=~chosen.significant if view.only_significant else None,
+        alignment=placed,
+    )
 
 
 def _mean(answer: "GroupAnswer", placed: FloatArray, way: float, title: str) -> Content:

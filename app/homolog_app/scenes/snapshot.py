@@ -161,9 +161,14 @@ def _checked(
     elif view.show in ("checkerboard", "stripes"):
         texture = textures_of(inspection, names, part_of(tick, 0.7, 1.0))[view.show]
     marks = Marks(
-        "texture" if texture else view.show, view.particle, subject, np.array(view.others, np.int64),
-        distances, energies, texture,
-    )  # fmt: skip
+        "texture" if texture else view.show,
+        view.particle,
+        subject,
+        np.array(view.others, np.int64),
+        distances,
+        energies,
+        texture,
+    )
     return checked_scene(contents, inspection, names, marks)
 
 

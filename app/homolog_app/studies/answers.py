@@ -184,10 +184,20 @@ def carried_answer(shape: ModelShape, result: Result, study: Answer, index: int,
         places = places - places.mean() if way.values is None else places
     maps = [item.outward for item in (difference, discriminant) if item is not None]
     return GroupAnswer(
-        shape, study, pair, way.first, way.second, start, difference, discriminant, places,
-        max(common_limit([np.asarray(values, np.float64)]) for values in maps), way.values,
-        tuple(result.groups[subject] or "" for subject in subjects), subjects,
-    )  # fmt: skip
+        shape,
+        study,
+        pair,
+        way.first,
+        way.second,
+        start,
+        difference,
+        discriminant,
+        places,
+        max(common_limit([np.asarray(values, np.float64)]) for values in maps),
+        way.values,
+        tuple(result.groups[subject] or "" for subject in subjects),
+        subjects,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

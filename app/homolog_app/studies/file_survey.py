@@ -149,9 +149,13 @@ def _with_voxels(survey: FileSurvey, chosen: Segmentation) -> FileSurvey:
     voxels = _framed(chosen)
     surface, every = _surface(voxels)
     return replace(
-        survey, volume_ml=chosen.volume / 1000.0, thumbnail=_thumbnail(voxels), voxels=voxels,
-        surface=surface, every=every,
-    )  # fmt: skip
+        survey,
+        volume_ml=chosen.volume / 1000.0,
+        thumbnail=_thumbnail(voxels),
+        voxels=voxels,
+        surface=surface,
+        every=every,
+    )
 
 
 def _labels(volume: Volume) -> tuple[LabelSummary, ...]:

@@ -286,16 +286,22 @@ class MainWindow(QMainWindow):
         page, pages = views.pages if views else (0, 1)
         patient = explore.page_of(PatientPage)
         return WindowState(
-            busy=job.is_busy, running=job.run is not None, kept=job.kept is not None,
-            page=page, pages=pages, ready=views is not None,
+            busy=job.is_busy,
+            running=job.run is not None,
+            kept=job.kept is not None,
+            page=page,
+            pages=pages,
+            ready=views is not None,
             plays=self.workspace.session.step == "explore" and explore.page.plays,
             answered=bool(explore.page_of(GroupsPage).answers),
-            reference=patient.reference is not None, patient=patient.comparison is not None,
-            layouts=views.layouts if views else (), model=views is not None and views.shows_model,
+            reference=patient.reference is not None,
+            patient=patient.comparison is not None,
+            layouts=views.layouts if views else (),
+            model=views is not None and views.shows_model,
             slices=views is not None and views.hides_views,
             coloured=views is not None and views.is_coloured,
             preliminary=explore.fitted.preliminary is not None,
-        )  # fmt: skip
+        )
 
     @Slot()
     def _show_progress(self) -> None:
@@ -388,10 +394,18 @@ class MainWindow(QMainWindow):
             self.commands[name].triggered.connect(self.inspector.take_focus)
         session.step_changed.connect(self._turn)
         for signal in (
-            session.study_changed, session.surveys_changed, session.groomed_changed, session.result_changed,
-            session.selection_changed, session.project_changed, session.step_changed, session.page_changed,
-            session.undo.indexChanged, session.job_changed, self.tour.card.toggled,
-        ):  # fmt: skip
+            session.study_changed,
+            session.surveys_changed,
+            session.groomed_changed,
+            session.result_changed,
+            session.selection_changed,
+            session.project_changed,
+            session.step_changed,
+            session.page_changed,
+            session.undo.indexChanged,
+            session.job_changed,
+            self.tour.card.toggled,
+        ):
             signal.connect(self.refresh)
         session.job_progressed.connect(self._show_progress)
         session.failed.connect(self.help.show_error)
@@ -401,10 +415,16 @@ class MainWindow(QMainWindow):
         steps = {f"view.{name}": partial(self.workspace.session.show_step, name) for name in STEPS}
         own = {"file.quit": self.close}
         return {
-            **steps, **own, **self.docks.handlers(), **self.projects.handlers(), **self.help.handlers(),
+            **steps,
+            **own,
+            **self.docks.handlers(),
+            **self.projects.handlers(),
+            **self.help.handlers(),
             **self.exporting.handlers(),
-            **self.workspace.handlers(), **self.tour.handlers(), **self.exploring.handlers(),
-        }  # fmt: skip
+            **self.workspace.handlers(),
+            **self.tour.handlers(),
+            **self.exploring.handlers(),
+        }
 
     def _name_window(self) -> None:
         session = self.workspace.session

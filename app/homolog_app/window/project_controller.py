@@ -70,11 +70,17 @@ class ProjectController(Controller):
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return the handlers of the file commands."""
         return {
-            "file.new": self._new, "file.add": self._add, "file.open": self._open, "file.save": self.save,
-            "file.save_as": self.save_as, "file.import": self._import,
-            "file.import_model": self._import_model, "file.export": self._export,
-            "file.close": self.leave, "edit.group": self._group,
-        }  # fmt: skip
+            "file.new": self._new,
+            "file.add": self._add,
+            "file.open": self._open,
+            "file.save": self.save,
+            "file.save_as": self.save_as,
+            "file.import": self._import,
+            "file.import_model": self._import_model,
+            "file.export": self._export,
+            "file.close": self.leave,
+            "edit.group": self._group,
+        }
 
     def show_recent(self) -> None:
         """List the projects opened last on the start page."""
@@ -235,9 +241,13 @@ class ProjectController(Controller):
         if workspace.session.job.is_busy:
             run = "The run can be resumed from its checkpoint." if workspace.session.job.run else ""
             answer = ask(
-                self._window, "Stop the computation?", f"It has not finished. {run}".strip(),
-                ("Stop", "Keep working"), 1, lambda: not workspace.session.job.is_busy,
-            )  # fmt: skip
+                self._window,
+                "Stop the computation?",
+                f"It has not finished. {run}".strip(),
+                ("Stop", "Keep working"),
+                1,
+                lambda: not workspace.session.job.is_busy,
+            )
             if answer == "Keep working":
                 return False
             if answer == "Stop":

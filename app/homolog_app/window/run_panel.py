@@ -81,8 +81,11 @@ class GroomPanel(Panel):
         for below in (self.form.help, self.progress, self.go, self.proceed):
             self.footer.addWidget(below)
         for signal in (
-            session.study_changed, session.groomed_changed, session.result_changed, session.selection_changed,
-        ):  # fmt: skip
+            session.study_changed,
+            session.groomed_changed,
+            session.result_changed,
+            session.selection_changed,
+        ):
             signal.connect(self._show)
         self._show()
 
@@ -273,8 +276,12 @@ class RunPanel(Panel):
         )
         self.from_result = self._make_further()
         for widget in (
-            self._device_row(), self.form, rule(), self.summary, self.from_result,
-        ):  # fmt: skip
+            self._device_row(),
+            self.form,
+            rule(),
+            self.summary,
+            self.from_result,
+        ):
             self.body.addWidget(widget)
         self.body.addStretch()
         self.progress = Progress(actions["run.cancel"])

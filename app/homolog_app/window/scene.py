@@ -228,8 +228,10 @@ class ColourBar(QWidget):
         self._scale = scale
         self.setVisible(scale is not None)
         if scale is not None:
-            text = (f"{scale.title} in {scale.unit}, from {short(scale.low)} {scale.low_label} "
-                     f"to {short(scale.high)} {scale.high_label}")  # fmt: skip
+            text = (
+                f"{scale.title} in {scale.unit}, from {short(scale.low)} {scale.low_label} "
+                f"to {short(scale.high)} {scale.high_label}"
+            )
             self.setAccessibleDescription(text)
             text += f"; grey: {scale.grey_label}" if scale.grey_label else ""
             hollow = " On the inner wall of a hollow organ, out of the tissue means a smaller cavity."

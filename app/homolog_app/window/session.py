@@ -24,9 +24,15 @@ if TYPE_CHECKING:
 __all__ = ["BACKGROUND", "PAGE_OF_JOB", "Job", "Session"]
 
 PAGE_OF_JOB = {
-    "groups": "Groups", "seeds": "Groups", "mend": "Check", "reference": "Patient", "patient": "Patient",
-    "typical": "Patient", "follow-up": "Patient", "report": "Patient",
-}  # fmt: skip
+    "groups": "Groups",
+    "seeds": "Groups",
+    "mend": "Check",
+    "reference": "Patient",
+    "patient": "Patient",
+    "typical": "Patient",
+    "follow-up": "Patient",
+    "report": "Patient",
+}
 """Pages of *Explore* that show the progress of a job, by its kind."""
 
 

@@ -232,10 +232,12 @@ class SliceCanvas(QWidget):
         gap = 8.0
         painter.drawLines(
             [
-                QLineF(box.left(), y, x - gap, y), QLineF(x + gap, y, box.right(), y),
-                QLineF(x, box.top(), x, y - gap), QLineF(x, y + gap, x, box.bottom()),
+                QLineF(box.left(), y, x - gap, y),
+                QLineF(x + gap, y, box.right(), y),
+                QLineF(x, box.top(), x, y - gap),
+                QLineF(x, y + gap, x, box.bottom()),
             ]
-        )  # fmt: skip
+        )
         self._paint_texts(painter, drawn)
         self._paint_scale_bar(painter, drawn.scale)
 
@@ -263,10 +265,13 @@ class SliceCanvas(QWidget):
         colours = self._theme.colours
         left, right, bottom, top = drawn.letters
         texts = (
-            (left, colours.accent, 0.0, 0.5), (right, colours.accent, 1.0, 0.5),
-            (bottom, colours.accent, 0.5, 1.0), (top, colours.accent, 0.5, 0.0),
-            (drawn.title, colours.text, 0.0, 0.0), (drawn.text, colours.dim, 1.0, 0.0),
-        )  # fmt: skip
+            (left, colours.accent, 0.0, 0.5),
+            (right, colours.accent, 1.0, 0.5),
+            (bottom, colours.accent, 0.5, 1.0),
+            (top, colours.accent, 0.5, 0.0),
+            (drawn.title, colours.text, 0.0, 0.0),
+            (drawn.text, colours.dim, 1.0, 0.0),
+        )
         metrics = painter.fontMetrics()
         used = metrics.horizontalAdvance(f"{drawn.title}{top}{drawn.text}") + 10.0 * _EDGE
         patch = QColor(colours.scene)

@@ -337,11 +337,17 @@ class SliceView(QWidget):
         x, y = plane.places(index, grid.shape).tolist()
         right, low = plane.places(middle, grid.shape).tolist()
         return SliceContent(
-            plane.title, f"{at + 1} of {grid.shape[plane.axis]} · {grid.spacing[plane.axis]:.3g} mm",
-            picture, read is not None,
-            (float(grid.spacing[plane.across]), float(grid.spacing[plane.down])), scale,
-            (right, low), (x, y), lines, plane.letters,
-        )  # fmt: skip
+            plane.title,
+            f"{at + 1} of {grid.shape[plane.axis]} · {grid.spacing[plane.axis]:.3g} mm",
+            picture,
+            read is not None,
+            (float(grid.spacing[plane.across]), float(grid.spacing[plane.down])),
+            scale,
+            (right, low),
+            (x, y),
+            lines,
+            plane.letters,
+        )
 
     def _say(self, grid: Grid | None) -> None:
         sliced, read = self.sliced, self.reader.read

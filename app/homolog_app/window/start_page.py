@@ -243,8 +243,10 @@ def stops_for(study: Study) -> tuple[Stop, ...]:
 
 _CARDS = ("file.new", "file.open", "file.sample_hearts")
 _FURTHER = {
-    "file.sample_vertebrae": "Vertebrae", "file.sample_femora": "Femora", "file.sample": "Coffee beans",
-}  # fmt: skip
+    "file.sample_vertebrae": "Vertebrae",
+    "file.sample_femora": "Femora",
+    "file.sample": "Coffee beans",
+}
 _RECENT = 6
 _TEXT_PX = 240
 

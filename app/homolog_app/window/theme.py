@@ -110,14 +110,22 @@ def _palette(colours: Colours) -> QPalette:
     role = QPalette.ColorRole
     palette = QPalette()
     for which, value in (
-        (role.Window, colours.window), (role.Base, colours.field), (role.AlternateBase, colours.zebra),
-        (role.Button, colours.raised), (role.ToolTipBase, colours.raised), (role.Mid, colours.line),
-        (role.Highlight, colours.accent), (role.HighlightedText, colours.on_accent),
+        (role.Window, colours.window),
+        (role.Base, colours.field),
+        (role.AlternateBase, colours.zebra),
+        (role.Button, colours.raised),
+        (role.ToolTipBase, colours.raised),
+        (role.Mid, colours.line),
+        (role.Highlight, colours.accent),
+        (role.HighlightedText, colours.on_accent),
         (role.Link, colours.accent),
-        (role.Text, colours.text), (role.WindowText, colours.text), (role.ButtonText, colours.text),
-        (role.ToolTipText, colours.text), (role.PlaceholderText, colours.dim),
+        (role.Text, colours.text),
+        (role.WindowText, colours.text),
+        (role.ButtonText, colours.text),
+        (role.ToolTipText, colours.text),
+        (role.PlaceholderText, colours.dim),
         (role.Accent, colours.accent),
-    ):  # fmt: skip
+    ):
         palette.setColor(which, QColor(value))
     for which in (role.Text, role.WindowText, role.ButtonText):
         palette.setColor(QPalette.ColorGroup.Disabled, which, QColor(colours.faint))

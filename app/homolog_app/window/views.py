@@ -41,9 +41,15 @@ class Views(QObject):
     picture_wanted = Signal(object, object, object)
 
     def __init__(
-        self, window: QMainWindow, workspace: Workspace, commands: Actions, stage: "Stage",
-        explore: ExplorePanel, table: CohortPanel, curves: EnergyCurves,
-    ) -> None:  # fmt: skip
+        self,
+        window: QMainWindow,
+        workspace: Workspace,
+        commands: Actions,
+        stage: "Stage",
+        explore: ExplorePanel,
+        table: CohortPanel,
+        curves: EnergyCurves,
+    ) -> None:
         super().__init__(window)
         self._window, self._commands, self.stage = window, commands, stage
         self._bar = stage.scene.bar
@@ -64,8 +70,11 @@ class Views(QObject):
         stage.scene.page_changed.connect(self._update_page)
         session = self._session
         for signal in (
-            session.study_changed, session.surveys_changed, session.groomed_changed, session.result_changed,
-        ):  # fmt: skip
+            session.study_changed,
+            session.surveys_changed,
+            session.groomed_changed,
+            session.result_changed,
+        ):
             signal.connect(self.refresh)
         session.step_changed.connect(self._offer_modes)
         for signal in (session.page_changed, session.step_changed):
@@ -151,9 +160,11 @@ class Views(QObject):
             return None  # a preliminary model and a patient are in no file of the project
         view = (page.chosen if page is not None else None) or SubjectsView(moment=self.run.moment)
         return Snapshot(
-            view=view, canvas=self.stage.scene.canvas, title=self._session.title,
+            view=view,
+            canvas=self.stage.scene.canvas,
+            title=self._session.title,
             beside=self._explore.fitted.beside if self.shows_model else None,
-        )  # fmt: skip
+        )
 
     def copy_picture(self) -> None:
         """Copy a picture of the views to the clipboard."""

@@ -256,9 +256,12 @@ class CheckDisplay(QWidget):
         """What is chosen, in words and numbers."""
         place = None if self._picked is None else tuple(self._picked[1].tolist())
         return CheckView(
-            show=self._mode, particle=self.chosen, subject=self.subject.currentText(),
-            others=tuple(self._others.tolist()), place=place,
-        )  # fmt: skip
+            show=self._mode,
+            particle=self.chosen,
+            subject=self.subject.currentText(),
+            others=tuple(self._others.tolist()),
+            place=place,
+        )
 
     def show_inspection(self, inspection: "Inspection | None", names: tuple[str, ...]) -> None:
         """Set the inspection of a result; particle and subject are kept if possible."""

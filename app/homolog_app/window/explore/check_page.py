@@ -221,10 +221,12 @@ class CheckPage(ExplorePage):
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._choose(self._row))
         self.table.activated.connect(lambda index: self._choose(index.row()))  # back to the suspect
         for widget, command in (
-            (self.again, "check.look"), (self.export, "check.export"), (self.repair, "check.mend"),
+            (self.again, "check.look"),
+            (self.export, "check.export"),
+            (self.repair, "check.mend"),
             (self.mend_all_button, "check.mend_all"),
             (self.keep, "check.keep"),
-        ):  # fmt: skip
+        ):
             widget.setToolTip(self.actions_[command].toolTip())
             widget.clicked.connect(self.actions_[command].trigger)
         self.look.changed.connect(self._show_marks)

@@ -114,11 +114,17 @@ class GroupForm(QWidget):
         grid.addWidget(self.swap, 1, 4)
         for row, widget in enumerate(
             (
-                self.slope, self.pairing, self.adjust, self.complete, self.every, self.further,
-                self.alignment, self.tests,
+                self.slope,
+                self.pairing,
+                self.adjust,
+                self.complete,
+                self.every,
+                self.further,
+                self.alignment,
+                self.tests,
             ),
             start=2,
-        ):  # fmt: skip
+        ):
             grid.addWidget(widget, row, 0, 1, 5)
         for column in (1, 3):
             grid.setColumnStretch(column, 1)
@@ -161,13 +167,16 @@ class GroupForm(QWidget):
         return tuple(
             Question(
                 kind="regression" if self.is_regression else "pairs" if self.pairs else "groups",
-                column=column, between=() if self.is_regression else self.between, pairs=self.pairs,
+                column=column,
+                between=() if self.is_regression else self.between,
+                pairs=self.pairs,
                 covariates=() if self.pairs else self.covariates,
-                alignment=alignment, complete_cases=self.complete.isChecked(),
+                alignment=alignment,
+                complete_cases=self.complete.isChecked(),
                 **self._settings.model_dump(exclude={"seeds"}),
             )
             for alignment in alignments
-        )  # fmt: skip
+        )
 
     def ask(self, request: Question) -> bool:
         """Choose the question of a request; return False if the cohort's table no longer allows it."""

@@ -85,8 +85,14 @@ class GroupsPage(ExplorePage):
         self.cautions = label("", "Problem", wrap=True)
         self.kept, self.by_seed = label("", "Hint", wrap=True), SeedAnswers()
         for widget in (
-            self.verdict, self.effect, self.question, self.others, self.summary, self.cautions, self.kept,
-        ):  # fmt: skip
+            self.verdict,
+            self.effect,
+            self.question,
+            self.others,
+            self.summary,
+            self.cautions,
+            self.kept,
+        ):
             widget.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.numbers = NumbersTable()
         self.map = choice("Map", _MAPS)
@@ -215,9 +221,11 @@ class GroupsPage(ExplorePage):
             return
         project, cohort = self.workspace.project, self.workspace.session.study
         self.workspace.work.compute(
-            "study", lambda tick: save_answers(project, answers, cohort, tick),
-            "storing the answer", lambda _: self._show_kept(SeedAnswers.STORED),
-        )  # fmt: skip
+            "study",
+            lambda tick: save_answers(project, answers, cohort, tick),
+            "storing the answer",
+            lambda _: self._show_kept(SeedAnswers.STORED),
+        )
 
     def repeat(self) -> None:
         """Answer the question with other seeds of the correspondence, as ``--seeds`` does, and store all."""
@@ -248,12 +256,17 @@ class GroupsPage(ExplorePage):
         if self.fitted.shape is None:
             return None
         return GroupsView(
-            request=self.answers[0].study.question if self.answers else None, pair=self._mapped[1],
-            map=self.map.currentData(), outdated=not self._current,
-            count=self.views.currentData() if self.answers else 1, way=self.way.value() / _WHOLE,
-            only_significant=self.significant.isChecked(), arrows=self.arrows.isChecked(),
-            colour_range=self.colour_range, from_middle=self.from_middle,
-        )  # fmt: skip
+            request=self.answers[0].study.question if self.answers else None,
+            pair=self._mapped[1],
+            map=self.map.currentData(),
+            outdated=not self._current,
+            count=self.views.currentData() if self.answers else 1,
+            way=self.way.value() / _WHOLE,
+            only_significant=self.significant.isChecked(),
+            arrows=self.arrows.isChecked(),
+            colour_range=self.colour_range,
+            from_middle=self.from_middle,
+        )
 
     @property
     def layouts(self) -> tuple[int, ...] | None:

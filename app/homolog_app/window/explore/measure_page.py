@@ -555,11 +555,15 @@ class MeasurePage(ExplorePage):
         if self.fitted.shape is None:
             return None
         return MeasureView(
-            mode=max(0, self.mode.currentIndex()), at=self.place.value() / STEPS, particles=self.pair,
-            subject=self.who.currentData() or "", beside=self.beside.currentData(),
-            map=self.map.currentData(), colour_range=self.colour_range,
+            mode=max(0, self.mode.currentIndex()),
+            at=self.place.value() / STEPS,
+            particles=self.pair,
+            subject=self.who.currentData() or "",
+            beside=self.beside.currentData(),
+            map=self.map.currentData(),
+            colour_range=self.colour_range,
             distance_from=self.origin.currentData() or MEAN,
-        )  # fmt: skip
+        )
 
     def write(self, path: Path) -> None:
         """Write the table of the subjects; raises InputError if it can't be written."""

@@ -194,8 +194,11 @@ class _Row(QWidget):
 _MODEL = "Mean and modes"
 _RANGES = {"± 1 SD": 1.0, "± 2 SD": 2.0, "± 3 SD": 3.0}
 _LAYOUTS = {
-    "The shape": 1, "− and + of two modes": 4, "− mean + of three modes": 9, "Steps along four modes": 16,
-}  # fmt: skip
+    "The shape": 1,
+    "− and + of two modes": 4,
+    "− mean + of three modes": 9,
+    "Steps along four modes": 16,
+}
 
 
 class ModesPage(ExplorePage):
@@ -290,11 +293,16 @@ class ModesPage(ExplorePage):
         if self._shape is None:
             return None
         return ModesView(
-            count=self.views.currentData(), deviations=tuple(self.sliders.values.tolist()),
-            axes=self.charts.scatter.axes, reach=self.player.reach.currentData(), subject=self._subject,
-            colours=self.colours.isChecked(), arrows=self.arrows.isChecked(),
-            colour_range=self.colour_range, from_middle=self.from_middle,
-        )  # fmt: skip
+            count=self.views.currentData(),
+            deviations=tuple(self.sliders.values.tolist()),
+            axes=self.charts.scatter.axes,
+            reach=self.player.reach.currentData(),
+            subject=self._subject,
+            colours=self.colours.isChecked(),
+            arrows=self.arrows.isChecked(),
+            colour_range=self.colour_range,
+            from_middle=self.from_middle,
+        )
 
     @property
     def _subject(self) -> str:

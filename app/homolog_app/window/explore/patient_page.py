@@ -445,10 +445,14 @@ class PatientPage(ExplorePage):
             self.comparison,
             self.reference,
             PatientDisplay(
-                self.map.currentData(), self.views.currentData(), self.way.value() / _STEPS,
-                self.path.currentData(), self.overlaid.isChecked(), self.only_beyond.isChecked(),
+                self.map.currentData(),
+                self.views.currentData(),
+                self.way.value() / _STEPS,
+                self.path.currentData(),
+                self.overlaid.isChecked(),
+                self.only_beyond.isChecked(),
             ),
-        )  # fmt: skip
+        )
 
     def sliced(self) -> "SliceScene | None":
         """Return the patient's scan or voxels, with the map as a contour."""
@@ -499,9 +503,15 @@ class PatientPage(ExplorePage):
             from homolog.patient import make_reference
 
             return make_reference(
-                project, group=group, adjust=columns, pairs=person or None, time=time or "time", names=True,
-                result=result, tick=tick,
-            )  # fmt: skip
+                project,
+                group=group,
+                adjust=columns,
+                pairs=person or None,
+                time=time or "time",
+                names=True,
+                result=result,
+                tick=tick,
+            )
 
         self.workspace.work.compute("reference", make, "fitting controls one by one", self.set_reference)
 

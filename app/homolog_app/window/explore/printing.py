@@ -96,8 +96,10 @@ def draw_pages(printer: "QPrinter", pages: Sequence[Array]) -> None:
     """Draw each page as large as the paper; raises InputError if the printer can't be written to."""
     painter = QPainter()
     if not painter.begin(printer):
-        raise InputError(f"{printer.printerName() or printer.outputFileName()}: printing failed; choose "
-                         "another printer, or print to a file")  # fmt: skip
+        raise InputError(
+            f"{printer.printerName() or printer.outputFileName()}: printing failed; choose "
+            "another printer, or print to a file"
+        )
     for number, page in enumerate(pages):
         if number:
             printer.newPage()

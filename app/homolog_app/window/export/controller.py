@@ -95,9 +95,13 @@ class ExportController(Controller):
         if not self._running or not self._workspace.preferences.ask_on_close:
             return True
         answer = ask(
-            self._window, "Stop the export?", "It has not finished; its files would be removed.",
-            ("Stop", "Keep exporting"), 1, lambda: not self._running,
-        )  # fmt: skip
+            self._window,
+            "Stop the export?",
+            "It has not finished; its files would be removed.",
+            ("Stop", "Keep exporting"),
+            1,
+            lambda: not self._running,
+        )
         return answer != "Keep exporting"
 
     @property

@@ -186,9 +186,10 @@ def first_frame_of(content: list[str], settings: PictureSettings) -> float | Non
 
 def _small(settings: PictureSettings, at: float | None) -> StillSettings:
     """Return the settings of a small picture that looks the same."""
-    scale = max(_SIZE / max(settings.width, settings.height), *(
-        least / side for least, side in zip(_LEAST, (settings.width, settings.height), strict=True)
-    ))  # fmt: skip
+    scale = max(
+        _SIZE / max(settings.width, settings.height),
+        *(least / side for least, side in zip(_LEAST, (settings.width, settings.height), strict=True)),
+    )
     shared = {name: getattr(settings, name) for name in PictureSettings.model_fields}
     shared |= {name: 2 * math.ceil(scale * shared[name] / 2.0) for name in ("width", "height")}
     clear = isinstance(settings, StillSettings) and settings.transparent
