@@ -58,13 +58,14 @@ def test_a_wrong_use_ends_with_two_and_a_hint(options, capsys):
         (InputError("a: is empty\nb: is missing"), 2, "homolog: a: is empty\nhomolog: b: is missing\n"),
         (NumericalError("a: no surface"), 1, "homolog: a: no surface\n"),
         (
-            PermissionError(13, "Permission denied", "/x/a.nrrd"), 2,
+            PermissionError(13, "Permission denied", "/x/a.nrrd"),
+            2,
             "homolog: /x/a.nrrd: Permission denied; check its permissions, or choose another location\n",
         ),
         (Cancelled("cancelled"), 130, "cancelled\n"),
         (KeyboardInterrupt(), 130, "cancelled\n"),
     ],
-)  # fmt: skip
+)
 def test_errors_become_lines_and_exit_codes(monkeypatch, capsys, error, code, text):
     def fail(arguments):
         raise error

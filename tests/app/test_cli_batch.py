@@ -150,8 +150,11 @@ def test_a_batch_makes_a_project_for_each_structure_and_goes_on_past_those_that_
     assert code == 1  # one failed
     record = json.loads((out / "batch.json").read_text())["structures"]
     assert {name: item["state"] for name, item in record.items()} == {
-        "Left-Oval": "finished", "Round_Body": "finished", "Rare": "too few subjects", "Tiny": "failed",
-    }  # fmt: skip
+        "Left-Oval": "finished",
+        "Round_Body": "finished",
+        "Rare": "too few subjects",
+        "Tiny": "failed",
+    }
     assert "2 subjects have it" in record["Rare"]["message"]
     assert record["Rare"]["absent"] == ["c", "d"]
     assert len(ProjectFolder(out / "Left-Oval").read().result.subjects) == 4

@@ -24,8 +24,12 @@ def test_the_demo_leaves_both_projects_the_cohort_and_the_comparison(small_demo)
     code, out, _ = small_demo
     assert code == 0
     assert sorted(path.name for path in out.iterdir()) == [
-        "cohort", "comparison.csv", "comparison.png", "original", "proposed",
-    ]  # fmt: skip
+        "cohort",
+        "comparison.csv",
+        "comparison.png",
+        "original",
+        "proposed",
+    ]
     records = [json.loads((out / name / "project.json").read_text()) for name in ("original", "proposed")]
     assert [record["result"]["settings"]["optimize"]["method"] for record in records] == [
         "euclidean",

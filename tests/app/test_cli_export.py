@@ -45,10 +45,14 @@ def project(tmp_path_factory, unit_sphere):
         name = f"s{index:02d}"
         subjects.append(
             ResultSubject(
-                name=name, file=name, group=("short", "long")[index % 2], columns={"x": "1"}, content="0",
+                name=name,
+                file=name,
+                group=("short", "long")[index % 2],
+                columns={"x": "1"},
+                content="0",
                 alignment=shift.tolist(),
             )
-        )  # fmt: skip
+        )
         write_particles(particle_file(project, name, "world"), shape[::5])
         write_particles(particle_file(project, name, "local"), shape[::5] - shift[:3, 3])
         write_mesh(surface_file(project, name), TriangleMesh(shape - shift[:3, 3], faces))
@@ -57,10 +61,19 @@ def project(tmp_path_factory, unit_sphere):
     steps = [[step, -float(step), 2.0 / (step + 1), 1.0] for step in range(20)]
     write_table(project.folder / "energies.csv", ["iteration", "sampling", "ensemble", "normals"], steps)
     result = ResultRecord(
-        finished="2025-01-01T00:00:00+00:00", ended="converged", iterations=20, particles=VERTICES // 5,
-        metric="geodesic", folded_faces=0, settings=RunSettings(), device="cpu",
-        versions={"homolog": "9.9"}, seconds={}, fingerprint="abc", subjects=subjects,
-    )  # fmt: skip
+        finished="2025-01-01T00:00:00+00:00",
+        ended="converged",
+        iterations=20,
+        particles=VERTICES // 5,
+        metric="geodesic",
+        folded_faces=0,
+        settings=RunSettings(),
+        device="cpu",
+        versions={"homolog": "9.9"},
+        seconds={},
+        fingerprint="abc",
+        subjects=subjects,
+    )
     project.write(ProjectRecord(result=result))
     return project
 
@@ -126,7 +139,7 @@ def test_a_still_at_the_end_of_a_mode_is_that_frame_of_the_film(export):
         ("plot", "plot.svg", ["--kind", "scores", "--vertical", "7"], "mode 7: the result has 2 modes"),
         ("meshes", "meshes", ["--format", "dae"], "--format dae"),
     ],
-)  # fmt: skip
+)
 def test_what_can_not_be_exported_is_refused_and_leaves_nothing(export, what, name, options, message):
     code, path, said = export(what, name, *options, "--progress", "none")
     assert code == 2

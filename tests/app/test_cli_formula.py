@@ -36,17 +36,31 @@ def grown(tmp_path, ball):
         columns = {"age": f"{age:.3f}", "sex": "mfmfmmff"[index % 8], "site": "xy"[index % 2]}
         subjects.append(
             ResultSubject(
-                name=f"s{index}", file=f"s{index}", group=group, columns=columns, content="0",
+                name=f"s{index}",
+                file=f"s{index}",
+                group=group,
+                columns=columns,
+                content="0",
                 alignment=np.eye(4).tolist(),
             )
-        )  # fmt: skip
+        )
     project.model.mkdir()
     write_mesh(mean_file(project), ball)
     record = ResultRecord(
-        finished="2025-01-01T00:00:00+00:00", ended="converged", iterations=20, particles=60,
-        metric="geodesic", folded_faces=0, settings=RunSettings(), device="cpu", versions={"homolog": "9.9"},
-        seconds={}, fingerprint="abc", subjects=subjects, excluded=[],
-    )  # fmt: skip
+        finished="2025-01-01T00:00:00+00:00",
+        ended="converged",
+        iterations=20,
+        particles=60,
+        metric="geodesic",
+        folded_faces=0,
+        settings=RunSettings(),
+        device="cpu",
+        versions={"homolog": "9.9"},
+        seconds={},
+        fingerprint="abc",
+        subjects=subjects,
+        excluded=[],
+    )
     project.write(ProjectRecord(result=record))
     return project.folder, bulge, base
 

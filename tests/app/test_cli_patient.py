@@ -38,9 +38,14 @@ def test_a_patient_gets_a_report_tables_and_surfaces(report):
     from homolog.io.meshes import read_mesh
 
     assert {path.name for path in report.iterdir()} == {
-        "report.html", "report.pdf", "patients.csv", "regions.csv", "map.vtp", "patient.vtp",
+        "report.html",
+        "report.pdf",
+        "patients.csv",
+        "regions.csv",
+        "map.vtp",
+        "patient.vtp",
         "patient_local.particles",
-    }  # fmt: skip
+    }
     (row,) = rows(report / "patients.csv")
     assert row["name"] == "a"
     assert float(row["largest_z"]) < float(row["limit"])

@@ -56,9 +56,13 @@ def _figures(colours):
     draw_scores(drawn["scores"].subplots(), numbers[:, :2], groups, LABELS, **row, ellipses=True)
     second = np.arange(9) < 4
     draw_discriminant(
-        drawn["discriminant"].subplots(), numbers[:, 0], second, ("a long group name", "b"),
-        ["b", "a long group name"], **row,
-    )  # fmt: skip
+        drawn["discriminant"].subplots(),
+        numbers[:, 0],
+        second,
+        ("a long group name", "b"),
+        ["b", "a long group name"],
+        **row,
+    )
     draw_slope(drawn["slope"].subplots(), numbers[:, 0], numbers[:, 1], groups, "age", 0.1, **row)
     parts = [numbers[:3, 0], numbers[3:, 0]]
     draw_boxes(
@@ -74,9 +78,12 @@ def _figures(colours):
     draw_measure(drawn["measure"].subplots(), np.arange(9.0), numbers[:, 0], "Volume", "mode 1 (SD)", **row)
     draw_energies(drawn["energies"].subplots(1, 3), numbers, **row)
     draw_quality(
-        drawn["quality"].subplots(1, 3), np.linspace(0.4, 1.0, 8), np.linspace(2.0, 1.0, 7),
-        ([1, 4, 8], np.ones(3)), **row,
-    )  # fmt: skip
+        drawn["quality"].subplots(1, 3),
+        np.linspace(0.4, 1.0, 8),
+        np.linspace(2.0, 1.0, 7),
+        ([1, 4, 8], np.ones(3)),
+        **row,
+    )
     return drawn
 
 

@@ -22,9 +22,13 @@ def test_the_readme_example_prints_shares_and_a_p_value_and_makes_a_project(elli
     (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
     (tmp_path / "example.py").write_text(example.replace("256", SHORT), "utf-8")
     done = subprocess.run(
-        [sys.executable, "example.py"], cwd=tmp_path, env={**os.environ, "PYTHONPATH": ROOTS},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        [sys.executable, "example.py"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": ROOTS},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     assert re.fullmatch(r"\[0\.\d+ +0\.\d+ +0\.\d+ *\]\ny - x [01]\.\d+ [01]\.\d+", done.stdout.strip())
     assert {"mode_1.ply", "PROJECT"} <= {path.name for path in tmp_path.iterdir()}

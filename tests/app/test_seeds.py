@@ -79,9 +79,18 @@ def test_other_seeds_are_run_once_and_their_answers_reported(project, capsys):
 
 
 ANSWER = SeedAnswer(
-    "b - a", 0, 0.011, Effect(1.3, 0.4, 2.2, level=0.9), 6, 4.7, Effect(0.8, 0.6, 0.9, 0.02),
-    Effect(0.9, 0.7, 1.0, 0.01), Effect(0.5, -0.1, 1.1, 0.1), 999, "abc",
-)  # fmt: skip
+    "b - a",
+    0,
+    0.011,
+    Effect(1.3, 0.4, 2.2, level=0.9),
+    6,
+    4.7,
+    Effect(0.8, 0.6, 0.9, 0.02),
+    Effect(0.9, 0.7, 1.0, 0.01),
+    Effect(0.5, -0.1, 1.1, 0.1),
+    999,
+    "abc",
+)
 
 
 def answer_of(p):

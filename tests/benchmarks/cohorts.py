@@ -53,9 +53,10 @@ def try_cohort(folder, options, device):
     groomed = groom_cohort(cohort, settings, left_out=problems)
     cohort = cohort.without({problem.subject for problem in problems})
     seconds = time.perf_counter() - begun
-    fine, coarse = ([len(mesh.vertices) for mesh in kind] for kind in (
-        [subject.mesh for subject in groomed], [subject.coarse_mesh for subject in groomed]
-    ))  # fmt: skip
+    fine, coarse = (
+        [len(mesh.vertices) for mesh in kind]
+        for kind in ([subject.mesh for subject in groomed], [subject.coarse_mesh for subject in groomed])
+    )
     genus = sorted(subject.report.genus for subject in groomed)
     print(
         f"{folder.name}: {len(groomed)} groomed, {len(problems)} refused, genus {genus}, "

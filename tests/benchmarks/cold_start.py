@@ -43,12 +43,23 @@ def one_round(folder: Path, programs: int) -> int:
     around = os.environ | {"WARP_CACHE_PATH": str(folder / "cache"), "PYTHONFAULTHANDLER": "1"}
     started = [
         subprocess.Popen(
-            [sys.executable, "-m", "homolog_app", "run", str(folder / "scans"), "--out",
-             str(folder / f"project{index}"), *_SETTINGS.split()],
-            env=around, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+            [
+                sys.executable,
+                "-m",
+                "homolog_app",
+                "run",
+                str(folder / "scans"),
+                "--out",
+                str(folder / f"project{index}"),
+                *_SETTINGS.split(),
+            ],
+            env=around,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
         )
         for index in range(programs)
-    ]  # fmt: skip
+    ]
     bad = 0
     for item in started:
         message = item.communicate()[1]

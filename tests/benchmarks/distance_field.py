@@ -63,9 +63,11 @@ def main():
             error = np.abs(result - exact)
             near = error[np.abs(exact) < 3.0]
             print(
-                f"{size}³".ljust(6), name.ljust(23), f"{near.mean():.4f}     {near.max():.3f}     "
+                f"{size}³".ljust(6),
+                name.ljust(23),
+                f"{near.mean():.4f}     {near.max():.3f}     "
                 f"{error.mean():.4f}  {error.max():.3f}   {cpu:.3f}   {wall:.3f}",
-            )  # fmt: skip
+            )
 
 
 if __name__ == "__main__":

@@ -16,10 +16,16 @@ RUN = ("grooming", "tables", "optimizing", "fitting", "passes", "writing", "pict
 STAGES = (*RUN, "statistics")
 SHARED = ("grooming", "fitting", "passes")
 CASES = {
-    "kill -9": STAGES, "SIGTERM": STAGES, "full disk": STAGES, "worker killed": SHARED,
-    "kill -9, Dask": SHARED, "SIGTERM, Dask": SHARED, "full disk, Dask": SHARED,
-    "worker killed, Dask": SHARED, "scheduler killed, Dask": SHARED,
-}  # fmt: skip
+    "kill -9": STAGES,
+    "SIGTERM": STAGES,
+    "full disk": STAGES,
+    "worker killed": SHARED,
+    "kill -9, Dask": SHARED,
+    "SIGTERM, Dask": SHARED,
+    "full disk, Dask": SHARED,
+    "worker killed, Dask": SHARED,
+    "scheduler killed, Dask": SHARED,
+}
 
 
 @dataclass(frozen=True)
@@ -119,8 +125,11 @@ def print_table(rows: dict[tuple[str, str], list[Try]]) -> None:
         counts = [len(rows[kind, stage]) if (kind, stage) in rows else "–" for stage in STAGES]
         ways = [item.ended for item in tries]
         numbers = [
-            ways.count("finished"), ways.count("message"), sum(not item.readable for item in tries),
-            sum(not item.equal for item in tries), sum(item.left_over for item in tries),
+            ways.count("finished"),
+            ways.count("message"),
+            sum(not item.readable for item in tries),
+            sum(not item.equal for item in tries),
+            sum(item.left_over for item in tries),
             sum(item.litter for item in tries),
-        ]  # fmt: skip
+        ]
         print(f"| {kind} |", " | ".join(map(str, [*counts, *numbers])), "|")

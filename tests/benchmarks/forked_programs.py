@@ -11,9 +11,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 _PRELOADED = (
-    "distributed", "homolog.correspondence.shape_fit", "homolog.run.grow", "homolog_app.cli.analysis",
-    "homolog_app.cli.run", "homolog_app.pictures.figures", "homolog.comparison.answer",
-)  # fmt: skip
+    "distributed",
+    "homolog.correspondence.shape_fit",
+    "homolog.run.grow",
+    "homolog_app.cli.analysis",
+    "homolog_app.cli.run",
+    "homolog_app.pictures.figures",
+    "homolog.comparison.answer",
+)
 _TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -94,8 +99,11 @@ class Programs:
         }
         self._parent = subprocess.Popen(
             [sys.executable, "-c", "import forked_programs; forked_programs.serve()"],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment,
-        )  # fmt: skip
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=environment,
+        )
 
     def start(self, *arguments: object) -> Program:
         """Start a command."""

@@ -24,15 +24,29 @@ from homolog.progress import no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
 PHASES = {
-    "advance_front": "solve", "build_patches": "patches", "count_patch_vertices": "patches",
-    "store_front": "store", "mark_reached": "store",
-    "symmetrize": "symmetrize", "corners": "fans", "memset": "fill", "memtile": "fill", "memcpy": "copy",
-}  # fmt: skip
+    "advance_front": "solve",
+    "build_patches": "patches",
+    "count_patch_vertices": "patches",
+    "store_front": "store",
+    "mark_reached": "store",
+    "symmetrize": "symmetrize",
+    "corners": "fans",
+    "memset": "fill",
+    "memtile": "fill",
+    "memcpy": "copy",
+}
 
 AGREE = (
-    (meshes.obtuse, 2000), (meshes.cup, 2000), (meshes.bean, 3100), (meshes.obtuse, 1000), (meshes.bean, 900),
-    (meshes.cup, 2600), (meshes.icosphere, 3000), (meshes.bean, 4300), (meshes.cup, 4300),
-)  # fmt: skip
+    (meshes.obtuse, 2000),
+    (meshes.cup, 2000),
+    (meshes.bean, 3100),
+    (meshes.obtuse, 1000),
+    (meshes.bean, 900),
+    (meshes.cup, 2600),
+    (meshes.icosphere, 3000),
+    (meshes.bean, 4300),
+    (meshes.cup, 4300),
+)
 REAL = {"vertebrae": 10, "ventricles": 8, "wide12": 2}
 """How many surfaces of each groomed cohort are compared."""
 

@@ -89,8 +89,10 @@ def start(source: Path, *how: object) -> subprocess.Popen[str]:
     arguments = [source, *how, "--progress", "json", "--no-figures"]
     return subprocess.Popen(
         [sys.executable, "-m", "homolog_app", "run", *map(str, arguments)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 def follow(running: subprocess.Popen[str]) -> Iterator[tuple[str, float]]:

@@ -47,9 +47,13 @@ SUBJECTS, CORE, MEGABYTES = 5, 3, 48
 JOINT = ("grooming", "tables", "optimizing", "writing")
 """Stages that a joint run has as well: three of four tries, as they take less time."""
 OF_PHASE = {
-    "grooming": "grooming", "geodesics": "tables", "splitting": "optimizing", "optimizing": "optimizing",
-    "modeling": "writing", "writing": "writing",
-}  # fmt: skip
+    "grooming": "grooming",
+    "geodesics": "tables",
+    "splitting": "optimizing",
+    "optimizing": "optimizing",
+    "modeling": "writing",
+    "writing": "writing",
+}
 DATE = re.compile(rb"\d{4}-\d\d-\d\dT[\d:]{8}\+00:00")
 _WAIT_S = 300.0
 

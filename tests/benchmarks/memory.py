@@ -66,10 +66,21 @@ def main() -> None:
         project = options.folder / f"memory-{options.shapes}-{options.particles}-{budget}"
         limit = [] if budget == "none" else ["--memory", budget]
         running = psutil.Popen(
-            [sys.executable, "-m", "homolog_app", "run", str(scans), "--out", str(project), *SETTINGS.split(),
-             "--particles", str(options.particles), *limit],
+            [
+                sys.executable,
+                "-m",
+                "homolog_app",
+                "run",
+                str(scans),
+                "--out",
+                str(project),
+                *SETTINGS.split(),
+                "--particles",
+                str(options.particles),
+                *limit,
+            ],
             stdout=subprocess.DEVNULL,
-        )  # fmt: skip
+        )
         most, own, files, seconds = watched(running)
         result = contents(project)
         first = first or result

@@ -75,9 +75,11 @@ def _without(whole: _Grid, part: _Grid, blend: float = 0.06) -> _Grid:
 def _prostate(p: _Grid) -> _Grid:
     lobes = (_ellipsoid(p, (side * 0.4, 0.36, 0.1), (0.55, 0.36, 0.63)) for side in (1.0, -1.0))
     return _union(
-        _ellipsoid(p, (0.0, 0.0, 0.0), (1.0, 0.72, 0.82)), *lobes,
-        _ellipsoid(p, (0.0, -0.1, -0.63), (0.45, 0.4, 0.45)), blend=0.14,
-    )  # fmt: skip
+        _ellipsoid(p, (0.0, 0.0, 0.0), (1.0, 0.72, 0.82)),
+        *lobes,
+        _ellipsoid(p, (0.0, -0.1, -0.63), (0.45, 0.4, 0.45)),
+        blend=0.14,
+    )
 
 
 def _eye(p: _Grid) -> _Grid:
@@ -89,15 +91,17 @@ def _eye(p: _Grid) -> _Grid:
 def _thyroid_lobe(p: _Grid) -> _Grid:
     return _union(
         _ellipsoid(p, (0.0, 0.0, 0.0), (0.38, 0.42, 1.1), (0, 10, 0)),
-        _capsule(p, (0.0, 0.05, -0.4), (0.5, 0.15, -0.45), 0.22, 0.16), blend=0.08,
-    )  # fmt: skip
+        _capsule(p, (0.0, 0.05, -0.4), (0.5, 0.15, -0.45), 0.22, 0.16),
+        blend=0.08,
+    )
 
 
 def _uterus(p: _Grid) -> _Grid:
     return _union(
         _ellipsoid(p, (0.0, 0.0, 0.45), (0.75, 0.52, 0.6)),
-        _capsule(p, (0.0, 0.0, 0.2), (0.0, 0.15, -0.95), 0.4, 0.27), blend=0.1,
-    )  # fmt: skip
+        _capsule(p, (0.0, 0.0, 0.2), (0.0, 0.15, -0.95), 0.4, 0.27),
+        blend=0.1,
+    )
 
 
 def _kidney(p: _Grid) -> _Grid:
@@ -122,7 +126,7 @@ def _tooth_root(p: _Grid) -> _Grid:
     return _union(
         _capsule(stretched, (0, 0, 0.9), (0, 0, 0), 0.36, 0.3),
         _capsule(stretched, (0, 0, 0), (0.14, 0.03, -1.0), 0.3, 0.12),
-    )  # fmt: skip
+    )
 
 
 def _tube(p: _Grid) -> _Grid:
@@ -153,7 +157,7 @@ def _jaw(p: _Grid) -> _Grid:
         _capsule(p, (-1.0, -0.3, 0.0), (0.0, 0.3, 0.1), 0.3, 0.26),
         _capsule(p, (0.0, 0.3, 0.1), (0.9, -0.2, 0.35), 0.26, 0.16),
         _capsule(p, (-0.8, -0.2, 0.0), (-0.7, 0.1, 0.8), 0.22, 0.12),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, slots=True)

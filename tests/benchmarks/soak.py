@@ -42,8 +42,17 @@ _ONE_ARENA = {"MALLOC_ARENA_MAX": "1"}
 
 
 _COUNTS = (
-    "arena", "ordblks", "smblks", "hblks", "hblkhd", "usmblks", "fsmblks", "uordblks", "fordblks", "keepcost"
-)  # fmt: skip
+    "arena",
+    "ordblks",
+    "smblks",
+    "hblks",
+    "hblkhd",
+    "usmblks",
+    "fsmblks",
+    "uordblks",
+    "fordblks",
+    "keepcost",
+)
 
 
 class _Malloc(ctypes.Structure):

@@ -106,8 +106,11 @@ def main() -> None:
     repeats = parser.parse_args().repeats
     print("| groups | modes | omega squared | distance |\n|---|---|---|---|")
     for counts, modes, apart in (
-        ((10, 12, 12), 4, 1.0), ((8, 14, 20), 5, 0.6), ((10, 12, 12), 2, 0.3), ((20, 20, 20, 20), 6, 0.5),
-    ):  # fmt: skip
+        ((10, 12, 12), 4, 1.0),
+        ((8, 14, 20), 5, 0.6),
+        ((10, 12, 12), 2, 0.3),
+        ((20, 20, 20, 20), 6, 0.5),
+    ):
         share, distance = coverage_of_groups(counts, modes, apart, repeats, 1)
         print(f"| {' + '.join(map(str, counts))} | {modes} | {share:.1f} | {distance:.1f} |")
     generator = np.random.default_rng(2)

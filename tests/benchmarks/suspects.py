@@ -142,8 +142,12 @@ def _distances(result: Inspection, m: int, particle: int) -> FloatArray:
 
 
 PLANTS: dict[str, Plant] = {
-    "swap": _swap, "neighbours": _neighbours, "shift": _shift, "wall": _wall, "hole": _hole,
-}  # fmt: skip
+    "swap": _swap,
+    "neighbours": _neighbours,
+    "shift": _shift,
+    "wall": _wall,
+    "hole": _hole,
+}
 
 
 if __name__ == "__main__":

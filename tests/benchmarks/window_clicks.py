@@ -13,12 +13,36 @@ import time
 from pathlib import Path
 
 _CLICKS = (
-    "view.cohort", "view.groom", "view.correspond", "view.explore",
-    "explore.modes", "explore.groups", "explore.measure", "explore.check", "explore.patient", "explore.modes",
-    "view.grid4", "view.grid9", "view.grid16", "view.grid1", "view.clip", "view.clip", "view.corner",
-    "view.cohort", "view.grid16", "view.grid9", "view.grid4", "view.slice", "view.slice", "view.clip",
-    "view.clip", "view.theme", "view.theme", "view.log", "view.log",
-)  # fmt: skip
+    "view.cohort",
+    "view.groom",
+    "view.correspond",
+    "view.explore",
+    "explore.modes",
+    "explore.groups",
+    "explore.measure",
+    "explore.check",
+    "explore.patient",
+    "explore.modes",
+    "view.grid4",
+    "view.grid9",
+    "view.grid16",
+    "view.grid1",
+    "view.clip",
+    "view.clip",
+    "view.corner",
+    "view.cohort",
+    "view.grid16",
+    "view.grid9",
+    "view.grid4",
+    "view.slice",
+    "view.slice",
+    "view.clip",
+    "view.clip",
+    "view.theme",
+    "view.theme",
+    "view.log",
+    "view.log",
+)
 _SHOWN = 12
 
 

@@ -19,11 +19,25 @@ import time
 from pathlib import Path
 
 ORDERS = (
-    "run.start", "run.pause", "run.cancel", "run.resume", "run.groom", "view.next",
-    "view.grid1", "view.grid9", "view.raw", "view.groomed", "view.particles", "edit.undo", "edit.redo",
-    "view.slice", "view.theme",
-    "run.play", "view.front", "view.reset",
-)  # fmt: skip
+    "run.start",
+    "run.pause",
+    "run.cancel",
+    "run.resume",
+    "run.groom",
+    "view.next",
+    "view.grid1",
+    "view.grid9",
+    "view.raw",
+    "view.groomed",
+    "view.particles",
+    "edit.undo",
+    "edit.redo",
+    "view.slice",
+    "view.theme",
+    "run.play",
+    "view.front",
+    "view.reset",
+)
 
 
 def main() -> None:

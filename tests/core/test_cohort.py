@@ -109,8 +109,11 @@ def test_a_table_may_be_saved_by_any_spreadsheet_program(folder, content):
     (folder / "cohort.csv").write_bytes(content)
     first, second = read_cohort(folder).subjects
     assert (first.name, first.path, first.group, dict(first.columns)) == (
-        "Änne", folder / "a.nrrd", "HCM", {"age": "61"},
-    )  # fmt: skip
+        "Änne",
+        folder / "a.nrrd",
+        "HCM",
+        {"age": "61"},
+    )
     assert (second.name, second.path, second.group) == ("y", folder / "sub" / "b.nii.gz", None)
 
 

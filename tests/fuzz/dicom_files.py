@@ -18,9 +18,14 @@ def good_series(folder: Path) -> None:
     for number in range(6):
         image = SimpleITK.GetImageFromArray(np.full((1, 8, 9), 3 - number // 2, np.uint8))
         tags = {
-            "0008|0060": "OT", "0020|000d": "1.2.3", "0020|000e": "1.2.4", "0008|0018": f"1.2.4.{number + 1}",
-            "0020|0032": f"0\\0\\{number}", "0020|0037": "1\\0\\0\\0\\1\\0", "0020|0013": str(number),
-        }  # fmt: skip
+            "0008|0060": "OT",
+            "0020|000d": "1.2.3",
+            "0020|000e": "1.2.4",
+            "0008|0018": f"1.2.4.{number + 1}",
+            "0020|0032": f"0\\0\\{number}",
+            "0020|0037": "1\\0\\0\\0\\1\\0",
+            "0020|0013": str(number),
+        }
         for key, value in tags.items():
             image.SetMetaData(key, value)
         writer.SetFileName(folder / "series" / f"{number}.dcm")

@@ -72,11 +72,20 @@ def make_project(unit_sphere):
             [[step, -float(step), 2.0 / (step + 1), 1.0] for step in range(20)],
         )
         result = ResultRecord(
-            finished="2025-01-01T00:00:00+00:00", ended="converged", iterations=20, particles=60,
-            metric="geodesic", folded_faces=0, settings=RunSettings(), device="cpu",
-            versions={"homolog": "9.9"}, seconds={}, fingerprint="abc", subjects=subjects,
+            finished="2025-01-01T00:00:00+00:00",
+            ended="converged",
+            iterations=20,
+            particles=60,
+            metric="geodesic",
+            folded_faces=0,
+            settings=RunSettings(),
+            device="cpu",
+            versions={"homolog": "9.9"},
+            seconds={},
+            fingerprint="abc",
+            subjects=subjects,
             excluded=["scan.nrrd: is empty"],
-        )  # fmt: skip
+        )
         project.write(ProjectRecord(result=result))
         return project
 

@@ -164,8 +164,12 @@ def test_effects_of_numbers_are_told_per_power_of_ten_near_their_deviation(proje
 
 def test_each_p_is_printed_with_no_more_digits_than_it_has():
     assert [p_text(p) for p in (0.0, 0.00099, 0.0123, 0.21, 1.0)] == [
-        "p < 0.001", "p < 0.001", "p = 0.012", "p = 0.21", "p > 0.99",
-    ]  # fmt: skip
+        "p < 0.001",
+        "p < 0.001",
+        "p = 0.012",
+        "p = 0.21",
+        "p > 0.99",
+    ]
     assert p_text(1 / 200, 199) == "p = 0.005"
     assert p_text(1 / 100, 99) == "p = 0.01"
     assert p_text(1 / 20, 19) == "p = 0.05"
@@ -291,9 +295,11 @@ def test_voxels_of_the_files_are_told_by_group_and_ranges_where_there_are_many_s
     rows = sample_rows(study, replace(result, voxels=tuple(edges)))
     voxels = [(row.group, row.category, row.count) for row in rows if row.variable == "voxel"]
     assert voxels == [
-        ("A", "0.5 x 0.5 x 2", 6), ("A", "0.5 x 0.5 x 3", 0),
-        ("B", "0.5 x 0.5 x 2", 0), ("B", "0.5 x 0.5 x 3", 6),
-    ]  # fmt: skip
+        ("A", "0.5 x 0.5 x 2", 6),
+        ("A", "0.5 x 0.5 x 3", 0),
+        ("B", "0.5 x 0.5 x 2", 0),
+        ("B", "0.5 x 0.5 x 3", 6),
+    ]
     assert {row.variable: row.unit for row in rows if row.unit} == {"shape-size": "mm", "voxel": "mm"}
     many = tuple((0.5, 0.5, 1.0 + 0.1 * index) for index in range(len(edges)))
     rows = sample_rows(study, replace(result, voxels=many))

@@ -49,9 +49,12 @@ def test_python_answers_describes_and_reports_as_the_commands_do(project, capsys
     assert analyze(project, *options) == 0
     printed = capsys.readouterr().out
     (shape,) = hl.analyze(
-        project.folder, between=["A", "B"], covariates=["age", "grade"], complete_cases=True,
+        project.folder,
+        between=["A", "B"],
+        covariates=["age", "grade"],
+        complete_cases=True,
         permutations=199,
-    )  # fmt: skip
+    )
     assert f"{shape.text}\n" == printed
     assert any("excluded for missing values" in caution for caution in shape.cautions)
     assert (shape.comparison.title, shape.pairwise, shape.seeds) == ("B - A", (), ())

@@ -109,9 +109,15 @@ def controls_in(root):
     from PySide6 import QtWidgets as Q
 
     kinds = (
-        Q.QAbstractButton, Q.QAbstractItemView, Q.QAbstractSlider, Q.QAbstractSpinBox, Q.QComboBox,
-        Q.QLineEdit, Q.QPlainTextEdit, Q.QTabBar,
-    )  # fmt: skip
+        Q.QAbstractButton,
+        Q.QAbstractItemView,
+        Q.QAbstractSlider,
+        Q.QAbstractSpinBox,
+        Q.QComboBox,
+        Q.QLineEdit,
+        Q.QPlainTextEdit,
+        Q.QTabBar,
+    )
     parts = (Q.QScrollBar, Q.QHeaderView)
     return [
         widget

@@ -389,9 +389,14 @@ def test_two_subjects_are_told_to_be_too_few(explored, errors, wait):
     two = session.result.result
     kept = {name: session.result.surfaces[name] for name in two.names[:2]}
     result = replace(
-        two, names=two.names[:2], groups=two.groups[:2], columns=two.columns[:2], local=two.local[:2],
-        world=two.world[:2], alignments=two.alignments[:2],
-    )  # fmt: skip
+        two,
+        names=two.names[:2],
+        groups=two.groups[:2],
+        columns=two.columns[:2],
+        local=two.local[:2],
+        world=two.world[:2],
+        alignments=two.alignments[:2],
+    )
     session.result = replace(session.result, result=result, surfaces=kept)
     session.result_changed.emit()
     explored.commands["explore.check"].trigger()

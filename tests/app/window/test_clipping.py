@@ -39,9 +39,17 @@ def shell():
 def from_above(canvas, clip):
     camera = CameraState(at=(0, 0, 0), eye=(0, 0, 50), up=(0, -1, 0), height=24.0)
     return canvas.model_copy(
-        update={"width": 300, "height": 300, "ratio": 1.0, "layout": 1, "cameras": (camera,), "clip": clip,
-                "scheme": "light", "particles": True}
-    )  # fmt: skip
+        update={
+            "width": 300,
+            "height": 300,
+            "ratio": 1.0,
+            "layout": 1,
+            "cameras": (camera,),
+            "clip": clip,
+            "scheme": "light",
+            "particles": True,
+        }
+    )
 
 
 def areas(picture):

@@ -143,11 +143,16 @@ def test_the_first_frame_is_previewed(dialog_with_preview, wait):
 @pytest.mark.parametrize(
     ("name", "made"),
     [
-        ("still", "out.png"), ("plot", "out.svg"), ("meshes", "out/mean.vtp"), ("table", "out/scores.csv"),
-        ("particles", "out/a_world.particles"), ("shapeworks", "out/study.swproj"),
-        ("markups", "out/a.mrk.json"), ("morphometrics", "out/particles.tps"),
+        ("still", "out.png"),
+        ("plot", "out.svg"),
+        ("meshes", "out/mean.vtp"),
+        ("table", "out/scores.csv"),
+        ("particles", "out/a_world.particles"),
+        ("shapeworks", "out/study.swproj"),
+        ("markups", "out/a.mrk.json"),
+        ("morphometrics", "out/particles.tps"),
     ],
-)  # fmt: skip
+)
 def test_the_command_line_that_is_shown_writes_what_the_dialog_says(dialog, tmp_path, name, made):
     from homolog_app.cli import main
 
@@ -225,8 +230,10 @@ def test_what_is_wrong_is_said_and_nothing_can_be_started(dialog, tmp_path):
     film = dialog("film")
     (tmp_path / "mine.txt").write_text("")
     for text, message in (
-        ("", "Choose where"), ("film.avi", "must end in .mp4, .gif"), (str(tmp_path), "already exists"),
-    ):  # fmt: skip
+        ("", "Choose where"),
+        ("film.avi", "must end in .mp4, .gif"),
+        (str(tmp_path), "already exists"),
+    ):
         film.place.setText(text)
         assert message in film.note.text()
         assert not film.go.isEnabled()

@@ -131,9 +131,15 @@ def test_the_wheel_changes_no_value_of_a_panel_that_it_scrolls(qapp):
     panel.show()
     at = QPointF(box.rect().center())
     wheel = QWheelEvent(
-        at, box.mapToGlobal(at), QPoint(), QPoint(0, -120), Qt.MouseButton.NoButton,
-        Qt.KeyboardModifier.NoModifier, Qt.ScrollPhase.NoScrollPhase, False,
-    )  # fmt: skip
+        at,
+        box.mapToGlobal(at),
+        QPoint(),
+        QPoint(0, -120),
+        Qt.MouseButton.NoButton,
+        Qt.KeyboardModifier.NoModifier,
+        Qt.ScrollPhase.NoScrollPhase,
+        False,
+    )
     qapp.sendEvent(box, wheel)
     assert box.currentData() == 1
     assert not wheel.isAccepted()  # so that Qt goes on to the area that scrolls
@@ -148,5 +154,8 @@ def test_numbers_have_a_point_or_a_comma_and_nothing_else():
 
 def test_times_are_no_more_exact_than_they_are_known():
     assert [duration(item) for item in (2, 43, 200, 9000)] == [
-        "about 5 s", "about 45 s", "about 3 min", "about 2.5 h",
-    ]  # fmt: skip
+        "about 5 s",
+        "about 45 s",
+        "about 3 min",
+        "about 2.5 h",
+    ]

@@ -94,8 +94,21 @@ def test_a_project_whose_run_was_stopped_says_so_when_it_is_opened(
 def test_fifty_random_orders_leave_the_window_whole(groomed, errors, wait, quick):
     orders = random.Random(3)
     groomed.workspace.edit_settings("optimize", "particles", quick(16))
-    names = ("run.start", "run.pause", "run.cancel", "run.groom", "view.next", "view.grid1", "view.grid9",
-             "view.raw", "edit.undo", "edit.redo", "view.slice", "view.theme", "run.play")  # fmt: skip
+    names = (
+        "run.start",
+        "run.pause",
+        "run.cancel",
+        "run.groom",
+        "view.next",
+        "view.grid1",
+        "view.grid9",
+        "view.raw",
+        "edit.undo",
+        "edit.redo",
+        "view.slice",
+        "view.theme",
+        "run.play",
+    )
     for _ in range(50):
         possible = [name for name in names if groomed.commands[name].isEnabled()]
         groomed.commands[orders.choice(possible)].trigger()

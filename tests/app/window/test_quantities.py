@@ -7,9 +7,13 @@ from homolog_app.rendering.text import millilitres, short, signed, tick_labels
 
 @pytest.mark.parametrize(
     ("values", "message"),
-    [([79.75, 79.76, 79.77], ["79.75", "79.76", "79.77"]), ([0.0, 2.5, 5.0], ["0.0", "2.5", "5.0"]),
-     ([-20.0, 0.0, 20.0], ["−20", "0", "20"]), ([], [])],
-)  # fmt: skip
+    [
+        ([79.75, 79.76, 79.77], ["79.75", "79.76", "79.77"]),
+        ([0.0, 2.5, 5.0], ["0.0", "2.5", "5.0"]),
+        ([-20.0, 0.0, 20.0], ["−20", "0", "20"]),
+        ([], []),
+    ],
+)
 def test_ticks_have_as_many_digits_as_tell_them_apart(values, message):
     assert tick_labels(values) == message
 

@@ -22,10 +22,17 @@ pytestmark = pytest.mark.own_window  # views keep layout and camera
 
 @pytest.mark.parametrize(
     ("direction", "letters"),
-    [((1, 0, 0), "L"), ((-1, 0, 0), "R"), ((0, 1, 0), "P"), ((0, -1, 0), "A"), ((0, 0, 1), "S"),
-     ((0, 0, -1), "I"),
-     ((0.8, -0.6, 0), "LA"), ((0.98, 0.17, 0), "L")],
-)  # fmt: skip
+    [
+        ((1, 0, 0), "L"),
+        ((-1, 0, 0), "R"),
+        ((0, 1, 0), "P"),
+        ((0, -1, 0), "A"),
+        ((0, 0, 1), "S"),
+        ((0, 0, -1), "I"),
+        ((0.8, -0.6, 0), "LA"),
+        ((0.98, 0.17, 0), "L"),
+    ],
+)
 def test_directions_are_named_as_in_radiology(direction, letters):
     assert direction_letters(np.array(direction, dtype=float)) == letters
 
@@ -110,9 +117,10 @@ def test_numbers_stand_side_by_side_in_the_strip_in_the_order_of_their_points():
 
 
 @pytest.mark.parametrize(
-    "place", [[0.0, 0.97, 0.0], [0.0, 1.2, 0.0], [1.5, 0.0, 0.0], [1.1, -0.9, 0.0]],
+    "place",
+    [[0.0, 0.97, 0.0], [0.0, 1.2, 0.0], [1.5, 0.0, 0.0], [1.1, -0.9, 0.0]],
     ids=["under the strip", "above the view", "beside the view", "under the inset"],
-)  # fmt: skip
+)
 def test_a_point_that_is_not_seen_has_no_number(place):
     seen, _ = _numbered([place, [0.0, 0.0, 0.0]], inset=(0.75, 0.0, 1.0, 0.25))
     assert list(seen) == [1]

@@ -20,8 +20,11 @@ def modes(explored, wait):
 def test_a_value_can_be_typed_beside_a_slider(modes):
     row = modes.sliders.rows[0]
     for text, value, shown in (
-        ("1,5", 1.5, "+1.50"), ("-9", -3.0, "−3.00"), ("nonsense", -3.0, "−3.00"), ("nan", -3.0, "−3.00"),
-    ):  # fmt: skip
+        ("1,5", 1.5, "+1.50"),
+        ("-9", -3.0, "−3.00"),
+        ("nonsense", -3.0, "−3.00"),
+        ("nan", -3.0, "−3.00"),
+    ):
         row.typed.setText(text)
         row.typed.editingFinished.emit()
         assert modes.sliders.values[0] == value

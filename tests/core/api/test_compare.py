@@ -32,9 +32,12 @@ def test_two_groups_are_compared_as_the_analysis_does(shapes):
     result = hl.compare_groups(shapes, GROUPS, ("a", "c"), covariates={"age": missing}, **FORM)
     part = [index for index, group in enumerate(GROUPS) if group in ("a", "c")]
     expected = compare_two_groups(
-        shapes[part], [GROUPS[index] for index in part], ("a", "c"),
-        covariates=covariate_columns({"age": AGES[part].tolist()}), options=Options(**QUICK),
-    )  # fmt: skip
+        shapes[part],
+        [GROUPS[index] for index in part],
+        ("a", "c"),
+        covariates=covariate_columns({"age": AGES[part].tolist()}),
+        options=Options(**QUICK),
+    )
     assert result.title == "c - a"
     assert result.subjects.tolist() == part
     assert result.p_adjusted == expected.p_adjusted

@@ -109,8 +109,10 @@ def test_nothing_is_saved_among_other_files(result, tmp_path):
 
 
 def test_groups_and_covariates_are_those_of_the_cohorts_table(ellipsoids, tmp_path):
-    rows = [f"{name},{ellipsoids / name}.nrrd,{group},{age}" for name, group, age in
-            (("a", "x", 50), ("b", "y", 61), ("c", "x", ""))]  # fmt: skip
+    rows = [
+        f"{name},{ellipsoids / name}.nrrd,{group},{age}"
+        for name, group, age in (("a", "x", 50), ("b", "y", 61), ("c", "x", ""))
+    ]
     (tmp_path / "cohort.csv").write_text("\n".join(["name,path,group,age", *rows]))
     result = hl.correspond(hl.read_cohort(tmp_path / "cohort.csv"), 32, device="cpu", **SHORT)
     assert (result.names, result.groups) == (("a", "b", "c"), ("x", "y", "x"))

@@ -25,8 +25,11 @@ CORE = Path(hl.__file__).parents[1]
 def test_importing_the_package_loads_nothing_but_the_standard_library():
     done = subprocess.run(
         [sys.executable, "-c", "import sys, homolog; print(*{one.split('.')[0] for one in sys.modules})"],
-        capture_output=True, text=True, check=True, env={**os.environ, "PYTHONPATH": str(CORE)},
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONPATH": str(CORE)},
+    )
     tops = {part for part in done.stdout.split() if not part.startswith(("_", "homolog", "sitecustomize"))}
     assert tops <= sys.stdlib_module_names
 

@@ -98,9 +98,14 @@ def test_totalsegmentators_structures_have_the_scan_beside_them(tmp_path, cohort
 
 def test_nnunets_cases_are_its_training_labels_with_their_first_channel(tmp_path, cohort_of, files_of):
     cohort = cohort_of(
-        tmp_path, "labelsTr/a.nii.gz", "labelsTr/b.nii.gz", "imagesTr/a_0000.nii.gz",
-        "imagesTr/a_0001.nii.gz", "imagesTs/c_0000.nii.gz", "dataset.json",
-    )  # fmt: skip
+        tmp_path,
+        "labelsTr/a.nii.gz",
+        "labelsTr/b.nii.gz",
+        "imagesTr/a_0000.nii.gz",
+        "imagesTr/a_0001.nii.gz",
+        "imagesTs/c_0000.nii.gz",
+        "dataset.json",
+    )
     assert files_of(cohort) == {"a": "labelsTr/a.nii.gz", "b": "labelsTr/b.nii.gz"}
     assert [subject.image for subject in cohort.subjects] == [tmp_path / "imagesTr/a_0000.nii.gz", None]
 
@@ -115,8 +120,9 @@ def test_bids_derivatives_have_sessions_sides_and_labels(tmp_path, cohort_of):
     cohort = cohort_of(tmp_path, *names, "sub-01/ses-a/anat/sub-01_ses-a_T1w.nii.gz")
     first = cohort.subjects[0]
     assert (first.name, dict(first.columns)) == (
-        "sub-01_ses-a_L", {"subject": "sub-01", "session": "ses-a", "side": "L"},
-    )  # fmt: skip
+        "sub-01_ses-a_L",
+        {"subject": "sub-01", "session": "ses-a", "side": "L"},
+    )
     assert list(first.structures) == ["HIP"]
     assert len(cohort.subjects) == 8
 

@@ -23,8 +23,12 @@ def test_fields_are_subject_group_structures_and_columns(tmp_path, cohort_of):
 
 def test_scans_of_one_person_are_subjects_with_the_person_in_a_column(tmp_path, cohort_of):
     cohort = cohort_of(
-        tmp_path, "a_1.ply", "a_2.ply", "b_1.ply", pattern="{subject}_{time}.ply",
-    )  # fmt: skip
+        tmp_path,
+        "a_1.ply",
+        "a_2.ply",
+        "b_1.ply",
+        pattern="{subject}_{time}.ply",
+    )
     assert rows(cohort) == [
         ("a_1", None, {"subject": "a", "time": "1"}),
         ("a_2", None, {"subject": "a", "time": "2"}),

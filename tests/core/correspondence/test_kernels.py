@@ -280,9 +280,14 @@ def test_kept_codes_give_the_particles_that_the_tables_give(ball):
     ended = []
     for keeps in (True, False):
         engine = Engine(
-            cohort.fields, cohort.opening_fields, cohort.surface_set(64), points,
-            geodesic=True, area=MEAN_AREA, launcher=LAUNCHER,
-        )  # fmt: skip
+            cohort.fields,
+            cohort.opening_fields,
+            cohort.surface_set(64),
+            points,
+            geodesic=True,
+            area=MEAN_AREA,
+            launcher=LAUNCHER,
+        )
         if not keeps:
             engine.sampling.known = wp.zeros((engine.total, 0), dtype=PairCodes, device="cpu")
         engine.start_stage([Weights(Term(0.02, 1.0), Term(0.05, 0.1), 0.5)] * 20)

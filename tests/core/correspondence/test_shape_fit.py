@@ -28,10 +28,13 @@ from homolog.geometry import transform_points
 from homolog.settings import OptimizeSettings, Procrustes
 
 SETTINGS = OptimizeSettings(
-    particles=64, split_iterations=30, anneal_iterations=200, settle_iterations=400,
+    particles=64,
+    split_iterations=30,
+    anneal_iterations=200,
+    settle_iterations=400,
     procrustes=Procrustes.FORM,
     opening_weight=0.0,
-)  # fmt: skip
+)
 
 
 @pytest.fixture(scope="module")
@@ -161,9 +164,14 @@ def test_an_isolated_particle_does_not_outweigh_the_objective(placed):
     ensemble = ensemble_of([states[index] for index in (0, 1, 3, 4)], unit)
     world = np.diag([unit, unit, unit, 1.0]) @ shapes[2].alignment
     cohort = prepare_cohort(
-        [replace(shapes[2], alignment=world)], SETTINGS, device="cpu", counts=[64],
-        free_shapes=np.array([True]), unit=unit, opening_scale=0.0,
-    )  # fmt: skip
+        [replace(shapes[2], alignment=world)],
+        SETTINGS,
+        device="cpu",
+        counts=[64],
+        free_shapes=np.array([True]),
+        unit=unit,
+        opening_scale=0.0,
+    )
     points = cohort.to_optimizer[0].apply(states[2].local)[None]
     engine = FitEngine(ensemble, cohort, points, Launcher("cpu", 1), np.eye(4)[None], is_in_it=False)
     engine.start_stage([plan_stages(SETTINGS, 64)[-1].weights(0)] * LIST_ITERATIONS)

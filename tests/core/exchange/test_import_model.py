@@ -56,8 +56,10 @@ def test_a_project_comes_back_as_it_went(exported, project, finished_run):
     assert len(read_modes(project, after.mean_surface)) == len(read_modes(finished_run, before.mean_surface))
     record = project.read().result
     assert (record.ended, record.metric, record.source) == (
-        "imported", "geodesic", f"the ShapeWorks project {exported.name}",
-    )  # fmt: skip
+        "imported",
+        "geodesic",
+        f"the ShapeWorks project {exported.name}",
+    )
 
 
 def test_what_shapeworks_wrote_again_is_read_to_its_precision(exported, project, change, finished_run):

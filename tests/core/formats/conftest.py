@@ -42,11 +42,18 @@ def write_nrrd(tmp_path):
         layered = layers.ndim == 4
         sizes = " ".join(map(str, layers.shape))
         header = [
-            "NRRD0004", "type: uchar", f"dimension: {layers.ndim}", f"space: {space}", f"sizes: {sizes}",
+            "NRRD0004",
+            "type: uchar",
+            f"dimension: {layers.ndim}",
+            f"space: {space}",
+            f"sizes: {sizes}",
             f"space directions: {'none ' * layered}(1,0,0) (0,2,0) (0,0,3)",
-            f"kinds: {'list ' * layered}domain domain domain", f"encoding: {encoding}",
-            "space origin: (5,-6,7)", *([f"data file: {data_file}"] if data_file else []), *lines,
-        ]  # fmt: skip
+            f"kinds: {'list ' * layered}domain domain domain",
+            f"encoding: {encoding}",
+            "space origin: (5,-6,7)",
+            *([f"data file: {data_file}"] if data_file else []),
+            *lines,
+        ]
         body = layers.tobytes(order="F")
         body = gzip.compress(body) if encoding == "gzip" else body
         path = tmp_path / name
@@ -105,10 +112,15 @@ def write_slices(folder, blocks, uid):
         image.SetSpacing(SPACING.tolist())
         place = ORIGIN + TURN[:, 2] * SPACING[2] * k
         tags = {
-            "0008|0060": "OT", "0020|000d": "1.2.3", "0020|000e": uid, "0008|0018": f"{uid}.{k + 1}",
-            "0020|0032": "\\".join(map(str, place)), "0020|0013": str(k),
-            "0020|0037": "\\".join(map(str, [*TURN[:, 0], *TURN[:, 1]])), "0010|0010": "Doe^Jane",
-        }  # fmt: skip
+            "0008|0060": "OT",
+            "0020|000d": "1.2.3",
+            "0020|000e": uid,
+            "0008|0018": f"{uid}.{k + 1}",
+            "0020|0032": "\\".join(map(str, place)),
+            "0020|0013": str(k),
+            "0020|0037": "\\".join(map(str, [*TURN[:, 0], *TURN[:, 1]])),
+            "0010|0010": "Doe^Jane",
+        }
         for key, value in tags.items():
             image.SetMetaData(key, value)
         writer.SetFileName(folder / f"{uid}_{(7 * k) % 11:02d}.dcm")
@@ -158,11 +170,14 @@ def make_seg(series, tmp_path):
     sources.sort(key=lambda source: int(source.InstanceNumber))
     descriptions = [
         hd.seg.SegmentDescription(
-            segment_number=number, segment_label=name, algorithm_type="MANUAL",
-            segmented_property_category=codes.SCT.Organ, segmented_property_type=codes.SCT.Liver,
+            segment_number=number,
+            segment_label=name,
+            algorithm_type="MANUAL",
+            segmented_property_category=codes.SCT.Organ,
+            segmented_property_type=codes.SCT.Liver,
         )
         for number, name in enumerate(("heart", "both"), start=1)
-    ]  # fmt: skip
+    ]
 
     def make(masks, kind="BINARY", edit=None, **how):
         made = hd.seg.Segmentation(

@@ -77,9 +77,7 @@ def test_a_table_is_advised_for_a_folder_of_several_segmentation_objects(seg):
         read_segmentation(seg.parent, None, "both")
 
 
-RLE, BIG, DEFLATED = (
-    "1.2.840.10008.1.2.5", "1.2.840.10008.1.2.2", "1.2.840.10008.1.2.1.99"
-)  # fmt: skip
+RLE, BIG, DEFLATED = ("1.2.840.10008.1.2.5", "1.2.840.10008.1.2.2", "1.2.840.10008.1.2.1.99")
 
 
 @pytest.mark.parametrize(

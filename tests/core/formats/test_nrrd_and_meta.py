@@ -162,11 +162,22 @@ def write_meta(blocks, tmp_path):
     """Write a MetaImage file by hand with some of its header's lines changed or, if None, left out."""
 
     def write(name="a.mha", *, body=None, **lines):
-        header = {
-            "ObjectType": "Image", "NDims": "3", "BinaryData": "True", "BinaryDataByteOrderMSB": "False",
-            "CompressedData": "False", "TransformMatrix": "1 0 0 0 1 0 0 0 1", "Offset": "5 -6 7",
-            "ElementSpacing": "1 2 3", "DimSize": "9 10 11", "ElementType": "MET_UCHAR",
-        } | {"ElementDataFile": "LOCAL"} | lines  # fmt: skip
+        header = (
+            {
+                "ObjectType": "Image",
+                "NDims": "3",
+                "BinaryData": "True",
+                "BinaryDataByteOrderMSB": "False",
+                "CompressedData": "False",
+                "TransformMatrix": "1 0 0 0 1 0 0 0 1",
+                "Offset": "5 -6 7",
+                "ElementSpacing": "1 2 3",
+                "DimSize": "9 10 11",
+                "ElementType": "MET_UCHAR",
+            }
+            | {"ElementDataFile": "LOCAL"}
+            | lines
+        )
         last = header.pop("ElementDataFile")
         voxels = blocks.tobytes(order="F") if body is None else body
         text = "".join(f"{key} = {value}\n" for key, value in header.items() if value is not None)

@@ -67,8 +67,13 @@ def pairs(sphere):
     mesh = sphere(3000)
     random = np.random.default_rng(1)
     faces = random.integers(len(mesh.faces), size=(6000, 2))
-    near = np.argsort(np.linalg.norm(mesh.vertices[mesh.faces].mean(1)[faces[:100, 0], None] -
-                                     mesh.vertices[mesh.faces].mean(1), axis=2), axis=1)[:, :60]  # fmt: skip
+    near = np.argsort(
+        np.linalg.norm(
+            mesh.vertices[mesh.faces].mean(1)[faces[:100, 0], None] - mesh.vertices[mesh.faces].mean(1),
+            axis=2,
+        ),
+        axis=1,
+    )[:, :60]
     faces[:, 0] = np.repeat(faces[:100, 0], 60)
     faces[:, 1] = near.ravel()
     points = random_points(mesh, faces, random)

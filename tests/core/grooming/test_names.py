@@ -147,8 +147,15 @@ def test_totalsegmentators_numbers_are_known_where_the_values_speak_for_them():
     assert result.source == "TotalSegmentator"
     numbers = (1, 5, 22, 51, 91, 92, 104, 117)
     assert [result.names[number] for number in numbers] == [
-        "spleen", "liver", "prostate", "heart", "skull", "rib_left_1", "rib_right_1", "costal_cartilages",
-    ]  # fmt: skip
+        "spleen",
+        "liver",
+        "prostate",
+        "heart",
+        "skull",
+        "rib_left_1",
+        "rib_right_1",
+        "costal_cartilages",
+    ]
     assert known_list(Path("totalsegmentator/anna.nii.gz"), frozenset({5, 51})).source == "TotalSegmentator"
 
 

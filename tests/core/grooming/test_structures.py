@@ -131,8 +131,10 @@ def test_structures_are_listed_with_volumes_and_the_border(nifti, brain):
     result = {item.name: item for item in structures_of(Subject("a", nifti("a.nii.gz", brain, spacing=2.0)))}
     assert result["Left-Hippocampus"].volume == pytest.approx(64 * 8 / 1000)
     assert {name: item.at_border for name, item in result.items()} == {
-        "Left-Hippocampus": False, "Right-Hippocampus": False, "Left-Lateral-Ventricle": True,
-    }  # fmt: skip
+        "Left-Hippocampus": False,
+        "Right-Hippocampus": False,
+        "Left-Lateral-Ventricle": True,
+    }
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.int16, np.uint32, np.uint64, np.int64, np.float32, np.float64])
@@ -158,8 +160,10 @@ def test_a_cohorts_structures_count_the_subjects_that_have_them(nifti, brain, tm
     (tmp_path / "c.nii.gz").write_bytes(b"no image")
     result = list_structures(read_cohort(tmp_path))
     assert {structure.title: sorted(structure.by_subject) for structure in result.structures} == {
-        "Left-Lateral-Ventricle": ["a", "b"], "Left-Hippocampus": ["a", "b"], "Right-Hippocampus": ["a"],
-    }  # fmt: skip
+        "Left-Lateral-Ventricle": ["a", "b"],
+        "Left-Hippocampus": ["a", "b"],
+        "Right-Hippocampus": ["a"],
+    }
     assert result.structures[0].at_border == ["a", "b"]
     assert list(result.problems) == ["c"]
 
@@ -182,8 +186,9 @@ def test_structures_are_chosen_by_name_number_or_all(nifti, brain, tmp_path):
     nifti("a.nii.gz", brain)
     result = list_structures(read_cohort(tmp_path)).structures
     assert [structure.title for structure in chosen_structures(result, ["53", "hippocampus left"])] == [
-        "Right-Hippocampus", "Left-Hippocampus",
-    ]  # fmt: skip
+        "Right-Hippocampus",
+        "Left-Hippocampus",
+    ]
     assert len(chosen_structures(result, ["All"])) == 3
     with pytest.raises(InputError, match=r"no subject .*'hippocampus'; .*Left-Hipp"):
         chosen_structures(result, ["hippocampus"])

@@ -109,10 +109,12 @@ def test_a_file_cut_short_is_refused_or_open(tmp_path, suffix):
     rim = np.stack([np.cos(angles), np.sin(angles), np.zeros(200)], axis=1)
     vertices = np.concatenate([rim, [[0, 0, 1], [0, 0, -1]]])
     ring = np.arange(200)
-    faces = np.concatenate([
-        np.stack([ring, (ring + 1) % 200, np.full(200, 200)], axis=1),
-        np.stack([(ring + 1) % 200, ring, np.full(200, 201)], axis=1),
-    ])  # fmt: skip
+    faces = np.concatenate(
+        [
+            np.stack([ring, (ring + 1) % 200, np.full(200, 200)], axis=1),
+            np.stack([(ring + 1) % 200, ring, np.full(200, 201)], axis=1),
+        ]
+    )
     path = tmp_path / f"a{suffix}"
     write_mesh(path, TriangleMesh(vertices, faces))
     check_mesh(read_mesh(path), "whole")

@@ -24,8 +24,14 @@ def test_long_names_keep_their_files_apart_also_one_by_one():
 
 def test_paths_and_device_names_lose_their_meaning():
     assert file_stems(["../../etc/passwd", "/root", "C:\\x", "con", "NUL.txt", "..", ".hidden"]) == [
-        "_.._etc_passwd", "_root", "C__x", "_con", "_NUL.txt", "_", "hidden",
-    ]  # fmt: skip
+        "_.._etc_passwd",
+        "_root",
+        "C__x",
+        "_con",
+        "_NUL.txt",
+        "_",
+        "hidden",
+    ]
 
 
 @settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])  # of a busy machine

@@ -230,8 +230,10 @@ def test_a_new_result_takes_the_place_of_the_old_one_with_its_pictures(tmp_path)
         with project.replacing_result() as new:
             finished(new, "new")
     assert contents(tmp_path) == {
-        "particles/a_world.particles": "new", "energies.csv": "new", "groomed/a.vtp": "cache",
-    }  # fmt: skip
+        "particles/a_world.particles": "new",
+        "energies.csv": "new",
+        "groomed/a.vtp": "cache",
+    }
 
 
 def test_a_result_that_breaks_off_leaves_the_old_one(tmp_path):

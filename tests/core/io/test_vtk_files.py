@@ -195,7 +195,7 @@ HEAD = "# vtk DataFile Version 3.0\nby hand\nASCII\nDATASET POLYDATA\n"
         HEAD + "FIELD FieldData 1\nmeta 1 1 int\n3\nMETADATA\nCOMPONENT_NAMES\nx\n\nPOINTS 3 int 0 0 0 1 0 0 "
         "0 1 0 VERTICES 1 2 1 0 POLYGONS 1 4 3 0 1 2\nCELL_DATA 1\nwhatever comes then",
     ],
-)  # fmt: skip
+)
 def test_legacy_files_written_by_hand_are_read(tmp_path, content):
     (tmp_path / "a.vtk").write_bytes(content.encode())
     assert read_mesh(tmp_path / "a.vtk").area == pytest.approx(0.5)

@@ -69,9 +69,17 @@ def template():
 @pytest.fixture(scope="session")
 def provenance():
     return Provenance(
-        "study", "NOR", 24, "2026-01-01", "2026-01-01", {"homolog": __version__}, "abc", 100,
-        GroomSettings(mesh_edge=2.2), "",
-    )  # fmt: skip
+        "study",
+        "NOR",
+        24,
+        "2026-01-01",
+        "2026-01-01",
+        {"homolog": __version__},
+        "abc",
+        100,
+        GroomSettings(mesh_edge=2.2),
+        "",
+    )
 
 
 @pytest.fixture(scope="session")

@@ -135,8 +135,10 @@ def test_all_shapes_in_another_unit_are_named_with_the_probable_unit(paw):
     lines = str(refusal.value).splitlines()
     assert [line[0] for line in lines] == ["b", "e", "g"]
     assert [("in metres" in line, "in micrometres" in line) for line in lines] == [
-        (True, False), (False, True), (False, False),
-    ]  # fmt: skip
+        (True, False),
+        (False, True),
+        (False, False),
+    ]
 
 
 @pytest.mark.parametrize("growth", [0.4, 2.5])

@@ -39,8 +39,10 @@ def test_a_written_result_is_read_back_with_its_note_and_its_history(project):
     kept = {"iterations", "ended", "fingerprint", "settings", "seconds", "particles"}
     assert after.result.model_dump(include=kept) == before.result.model_dump(include=kept)
     assert (after.subjects, after.settings, after.unfinished) == (
-        before.subjects, before.settings, before.unfinished,
-    )  # fmt: skip
+        before.subjects,
+        before.settings,
+        before.unfinished,
+    )
 
 
 def test_a_result_that_cannot_be_written_leaves_the_former_one(project, monkeypatch):

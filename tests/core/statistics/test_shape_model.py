@@ -94,9 +94,13 @@ def test_a_model_saved_with_modes_of_length_one_is_read_in_root_mean_squares(ell
     model = ShapeModel.fit(ellipsoids())
     length = np.sqrt(len(model.mean))
     np.savez(
-        tmp_path / "before.npz", mean=model.mean, components=model.components / length, sizes=model.sizes,
-        explained_variance=model.explained_variance * length**2, scores=model.scores * length,
-    )  # fmt: skip
+        tmp_path / "before.npz",
+        mean=model.mean,
+        components=model.components / length,
+        sizes=model.sizes,
+        explained_variance=model.explained_variance * length**2,
+        scores=model.scores * length,
+    )
     read = ShapeModel.load(tmp_path / "before.npz")
     for name in ("components", "explained_variance", "scores"):
         np.testing.assert_allclose(getattr(read, name), getattr(model, name), rtol=1e-12)
@@ -107,8 +111,14 @@ def test_what_is_no_saved_model_is_refused(ellipsoids, tmp_path):
     with pytest.raises(InputError, match=r"model.txt: .*\.npz"):
         model.save(tmp_path / "model.txt")
     np.savez(tmp_path / "other.npz", mean=model.mean)
-    np.savez(tmp_path / "odd.npz", mean=model.mean, components=model.components, explained_variance=[1.0],
-             scores=model.scores, sizes=model.sizes)  # fmt: skip
+    np.savez(
+        tmp_path / "odd.npz",
+        mean=model.mean,
+        components=model.components,
+        explained_variance=[1.0],
+        scores=model.scores,
+        sizes=model.sizes,
+    )
     for name in ("other.npz", "odd.npz"):
         with pytest.raises(InputError, match=f"{name}: contains no shape model"):
             ShapeModel.load(tmp_path / name)

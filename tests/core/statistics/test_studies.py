@@ -59,9 +59,10 @@ def test_pose_size_and_shape_are_compared_as_the_alignment_keeps_them(ellipsoids
         return result.test.p_permutation <= 0.01
 
     kept = {
-        Alignment.AS_IT_LIES: (True, True), Alignment.RIGID: (False, True),
+        Alignment.AS_IT_LIES: (True, True),
+        Alignment.RIGID: (False, True),
         Alignment.SIMILARITY: (False, False),
-    }  # fmt: skip
+    }
     for alignment, expected in kept.items():
         assert (found(shifted, alignment), found(larger, alignment)) == expected, alignment
 

@@ -22,8 +22,11 @@ def ball(radius, count=3):
         points = np.concatenate([points, middles.reshape(-1, 3)])
         points = np.unique(np.round(points / np.linalg.norm(points, axis=1, keepdims=True), 9), axis=0)
     faces = ConvexHull(points).simplices
-    out = np.einsum("fi,fi->f", np.cross(*(points[faces[:, k]] - points[faces[:, 0]] for k in (1, 2))),
-                    points[faces].mean(axis=1))  # fmt: skip
+    out = np.einsum(
+        "fi,fi->f",
+        np.cross(*(points[faces[:, k]] - points[faces[:, 0]] for k in (1, 2))),
+        points[faces].mean(axis=1),
+    )
     faces = np.where(out[:, None] > 0.0, faces, faces[:, ::-1])
     return TriangleMesh(radius * points, faces)
 
