@@ -223,15 +223,22 @@ def measured(name, shapes, truth, settings, device):
 
 
 def table(rows):
-    """Print a row for each cohort and number of particles."""
-    print("| cohort | particles | nearest points | start | result | span |\n|---|---|---|---|---|---|")
-    for key in dict.fromkeys((row["cohort"], row["particles"]) for row in rows):
-        own = [row for row in rows if (row["cohort"], row["particles"]) == key]
-        means = [np.mean([row[what] for row in own]) for what in ("nearest", "start", "result")]
-        results = [row["result"] for row in own]
-        digits = 3 if means[2] < 1.0 else 2
-        cells = [f"{value:.{digits}f}" for value in means]
-        print(f"| {key[0]} | {key[1]} | {' | '.join(cells)} | {np.ptp(results):.{digits}f} |", flush=True)
+    """Print a row for each cohort: nearest points; start, result and span by the number of particles."""
+    counts = sorted({row["particles"] for row in rows})
+    print(f"| cohort | nearest points | {' | '.join(map(str, counts))} |\n|---|---{'|---' * len(counts)}|")
+    for name in dict.fromkeys(row["cohort"] for row in rows):
+        own = [row for row in rows if row["cohort"] == name]
+        digits = 3 if np.mean([row["result"] for row in own]) < 1.0 else 2
+        nearest = [row["nearest"] for row in own]
+        cells = [f"{min(nearest):.{digits}f}-{max(nearest):.{digits}f}"]
+        for count in counts:
+            start, result = (
+                [row[key] for row in own if row["particles"] == count] for key in ("start", "result")
+            )
+            cells.append(
+                f"{np.mean(start):.{digits}f} → {np.mean(result):.{digits}f} ({np.ptp(result):.{digits}f})"
+            )
+        print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
 
 def main():
