@@ -61,7 +61,8 @@ HEAD = """# Python API
 
 `import homolog as hl` provides the names below, which are loaded on first use. Lengths are millimetres,
 coordinates LPS. M is the number of subjects, N of particles, K of modes. Returned arrays are read-only.
-Classes without `hl.` are parts of others.
+Classes without `hl.` are parts of others. `help(hl.ShapeModel.fit)`
+shows the parameters of a method, examples, and which errors are raised.
 
 Runnable examples: [a model of meshes in memory](examples/meshes_to_model.py),
 [two groups](examples/two_groups.py), [geodesic distances](examples/geodesics.py),
@@ -69,7 +70,8 @@ Runnable examples: [a model of meshes in memory](examples/meshes_to_model.py),
 """
 
 _SECTION = re.compile(r"^(\w[\w ]*)\n-{3,}\n", re.MULTILINE)
-_ENTRIES = ("Parameters", "Attributes", "Returns", "Raises")
+_ENTRIES = ("Parameters", "Attributes", "Returns")
+_ONLY_IN_HELP = ("Examples", "Raises", "References")
 
 
 def reference() -> str:
@@ -113,11 +115,20 @@ def _documented(member: Any) -> Iterator[str]:  # noqa: ANN401 - a class or a fu
             for attribute, value in properties.items()
         )
         yield ""
-    for attribute, value in own.items():
-        function = getattr(value, "__func__", value)
-        if inspect.isfunction(function):
-            yield f"#### `{name}.{attribute}{_signature(function)}`\n"
-            yield from _markdown(inspect.getdoc(function) or "")
+    functions = {name: getattr(value, "__func__", value) for name, value in own.items()}
+    methods = {name: value for name, value in functions.items() if inspect.isfunction(value)}
+    if methods:
+        yield "**Methods**\n"
+        yield from (
+            f"- `{attribute}{_signature(function)}`: {_plain(_summary(function))}"
+            for attribute, function in methods.items()
+        )
+        yield ""
+
+
+def _summary(function: Any) -> str:  # noqa: ANN401
+    """Return the paragraphs before the first section."""
+    return _SECTION.split(inspect.getdoc(function) or "")[0]
 
 
 def _signature(function: Any) -> str:  # noqa: ANN401
@@ -143,9 +154,9 @@ def _markdown(text: str) -> Iterator[str]:
     head, *sections = _SECTION.split(text)
     yield _paragraphs(head)
     for title, body in zip(sections[::2], sections[1::2], strict=True):
-        if title == "Examples":
-            yield "\n**Examples**\n\n" + "\n".join(_examples(body)) + "\n"
-        elif title in _ENTRIES:
+        if title in _ONLY_IN_HELP:
+            continue
+        if title in _ENTRIES:
             yield f"\n**{title}**\n"
             yield from _entries(body)
         else:
@@ -164,12 +175,6 @@ def _entries(body: str) -> Iterator[str]:
         name, colon, kind = head.partition(" : ")
         parts = [_plain(part) for part in (kind if colon else "", text) if part.strip()]
         yield ": ".join([f"- `{name}`", ". ".join(parts)]) if parts else f"- `{name}`"
-
-
-def _examples(body: str) -> Iterator[str]:
-    """Return doctests as fenced code, text between them as it is."""
-    for block in re.split(r"\n\s*\n", body.strip()):
-        yield f"```pycon\n{block}\n```\n" if block.lstrip().startswith(">>>") else _plain(block) + "\n"
 
 
 def _plain(text: str) -> str:
