@@ -6,10 +6,11 @@ import shutil
 import numpy as np
 import pytest
 
-from homolog.exchange import write_markups, write_shapeworks
+from homolog.io.markups import write_markups
 from homolog.io.particles import read_particles, write_particles
 from homolog.io.project import ProjectFolder
 from homolog.io.results import read_result
+from homolog.io.shapeworks_export import write_shapeworks
 from homolog_app.cli import main
 
 

@@ -8,15 +8,16 @@ import pytest
 
 from homolog.cohort import read_cohort
 from homolog.errors import InputError
-from homolog.exchange import write_markups, write_shapeworks
 from homolog.geodesics import solve_tables
 from homolog.grooming import groom_cohort
 from homolog.io.mapped import mapped_within
+from homolog.io.markups import write_markups
 from homolog.io.meshes import read_mesh, write_mesh
 from homolog.io.particles import write_particles
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ProjectRecord
 from homolog.io.results import surface_file
+from homolog.io.shapeworks_export import write_shapeworks
 from homolog.io.tables import write_table
 from homolog.run import Phase, Run
 from homolog.run.table_files import save_table

@@ -13,13 +13,15 @@ from harness import Target
 
 from homolog.cohort import Subject, read_cohort
 from homolog.errors import InputError
-from homolog.exchange import import_model, read_markups, write_markups, write_shapeworks
 from homolog.io.arrays import read_arrays, write_arrays
 from homolog.io.images import read_segmentation
+from homolog.io.markups import read_markups, write_markups
 from homolog.io.meshes import read_mesh, write_mesh
 from homolog.io.particles import read_particles, write_particles
 from homolog.io.project import ProjectFolder
+from homolog.io.shapeworks_export import write_shapeworks
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
+from homolog.run.import_model import import_model
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["NATIVE", "TARGETS"]

@@ -14,9 +14,10 @@ from targets import good_project, good_xlsx, octahedron
 
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError
-from homolog.exchange import import_model, write_markups
+from homolog.io.markups import write_markups
 from homolog.io.project import ProjectFolder
 from homolog.io.tables import write_table
+from homolog.run.import_model import import_model
 from homolog_app.rendering import draw
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.page import Page
@@ -146,7 +147,7 @@ def test_a_workbook_that_claims_a_million_columns_is_read_or_refused_at_once(tmp
 
 
 def test_a_workbook_that_unpacks_without_end_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("homolog.exchange.shapeworks_files.LARGEST_UNPACKED", 2**20)
+    monkeypatch.setattr("homolog.io.shapeworks.LARGEST_UNPACKED", 2**20)
     with zipfile.ZipFile(tmp_path / "a.xlsx", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("xl/workbook.xml", bytes(2**21))
     with pytest.raises(InputError, match="implausibly large"):

@@ -61,7 +61,7 @@ def cohort_of(arguments: argparse.Namespace) -> Cohort:
 
 def read_with_notes(arguments: argparse.Namespace) -> Cohort:
     """Return the cohort of a folder or table, and print the notes on its files and values."""
-    from homolog.exchange.shapeworks_cohort import is_shapeworks, read_shapeworks_cohort
+    from homolog.io.shapeworks import is_shapeworks, read_shapeworks_cohort
 
     if is_shapeworks(arguments.cohort):
         return declared_missing(read_shapeworks_cohort(arguments.cohort), arguments.missing)

@@ -236,7 +236,7 @@ def run_points(arguments: argparse.Namespace) -> int:
 
     with exporting(arguments) as tick, replace_folder(arguments.out) as folder:
         if arguments.what == "shapeworks":
-            from homolog.exchange import write_shapeworks
+            from homolog.io.shapeworks_export import write_shapeworks
 
             write_shapeworks(ProjectFolder(arguments.project), folder, tick)
         else:
@@ -246,7 +246,8 @@ def run_points(arguments: argparse.Namespace) -> int:
 
 
 def _write_points(arguments: argparse.Namespace, folder: Path, tick: "Tick") -> None:
-    from homolog.exchange import write_markups, write_morphometrics
+    from homolog.io.markups import write_markups
+    from homolog.io.morphometrics import write_morphometrics
     from homolog.io.names import file_stems
     from homolog.io.particles import write_particles
     from homolog.io.results import read_result

@@ -79,7 +79,7 @@ def _facts(project: ProjectFolder, record: ProjectRecord) -> list[tuple[str, str
 def _landmarks(project: ProjectFolder, record: ProjectRecord) -> list[tuple[str, str]]:
     if not any(subject.landmarks for subject in record.subjects):
         return []
-    from homolog.exchange import project_landmark_errors
+    from homolog.run.landmarks import project_landmark_errors
     from homolog_app.report.model_section import landmark_text
 
     try:
@@ -180,7 +180,7 @@ def add_import(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 
 def run_import(arguments: argparse.Namespace) -> int:
     """Import the model; return the exit code."""
-    from homolog.exchange import import_model
+    from homolog.run.import_model import import_model
 
     project = ProjectFolder(arguments.project)
     with show_progress(arguments.progress) as progress:

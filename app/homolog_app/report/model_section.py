@@ -21,7 +21,7 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import areas_of_particles, nearest_particles
 
 if TYPE_CHECKING:
-    from homolog.exchange import LandmarkErrors
+    from homolog.run.landmarks import LandmarkErrors
 
 __all__ = [
     "CorrespondenceRow",

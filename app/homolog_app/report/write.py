@@ -17,7 +17,6 @@ from homolog.comparison.seeds import read_spread, spread_text
 from homolog.comparison.stored import folder_of, stored_answers
 from homolog.comparison.tables import store
 from homolog.errors import InputError, NumericalError
-from homolog.exchange import project_landmark_errors
 from homolog.inspection import inspect
 from homolog.inspection.verdict import Word, read_verdict
 from homolog.io.atomic import atomic_write, write_text
@@ -27,6 +26,7 @@ from homolog.io.report_details import ReportDetails, read_details
 from homolog.io.results import Result, read_result, read_surface
 from homolog.io.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
+from homolog.run.landmarks import project_landmark_errors
 from homolog.statistics.cautions import cautions_of
 from homolog.statistics.design import reference_first
 from homolog.statistics.procrustes import Alignment

@@ -150,7 +150,7 @@ def read_subjects(paths: Iterable[Path]) -> Cohort:
     InputError
         If a folder contains no subjects, or a file is of an unknown kind.
     """
-    from homolog.exchange.shapeworks_cohort import is_shapeworks, read_shapeworks_cohort
+    from homolog.io.shapeworks import is_shapeworks, read_shapeworks_cohort
 
     subjects: list[Subject] = []
     notes: list[str] = []

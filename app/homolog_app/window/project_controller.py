@@ -371,7 +371,7 @@ class ProjectController(Controller):
     @reported
     def import_model(self, source: Path, folder: Path) -> None:
         """Create a project from another program's model and open it."""
-        from homolog.exchange import domains_of
+        from homolog.run.import_model import domains_of
 
         domains = domains_of(source)
         domain = domains[0]

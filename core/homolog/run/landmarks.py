@@ -1,21 +1,26 @@
-"""The subjects' landmarks, as positions of the first particles."""
+"""The subjects' landmarks: positions of the first particles, and errors of the correspondence."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from homolog.arrays import FloatArray
+from homolog.arrays import FloatArray, frozen
 from homolog.cohort import Cohort
 from homolog.correspondence import Shape
 from homolog.errors import InputError
 from homolog.geometry import rms_radius
 from homolog.io.markups import landmark_table, read_markups
+from homolog.io.meshes import read_mesh
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result, surface_file
+from homolog.statistics.thin_plate import landmark_errors
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.snapping import snapping
 
-__all__ = ["check_landmarks", "with_landmarks"]
+__all__ = ["LandmarkErrors", "check_landmarks", "project_landmark_errors", "with_landmarks"]
 
 _FAR = 0.25  # largest distance of landmarks from their surface, relative to its size
 
@@ -73,3 +78,75 @@ def check_landmarks(path: Path, name: str, points: FloatArray, mesh: TriangleMes
             f"{path}: its landmarks lie {gap:.0f} mm from the surface of {name}; use landmarks of this "
             "subject, in the frame of its file"
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LandmarkErrors:
+    """Errors of landmarks that are transferred between subjects by the correspondence.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The L landmarks that exist on two or more subjects.
+    subjects : tuple of str
+        The subjects with landmarks.
+    errors : (M, M, L) array
+        Distances [mm] by source, target and landmark; NaN for missing landmarks.
+    """
+
+    names: tuple[str, ...]
+    subjects: tuple[str, ...]
+    errors: FloatArray
+
+    @property
+    def mean(self) -> float:
+        """Mean distance over all pairs and landmarks [mm]."""
+        return float(np.nanmean(self.errors))
+
+    @property
+    def median(self) -> float:
+        """Median distance over all pairs and landmarks [mm]."""
+        return float(np.nanmedian(self.errors))
+
+    @property
+    def by_landmark(self) -> FloatArray:
+        """Mean distance of each landmark over all pairs [mm], (L,)."""
+        means: FloatArray = np.nanmean(self.errors, axis=(0, 1))
+        return means
+
+
+def project_landmark_errors(project: ProjectFolder) -> LandmarkErrors | None:
+    """Transfer every subject's landmarks to all others; None if fewer than two subjects share any.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+        A project with a result. Landmarks are read from the markups files of its cohort.
+
+    Raises
+    ------
+    InputError
+        If there is no result, or a file of landmarks or a surface is missing or damaged.
+    NumericalError
+        If particles of a subject coincide.
+    """
+    result = read_result(project)
+    record = project.read().result
+    assert record is not None, "a result that was read has a record"
+    files = {
+        subject.name: subject.landmarks
+        for subject in project.cohort().subjects
+        if subject.landmarks is not None
+    }
+    chosen = [index for index, name in enumerate(result.names) if name in files]
+    markups = [read_markups(files[result.names[index]]) for index in chosen]
+    names, table = landmark_table(markups)
+    if not names:
+        return None
+    meshes = [read_mesh(surface_file(project, record.subjects[index].file)) for index in chosen]
+    for index, points, mesh in zip(chosen, table, meshes, strict=True):
+        if len(placed := points[np.isfinite(points[:, 0])]):
+            check_landmarks(files[result.names[index]], result.names[index], placed, mesh)
+    snap = [snapping(mesh) for mesh in meshes]
+    errors = landmark_errors(result.local[chosen], table, snap)
+    return LandmarkErrors(names, tuple(result.names[index] for index in chosen), frozen(errors))

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.window
 @pytest.fixture
 def exported(finished_run, tmp_path):
     """Return the finished run as a ShapeWorks project."""
-    from homolog.exchange import write_shapeworks
+    from homolog.io.shapeworks_export import write_shapeworks
 
     return write_shapeworks(finished_run, tmp_path / "out")
 

@@ -9,14 +9,14 @@ import SimpleITK
 
 from homolog.cohort import read_cohort
 from homolog.errors import InputError
-from homolog.exchange.shapeworks_export import write_shapeworks
-from homolog.exchange.shapeworks_files import read_shapeworks_file
 from homolog.grooming import groom_cohort
 from homolog.inspection import inspect
 from homolog.io.meshes import read_mesh
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ProjectRecord
 from homolog.io.results import read_result, read_surface, read_surfaces
+from homolog.io.shapeworks import read_shapeworks_file
+from homolog.io.shapeworks_export import write_shapeworks
 from homolog.registration import align_cohort
 from homolog.registration.sides import copies_of
 from homolog.run import Run

@@ -8,7 +8,7 @@ import pytest
 @pytest.fixture
 def exported(finished_run, tmp_path):
     """Return the ``.swproj`` file that the finished run was written to."""
-    from homolog.exchange import write_shapeworks
+    from homolog.io.shapeworks_export import write_shapeworks
 
     return write_shapeworks(finished_run, tmp_path / "out")
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from homolog.exchange import write_morphometrics
+from homolog.io.morphometrics import write_morphometrics
 
 NAMES = ["heart 1", "heart 2"]
 POINTS = np.arange(24, dtype=float).reshape(2, 4, 3) / 7.0

@@ -8,12 +8,12 @@ import pytest
 from homolog.cohort import read_cohort
 from homolog.correspondence import Shape
 from homolog.errors import InputError
-from homolog.exchange import project_landmark_errors, write_markups
 from homolog.grooming import check_cohort
+from homolog.io.markups import write_markups
 from homolog.io.meshes import read_mesh
 from homolog.io.project import ProjectFolder
 from homolog.io.results import read_result, surface_file
-from homolog.run.landmarks import with_landmarks
+from homolog.run.landmarks import project_landmark_errors, with_landmarks
 from homolog.settings import GroomSettings
 from homolog.statistics.thin_plate import landmark_errors
 

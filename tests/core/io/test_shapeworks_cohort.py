@@ -6,7 +6,7 @@ import openpyxl
 import pytest
 
 from homolog.errors import InputError
-from homolog.exchange.shapeworks_cohort import is_shapeworks, read_shapeworks_cohort
+from homolog.io.shapeworks import is_shapeworks, read_shapeworks_cohort
 
 ROWS = [
     {"name": "anna", "shape_femur": "in/a.ply", "group_diagnosis": "HC", "age": "61"},

@@ -1,6 +1,7 @@
 """A Homolog project as a ShapeWorks project: ``NAME.swproj``, its particles and surfaces next to it."""
 
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,18 +9,27 @@ from typing import Any
 import numpy as np
 
 from homolog.arrays import FloatArray
-from homolog.exchange.shapeworks_files import INPUTS, Row, ShapeWorksProject
-from homolog.exchange.shapeworks_metadata import load_source_metadata, moved_paths
-from homolog.exchange.shapeworks_rules import complete_row, escape_column, tables_of
+from homolog.errors import InputError
 from homolog.io.atomic import atomic_write, write_text
+from homolog.io.bounded import read_json
 from homolog.io.names import file_stems
 from homolog.io.particles import write_particles
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ResultRecord, ResultSubject
 from homolog.io.results import read_result, surface_file
+from homolog.io.shapeworks import (
+    INPUTS,
+    PATH_PREFIXES,
+    Row,
+    ShapeWorksProject,
+    complete_row,
+    escape_column,
+    place_of,
+    tables_of,
+)
 from homolog.progress import Tick, no_tick
 
-__all__ = ["write_shapeworks"]
+__all__ = ["load_source_metadata", "moved_paths", "save_source_metadata", "write_shapeworks"]
 
 
 def write_shapeworks(project: ProjectFolder, folder: Path, tick: Tick = no_tick) -> Path:
@@ -130,3 +140,79 @@ def _settings(source: ShapeWorksProject, record: ResultRecord, domain: str) -> d
         counts = [str(record.particles)]
     tables["optimize"]["number_of_particles"] = " ".join(counts)
     return tables
+
+
+_FILE = "shapeworks.json"
+
+
+def save_source_metadata(project: ProjectFolder, source: ShapeWorksProject, domain: str) -> None:
+    """Write a ShapeWorks project's rows and settings into a Homolog project; raises as `write_text` does.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+        The project that stores it.
+    source : ShapeWorksProject
+        The imported project.
+    domain : str
+        The imported anatomy.
+    """
+    rows = [moved_paths(row, source.path.parent, project.folder) for row in source.rows]
+    content = {"file": source.path.name, "domain": domain, "data": rows, "others": source.others}
+    write_text(project.folder / _FILE, json.dumps(content, indent=1) + "\n")
+
+
+def load_source_metadata(project: ProjectFolder) -> tuple[ShapeWorksProject, str]:
+    """Return the stored content, and the imported domain; empty if the project was not imported.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    path = project.folder / _FILE
+    if not path.is_file():
+        return ShapeWorksProject(path, (), {}), "1"
+    content = read_json(path, "record of a ShapeWorks project")
+    rows, others = content.get("data"), content.get("others")
+    good = [row for row in rows if isinstance(row, dict)] if isinstance(rows, list) else []
+    return (
+        ShapeWorksProject(
+            path,
+            tuple({str(key): str(value) for key, value in row.items()} for row in good),
+            others if isinstance(others, dict) else {},
+        ),
+        str(content.get("domain", "1")),
+    )
+
+
+def moved_paths(row: Row, old: Path, new: Path) -> Row:
+    """Return a row with paths relative to another folder.
+
+    Parameters
+    ----------
+    row : dict
+        A subject's row of a ShapeWorks project.
+    old, new : Path
+        The folders to which paths are relative, before and after.
+
+    Returns
+    -------
+    dict
+    """
+    return {
+        key: _moved(value, old, new) if value and key.startswith(PATH_PREFIXES) else value
+        for key, value in row.items()
+    }
+
+
+def _moved(value: str, old: Path, new: Path) -> str:
+    """Return a path relative to another folder; unchanged if its target is unknown here."""
+    try:
+        place = place_of(value, old.resolve())
+        if place is None:
+            return value
+        moved = Path(os.path.relpath(place, new.resolve())).as_posix()
+    except (InputError, ValueError):  # not a path, or on another drive
+        return value
+    return moved.replace(" ", "%20") if "%20" in value else moved

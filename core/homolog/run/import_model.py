@@ -2,38 +2,61 @@
 
 import hashlib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from homolog.arrays import Array, FloatArray
-from homolog.cohort import Cohort, Subject
+from homolog.cohort import MESH_SUFFIXES, Cohort, Subject, suffix_of
 from homolog.errors import InputError, NumericalError
-from homolog.exchange.model import ForeignModel, ForeignSubject, with_alignments
-from homolog.exchange.shapes import SubjectSurface, surfaces_of
-from homolog.exchange.shapeworks_files import ShapeWorksProject, read_shapeworks_file
-from homolog.exchange.shapeworks_metadata import save_source_metadata
-from homolog.exchange.shapeworks_model import model_of_folder, model_of_project
+from homolog.geometry import fit_similarity, rms_radius, transform_points
+from homolog.grooming import groom_subject
+from homolog.grooming.distance_maps import read_distance_map
 from homolog.io.markups import write_markups
-from homolog.io.meshes import write_mesh
+from homolog.io.meshes import read_mesh, write_mesh
 from homolog.io.names import file_stems
 from homolog.io.particle_array import particle_file, write_all_particles
 from homolog.io.particles import read_particles
 from homolog.io.project import ProjectFolder
 from homolog.io.records import IMPORTED, ProjectRecord, ResultRecord, ResultSubject
 from homolog.io.results import surface_file
+from homolog.io.shapeworks import (
+    ForeignModel,
+    ForeignSubject,
+    ShapeWorksProject,
+    model_of_folder,
+    model_of_project,
+    read_shapeworks_file,
+)
+from homolog.io.shapeworks_export import save_source_metadata
 from homolog.io.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.fingerprints import versions
 from homolog.run.shape_files import surface_of_model, write_model, write_surfaces
-from homolog.settings import Method, OptimizeSettings, RunSettings
-from homolog.statistics.reconstruction import MeanSurface
+from homolog.settings import GroomSettings, Method, OptimizeSettings, RunSettings
+from homolog.statistics.procrustes import align
+from homolog.statistics.reconstruction import MeanSurface, mean_surface, medoid
 from homolog.statistics.shape_model import ShapeModel
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.simplify import simplified
+from homolog.surfaces.surfels import surfels
+from homolog.surfaces.topology import check_mesh
 
 __all__ = ["domains_of", "import_model"]
 
 _FEWEST = 4  # particles that define a shape
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SubjectSurface:
+    """A subject's surface in local coordinates, its file (None without one), and notes."""
+
+    mesh: TriangleMesh
+    path: Path | None
+    notes: tuple[str, ...] = ()
 
 
 def import_model(
@@ -234,3 +257,179 @@ def _hash(*arrays: Array) -> str:
         digest.update(f"{array.shape}{array.dtype}".encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
+
+
+_FARTHEST = 1e6  # mm
+_FITS = 1e-3  # tolerance relative to the size: rounding to six digits, but no other transform
+
+
+def with_alignments(
+    subjects: tuple[ForeignSubject, ...],
+) -> tuple[list[FloatArray], list[FloatArray], FloatArray]:
+    """Return local and world particles and the alignments between them; missing ones are computed.
+
+    Raises
+    ------
+    InputError
+        If subjects have different numbers of particles, or a subject's local and world particles differ in
+        shape.
+    """
+    given = [
+        (subject.name, points)
+        for subject in subjects
+        for points in (subject.local, subject.world)
+        if points is not None
+    ]
+    for name, points in given:
+        if len(points) != len(given[0][1]):
+            raise InputError(
+                f"{name}: has {len(points)} particles, and {given[0][0]} has {len(given[0][1])}; import a "
+                "model whose particles correspond"
+            )
+        _check_near(name, points)
+    with np.errstate(all="ignore"):  # for invalid matrices
+        world = _world(subjects)
+    for item, points in zip(subjects, world, strict=True):
+        _check_near(item.name, points)
+    local = [
+        points if subject.local is None else subject.local
+        for subject, points in zip(subjects, world, strict=True)
+    ]
+    alignments = [
+        _alignment(subject, near, common)
+        for subject, near, common in zip(subjects, local, world, strict=True)
+    ]
+    return local, world, np.array(alignments)
+
+
+def _check_near(name: str, points: FloatArray) -> None:
+    if not np.abs(points).max() <= _FARTHEST:
+        raise InputError(f"{name}: has particles more than a kilometre away; export the model again in mm")
+
+
+def _world(subjects: tuple[ForeignSubject, ...]) -> list[FloatArray]:
+    if all(subject.world is not None or subject.alignment is not None for subject in subjects):
+        return [
+            transform_points(subject.alignment, subject.local) if subject.world is None else subject.world  # type: ignore[arg-type]
+            for subject in subjects
+        ]
+    if any(subject.local is None for subject in subjects):
+        missing = next(subject.name for subject in subjects if subject.local is None)
+        raise InputError(f"{missing}: has no local particles, and others no world particles; export both")
+    return list(align(np.array([subject.local for subject in subjects]), scaling=False))
+
+
+def _alignment(subject: ForeignSubject, local: FloatArray, world: FloatArray) -> FloatArray:
+    """Return the similarity from local to world: the other program's if consistent, else a fitted one."""
+    size = float(rms_radius(world))
+    candidates = [] if subject.alignment is None else [subject.alignment]
+    fitted = (fit_similarity(local, world, scaling=True, mirrored=mirrored) for mirrored in (False, True))
+    for matrix in (*candidates, *fitted):
+        matrix[3] = [0.0, 0.0, 0.0, 1.0]
+        with np.errstate(all="ignore"):  # for invalid matrices
+            fits = np.abs(transform_points(matrix, local) - world).max() <= _FITS * size
+        if fits:
+            return matrix
+    raise InputError(
+        f"{subject.name}: its local and world particles differ in shape; export the model again, or "
+        "import its world particles alone"
+    )
+
+
+_NEAR = 0.05  # of the size, plus half an edge: largest distance to vertices and face centres
+_MOST = 0.95  # least fraction of particles within that distance
+_VERTICES = 8000  # enough for display, and few enough for warping
+
+
+def surfaces_of(
+    subjects: Sequence[ForeignSubject],
+    local: Sequence[FloatArray],
+    world: Sequence[FloatArray],
+    alignments: FloatArray,
+    tick: Tick = no_tick,
+) -> list[SubjectSurface]:
+    """Return a surface for every subject.
+
+    A file's surface is used if the subject's particles lie on it. A subject without one gets the surface of
+    the most typical subject that has one, warped by the particles; if no subject has one, it gets discs at
+    its particles. Notes describe the choice.
+
+    Parameters
+    ----------
+    subjects : sequence of M ForeignSubject
+    local, world : sequences of M (N, 3) arrays
+        Particles [mm].
+    alignments : (M, 4, 4) array
+        From local to world.
+    tick : Tick
+    """
+    surfaces: list[SubjectSurface | None] = []
+    refused: list[str] = []
+    for index, (subject, points) in enumerate(zip(subjects, local, strict=True)):
+        tick(index / len(subjects), f"surface of {subject.name}")
+        surface, reason = _own(subject, points)
+        surfaces.append(surface)
+        refused.append(reason)
+    have = [index for index, surface in enumerate(surfaces) if surface is not None]
+    if not have:
+        return [
+            SubjectSurface(
+                surfels(points),
+                None,
+                (f"{reason}; shown as discs at its particles, can't be groomed or optimized",),
+            )
+            for points, reason in zip(local, refused, strict=True)
+        ]
+    positions = np.array(world)
+    template = have[medoid(positions[have], positions.mean(axis=0))]
+    mesh = surfaces[template]
+    assert mesh is not None, "the template has a surface"
+    template_mesh = mesh.mesh.placed(alignments[template])
+    result = []
+    for index, surface in enumerate(surfaces):
+        if surface is None:
+            warped = mean_surface(
+                positions[index], positions[template], template_mesh.vertices, template_mesh.faces
+            )
+            back = TriangleMesh(warped.vertices, template_mesh.faces).placed(np.linalg.inv(alignments[index]))
+            template_name = subjects[template].name
+            note = f"{refused[index]}; shown with the surface of {template_name}, warped by the particles"
+            surface = SubjectSurface(back, None, (note,))
+        result.append(surface)
+    return result
+
+
+def _own(subject: ForeignSubject, points: FloatArray) -> tuple[SubjectSurface | None, str]:
+    """Return the surface of the first usable file, or the reason why there is none."""
+    reason = "has no surface"
+    for path in subject.shapes:
+        try:
+            mesh = _read(subject.name, path)
+            gap = _gap(mesh, points)
+        except (InputError, NumericalError) as error:
+            reason = f"its surface can't be used ({str(error).removeprefix(f'{subject.name}: ')})"
+            continue
+        if gap <= 0.0:
+            return SubjectSurface(mesh, path), ""
+        reason = f"its particles are not on the surface in {path.name}"
+    return None, reason
+
+
+def _read(name: str, path: Path) -> TriangleMesh:
+    if suffix_of(path) in MESH_SUFFIXES:
+        mesh = read_mesh(path)
+        check_mesh(mesh, str(path))
+        mesh = mesh if mesh.volume > 0.0 else TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
+        return simplified(mesh, _VERTICES)
+    try:
+        return groom_subject(Subject(name, path), GroomSettings()).mesh
+    except InputError:
+        return read_distance_map(path)
+
+
+def _gap(mesh: TriangleMesh, points: FloatArray) -> float:
+    """Return the excess of most particles' distance from the surface over the tolerance [mm]."""
+    positions = np.concatenate([mesh.vertices, mesh.vertices[mesh.faces].mean(axis=1)])
+    distances = np.asarray(KDTree(positions).query(points)[0])
+    size = rms_radius(points)
+    return float(np.quantile(distances, _MOST) - _NEAR * size - 0.5 * mesh.mean_edge)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.exchange import read_markups, write_markups
+from homolog.io.markups import read_markups, write_markups
 
 
 @pytest.fixture

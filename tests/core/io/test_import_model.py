@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.exchange import import_model, write_shapeworks
 from homolog.io.meshes import read_mesh, write_mesh
 from homolog.io.particles import read_particles, write_particles
 from homolog.io.project import ProjectFolder
 from homolog.io.results import read_modes, read_result, read_surfaces
+from homolog.io.shapeworks_export import write_shapeworks
+from homolog.run.import_model import import_model
 from homolog.surfaces.mesh import TriangleMesh
 
 
@@ -220,7 +221,7 @@ def test_landmarks_come_with_their_names(exported, change, project):
             )
             row["landmarks_file_1"] = f"{row['name']}.txt"
 
-    from homolog.exchange import read_markups
+    from homolog.io.markups import read_markups
 
     import_model(change(mark), project)
     result = read_markups(project.cohort().subjects[2].landmarks)

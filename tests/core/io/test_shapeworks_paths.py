@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.exchange import import_model, write_shapeworks
-from homolog.exchange.shapeworks_paths import leads_out, place_of
 from homolog.io.project import ProjectFolder
 from homolog.io.results import read_result
+from homolog.io.shapeworks import leads_out, place_of
+from homolog.io.shapeworks_export import write_shapeworks
+from homolog.run.import_model import import_model
 
 
 @pytest.fixture

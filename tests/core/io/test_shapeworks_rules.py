@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from homolog.exchange import import_model, write_shapeworks
-from homolog.exchange.shapeworks_files import read_shapeworks_file
-from homolog.exchange.shapeworks_rules import complete_row, escape_column
 from homolog.io.project import ProjectFolder
 from homolog.io.results import read_result
+from homolog.io.shapeworks import complete_row, escape_column, read_shapeworks_file
+from homolog.io.shapeworks_export import write_shapeworks
+from homolog.run.import_model import import_model
 
 KINDS = [
     ["segmentation_", "shape_", "mesh_", "contour_"],
