@@ -86,9 +86,9 @@ def read_files(
 
 def import_model(source: Path, folder: Path, domain: str, tick: Tick) -> list[str]:
     """Create a project from another program's model; return remarks on the import."""
-    from homolog import exchange
+    from homolog.run.import_model import import_model as imported
 
-    return exchange.import_model(source, ProjectFolder(folder), domain=domain, tick=tick)
+    return imported(source, ProjectFolder(folder), domain=domain, tick=tick)
 
 
 def groom(

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
-from homolog.correspondence.entropy.dual import covariance
 from homolog.correspondence.entropy.terms import Term
 from homolog.correspondence.near_pairs import PlacedParticles, Survey, promising_pairs
+from homolog.registration.entropy import covariance
 
 __all__ = ["LEAST_GAIN", "EnsembleRows", "Exchanges"]
 

@@ -13,7 +13,6 @@ from homolog.correspondence.initialization.registration import InitialRegistrati
 from homolog.correspondence.initialization.splitting import split
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.misplaced import exchange, relocate, relocate_misplaced, repairs_text
-from homolog.correspondence.poses import entropy_step
 from homolog.correspondence.prepared_cohort import PreparedCohort, landmarks_on_device
 from homolog.correspondence.recorder import CheckpointCallback, RunRecorder
 from homolog.correspondence.schedule import StagePlan, TimeShares
@@ -29,6 +28,7 @@ from homolog.correspondence.types import (
 from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.geometry import inverse_matrices, rotation_of, scale_of, transform_points
 from homolog.progress import LatestTick, Tick, part_of
+from homolog.registration.entropy import entropy_step
 from homolog.registration.procrustes import (
     alignments_of_particles,
     largest_turn,

@@ -23,13 +23,14 @@ from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.loop import MAX_POSE_REGULARIZATION, RECORD_INTERVAL, OptimizationLoop
 from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.misplaced import MAX_MISPLACED_FRACTION, is_misplaced, predict_positions
-from homolog.correspondence.pose_search import SurfacePoints, follow_pose, search_poses
 from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort, prepare_cohort
 from homolog.correspondence.refit import carry_particles
 from homolog.correspondence.schedule import NORMALS_ANNEALING, StagePlan, TimeShares, plan_stages
+from homolog.correspondence.surface_points import SurfacePoints
 from homolog.correspondence.types import InitialParticles, Shape
 from homolog.geometry import fit_similarity, inverse_matrices, rotation_of, transform_points
 from homolog.progress import Tick, no_tick
+from homolog.registration.pose_search import follow_pose, search_poses
 from homolog.registration.procrustes import procrustes_step, robust_step
 from homolog.settings import OptimizeSettings, Procrustes
 from homolog.surfaces.mirroring import MIRROR, mirrors

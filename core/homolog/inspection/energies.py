@@ -7,12 +7,12 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from homolog.arrays import Float32Array, FloatArray, frozen
-from homolog.correspondence.entropy.dual import covariance
 from homolog.correspondence.entropy.terms import Term
 from homolog.correspondence.exchanges import EnsembleRows
 from homolog.geometry import scale_of
 from homolog.inspection.located_particles import LocatedParticles
 from homolog.inspection.neighbourhood import Neighbourhood
+from homolog.registration.entropy import covariance
 from homolog.settings import OptimizeSettings
 
 __all__ = ["ParticleEnergies", "particle_energies", "rows_of", "shared_entropy"]

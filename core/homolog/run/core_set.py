@@ -29,7 +29,6 @@ from homolog.correspondence.ensemble import (
 from homolog.correspondence.fields import opening_scale
 from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.passes import EXTRAPOLATION, plan_passes
-from homolog.correspondence.poses import entropy_step
 from homolog.correspondence.shape_fit import shape_state
 from homolog.correspondence.surface_sets import Similarity, length_unit, normalize_size
 from homolog.geometry import scale_of, transform_points
@@ -38,6 +37,7 @@ from homolog.io.arrays import read_arrays, write_arrays
 from homolog.io.atomic import report_os_errors
 from homolog.memory import OnDemand, Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
+from homolog.registration.entropy import entropy_step
 from homolog.registration.procrustes import align_to_mean, generalized_procrustes
 from homolog.run.result import OptimizationInput, OptimizationOutcome
 from homolog.run.subject_fits import Reached, SubjectFits, groomed_shape

@@ -6,10 +6,11 @@ import warp as wp
 
 from homolog.correspondence.entropy import device_duals
 from homolog.correspondence.entropy.coupling import DeviceCoupling, HostCoupling
-from homolog.correspondence.entropy.dual import covariance, entropy, inverse_dual, solve_duals
+from homolog.correspondence.entropy.dual import entropy, solve_duals
 from homolog.correspondence.entropy.means import DeviceMeans, Means
 from homolog.correspondence.kernels.particles import Layout, Pose, StepParameters
 from homolog.correspondence.launcher import Launcher
+from homolog.registration.entropy import covariance, inverse_dual
 
 SHAPES, PARTICLES = 6, 40
 

@@ -5,10 +5,11 @@ import pytest
 import warp as wp
 from scipy.spatial import cKDTree
 
-from homolog.correspondence.entropy.dual import covariance, entropy
+from homolog.correspondence.entropy.dual import entropy
 from homolog.correspondence.entropy.terms import Term
 from homolog.correspondence.exchanges import LEAST_GAIN, EnsembleRows, Exchanges
 from homolog.correspondence.kernels import exchanges as kernels
+from homolog.registration.entropy import covariance
 
 SHAPES, COUNT = 6, 60
 TERMS = Term(0.02, 5e-4), Term(0.15, 0.01)

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from homolog.correspondence import optimize
-from homolog.correspondence.poses import MANY_SHAPES, entropy_step
 from homolog.errors import Cancelled
 from homolog.geometry import fit_similarity, inverse_matrices, transform_points
+from homolog.registration.entropy import MANY_SHAPES, entropy_step
 from homolog.registration.procrustes import procrustes_step
 from homolog.settings import OptimizeSettings, Procrustes
 

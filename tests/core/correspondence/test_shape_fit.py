@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from homolog.correspondence import optimize, pose_search, shape_fit
+from homolog.correspondence import optimize, shape_fit
 from homolog.correspondence.ensemble import generalization_error, make_ensemble
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
 from homolog.correspondence.fit_engine import FitEngine
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.passes import plan_passes
-from homolog.correspondence.pose_search import search_poses
-from homolog.correspondence.poses import entropy_step
 from homolog.correspondence.prepared_cohort import prepare_cohort
 from homolog.correspondence.schedule import plan_stages
 from homolog.correspondence.shape_fit import (
@@ -25,6 +23,9 @@ from homolog.correspondence.shape_fit import (
 )
 from homolog.correspondence.surface_sets import length_unit, normalize_size
 from homolog.geometry import transform_points
+from homolog.registration import pose_search
+from homolog.registration.entropy import entropy_step
+from homolog.registration.pose_search import search_poses
 from homolog.settings import OptimizeSettings, Procrustes
 
 SETTINGS = OptimizeSettings(

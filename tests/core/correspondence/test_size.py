@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from homolog.correspondence import InitialParticles, initialize_fit, optimize
-from homolog.correspondence import poses as poses_module
-from homolog.correspondence.poses import entropy_step
 from homolog.geometry import scale_of, transform_points
+from homolog.registration import entropy as poses_module
+from homolog.registration.entropy import entropy_step
 from homolog.settings import GroomSettings, OptimizeSettings, Procrustes, RunSettings
 
 SETTINGS = OptimizeSettings(

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from homolog.correspondence.entropy.dual import covariance, entropy
+from homolog.correspondence.entropy.dual import entropy
 from homolog.inspection import carried_places, checkerboard, particle_energies, stripes
 from homolog.inspection.energies import shared_entropy
+from homolog.registration.entropy import covariance
 from homolog.settings import OptimizeSettings
 
 

@@ -8,11 +8,12 @@ import warp as wp
 
 from homolog.arrays import DeviceArray, Float32Array, FloatArray
 from homolog.correspondence.entropy.device_duals import make_duals
-from homolog.correspondence.entropy.dual import covariance, solve_duals
+from homolog.correspondence.entropy.dual import solve_duals
 from homolog.correspondence.kernels import particles as kernels
 from homolog.correspondence.kernels import step as step_kernels
 from homolog.correspondence.kernels.dual import N_MATRICES, NORMALS
 from homolog.correspondence.launcher import Launcher, copy_between, push
+from homolog.registration.entropy import covariance
 
 __all__ = ["Coupling", "DeviceCoupling", "HostCoupling", "coupling"]
 

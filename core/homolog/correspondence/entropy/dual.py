@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from homolog.arrays import Float32Array, FloatArray
+from homolog.registration.entropy import covariance, inverse_dual
 
-__all__ = ["Duals", "covariance", "ensemble_entropy", "entropy", "inverse_dual", "solve_duals"]
+__all__ = ["Duals", "ensemble_entropy", "entropy", "solve_duals"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,14 +38,6 @@ class Duals:
     entropies: FloatArray
 
 
-def covariance(rows: Float32Array | FloatArray) -> FloatArray:
-    """Return C = rows rows' / (N (M - 1)) in float64 for rows (M, 3N)."""
-    shapes, numbers = rows.shape
-    wide = rows.astype(np.float64)
-    result: FloatArray = wide @ wide.T / (numbers / 3 * max(shapes - 1, 1))
-    return result
-
-
 def entropy(matrix: FloatArray, regularization: float) -> float:
     """Return (M - 1) / 2M log det(I + C/a), the entropy per particle and shape (the paper's H(Z), H(V)).
 
@@ -59,14 +52,6 @@ def ensemble_entropy(points: FloatArray, regularization: float) -> float:
     """Return H(Z) of aligned particles (M, n, 3) (see `entropy`)."""
     rows = points.reshape(len(points), -1)
     return entropy(covariance(rows - rows.mean(axis=0)), regularization)
-
-
-def inverse_dual(matrix: FloatArray, regularization: float) -> FloatArray:
-    """Return (C + aI)^-1 without the translation of all shapes, which the covariance does not contain."""
-    shapes = len(matrix)
-    inverse = np.linalg.inv(matrix + regularization * np.eye(shapes))
-    result: FloatArray = (inverse - 1.0 / (regularization * shapes)).astype(np.float64)
-    return result
 
 
 def solve_duals(

@@ -7,17 +7,32 @@ and waits for them meanwhile; last digits differ.
 import numpy as np
 import warp as wp
 
-from homolog.arrays import BoolArray, FloatArray, IntArray
-from homolog.correspondence.entropy.dual import covariance, inverse_dual
-from homolog.correspondence.kernels.poses import align_shapes
+from homolog.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from homolog.geometry import scale_of, transform_points
+from homolog.registration.kernels.poses import align_shapes
 from homolog.registration.procrustes import OUTLIER_RATIO, blocks, even_steps, rescale
 
-__all__ = ["entropy_step"]
+__all__ = ["covariance", "entropy_step", "inverse_dual"]
 
 N_SWEEPS = 3  # over the shapes
 # Many shapes: one sweep, which the next step continues, one product for a block, and some moved together.
 MANY_SHAPES, BLOCK, TOGETHER = 128, 32, 8
+
+
+def covariance(rows: Float32Array | FloatArray) -> FloatArray:
+    """Return C = rows rows' / (N (M - 1)) in float64 for rows (M, 3N)."""
+    shapes, numbers = rows.shape
+    wide = rows.astype(np.float64)
+    result: FloatArray = wide @ wide.T / (numbers / 3 * max(shapes - 1, 1))
+    return result
+
+
+def inverse_dual(matrix: FloatArray, regularization: float) -> FloatArray:
+    """Return (C + aI)^-1 without the translation of all shapes, which the covariance does not contain."""
+    shapes = len(matrix)
+    inverse = np.linalg.inv(matrix + regularization * np.eye(shapes))
+    result: FloatArray = (inverse - 1.0 / (regularization * shapes)).astype(np.float64)
+    return result
 
 
 def entropy_step(

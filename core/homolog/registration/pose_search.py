@@ -5,27 +5,18 @@ hold it: a turn with all particles fixed is costly, and so is moving all particl
 the surface is turned beneath particles that stay where the ensemble expects them.
 """
 
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
-import warp as wp
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from homolog.arrays import DeviceArray, FloatArray
-from homolog.correspondence.ensemble import Ensemble
-from homolog.correspondence.entropy.terms import Term
-from homolog.correspondence.initialization.registration import features
-from homolog.correspondence.kernels import particles as kernels
-from homolog.correspondence.kernels.functions import stencil_cache
-from homolog.correspondence.launcher import load_kernels
-from homolog.geometry import inverse_matrices, rotation_of, transform_points
-from homolog.surfaces.mesh import TriangleMesh
+from homolog.arrays import FloatArray
+from homolog.geometry import inverse_matrices, transform_points
 from homolog.threads import cores, in_threads
 
-__all__ = ["SurfacePoints", "follow_pose", "search_poses"]
+__all__ = ["follow_pose", "search_poses"]
 
 _TURNS = np.radians(np.arange(-24.0, 25.0, 4.0))
 """Rotations about the axis of least resistance that are tried."""
@@ -37,92 +28,67 @@ _DIFFERENCE = 0.002
 _DAMPING, _SMALLEST_STEP, _ENOUGH = 1e-6, 0.2, 1e-3
 """Gauss-Newton steps: damping relative to the mean diagonal of the matrix, smallest fraction of a step, and
 relative decrease of the objective below which the search ends."""
-_PROJECTIONS, _NEWTON_STEPS = 3, 2
 _DISTINCT = 0.5
 """Smallest distance of two different poses, root mean square over the particles [spacings]."""
 
 
-class SurfacePoints:
-    """Closest points of one shape's surface, on the wall whose normals agree.
+class Ensemble(Protocol):
+    """What is expected of n corresponding points, and deviations from it (`correspondence.ensemble`)."""
 
-    Parameters
-    ----------
-    fields, opening_fields : wp.array of FieldData
-        Distances and opening angles of the shape, on the CPU.
-    mesh : TriangleMesh
-        Of the surface, in the optimizer's coordinates.
-    """
+    @property
+    def mean(self) -> FloatArray:
+        """Expected positions (n, 3)."""
 
-    def __init__(self, fields: DeviceArray, opening_fields: DeviceArray, mesh: TriangleMesh) -> None:
-        self._fields, self._opening_fields = fields, opening_fields
-        self._vertices, self._normals, self.area = mesh.vertices, mesh.vertex_normals, mesh.area
-        self._tree = cKDTree(features(self._vertices, self._normals))
-        self._own = threading.local()  # poses are searched for in several threads
+    @property
+    def normals(self) -> FloatArray:
+        """Expected unit normals (n, 3)."""
+
+    @property
+    def scale(self) -> float:
+        """Divisor of the squared deviations."""
+
+    def deviation(self, aligned: FloatArray, /) -> FloatArray:
+        """Return the deviation (3n,) of positions (n, 3)."""
+
+    def logs(self, normals: FloatArray, openings: FloatArray, /) -> FloatArray:
+        """Return the deviation of normals (n, 3), weighted by opening angles (n,)."""
+
+    def rest_of_positions(self, row: FloatArray, regularization: float, /) -> FloatArray:
+        """Return what the modes leave of a deviation of positions."""
+
+    def rest_of_normals(self, row: FloatArray, regularization: float, /) -> FloatArray:
+        """Return what the modes leave of a deviation of normals."""
+
+
+class Term(Protocol):
+    """Weight and regularization of one of the two entropies."""
+
+    @property
+    def weight(self) -> float:
+        """Factor of the entropy in the objective."""
+
+    @property
+    def regularization(self) -> float:
+        """Variance added to the covariance."""
+
+
+class Surface(Protocol):
+    """The surface of one shape."""
+
+    @property
+    def area(self) -> float:
+        """Its area before it is posed."""
 
     def nearest(
         self, pose: FloatArray, targets: FloatArray, normals: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the points of the posed surface that are nearest to targets.
-
-        Parameters
-        ----------
-        pose : (4, 4) array
-            Similarity from the optimizer's coordinates.
-        targets, normals : (n, 3) arrays
-            As posed; normals that the surface should have there.
-
-        Returns
-        -------
-        points, normals : (n, 3) arrays
-            As posed.
-        openings : (n,) array
-            Weighted opening angles.
-        """
-        rotation = rotation_of(pose[None])[0]
-        goals, directions = transform_points(inverse_matrices(pose), targets), normals @ rotation
-        first = np.asarray(self._tree.query(features(goals, directions))[1])
-        points, planes = self._vertices[first], self._normals[first]
-        for _ in range(_PROJECTIONS):
-            points = goals - np.einsum("ni,ni->n", goals - points, planes)[:, None] * planes
-            points, planes, openings = self._projected(points)
-        return transform_points(pose, points), planes @ rotation.T, openings
-
-    def _projected(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return points on the surface along the field's gradient, their normals and opening angles."""
-        own: _Projection | None = getattr(self._own, "projection", None)
-        if own is None or own.count != len(points):
-            own = self._own.projection = _Projection(self._fields, self._opening_fields, len(points))
-        return own.of(points)
-
-
-class _Projection:
-    """A recorded projection of points, with its arrays: making them anew takes as long as the kernel."""
-
-    def __init__(self, fields: DeviceArray, opening_fields: DeviceArray, count: int) -> None:
-        self.count = count
-        free = wp.array(np.ones(count), dtype=int, device="cpu")
-        caches = [stencil_cache(0, "cpu") for _ in range(2)]
-        given = [count, _NEWTON_STEPS, 0, free, fields, opening_fields, *caches]
-        kinds = (wp.vec3, wp.vec3, wp.mat33, wp.vec4)
-        made = [wp.zeros(count, dtype=kind, device="cpu") for kind in kinds]
-        self._arrays = given, made  # a recorded launch only has their addresses
-        self._positions, self._normals, _, self._openings = (array.numpy() for array in made)
-        self._command = wp.launch(
-            kernels.project, dim=count, inputs=[0, *given, *made], device="cpu", record_cmd=True
-        )
-
-    def of(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return points (n, 3) on the surface, their normals and weighted opening angles."""
-        self._positions[:] = points
-        self._command.launch()
-        ended = (self._positions, self._normals, self._openings[:, 3])
-        return tuple(np.array(item, np.float64) for item in ended)  # type: ignore[return-value]
+        """Return points (n, 3) of the posed surface nearest to targets, their normals and opening angles."""
 
 
 def search_poses(
     ensemble: Ensemble,
     terms: tuple[Term, Term],
-    surface: SurfacePoints,
+    surface: Surface,
     poses: Sequence[FloatArray],
     *,
     scaling: bool,
@@ -134,7 +100,7 @@ def search_poses(
     ensemble : Ensemble
     terms : pair of Term
         Of H(Z) and H(V).
-    surface : SurfacePoints
+    surface : Surface
     poses : sequence of (4, 4) arrays
         Where the search begins.
     scaling : bool
@@ -146,7 +112,6 @@ def search_poses(
         Pose, and particles as posed. Particles of two poses are at least half a spacing apart on the surface.
     """
     search = _Search(ensemble, terms, surface, scaling)
-    load_kernels("cpu")  # otherwise each thread would load them
     minima = in_threads(search.minima, poses, min(len(poses), cores()))
     ends = sorted((end for ends in minima for end in ends), key=lambda item: item[0])
     kept: list[tuple[FloatArray, FloatArray]] = []
@@ -165,7 +130,7 @@ def search_poses(
 def follow_pose(
     ensemble: Ensemble,
     terms: tuple[Term, Term],
-    surface: SurfacePoints,
+    surface: Surface,
     pose: FloatArray,
     points: FloatArray,
     *,
@@ -203,7 +168,7 @@ _Candidate = tuple[float, FloatArray, FloatArray]
 class _Search:
     ensemble: Ensemble
     terms: tuple[Term, Term]
-    surface: SurfacePoints
+    surface: Surface
     scaling: bool
 
     def minima(self, pose: FloatArray) -> list[_Candidate]:
