@@ -39,14 +39,13 @@ from homolog_app.report.patient_texts import (
     REGION_COLUMNS,
     GroupRow,
     cut_off_text,
-    detectable_text,
+    finding,
     group_rows,
     group_sentence,
     measure_rows,
     nearest_controls_text,
     reference_rows,
     region_rows,
-    verdict,
     who_text,
 )
 
@@ -179,7 +178,7 @@ def write_patients(
         lines += [f"{subject.name}: {group_sentence(row)}" for row in groups]
         times.append(comparison)
         rows.append([*_summary(comparison, reference), None])
-        lines.append(f"{subject.name}: {verdict(comparison, reference)}")
+        lines.append(f"{subject.name}: {finding(comparison, reference)}")
         lines += [f"{subject.name}: {remark}" for remark in comparison.remarks]
     if not lines:
         raise InputError("\n".join(problems))
@@ -215,7 +214,7 @@ def write_report_file(path: Path, reference: Reference, request: PatientRequest,
         write_pdf(path, comparison, reference, maps)
     else:
         write_text(path, patient_page(comparison, reference, maps.figure()).html)
-    return verdict(comparison, reference)
+    return finding(comparison, reference)
 
 
 def _compared(
@@ -353,8 +352,7 @@ def patient_page(
     page = Page(f"Shape of {comparison.name} against a reference", NOTICE, footer=NOTICE)
     page.paragraph(who_text(comparison, reference))
     page.heading("Finding")
-    page.paragraph(verdict(comparison, reference))
-    page.paragraph(detectable_text(reference))
+    page.paragraph(finding(comparison, reference))
     for text in comparison.remarks:
         page.caution(text)
     caption = (

@@ -23,12 +23,11 @@ from homolog_app.report.patient_texts import (
     METHOD,
     REGION_COLUMNS,
     cut_off_text,
-    detectable_text,
+    finding,
     measure_rows,
     nearest_controls_text,
     reference_rows,
     region_rows,
-    verdict,
     who_text,
 )
 from homolog_app.report.sheets import BOTTOM, EDGE, HIGH, WIDE, Sheet, write_sheets
@@ -193,8 +192,7 @@ def first_sheet(comparison: PatientComparison, reference: Reference, maps: MapPi
     sheet = Sheet(_title(comparison))
     sheet.text(who_text(comparison, reference))
     sheet.heading("Finding")
-    sheet.text(verdict(comparison, reference), 9.0)
-    sheet.text(detectable_text(reference))
+    sheet.text(finding(comparison, reference), 9.0)
     for text in comparison.cautions[:_MOST_CAUTIONS]:
         sheet.text(f"Caution: {text}.")
     most = (BOTTOM - sheet.y - _BESIDE_MAPS) / 2.0

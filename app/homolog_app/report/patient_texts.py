@@ -19,7 +19,7 @@ __all__ = [
     "REGION_COLUMNS",
     "GroupRow",
     "cut_off_text",
-    "detectable_text",
+    "finding",
     "group_rows",
     "group_sentence",
     "measure_rows",
@@ -28,7 +28,6 @@ __all__ = [
     "reference_text",
     "region_rows",
     "times_text",
-    "verdict",
     "who_text",
 ]
 
@@ -172,33 +171,41 @@ def _side_text(reference: Reference) -> str:
     return "checked by the shape"
 
 
-def verdict(comparison: PatientComparison, reference: Reference) -> str:
-    """Summarize the findings in a sentence."""
+def finding(comparison: PatientComparison, reference: Reference) -> str:
+    """Summarize the comparison in a sentence: size, whole shape, places, and what could have been found."""
+    controls = reference.provenance.controls
+    usual = "expected" if reference.coding.names else "mean"
+    least, most = np.quantile(reference.detectable, (0.05, 0.95)).tolist()
+    return (
+        f"Size is {100.0 * comparison.size.value:.0f} % of the {usual} size "
+        f"({_rank(comparison.size, controls, 'larger', 'smaller')}), the whole shape is at percentile "
+        f"{comparison.mahalanobis.percent:.0f} in the modes and {comparison.outside.percent:.0f} outside "
+        f"them, and {_places(comparison, reference)}; smallest difference that could have been found: "
+        f"{reference.quality.limit_mm:.1f} mm ({least:.1f} to {most:.1f} by place), more if narrow."
+    )
+
+
+def _rank(size: Percentile, controls: int, above: str, below: str) -> str:
+    if size.percent in (0.0, 100.0):
+        return f"{above if size.percent else below} than all {controls} controls"
+    return f"percentile {size.percent:.0f} of {controls} controls"
+
+
+def _places(comparison: PatientComparison, reference: Reference) -> str:
     count = len(comparison.regions)
     if not count:
         return (
-            "No part of the surface differs from what the reference expects by more than its limit "
-            f"(largest |z| {comparison.local.value:.1f}, limit {reference.limit:.1f})."
+            f"no place differs by more than the limit (largest |z| {comparison.local.value:.1f}, limit "
+            f"{reference.limit:.1f})"
         )
     first = comparison.regions[0]
     where = comparison.place(first)
     area = sum(region.area for region in comparison.regions)
-    parts = "1 region is" if count == 1 else f"{count} regions are"
+    places = "1 place differs" if count == 1 else f"{count} places differ"
     return (
-        f"{parts} beyond the limit, {area:.0f} mm² in total; the most extreme is {_side(first)} "
-        f"by up to {abs(first.peak):.1f} mm{f' ({where})' if where else ''}, |z| {abs(first.z):.1f} (limit "
-        f"{reference.limit:.1f}; p = {comparison.local.p:.2g} against "
-        f"{reference.provenance.controls} controls)."
-    )
-
-
-def detectable_text(reference: Reference) -> str:
-    """State the smallest detectable difference."""
-    least, most = np.quantile(reference.detectable, (0.05, 0.95)).tolist()
-    return (
-        f"Differences below about {reference.quality.limit_mm:.1f} mm ({least:.1f} to {most:.1f}, depending "
-        "on the position) are not detected, and narrow ones must be larger: no region does not mean no "
-        "lesion."
+        f"{places} by more than the limit, {area:.0f} mm² in total, most of all {_side(first)} by up to "
+        f"{abs(first.peak):.1f} mm{f' ({where})' if where else ''}, |z| {abs(first.z):.1f} (limit "
+        f"{reference.limit:.1f})"
     )
 
 

@@ -31,23 +31,23 @@ __all__ = [
     "Z",
     "about_texts",
     "compared",
+    "finding_text",
     "nearest_text",
     "on_own_surface",
     "on_patient",
     "patient_scene",
     "patient_slices",
     "region_place",
-    "verdict_text",
 ]
 
 
-def verdict_text(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
+def finding_text(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
     """Describe the findings; an empty text without a patient."""
     if comparison is None or reference is None:
         return ""
-    from homolog_app.report.patient_texts import detectable_text, verdict
+    from homolog_app.report.patient_texts import finding
 
-    return f"{verdict(comparison, reference)}\n{detectable_text(reference)}"
+    return finding(comparison, reference)
 
 
 def nearest_text(comparison: "PatientComparison | None", reference: "Reference | None") -> str:

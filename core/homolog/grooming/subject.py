@@ -26,6 +26,7 @@ from homolog.surfaces.topology import euler_number
 from homolog.threads import on_one_thread
 
 __all__ = [
+    "AT_BORDER",
     "COARSE_VERTICES",
     "GroomReport",
     "GroomedSubject",
@@ -36,6 +37,8 @@ __all__ = [
     "read_source",
 ]
 
+AT_BORDER = "touches the border of its image and may be cut off there; it was padded"
+"""Note of grooming."""
 COARSE_VERTICES = 1500
 
 Source = Segmentation | TriangleMesh
@@ -283,7 +286,7 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
         if filled:
             notes.append(f"enclosed cavities were filled: {filled}")
         if borders:
-            notes.append("touches the border of its image and may be cut off there; it was padded")
+            notes.append(AT_BORDER)
     else:
         solid = level_of_triangles(source, settings)
         dropped, filled, borders = solid.pieces_dropped, solid.holes_filled, ()

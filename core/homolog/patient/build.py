@@ -102,7 +102,7 @@ def make_reference(
     if len(chosen) - columns.shape[1] < FEWEST:
         raise InputError(
             f"{project.folder}: {len(chosen)} controls are too few for a reference; at least "
-            "{FEWEST} and one per covariate are needed, and 20 or more give useful limits"
+            f"{FEWEST} and one per covariate are needed, and 20 or more give useful limits"
         )
     controls = read_controls(project, result, chosen, part_of(tick, 0.0, 0.15), later=later)
     about = _provenance(project, record, result, chosen, group)
@@ -250,6 +250,7 @@ def _reference(
         provenance=provenance,
         placing=placing,
         mirrored=left_out.mirrored,
+        borders=left_out.borders,
     )
 
 

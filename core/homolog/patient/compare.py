@@ -12,6 +12,7 @@ from homolog.correspondence import Shape
 from homolog.errors import InputError, NumericalError
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject, groom_subject
+from homolog.grooming.subject import AT_BORDER
 from homolog.patient.checks import check_fit, check_unit, unlike_controls_text
 from homolog.patient.controls import COARSE_VERTICES
 from homolog.patient.cut import CutFit, check_cut, ends_of, fit_rest, flat_ends, flat_remarks
@@ -223,7 +224,9 @@ def compare_groomed(
     check_unit(groomed.name, groomed.mesh, model, columns)
     turn, side_remarks = _turn(reference, side or values.get(SIDE_COLUMN, ""))
     mesh = groomed.mesh.placed(turn)
-    cut, end_remarks = _fit(reference, groomed, mesh, columns, turn, cut_off, part_of(tick, 0.0, 0.3))
+    cut, at_border, end_remarks = _fit(
+        reference, groomed, mesh, columns, turn, cut_off, part_of(tick, 0.0, 0.3)
+    )
     fit = cut.fit
     measures, total = measures_of(model, fit, columns, reference.modes, cut.missing)
     checked = part_of(tick, 0.3, 0.4)
@@ -233,8 +236,10 @@ def compare_groomed(
         *filter(None, [unlike_controls_text(reference)]),
         *side_remarks,
         *check_fit(groomed.name, reference, mesh, fit, measures, columns, checked, force=force),
-        *check_cut(groomed.name, cut, measures.gap, reference, at_border=groomed.report.padded, force=force),
+        *check_cut(groomed.name, cut, measures.gap, reference, at_border=at_border, force=force),
     ]
+    # Whether the part at the border is missing is known now, and said in the remarks.
+    notes = [note for note in groomed.report.notes if note != AT_BORDER]
     z = _z(reference, fit)
     z[cut.missing] = 0.0
     surface, placement = model.surface(fit.expected), fit.pose @ turn
@@ -258,7 +263,7 @@ def compare_groomed(
         total=total,
         total_z=reference.total.standardised(total),
         regions=_regions(reference, fit, z),
-        remarks=(*groomed.report.notes, *remarks, *unplaced),
+        remarks=(*notes, *remarks, *unplaced),
         cautions=(*remarks, *unplaced),
         particles=particles,
         own=own_surface(groomed.mesh, on_patient, fit.residual, fit.met, cut.missing),
@@ -273,11 +278,14 @@ def _fit(
     turn: FloatArray,
     cut_off: bool,
     tick: Tick,
-) -> tuple[CutFit, list[str]]:
-    """Fit the reference to a reflected patient without its cut ends; also return remarks on flat ends."""
+) -> tuple[CutFit, bool, list[str]]:
+    """Fit the reference to a reflected patient without its cut ends.
+
+    Also return whether it touches a border of its image that controls do not touch, and remarks on flat ends.
+    """
     coarse, remarks = simplified(mesh, COARSE_VERTICES), list[str]()
     fit = fit_surface(reference.model, mesh, coarse, columns, tick)
-    ends = ends_of(groomed, mesh, turn)
+    ends = ends_of(reference, groomed, mesh, turn, fit.pose)
     expected = reference.model.surface(fit.expected)
     flat = flat_ends(groomed, mesh, fit, expected, _regions(reference, fit), ends)
     if flat and not cut_off:
@@ -285,7 +293,8 @@ def _fit(
         remarks = flat_remarks(rest, [_named(turn[:3, :3].T @ end.direction) for end in flat])
     if cut_off and not flat:
         remarks = ["has no flat end beyond which the reference expects more; it was compared as a whole"]
-    return fit_rest(reference, mesh, coarse, columns, [*ends, *(flat if cut_off else [])], fit), remarks
+    cut = fit_rest(reference, mesh, coarse, columns, [*ends, *(flat if cut_off else [])], fit)
+    return cut, bool(ends), remarks
 
 
 def _z(reference: Reference, fit: SurfaceFit) -> FloatArray:

@@ -76,6 +76,9 @@ class Controls:
         None if the distance fields of grooming are not stored.
     later : mapping of int to TriangleMesh
         Groomed surfaces of the next time of controls with two times, in their own frames.
+    borders : tuple of M (k, 3) arrays
+        Unit vectors out of each image where the control touches its border, in the frame of its mesh; empty
+        if the distance fields of grooming are not stored.
     """
 
     names: tuple[str, ...]
@@ -85,6 +88,7 @@ class Controls:
     particles: FloatArray
     jointly: Jointly | None = None
     later: Mapping[int, TriangleMesh] = field(default_factory=dict)
+    borders: tuple[FloatArray, ...] = ()
 
 
 def read_controls(
@@ -134,14 +138,20 @@ def read_controls(
     template = _template(result, aligned)
     points = _dense(template, aligned, meshes, np.stack(particles), part_of(tick, 0.2, 0.6))
     surface = TriangleMesh(points[:, : len(template.vertices)].mean(axis=0), template.faces)
+    shapes, borders = _stored(project, result, chosen)
+    jointly = None
+    if shapes:
+        local, settings = result.local[list(chosen)], record.settings.placing
+        jointly = _jointly(shapes, local, settings, part_of(tick, 0.6, 1.0))
     return Controls(
         tuple(result.names[index] for index in chosen),
         frozen(points),
         surface,
         tuple(meshes),
         frozen(np.stack(particles)),
-        _jointly(project, result, chosen, record.settings.placing, part_of(tick, 0.6, 1.0)),
+        jointly,
         {who: _mesh(project, record, result, index) for who, index in (later or {}).items()},
+        borders,
     )
 
 
@@ -151,22 +161,28 @@ def _mesh(project: ProjectFolder, record: ResultRecord, result: Result, index: i
     return mesh.placed(MIRROR) if mirrors(result.alignments[index]) else mesh
 
 
-def _jointly(
-    project: ProjectFolder, result: Result, chosen: Sequence[int], settings: OptimizeSettings, tick: Tick
-) -> Jointly | None:
-    shapes = []
+def _stored(
+    project: ProjectFolder, result: Result, chosen: Sequence[int]
+) -> tuple[tuple[Shape, ...], tuple[FloatArray, ...]]:
+    """Return the controls' shapes, and where they touch the borders of their images; empty if not stored."""
+    shapes, borders = [], []
     for index in chosen:
         try:
             groomed = read_groomed(project.groomed, result.names[index])
         except InputError:
-            return None
-        shapes.append(
-            Shape(groomed.name, groomed.field, groomed.mesh, groomed.coarse_mesh, result.alignments[index])
-        )
+            return (), ()
+        pose = result.alignments[index]
+        shapes.append(Shape(groomed.name, groomed.field, groomed.mesh, groomed.coarse_mesh, pose))
+        turn = MIRROR[:3, :3] if mirrors(pose) else np.eye(3)
+        borders.append(np.array(groomed.report.borders, np.float64).reshape(-1, 3) @ turn.T)
+    return tuple(shapes), tuple(borders)
+
+
+def _jointly(shapes: tuple[Shape, ...], local: FloatArray, settings: OptimizeSettings, tick: Tick) -> Jointly:
     tick(0.0, "normals of the controls")
-    states, ensemble = joint_ensemble(shapes, result.local[list(chosen)], settings, tick)
+    states, ensemble = joint_ensemble(shapes, local, settings, tick)
     turns = tuple(MIRROR if mirrors(shape.alignment) else np.eye(4) for shape in shapes)
-    return Jointly(tuple(shapes), turns, tuple(states), _without_templates(ensemble), settings)
+    return Jointly(shapes, turns, tuple(states), _without_templates(ensemble), settings)
 
 
 def _without_templates(ensemble: Ensemble) -> Ensemble:

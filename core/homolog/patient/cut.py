@@ -103,7 +103,7 @@ def fit_rest(
 def check_cut(
     name: str, cut: CutFit, gap: float, reference: Reference, *, at_border: bool, force: bool = False
 ) -> list[str]:
-    """Return a remark on the part that is cut off.
+    """Return remarks on a part that is cut off, as far as the reference expects one.
 
     Parameters
     ----------
@@ -114,25 +114,26 @@ def check_cut(
         Median distance from the fitted model, relative to the size.
     reference : Reference
     at_border : bool
-        Whether the patient touches the border of its image.
+        Whether the patient touches a border of its image that controls do not touch.
     force : bool
         Return what would be refused as a remark.
 
     Raises
     ------
     InputError
-        If too much is cut off, or the patient touches the border and fits badly as a whole.
+        If too much is cut off.
     """
     share, by = cut.share, " by the border of its image" * at_border
-    if share <= _MOST_MISSING and (share > 0.0 or not at_border or gap <= float(reference.gap[-1])):
-        return [_remark(share, by)] if share > 0.0 else []
-    if share > 0.0:
-        problem = f"is cut off{by}: {100.0 * share:.0f} % of the surface is missing"
-    else:
-        problem = (
-            "touches the border of its image and fits worse than every control: a part is probably cut off"
-        )
-    problem += "; give an image that shows the whole structure"
+    if share == 0.0:
+        # Images of many structures end with them, as stacks of slices do: touching the border is no evidence.
+        is_odd = at_border and gap > float(reference.gap[-1])
+        return ["touches the border of its image: check that it shows the whole structure"] * is_odd
+    if share <= _MOST_MISSING:
+        return [_remark(share, by)]
+    problem = (
+        f"is cut off{by}: {100.0 * share:.0f} % of the surface is missing; give an image that shows the "
+        "whole structure"
+    )
     if not force:
         raise InputError(f"{name}: {problem}")
     return [problem]
@@ -145,18 +146,24 @@ def _remark(share: float, by: str) -> str:
     )
 
 
-def ends_of(groomed: GroomedSubject, mesh: TriangleMesh, turn: FloatArray) -> list[CutEnd]:
-    """Return the ends where a patient touches the border of its image.
+def ends_of(
+    reference: Reference, groomed: GroomedSubject, mesh: TriangleMesh, turn: FloatArray, pose: FloatArray
+) -> list[CutEnd]:
+    """Return the ends where a patient touches a border of its image that controls do not touch.
 
     Parameters
     ----------
+    reference : Reference
     groomed : GroomedSubject
     mesh : TriangleMesh
         The patient's surface after `turn`.
     turn : (4, 4) array
         Reflection to the side of the controls, or the identity.
+    pose : (4, 4) array
+        Rigid motion of this surface to the reference.
     """
-    return [_end(groomed, mesh, turn[:3, :3] @ border) for border in groomed.report.borders]
+    borders = [turn[:3, :3] @ border for border in groomed.report.borders]
+    return [_end(groomed, mesh, way) for way in borders if not reference.ends_at(pose[:3, :3] @ way)]
 
 
 def flat_ends(

@@ -71,6 +71,8 @@ class LeftOut:
         Ratios of the later volumes of these controls to the first ones.
     mirrored : (M,) array
         Ratios of `Measures.gap` of the mirror image to that of the control itself.
+    borders : (k, 3) array
+        Unit vectors out of the images where controls touch the border, in the frames of their models.
     """
 
     measures: tuple[Measures, ...]
@@ -80,10 +82,11 @@ class LeftOut:
     changes: FloatArray
     volumes: FloatArray
     mirrored: FloatArray
+    borders: FloatArray
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("residuals", "totals", "errors", "changes", "volumes", "mirrored"):
+        for name in ("residuals", "totals", "errors", "changes", "volumes", "mirrored", "borders"):
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
 
@@ -186,6 +189,7 @@ def fit_left_out(
             fitted_modes,
             _placed(controls, index) if index in placed else None,
             controls.later.get(index),
+            controls.borders[index] if controls.borders else np.zeros((0, 3)),
         )
     fitted: dict[str, _Fitted] = {}
     with worker_processes(min(workers or cores(), count)) as executor:
@@ -211,10 +215,11 @@ def fit_left_out(
             ]
         ),
         np.array([item[5] for item in done]),
+        np.concatenate([item[6] for item in done]),
     )
 
 
-_Fitted = tuple[Measures, FloatArray, FloatArray, FloatArray, FloatArray | None, float]
+_Fitted = tuple[Measures, FloatArray, FloatArray, FloatArray, FloatArray | None, float, FloatArray]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -229,6 +234,7 @@ class _Job:
     fitted_modes: int
     placed: tuple[Placing, Shape, FloatArray] | None
     later: TriangleMesh | None
+    borders: FloatArray
 
 
 def _placed(controls: Controls, index: int) -> tuple[Placing, Shape, FloatArray] | None:
@@ -260,7 +266,8 @@ def _fitted(job: _Job) -> _Fitted:
         particles = placing.placed(shape, fit, turn)
     errors = np.linalg.norm(particles - job.particles, axis=1) / spacing
     image = gap_of_image(model, job.mesh, job.own, job.modes)
-    return measures, fit.residual, total, errors, _changed(job, model, fit), image / measures.gap
+    borders = job.borders @ fit.pose[:3, :3].T
+    return measures, fit.residual, total, errors, _changed(job, model, fit), image / measures.gap, borders
 
 
 def _changed(job: _Job, model: SurfaceModel, first: SurfaceFit) -> FloatArray | None:

@@ -80,6 +80,9 @@ class Reference:
     mirrored : (M,) array or None
         Sorted ratios of the fit's distance for the controls' mirror images to that for the controls
         themselves, read-only; None in files of older versions.
+    borders : (k, 3) array or None
+        Unit vectors out of the images where controls touch their borders, read-only; None in files of older
+        versions.
     """
 
     model: SurfaceModel
@@ -101,6 +104,7 @@ class Reference:
     placing: Placing | None = None
     change: ExpectedChange | None = None
     mirrored: FloatArray | None = None
+    borders: FloatArray | None = None
 
     def __repr__(self) -> str:
         """Return a one-line summary."""
@@ -108,8 +112,9 @@ class Reference:
 
     def __post_init__(self) -> None:
         """Sort and freeze the distributions."""
-        if self.scores is not None:
-            object.__setattr__(self, "scores", frozen(self.scores, np.float64))
+        for name in ("scores", "borders"):
+            if (array := getattr(self, name)) is not None:
+                object.__setattr__(self, name, frozen(array, np.float64))
         for name in (*_DISTRIBUTIONS, *([] if self.mirrored is None else ["mirrored"])):
             object.__setattr__(self, name, frozen(np.sort(getattr(self, name)), np.float64))
 
@@ -148,6 +153,16 @@ class Reference:
         )
         recognised = float(np.mean(-logs < limit))  # share of controls that would be detected if mirrored
         return float(np.exp(limit)) if recognised >= _RECOGNISED else None
+
+    def ends_at(self, way: FloatArray) -> bool:
+        """Whether images of controls end with the structure in a direction (3,) of the reference's frame.
+
+        True if more than 5 % of the controls touch the border of their image there, as in stacks of slices.
+        A border is on the side of a direction if no perpendicular border is nearer to it.
+        """
+        if self.borders is None:
+            return False
+        return int(np.sum(self.borders @ way > np.sqrt(0.5))) > LEVEL * len(self.gap)
 
     @property
     def fingerprint(self) -> str:
@@ -212,8 +227,8 @@ class Reference:
             "placing": None if self.placing is None else self.placing.settings.model_dump(mode="json"),
             "change_between": None if self.change is None else self.change.between,
         }
-        both = (("scores", self.scores), ("mirrored", self.mirrored))
-        kept = {name: array for name, array in both if array is not None}
+        optional = {name: getattr(self, name) for name in ("scores", "mirrored", "borders")}
+        kept = {name: array for name, array in optional.items() if array is not None}
         write_arrays(Path(path), {**self._arrays(), **kept, "record": np.array(json.dumps(record))})
 
     @classmethod
@@ -250,6 +265,7 @@ class Reference:
                 provenance=Provenance.from_record(record["provenance"]),
                 scores=stored.get("scores"),
                 mirrored=stored.get("mirrored"),
+                borders=stored.get("borders"),
                 names=tuple(map(str, record.get("names", ()))),
                 unlike=tuple(map(str, record.get("unlike", ()))),
                 placing=Placing.from_arrays(stored, placing) if (placing := record.get("placing")) else None,
@@ -301,6 +317,7 @@ class Reference:
             and all(np.isfinite(item).all() for item in self._arrays().values())
             and (self.placing is None or self.placing.is_of(self.provenance.particles))
             and (self.change is None or self.change.is_of(vertices))
+            and (self.borders is None or self.borders.shape[1:] == (3,))
             and (self.mirrored is None or _are_ratios(self.mirrored, self.provenance.controls))
             and len(self.names) in (0, self.provenance.controls)
             and len(self.unlike) in (0, len(self.unlike_distances))

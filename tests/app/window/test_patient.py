@@ -76,7 +76,7 @@ def test_the_group_that_is_called_as_controls_are_is_chosen_first(explored):
 def test_a_dropped_file_is_compared_and_not_added_to_the_study(patient, explored, tmp_path, wait):
     assert len(explored.workspace.session.study.members) == 4
     assert patient.comparison.name == "a"
-    assert "limit" in patient.verdict.text()
+    assert "limit" in patient.finding.text()
     assert "percentile" in patient.bars.accessibleDescription()
     assert explored.commands["patient.save"].isEnabled()
     patient.write(tmp_path / "report")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.geometry import transform_points
+from homolog.geometry import rotation_of, transform_points
 from homolog.patient import Reference, checks, compare_groomed, typicality
 from homolog.patient.build import scores_of_points
 from homolog.patient.checks import check_fit
@@ -311,19 +311,30 @@ def test_a_dent_is_no_flat_end(reference, template):
     assert any("no flat end" in remark for remark in comparison.remarks)
 
 
-def test_a_shape_at_the_border_of_its_image_that_fits_worse_than_every_control_is_refused(
-    reference, template
-):
+def test_touching_the_border_of_the_image_alone_is_no_cut(reference, template):
     _, faces = template
     points = patient(template).mesh.vertices
     rough = points * (1.0 + 0.06 * np.sin(0.6 * points[:, [1]]) * np.sin(0.6 * points[:, [2]]))
-    inside = compare_groomed(reference, groomed("p", TriangleMesh(rough, faces)), AGE)
-    assert inside.measures.gap > reference.gap[-1]
     at_border = groomed("p", TriangleMesh(rough, faces), borders=((1.0, 0.0, 0.0),))
-    with pytest.raises(InputError, match="touches the border"):
-        compare_groomed(reference, at_border, AGE)
-    forced = compare_groomed(reference, at_border, AGE, force=True)
-    assert any("touches the border" in remark for remark in forced.remarks)
+    comparison = compare_groomed(reference, at_border, AGE)
+    assert comparison.measures.gap > reference.gap[-1]
+    assert not comparison.missing.any()
+    assert any("check that it shows the whole structure" in remark for remark in comparison.remarks)
+
+
+def test_a_patient_whose_image_ends_where_those_of_controls_end_is_not_cut_off(reference, template):
+    _, faces = template
+    end = groomed("p", TriangleMesh(cut_at(patient(template).mesh.vertices, 18.0), faces), borders=(
+        (1.0, 0.0, 0.0),
+    ))  # fmt: skip
+    alone = compare_groomed(reference, end, AGE)
+    assert any("cut off by the border" in remark for remark in alone.remarks)
+    touching = np.tile(rotation_of(alone.placement)[:, 0], (2, 1))
+    alike = compare_groomed(replace(reference, borders=touching), end, AGE)
+    assert not any("border" in remark for remark in alike.remarks)
+    assert alike.regions[0].peak < 0.0
+    one = compare_groomed(replace(reference, borders=touching[:1]), end, AGE)  # 1 of 24 is not usual
+    assert one.missing.any()
 
 
 def test_the_nearest_controls_are_told_only_by_a_reference_that_keeps_scores(reference, tmp_path):

@@ -44,10 +44,10 @@ from homolog_app.scenes.patient import (
     Z,
     about_texts,
     compared,
+    finding_text,
     nearest_text,
     patient_scene,
     patient_slices,
-    verdict_text,
 )
 from homolog_app.studies.study import with_current_table
 from homolog_app.window.actions import Actions
@@ -337,7 +337,7 @@ class PatientPage(ExplorePage):
         self.about, self.cautions = label("", "FieldHelp", wrap=True), label("", wrap=True)
         self.form = PatientForm()
         self.file = ActionButton("Choose a patient's file…", actions["patient.open"], "primary")
-        self.verdict = label("", wrap=True)
+        self.finding = label("", wrap=True)
         self.notes, self.remarks = label("", "FieldHelp", wrap=True), label("", "Problem", wrap=True)
         self.map = choice("Map", _MAPS)
         self.views: QComboBox = choice("Views", _VIEWS)
@@ -372,7 +372,7 @@ class PatientPage(ExplorePage):
         hint = label("Or drop a segmentation or a surface here.", "FieldHelp", wrap=True)
         for part in (self.form.cut_off, self.file, hint):
             self.body.addWidget(part)
-        self.verdict.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.finding.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.answer = QWidget()
         self.body.addWidget(self.answer)
         self._lay_out_answer()
@@ -385,7 +385,7 @@ class PatientPage(ExplorePage):
         answer = QVBoxLayout(self.answer)
         answer.setContentsMargins(0, 0, 0, 0)
         answer.setSpacing(GRID)
-        answer.addWidget(self.verdict)
+        answer.addWidget(self.finding)
         for line in (self.notes, self.remarks):
             line.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             answer.addWidget(line)
@@ -576,7 +576,7 @@ class PatientPage(ExplorePage):
         comparison = self.comparison = compared.comparison if compared else None
         reference = self.reference
         is_compared = comparison is not None and reference is not None
-        self.verdict.setText(verdict_text(comparison, reference))
+        self.finding.setText(finding_text(comparison, reference))
         for line, text in zip((self.notes, self.remarks), remark_texts(comparison), strict=True):
             line.setText(text)
             line.setVisible(bool(text))
@@ -590,7 +590,7 @@ class PatientPage(ExplorePage):
         self.show_state()
         self._show_map()
         if is_compared:
-            QTimer.singleShot(0, self, lambda: self.reveal(self.verdict, at_top=True))
+            QTimer.singleShot(0, self, lambda: self.reveal(self.finding, at_top=True))
 
     def _offer_change(self) -> None:
         """Enable the map of change once there is a later time."""
