@@ -1,6 +1,6 @@
 """Type I error rate and power of the default tests, by simulation, also where assumptions fail.
 
-    python tests/benchmarks/statistics_validity.py [--repeats 1000] [--workers 2] [--only WORD ...]
+    python tests/benchmarks/statistics_validity.py [--repeats 1000] [--jobs 2] [--only WORD ...] [--out FILE]
 
 Shapes are particles on a sphere of 30 mm with noise that is correlated over the surface (correlation length
 15 mm, 1 mm) and white (0.1 mm). Each test is asked of shapes without an effect: it should call 5 % of the
@@ -9,15 +9,16 @@ is the usual Procrustes permutation of subjects, for comparison. Between are how
 covariances is given, and how often the 95 % interval of size contains the truth. 199 randomizations, 128
 particles, five modes.
 
-A repeat has its own seed, so that results are the same on any number of workers. It prints the table of
-docs/statistics.md in Markdown: 1000 repeats take some 25 minutes of two cores, 200 five minutes.
+A repeat has its own seed, so that results are the same on any number of jobs. It prints the table of
+docs/statistics.md in Markdown: 1000 repeats take some 25 minutes of two cores, or one of 64.
 """
 
 import argparse
-import sys
+import multiprocessing
+import os
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from pathlib import Path
 from zlib import crc32
 
 import numpy as np
@@ -215,31 +216,50 @@ def block(task: tuple[str, float, int, int]) -> list[list[float]]:
         return [measured(study, effect, repeat) for repeat in range(first, last)]
 
 
+def _alone() -> None:
+    """Keep a job to one core, so that it starts no threads."""
+    if hasattr(os, "sched_setaffinity"):
+        own = sorted(os.sched_getaffinity(0))
+        (number,) = multiprocessing.current_process()._identity
+        os.sched_setaffinity(0, {own[number % len(own)]})
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--repeats", type=int, default=1000)
-    parser.add_argument("--workers", type=int, default=2, help="processes")
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--only", nargs="+", default=[""], help="studies with one of these words")
+    parser.add_argument("--out", type=Path, help="file of the table, written besides")
     options = parser.parse_args()
-    print(f"| study | {' | '.join(TESTS)} | caution | interval | power: {' | '.join(TESTS)} |")
-    print("|---" * (2 * len(TESTS) + 3) + "|")
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        for study in STUDIES:
-            if not any(word in study for word in options.only):
-                continue
-            cells = []
-            for effect in (0.0, LARGE if study.startswith("small") else EFFECT):
-                count = options.repeats if not effect else max(options.repeats // 4, BLOCK)
-                tasks = [(study, effect, k, min(k + BLOCK, count)) for k in range(0, count, BLOCK)]
-                found = np.array([row for rows in pool.map(block, tasks) for row in rows])
-                tests = found[:, : len(TESTS)]
-                rates = np.where(np.isnan(tests).any(axis=0), np.nan, 100.0 * (tests <= ALPHA).mean(axis=0))
-                cells += [*rates, *(100.0 * found[:, len(TESTS) :].mean(axis=0) if not effect else [])]
-            shown = ("–" if np.isnan(cell) else f"{cell:.1f}" for cell in cells)
-            print(f"| {study} | {' | '.join(shown)} |")
-            sys.stdout.flush()
+    studies = [study for study in STUDIES if any(word in study for word in options.only)]
+    tasks = []
+    for study in studies:
+        for effect in (0.0, LARGE if study.startswith("small") else EFFECT):
+            count = options.repeats if not effect else max(options.repeats // 4, BLOCK)
+            tasks += [(study, effect, k, min(k + BLOCK, count)) for k in range(0, count, BLOCK)]
+    lines = [
+        f"| study | {' | '.join(TESTS)} | caution | interval | power: {' | '.join(TESTS)} |",
+        "|---" * (2 * len(TESTS) + 3) + "|",
+    ]
+    found: dict[tuple[str, bool], list[list[float]]] = {}
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(options.jobs, mp_context=context, initializer=_alone) as pool:
+        for (study, effect, *_), rows in zip(tasks, pool.map(block, tasks), strict=True):
+            found.setdefault((study, effect > 0.0), []).extend(rows)
+    for study in studies:
+        cells = []
+        for has_effect in (False, True):
+            own = np.array(found[study, has_effect])
+            tests = own[:, : len(TESTS)]
+            rates = np.where(np.isnan(tests).any(axis=0), np.nan, 100.0 * (tests <= ALPHA).mean(axis=0))
+            cells += [*rates, *(100.0 * own[:, len(TESTS) :].mean(axis=0) if not has_effect else [])]
+        shown = ("–" if np.isnan(cell) else f"{cell:.1f}" for cell in cells)
+        lines.append(f"| {study} | {' | '.join(shown)} |")
+    print("\n".join(lines))
+    if options.out is not None:
+        options.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
