@@ -1,8 +1,8 @@
 """Assumptions of the tests: dispersion of the groups, skewness of sizes, outliers.
 
-Equal covariances: the products of residual scores in the retained modes, whose expectation is the covariance,
-are compared between the groups, or along the variable, by permutation: covariances may differ in amount (then
-distances to the centroid do, as by Anderson 2006) or in pattern. Tests of means are not
+Equal covariances: lengths and directions of residual scores in the retained modes are compared between the
+groups, or along the variable, by permutation: covariances may differ in amount (then distances to the
+centroid do, as by Anderson 2006) or in pattern. Tests of means are not
 robust to skewed data in few and unequal groups. A shape far from all others usually has a faulty segmentation
 or correspondence.
 """
@@ -51,7 +51,7 @@ class Dispersion:
     by_group : dict
         Mean distance in each group [mm]; empty without groups.
     f : float
-        F of the products of residual scores: how much covariances differ, in amount or pattern.
+        F of lengths and directions of residual scores: how much covariances differ, in amount or pattern.
     p : float
         Share of the permutations of residuals with an F at least as large. The model is fitted to them again.
     permutations : int
@@ -123,7 +123,7 @@ def dispersion_test(
     standardized = rest[0] / np.sqrt(left[0])[:, None]
     lengths = np.linalg.norm(standardized, axis=0)
     observed, null_statistics = _covariances(
-        standardized / np.where(lengths > 0.0, lengths, 1.0), design, permutations, seed
+        standardized / np.where(lengths > 0.0, lengths, 1.0), design, bool(members), permutations, seed
     )
     distances = np.sqrt(np.square(standardized).sum(axis=1) / particles.shape[1])
     by_group = {name: float(distances[own].mean()) for name, own in members.items()}
@@ -207,16 +207,18 @@ def _rest(rows: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def _covariances(
-    scores: FloatArray, design: Hypothesis, permutations: int, seed: int
+    scores: FloatArray, design: Hypothesis, has_groups: bool, permutations: int, seed: int
 ) -> tuple[float, FloatArray]:
-    """Return F of the products of residual scores (M, k), and its permutation distribution.
+    """Return F of how residual scores (M, k) scatter, and its permutation distribution.
 
-    The covariance at a row is the expectation of these products. They are divided by the row's distance from
-    its fitted shape, so that their sum over modes is this distance (Anderson 2006), and outliers weigh less.
-    The model is fitted to them again, since residuals from fitted means are dependent, and since an outlier
-    attracts the mean of a small group.
+    A row of residuals is described by the logarithm of its length, which tells amounts of scatter, and by the
+    products of its direction, which tell patterns: both scatter alike in all groups, so that a difference is
+    noticed whichever group has it, and outliers weigh little. The model is fitted again to each permutation,
+    since residuals from fitted means are dependent. In a design without groups the covariance may change with
+    any column.
     """
     columns = np.hstack([design.nuisance, design.tested])
+    changing = design.tested if has_groups else columns[:, 1:]
     left = np.maximum(1.0 - np.square(columns).sum(axis=1), _LEAST_LEFT)
     first, second = np.triu_indices(scores.shape[1])
     counted = np.where(first == second, 1.0, np.sqrt(2.0))
@@ -225,14 +227,16 @@ def _covariances(
         rest = rows - columns @ (columns.T @ rows)
         rest /= np.sqrt(left)[:, None]
         lengths = np.linalg.norm(rest, axis=2, keepdims=True)
-        rest /= np.sqrt(np.where(lengths > 0.0, lengths, 1.0))
-        products = rest[:, :, first] * rest[:, :, second] * counted
-        explained = np.square(design.tested.T @ products).sum(axis=(1, 2))
-        nuisance = np.square(design.nuisance.T @ products).sum(axis=(1, 2))
-        error = np.square(products).sum(axis=(1, 2)) - nuisance - explained
-        share: FloatArray = explained / np.maximum(error, np.finfo(float).tiny)
-        f: FloatArray = share * (design.error_dof / design.tested.shape[1])
-        return f
+        lengths = np.where(lengths > 0.0, lengths, 1.0)
+        rest /= lengths
+        described = np.concatenate(
+            [rest[:, :, first] * rest[:, :, second] * counted, np.log(lengths)], axis=2
+        )
+        whole = np.square(described - described.mean(axis=1, keepdims=True)).sum(axis=(1, 2))
+        error = whole - np.square(columns[:, 1:].T @ described).sum(axis=(1, 2))
+        explained = np.square(changing.T @ described).sum(axis=(1, 2))
+        f: FloatArray = explained / np.maximum(error, np.finfo(float).tiny)
+        return f * (design.error_dof / changing.shape[1])
 
     generator, null = np.random.default_rng(seed), np.empty(permutations)
     chunk = max(1, min(_CHUNK, _CHUNK_VALUES // (len(scores) * len(first))))
