@@ -306,7 +306,7 @@ def design_of(sample: Sample, question: FormulaQuestion) -> tuple[Design, IntArr
         )
     if question.subject is None:
         unused = {name: own for name, own in table.items() if name not in {*used, SIZE, SHAPE_SIZE}}
-        refuse_repeated(names, unused)
+        refuse_repeated(names, unused, {name: table[name] for name in used})
     return design, rows
 
 

@@ -773,21 +773,30 @@ def shorthand(tested: str, covariates: Sequence[str] = (), *, interaction: bool 
     return f"~ {joined} + {quoted[0]}:{quoted[-1]}" if interaction else f"~ {joined}"
 
 
-def refuse_repeated(names: Sequence[str], table: Mapping[str, Sequence[str | float]]) -> None:
+_BY_CHANCE = 0.001
+"""Probability below which the rows of a column's values don't differ in another column by chance."""
+
+
+def refuse_repeated(
+    names: Sequence[str], unused: Mapping[str, Sequence[str | float]], used: Mapping[str, Sequence[str | float]]
+) -> None:
     """Refuse rows of the same subject in a design without a `subject`: 32 to 58 % false findings.
+
+    A column names subjects if it has more values than rows of one value, and either each value stands in the
+    same number of rows, or another column numbers the rows of each value, as visits and sides do: no two rows
+    of a value agree in it, which by chance is rare. Few rows at each of many sites are neither.
 
     Parameters
     ----------
     names : sequence of str
         Names of the M rows.
-    table : mapping of str to sequences
-        All other columns that the question does not use.
+    unused, used : mappings of str to sequences
+        Columns that the question does not use, and those that it does.
 
     Raises
     ------
     InputError
-        If a name stands in two rows, or a column of words names subjects: each of its values stands in two
-        rows or more, and there are so many that rows per value are fewer than values.
+        If a name stands in two rows, or an unused column names subjects.
     """
     twice = next((name for name, count in Counter(names).items() if count > 1), None)
     if twice is not None:
@@ -795,14 +804,29 @@ def refuse_repeated(names: Sequence[str], table: Mapping[str, Sequence[str | flo
             f"{twice} stands in more than one row, and such rows are not independent; name the column of "
             "subjects, or keep one row of each"
         )
-    for name, column in table.items():
-        texts = [str(value).strip() for value in column if not is_missing(value)]
-        counts = Counter(texts).values()
-        if len(texts) == len(names) and counts and min(counts) >= 2 and max(counts) < len(counts):
+    table = {name: [str(value).strip() for value in column] for name, column in {**used, **unused}.items()}
+    for name in unused:
+        counts = Counter(table[name]).values()
+        if any(map(is_missing, table[name])) or not 1 < max(counts) < len(counts):
+            continue
+        others = (column for other, column in table.items() if other != name)
+        if len(set(counts)) == 1 or any(_numbers_rows(column, table[name]) for column in others):
             raise InputError(
                 f"column {name!r} names {len(counts)} subjects in {len(names)} rows, and rows of one subject "
-                f"are not independent; name {name} as the column of subjects, or remove it if it is not"
+                f"are not independent; name {name} as the column of subjects, as strata if it is a site, or "
+                "remove it if it is neither"
             )
+
+
+def _numbers_rows(column: Sequence[str], values: Sequence[str]) -> bool:
+    """Return whether no two rows with the same of some values agree in a column, although many would."""
+    if len(set(zip(values, column, strict=True))) < len(column):
+        return False
+    pairs, alike = (
+        sum(count * (count - 1) for count in Counter(own).values()) for own in (values, column)
+    )
+    agree = alike / (len(column) * (len(column) - 1))
+    return (1.0 - agree) ** (pairs / 2) <= _BY_CHANCE
 
 
 def group_design(

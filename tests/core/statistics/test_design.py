@@ -246,12 +246,32 @@ def test_the_variance_inflation_of_a_number_is_that_of_its_regression_on_the_oth
 
 def test_rows_of_one_subject_are_refused_without_a_column_of_subjects():
     with pytest.raises(InputError, match="p1 stands in more than one row"):
-        refuse_repeated(["p1", "p2", "p1"], {})
-    names = [f"scan{k}" for k in range(20)]
-    patients = [f"p{k // 2}" for k in range(20)]
-    with pytest.raises(InputError, match="name patient as the column of subjects"):
-        refuse_repeated(names, {"patient": patients})
-    refuse_repeated(names, {"site": np.resize(["x", "y", "z"], 20).tolist(), "scanner": [*patients[:-1], ""]})
+        refuse_repeated(["p1", "p2", "p1"], {}, {})
+    names = [f"row {number}" for number in range(20)]
+    patients = [f"p{number // 2}" for number in range(20)]
+    with pytest.raises(InputError, match="column 'patient' names 10 subjects in 20 rows"):
+        refuse_repeated(names, {"patient": patients}, {})
+    visits = {"time": [number % 3 for number in range(30)]}
+    fewer = [number for number in range(30) if number not in (5, 11, 14)]  # some miss the last visit
+    patients = [f"p{number // 3}" for number in fewer]
+    with pytest.raises(InputError, match="column 'patient' names 10 subjects in 27 rows"):
+        refuse_repeated(
+            [f"row {number}" for number in fewer],
+            {"patient": patients},
+            {"time": [visits["time"][number] for number in fewer]},
+        )
+
+
+def test_few_rows_at_each_of_many_sites_are_no_subjects():
+    sites = [f"s{number}" for number, count in enumerate((2, 3, 2, 4, 2, 3, 2, 2)) for _ in range(count)]
+    generator = np.random.default_rng(2)
+    table = {
+        "group": generator.choice(["a", "b"], len(sites)).tolist(),
+        "age": generator.normal(50.0, 8.0, len(sites)).round(1).tolist(),
+        "year": generator.integers(1950, 1975, len(sites)).tolist(),
+    }
+    names = [f"row {number}" for number in range(len(sites))]
+    refuse_repeated(names, {"site": sites, "scanner": [*sites[:-1], ""], **table}, {})
 
 
 def test_simple_questions_are_formulas():
