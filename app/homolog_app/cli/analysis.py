@@ -47,7 +47,7 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
         "analyze",
         description="Compare the groups of a column (the default), test the linear effect of a column, "
         "compare paired subjects, or test the terms of a formula. Prints the results, writes tables to "
-        "PROJECT/analysis and adds the study (but no formula) to homolog report.",
+        "PROJECT/analysis and adds the study to homolog report.",
     )
     parser.add_argument("project", type=Path, help="project folder")
     _add_question(parser)
@@ -88,7 +88,7 @@ def _add_question(parser: argparse.ArgumentParser) -> None:
         "(II, the default), or all others (III)",
     )
     terms.add_argument(
-        "--out", type=Path, metavar="FOLDER", help="folder of the tables (default: in PROJECT/analysis)"
+        "--out", type=Path, metavar="FOLDER", help="write the formula's tables also to this folder"
     )
     parser.add_argument(
         "--between",
@@ -129,12 +129,18 @@ def _add_question(parser: argparse.ArgumentParser) -> None:
 
 def run_analyze(arguments: argparse.Namespace) -> int:
     """Run the tests; return the exit code."""
-    if arguments.formula is not None:
-        return _run_formula(arguments)
-    for name in ("subject", "strata", "squares", "out"):
-        if getattr(arguments, name) is not None:
-            raise InputError(f"--{name} belongs to --formula; add the formula, or leave it out")
+    if arguments.formula is None:
+        for name in ("subject", "strata", "squares", "out"):
+            if getattr(arguments, name) is not None:
+                raise InputError(f"--{name} belongs to --formula; add the formula, or leave it out")
+    for name in ("between", "pairs", "covariates"):
+        if arguments.formula is not None and getattr(arguments, name):
+            raise InputError(
+                f"--{name} can't be combined with --formula, which names all columns; leave it out"
+            )
+    from homolog.comparison.formula import FormulaAnswer, design_of
     from homolog.comparison.project import analyze_result, primary_of, questions_of
+    from homolog.comparison.sample import Sample
     from homolog.comparison.stored import name_primary
     from homolog.inspection.verdict import refuse_unusable
     from homolog.io.results import read_result
@@ -142,6 +148,8 @@ def run_analyze(arguments: argparse.Namespace) -> int:
 
     project = ProjectFolder(arguments.project)
     alignments = _alignments(arguments)
+    if arguments.out is not None and len(alignments) > 1:
+        raise InputError("--out takes the tables of one alignment; leave it out, or give one alignment")
     settings = with_options(AnalysisSettings(), arguments)
     lines = []
     if arguments.size == "with":
@@ -151,8 +159,6 @@ def run_analyze(arguments: argparse.Namespace) -> int:
         )
     with project.locked(new=False), show_progress(arguments.progress) as progress:
         result = read_result(project)
-        if not arguments.anyway:
-            refuse_unusable(project, result.world, part_of(progress.tick, 0.0, 0.05))
         requested = questions_of(
             result,
             alignments,
@@ -161,68 +167,28 @@ def run_analyze(arguments: argparse.Namespace) -> int:
             between=arguments.between or [],
             pairs=arguments.pairs,
             covariates=tuple(arguments.covariates),
+            formula=arguments.formula,
+            subject=arguments.subject,
+            strata=arguments.strata,
+            squares=arguments.squares or "II",
             complete_cases=arguments.complete_cases,
             **settings.model_dump(exclude={"seeds"}),
         )
+        if arguments.formula is not None:
+            design_of(Sample.of(result), requested[0])  # refuses before anything is computed
+        if not arguments.anyway:
+            refuse_unusable(project, result.world, part_of(progress.tick, 0.0, 0.05))
         write_details(project, with_options(read_details(project), arguments))
         chosen = primary_of(requested, arguments.primary)
         rest = part_of(progress.tick, 0.05, 1.0)
         answers = analyze_result(project, result, requested, settings.seeds, rest)
         if arguments.primary is not None:
             name_primary(project, chosen)
+        for answer in answers if arguments.out is not None else ():
+            assert isinstance(answer.answer, FormulaAnswer)
+            answer.answer.write(arguments.out)
     stream = sys.stderr if arguments.progress == "json" else sys.stdout
     stream.write("\n".join([*lines, *(answer.text for answer in answers)]) + "\n")
-    return 0
-
-
-def _run_formula(arguments: argparse.Namespace) -> int:
-    """Test the terms of a formula; return the exit code."""
-    from homolog.comparison.formula import ask_formula, design_of, formula_questions
-    from homolog.comparison.sample import Sample
-    from homolog.inspection.verdict import refuse_unusable
-    from homolog.io.results import read_result
-    from homolog.progress import part_of
-
-    settings = with_options(AnalysisSettings(), arguments)
-    for name in ("between", "pairs", "covariates"):
-        if getattr(arguments, name):
-            raise InputError(
-                f"--{name} can't be combined with --formula, which names all columns; leave it out"
-            )
-    if arguments.primary is not None or settings.seeds is not None:
-        raise InputError("--primary and --seeds are not for formulas; leave them out")
-    project = ProjectFolder(arguments.project)
-    formula_list = formula_questions(
-        _alignments(arguments),
-        formula=arguments.formula,
-        subject=arguments.subject,
-        strata=arguments.strata,
-        squares=arguments.squares or "II",
-        complete_cases=arguments.complete_cases,
-        **settings.model_dump(exclude={"seeds"}),
-    )
-    if arguments.out is not None and len(formula_list) > 1:
-        raise InputError("--out takes the tables of one alignment; leave it out, or give one alignment")
-    texts = []
-    with project.locked(new=False), show_progress(arguments.progress) as progress:
-        result = read_result(project)
-        sample = Sample.of(result)
-        designed = design_of(sample, formula_list[0])
-        if not arguments.anyway:
-            refuse_unusable(project, result.world, part_of(progress.tick, 0.0, 0.05))
-        write_details(project, with_options(read_details(project), arguments))
-        for index, question in enumerate(formula_list):
-            part = part_of(
-                progress.tick,
-                0.05 + 0.95 * index / len(formula_list),
-                0.05 + 0.95 * (index + 1) / len(formula_list),
-            )
-            answer = ask_formula(sample, question, designed, part)
-            folder = arguments.out or project.folder / "analysis" / question.name
-            answer.write(folder)
-            texts.append(f"{answer.text}\n  tables: {folder}")
-    stream = sys.stderr if arguments.progress == "json" else sys.stdout
-    stream.write("\n".join(texts) + "\n")
     return 0
 
 

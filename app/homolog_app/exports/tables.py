@@ -9,7 +9,8 @@ from scipy.spatial import cKDTree
 
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
-from homolog.comparison.answer import Answer, ask
+from homolog.comparison.answer import Answer
+from homolog.comparison.ask import ask
 from homolog.comparison.places import SurfaceCarrier, directions_of
 from homolog.comparison.question import Question
 from homolog.comparison.sample import Sample

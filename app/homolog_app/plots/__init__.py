@@ -5,6 +5,7 @@ A function named `draw_` takes axes, data and the scheme's colours. It needs no 
 
 from homolog_app.plots.groups import (
     discriminant_points,
+    draw_allometry,
     draw_boxes,
     draw_discriminant,
     draw_measure,
@@ -32,6 +33,7 @@ __all__ = [
     "DPI",
     "discriminant_points",
     "draw_all_names",
+    "draw_allometry",
     "draw_boxes",
     "draw_discriminant",
     "draw_energies",

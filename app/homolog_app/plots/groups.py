@@ -26,9 +26,11 @@ from homolog_app.rendering.text import legible, shortened
 
 if TYPE_CHECKING:
     from homolog.patient import PatientComparison, Percentile, Reference
+    from homolog.statistics.anova import Allometry
 
 __all__ = [
     "discriminant_points",
+    "draw_allometry",
     "draw_boxes",
     "draw_discriminant",
     "draw_measure",
@@ -124,6 +126,38 @@ def draw_slope(
     axes.plot(ends, slope * (ends - values.mean()), color=colours.dim, linewidth=LINE_PT)
     rim, reach = 0.06 * float(np.ptp(ends)), 1.15 * float(np.abs(places).max())
     axes.set(xlim=(ends[0] - rim, ends[1] + rim), ylim=(-reach, reach))
+
+
+def draw_allometry(
+    panels: Sequence[Axes],
+    values: FloatArray,
+    along: "Allometry",
+    groups: Sequence[str],
+    number: str,
+    colours: Colours,
+) -> None:
+    """Draw regression scores against a number on the first axes, and predicted lines on the second.
+
+    Parameters
+    ----------
+    panels : two Axes
+    values : (M,) array
+        The number.
+    along : Allometry
+        Scores and predictions of the M subjects.
+    groups : sequence of str
+        Group of each subject.
+    number : str
+        Name of the number.
+    colours : Colours
+    """
+    for axes, places, name in zip(
+        panels, (along.scores, along.predicted), ("regression score (mm)", "predicted (mm)"), strict=True
+    ):
+        draw_scores(axes, np.column_stack([values, places]), groups, (number, name), colours)
+        for own, limit in ((values, axes.set_xlim), (places, axes.set_ylim)):
+            rim = 0.06 * float(np.ptp(own))
+            limit(own.min() - rim, own.max() + rim)
 
 
 def draw_boxes(

@@ -10,12 +10,14 @@ from matplotlib.figure import Figure
 from homolog.arrays import FloatArray
 from homolog.comparison.answer import Answer
 from homolog.comparison.findings import step_of
+from homolog.comparison.formula import FormulaAnswer
 from homolog.comparison.places import Directions, SurfaceCarrier
 from homolog.errors import InputError
 from homolog.io.names import file_stems
 from homolog.io.project import ProjectFolder
 from homolog.io.results import Result
 from homolog.progress import Tick
+from homolog.statistics.anova import Allometry
 from homolog.statistics.cautions import LEVEL
 from homolog.statistics.comparison import Comparison
 from homolog.statistics.evaluation import compactness, generalization, specificity
@@ -32,6 +34,7 @@ from homolog_app.pictures import (
     three_quarter_view,
 )
 from homolog_app.plots import (
+    draw_allometry,
     draw_discriminant,
     draw_energies,
     draw_quality,
@@ -45,6 +48,7 @@ from homolog_app.rendering.colours import page_colours
 
 __all__ = [
     "ReportFigure",
+    "allometry_figure",
     "discriminant_figure",
     "energies_figure",
     "map_figure",
@@ -121,35 +125,48 @@ def map_limits(studies: Sequence[Answer], carrier: SurfaceCarrier) -> list[float
     for study in studies:
         for item in study.comparisons:
             if len(item.pointwise.effect) == 1:
-                moves = step_of(study, study.question.column)[0] * carrier.moved(item.pointwise.effect[0])
+                moves = step_of(study, item.title)[0] * carrier.moved(item.pointwise.effect[0])
                 outward.setdefault(_quantity(study), []).append(
                     outward_displacement(carrier.mean_of(item), moves)
                 )
-    return [common_limit(outward[_quantity(study)]) for study in studies]
+    return [common_limit(outward.get(_quantity(study), [])) for study in studies]
 
 
 def _quantity(study: Answer) -> tuple[str, ...]:
     """Return the quantity of maps: differences of form or of shape, or changes along one variable."""
     request = study.question
-    return request.alignment.value, request.column if request.kind == "regression" else ""
+    return request.alignment.value, {"regression": request.column, "formula": request.formula}.get(
+        request.kind, ""
+    )
 
 
 def study_figures(
     study: Answer, carrier: SurfaceCarrier, limit: float, tick: Tick, clip: Clip | None = None
 ) -> Iterator[ReportFigure]:
-    """Yield the figures of a study: a map of each comparison of two, cut open or not, then discriminants.
+    """Yield the figures of a study: a map of each comparison of two, cut open or not, then its subjects.
+
+    Of a formula, terms without a significant particle have no map.
 
     Colours of the maps end at the limit [mm].
     """
     stems = file_stems([f"{study.question.name}_{comparison.title}" for comparison in study.comparisons])
     for index, (item, stem) in enumerate(zip(study.comparisons, stems, strict=True)):
         tick(index / len(stems), f"maps of {item.title}")
-        if len(item.pointwise.effect) > 1:
+        if len(item.pointwise.effect) > 1 or (
+            study.question.kind == "formula" and not (item.p_fwe <= LEVEL).any()
+        ):
             continue
         caption = _map_caption(study, item, limit, clip)
-        step = step_of(study, study.question.column)[0]
+        step = step_of(study, item.title)[0]
         figure = map_figure(item, carrier, limit=limit, clip=clip, step=step)
         yield ReportFigure(f"{stem}_map", figure, caption)
+    for number, along in study.allometry if isinstance(study, FormulaAnswer) else ():
+        yield ReportFigure(
+            file_stems([f"{study.question.name}_{number}_allometry"])[0],
+            allometry_figure(study, number, along),
+            f"Shape along {number}: regression scores, and the lines that the formula predicts.",
+            small=True,
+        )
     for item, stem in zip(study.comparisons, stems, strict=True):
         if item.discriminant is not None:
             yield ReportFigure(
@@ -225,6 +242,20 @@ def discriminant_figure(
     return figure
 
 
+def allometry_figure(
+    study: FormulaAnswer,
+    number: str,
+    along: Allometry,
+    theme: Theme = LIGHT,
+    size: tuple[float, float] = (3.6, 1.7),
+) -> Figure:
+    """Draw regression scores and predicted lines along a number of a formula; the size is in inches."""
+    labels = [study.labels[row] for row in study.rows.tolist()]
+    figure = new_figure(*size, colours := page_colours(theme))
+    draw_allometry(figure.subplots(1, 2), study.design.numbers[number], along, labels, number, colours)
+    return figure
+
+
 def map_figure(
     comparison: Comparison,
     carrier: SurfaceCarrier,
@@ -272,7 +303,8 @@ def _cut_text(clip: Clip | None) -> str:
 def _map_caption(study: Answer, comparison: Comparison, limit: float, clip: Clip | None) -> str:
     what = {
         "groups": "difference of the means",
-        "regression": f"change{step_of(study, study.question.column)[1]}",
+        "regression": f"change{step_of(study, comparison.title)[1]}",
+        "formula": f"effect{step_of(study, comparison.title)[1]}",
         "pairs": "mean difference",
     }
     return (

@@ -15,6 +15,7 @@ from homolog.comparison.findings import (
     place_of,
     step_of,
 )
+from homolog.comparison.formula import FormulaAnswer, difference_rows
 from homolog.comparison.places import SurfaceCarrier, significant_regions
 from homolog.comparison.sample import SHAPE_SIZE, SampleRow, sample_rows
 from homolog.io.results import Result
@@ -25,11 +26,15 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.plots import group_order
 
 __all__ = [
+    "ANOVA",
     "COVARIATES",
     "DETAILS",
+    "DIFFERENCES",
     "MAIN",
     "REGIONS",
     "Measure",
+    "anova",
+    "apart",
     "covariates",
     "details",
     "main",
@@ -57,6 +62,8 @@ MAIN = (
 )
 COVARIATES = ("question", "covariate", "D (90 % CI)", "p", "area (%)", "size (mm, 95 % CI)", "p of size")
 REGIONS = ("question", "comparison", "region", "area (mm²)", "outward, mean (mm, 95 % CI)", "p at the peak")
+ANOVA = ("question", "term", "df", "SS (mm²)", "R²", "F", "Z", "p")
+DIFFERENCES = ("question", "difference", "shape (mm, D with 90 % CI), p", "size (mm, 95 % CI)")
 DETAILS = (
     "question",
     "comparison",
@@ -76,8 +83,8 @@ DETAILS = (
 def main(answers: Sequence[Answer]) -> Iterator[tuple[str, ...]]:
     """Yield the row of each comparison: size, shape and place."""
     for number, answer in enumerate(answers, start=1):
-        step, per = step_of(answer, answer.question.column)
         for comparison in answer.comparisons:
+            step, per = step_of(answer, comparison.title)
             size, far, test = comparison.size, comparison.distance, comparison.test
             place = place_of(answer, comparison)
             known = size is not None and np.isfinite(size.value)
@@ -104,11 +111,30 @@ def covariates(answers: Sequence[Answer]) -> Iterator[tuple[str, ...]]:
             yield str(number), title, far, p.removeprefix("p = "), area, size, of_size.removeprefix("p = ")
 
 
+def anova(answers: Sequence[Answer]) -> Iterator[tuple[str, ...]]:
+    """Yield the analysis of variance of each formula, on all coordinates."""
+    for number, answer in enumerate(answers, start=1):
+        for row in answer.coordinates if isinstance(answer, FormulaAnswer) else ():
+            tested = (
+                (_NONE,) * 3
+                if row.f is None or row.z is None or row.p is None
+                else (f"{row.f:.2f}", f"{row.z:.2f}", p_number(row.p, answer.question.permutations))
+            )
+            yield str(number), row.term, str(row.dof), f"{row.squares:.4g}", f"{row.r_squared:.3f}", *tested
+
+
+def apart(answers: Sequence[Answer]) -> Iterator[tuple[str, ...]]:
+    """Yield the differences of means and slopes of each formula."""
+    for number, answer in enumerate(answers, start=1):
+        for row in difference_rows(answer) if isinstance(answer, FormulaAnswer) else ():
+            yield str(number), *row
+
+
 def regions(answers: Sequence[Answer], carrier: SurfaceCarrier) -> Iterator[tuple[str, ...]]:
     """Yield the largest regions of each comparison."""
     for number, answer in enumerate(answers, start=1):
-        step, per = step_of(answer, answer.question.column)
         for comparison in answer.comparisons:
+            step, per = step_of(answer, comparison.title)
             for region in significant_regions(answer, comparison, carrier)[:_MOST_REGIONS]:
                 yield (
                     str(number),

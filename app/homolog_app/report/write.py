@@ -9,7 +9,8 @@ from pathlib import Path
 
 from jinja2 import Environment, StrictUndefined
 
-from homolog.comparison.answer import Answer, ask
+from homolog.comparison.answer import Answer
+from homolog.comparison.ask import ask
 from homolog.comparison.findings import CONTROLS, Finding, findings
 from homolog.comparison.places import Directions, SurfaceCarrier, directions_of
 from homolog.comparison.sample import Sample
@@ -271,6 +272,7 @@ def _of_studies(studies: Sequence[_Study]) -> dict[str, object]:
         "has_pairs": any(answer.pairwise for answer in answers),
         "has_covariates": any(question.covariates for question in requested),
         "has_slopes": any(question.kind == "regression" for question in requested),
+        "has_formulas": any(question.kind == "formula" for question in requested),
         "is_paired": any(question.kind == "pairs" for question in requested),
         "complete_cases": any(question.complete_cases for question in requested),
         "similar": any(question.alignment is Alignment.SIMILARITY for question in requested),
@@ -349,6 +351,16 @@ def _tables(
             "columns": rows.COVARIATES,
             "rows": list(rows.covariates(answers)),
             "caption": "Covariates, each adjusted for what is tested and for the others; p not corrected",
+        },
+        "anova": {
+            "columns": rows.ANOVA,
+            "rows": list(rows.anova(answers)),
+            "caption": "Analysis of variance of all coordinates, by formula",
+        },
+        "apart": {
+            "columns": rows.DIFFERENCES,
+            "rows": list(rows.apart(answers)),
+            "caption": "Differences of means and slopes; p by Holm within a kind of difference",
         },
         "regions": {
             "columns": rows.REGIONS,

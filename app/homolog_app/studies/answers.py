@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from homolog.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from homolog.comparison.answer import Answer, ask, members_of_pairs
+from homolog.comparison.answer import Answer, members_of_pairs
+from homolog.comparison.ask import ask
 from homolog.comparison.question import Question
 from homolog.comparison.sample import Sample, category_of
 from homolog.errors import InputError

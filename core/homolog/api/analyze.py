@@ -25,6 +25,10 @@ def analyze(
     between: Sequence[str] = (),
     pairs: str | None = None,
     covariates: Sequence[str] = (),
+    formula: str | None = None,
+    subject: str | None = None,
+    strata: str | None = None,
+    squares: Literal["I", "II", "III"] = "II",
     complete_cases: bool = False,
     alignment: _Alignment | Sequence[_Alignment] = "similarity",
     modes: int | None = None,
@@ -53,6 +57,12 @@ def analyze(
         Column that identifies the pairs of two groups.
     covariates : sequence of str
         Columns to adjust for; ``COLUMN:c`` treats numbers as categories.
+    formula : str, optional
+        Terms to test in place of groups, such as ``"~ group * age + sex"``; see `compare`.
+    subject, strata : str, optional
+        For a formula, columns of the subject of repeated measures, and of strata such as sites.
+    squares : {"II", "I", "III"}
+        For a formula, type of the sums of squares.
     complete_cases : bool
         Whether subjects with missing values in the columns used are excluded, instead of refused.
     alignment : {"similarity", "rigid", "as-it-lies"}, or several of them
@@ -102,6 +112,10 @@ def analyze(
             between=between,
             pairs=pairs,
             covariates=tuple(covariates),
+            formula=formula,
+            subject=subject,
+            strata=strata,
+            squares=squares,
             complete_cases=complete_cases,
             modes=modes,
             permutations=permutations,

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Literal, cast, overload
 
 from homolog.api.project import Project
 from homolog.arrays import Array, ArrayLike
-from homolog.comparison.answer import ask
-from homolog.comparison.formula import FormulaAnswer, ask_formula, design_of, formula_questions
+from homolog.comparison.ask import ask
+from homolog.comparison.formula import FormulaAnswer, ask_formula, design_of
 from homolog.comparison.question import questions
-from homolog.comparison.sample import Sample, at_own_size, levels
+from homolog.comparison.sample import Sample, at_own_size, levels, matched_rows
 from homolog.errors import InputError
 from homolog.inspection.verdict import Word
 from homolog.progress import part_of, tick_of
@@ -318,10 +318,11 @@ def compare(
         Corresponding points of the M subjects.
     formula : str
         Such as ``"~ group * age + sex"``: columns, ``+``, ``:`` (interaction), ``*`` (both and their
-        interaction), ``^`` and parentheses. ``size`` is the size of the shapes.
+        interaction), ``^`` and parentheses. ``size`` is the size of the shapes, ``log_size`` its logarithm.
     data : pandas.DataFrame or mapping of str to sequence, optional
-        The columns, M values each, in the order of the subjects. By default the groups and covariates of the
-        result.
+        The columns. Rows are matched to the subjects of a result by a column ``name`` or ``subject``, or by
+        the index, in any order; rows of an array's shapes have its order. By default the groups and
+        covariates of the result.
     subject : str, optional
         Column of the subject of each row, for repeated measures.
     strata : str, optional
@@ -340,7 +341,7 @@ def compare(
     seed : int
         Random seed.
     out : path, optional
-        Folder for ``anova.csv``, ``differences.csv`` and ``columns.csv``.
+        Folder for ``anova.csv``, ``differences.csv``, ``allometry.csv`` and ``columns.csv``.
     anyway : bool
         Whether to use a model even if its verdict is *not usable*.
     callback : callable, optional
@@ -354,8 +355,9 @@ def compare(
     ------
     InputError
         Before anything is computed, if the design can't be estimated (terms that can't be told apart, an
-        interaction without subjects in a cell, too few rows), rows of one subject are not declared, or a
-        column or argument is wrong; or if the model is not usable.
+        interaction without subjects in a cell, too few rows), rows of one subject are not declared, rows of
+        data can't be matched to the subjects, or a column or argument is wrong; or if the model is not
+        usable.
 
     Examples
     --------
@@ -373,8 +375,10 @@ def compare(
     >>> [row.term for row in answer.coordinates if row.p is not None and row.p < 0.05]
     ['group', 'age', 'group:age']
     """
-    (question,) = formula_questions(
+    (question,) = questions(
         (alignment,),
+        kind="formula",
+        column="",
         formula=formula,
         subject=subject,
         strata=strata,
@@ -390,23 +394,26 @@ def compare(
     model = None
     if hasattr(result, "aligned"):
         model = cast("Correspondence | Project", result)
-        given: Covariates = columns or {
+        given: Covariates = {
             **{name: list(values) for name, values in model.covariates.items()},
             "group": [group or "" for group in model.groups],
         }
+        if columns is not None:
+            rows = matched_rows(model.names, columns, getattr(data, "index", None))
+            given = {name: [values[row] for row in rows] for name, values in columns.items()}
         sample = Sample.of_arrays(model.aligned, given, model.names)
         sample = replace(sample, own_size=at_own_size(model.aligned, model.alignments))
     elif columns is None:
         raise InputError("data: give the columns of the formula, one value for each shape")
     else:
         sample = Sample.of_arrays(result, columns)
-    designed = design_of(sample, question)
+    design_of(sample, question)  # refuses before anything is computed
     if model is not None and not anyway and model.verdict.word is Word.UNUSABLE:
         raise InputError(
             f"the model is not usable. {model.verdict.cause} {model.verdict.remedy} To use it all the same, "
             "add the option anyway"
         )
-    answer = ask_formula(sample, question, designed, tick_of(callback))
+    answer = ask_formula(sample, question, tick_of(callback))
     if out is not None:
         answer.write(Path(out))
     return answer

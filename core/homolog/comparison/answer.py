@@ -1,22 +1,23 @@
 """Answers: the tests of a question, asked of a sample."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from homolog.arrays import FloatArray, IntArray, frozen
 from homolog.cohort import outside_notes
-from homolog.cohort.column_types import CATEGORY
+from homolog.cohort.column_types import CATEGORY, plain_name
 from homolog.comparison.question import Question
-from homolog.comparison.sample import SHAPE_SIZE, SIZE, Sample, category_of, levels
+from homolog.comparison.sample import LOG_SIZE, SHAPE_SIZE, SIZE, Sample, category_of, levels
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
-from homolog.statistics.comparison import Comparison
+from homolog.statistics.anova import unequal_slopes
+from homolog.statistics.comparison import Comparison, prepare_shapes
 from homolog.statistics.covariates import with_covariate_effects, with_unadjusted
 from homolog.statistics.data_notes import PARTNER_MISSING, exclusion_notes, repeated_notes, spelling_notes
-from homolog.statistics.design import covariate_columns, numbers
+from homolog.statistics.design import covariate_columns, make_design, numbers, shorthand
 from homolog.statistics.studies import (
     compare_groups,
     compare_pairs,
@@ -26,7 +27,12 @@ from homolog.statistics.studies import (
 )
 from homolog.surfaces.nearest import areas_of_particles, nearest_particles
 
-__all__ = ["Answer", "ask", "members_of_pairs"]
+__all__ = [
+    "Answer", "TextTable", "ask_groups", "column_notes", "members_of_pairs", "steps_of", "surface_areas",
+]  # fmt: skip
+
+TextTable = tuple[str, Mapping[str, str], Sequence[Sequence[str | float | int | None]]]
+"""A table: file name, meanings of the columns, rows."""
 
 _PERSON = "subject"
 """Column of the person, for several scans or sides of one."""
@@ -86,9 +92,24 @@ class Answer:
         """The comparisons of two groups, or the only comparison."""
         return self.pairwise or (self.overall,)
 
+    @property
+    def table_lines(self) -> list[str]:
+        """Lines of a table that a printed answer begins with."""
+        return []
 
-def ask(sample: Sample, question: Question, tick: Tick = no_tick) -> Answer:
-    """Answer a question.
+    @property
+    def further_lines(self) -> list[str]:
+        """Lines that a printed answer has after its findings."""
+        return []
+
+    @property
+    def tables(self) -> Iterable[TextTable]:
+        """Tables besides those of all answers."""
+        return ()
+
+
+def ask_groups(sample: Sample, question: Question, tick: Tick = no_tick) -> Answer:
+    """Answer a question about groups, pairs or a variable.
 
     Parameters
     ----------
@@ -145,6 +166,8 @@ def ask(sample: Sample, question: Question, tick: Tick = no_tick) -> Answer:
             overall, shapes, tested, table, categories=categories, options=options, tick=later
         )
     notes = [*_notes(sample, question), *exclusion_notes(left_out)]
+    if question.kind == "groups" and question.covariates:
+        notes += _slope_notes(sample, question, overall, shapes)
     if question.kind != "pairs":
         persons = sample.texts(_PERSON) if _PERSON in sample.columns else list(sample.names)
         compared = {sample.names[index]: persons[index] for index in overall.subjects.tolist()}
@@ -156,7 +179,7 @@ def ask(sample: Sample, question: Question, tick: Tick = no_tick) -> Answer:
         pairwise,
         tuple(labels),
         left_out | others,
-        _areas(sample),
+        surface_areas(sample),
         sample.names,
         tuple(notes),
         _steps(sample, question, overall),
@@ -168,13 +191,38 @@ def _steps(sample: Sample, question: Question, overall: Comparison) -> dict[str,
     """Return the power of ten nearest the standard deviation of each numeric variable."""
     named = dict(category_of(covariate, sample.columns) for covariate in question.covariates)
     named |= {question.column: False} if question.kind == "regression" else {}
-    steps = {}
+    variables = {}
     for column, is_category in named.items():
         cells = [sample.column(column)[index] for index in overall.subjects.tolist()]
-        values = None if is_category else numbers(cells)
-        if values is not None and (spread := float(values.std(ddof=1))) > 0.0:
-            steps[column] = float(10.0 ** round(np.log10(spread)))
-    return steps
+        if not is_category and (values := numbers(cells)) is not None:
+            variables[column] = values
+    return steps_of(variables)
+
+
+def steps_of(variables: Mapping[str, FloatArray]) -> dict[str, float]:
+    """Return the power of ten nearest the standard deviation of each variable that has one."""
+    spreads = {name: float(values.std(ddof=1)) for name, values in variables.items()}
+    return {name: float(10.0 ** round(np.log10(spread))) for name, spread in spreads.items() if spread > 0.0}
+
+
+def _slope_notes(sample: Sample, question: Question, overall: Comparison, shapes: FloatArray) -> list[str]:
+    """Return notes on covariates whose slope differs between the compared groups."""
+    table, categories = _table(sample, question, overall.subjects)
+    table = {plain_name(name): cells for name, cells in table.items()}
+    labels = sample.texts(question.column)
+    table[question.column] = [labels[index] for index in overall.subjects.tolist()]
+    try:
+        design = make_design(
+            shorthand(question.column, [name for name in table if name != question.column]),
+            table,
+            categories={question.column, *map(plain_name, categories)},
+        )
+    except InputError as error:
+        return [f"Whether the groups have one slope along each covariate can't be tested: {error}."]
+    return unequal_slopes(
+        prepare_shapes(shapes[overall.subjects], question.options), design, [question.column],
+        permutations=question.permutations, seed=question.seed,
+    )  # fmt: skip
 
 
 def _others(
@@ -325,7 +373,7 @@ def _table(
     return table, {column for column, is_category in named.items() if is_category}
 
 
-def _areas(sample: Sample) -> FloatArray:
+def surface_areas(sample: Sample) -> FloatArray:
     """Return the area of the mean surface nearest to each particle [mm²]."""
     if sample.mean_surface is None:
         return np.ones(sample.shapes.shape[1])
@@ -333,21 +381,30 @@ def _areas(sample: Sample) -> FloatArray:
     return areas_of_particles(sample.mean_surface, nearest, sample.shapes.shape[1])
 
 
+def column_notes(sample: Sample, categories: Sequence[str], variables: Sequence[str]) -> list[str]:
+    """Return notes on spellings of categories, on numbers outside their column, and on the name of size."""
+    notes = []
+    for column in categories:
+        notes += spelling_notes(f"Column {column!r}", sample.texts(column))
+    known = [column for column in variables if column != LOG_SIZE]
+    for column in known:
+        notes += outside_notes(column, dict(zip(sample.names, sample.texts(column), strict=True)))
+    if SIZE in sample.columns and SIZE in (*categories, *variables):
+        notes.append(f"'size' is the column of the cohort's table; the size of the shapes is {SHAPE_SIZE!r}.")
+    return notes
+
+
+def _is_number(sample: Sample, column: str) -> bool:
+    return numbers([value for value in sample.texts(column) if value]) is not None
+
+
 def _notes(sample: Sample, question: Question) -> list[str]:
     """Return notes on columns and on questions of earlier versions."""
     covariates = dict(category_of(covariate, sample.columns) for covariate in question.covariates)
-    tested = [] if question.kind == "regression" else [question.column]
-    notes = []
-    for column in dict.fromkeys([*tested, *covariates]):
-        values = sample.texts(column)
-        if covariates.get(column, True) or numbers([value for value in values if value]) is None:
-            notes += spelling_notes(f"Column {column!r}", values)
-    tested_numbers = [question.column] if question.kind == "regression" else []
-    tested_numbers += [column for column, is_category in covariates.items() if not is_category]
-    for column in tested_numbers:
-        notes += outside_notes(column, dict(zip(sample.names, sample.texts(column), strict=True)))
-    if SIZE in sample.columns and SIZE in (question.column, *covariates):
-        notes.append(f"'size' is the column of the cohort's table; the size of the shapes is {SHAPE_SIZE!r}.")
+    tested = {question.column: question.kind != "regression"}
+    named = tested | covariates
+    numeric = {name for name, is_category in named.items() if not is_category and _is_number(sample, name)}
+    notes = column_notes(sample, [name for name in named if name not in numeric], sorted(numeric))
     if question.earlier:
         notes.append(
             "An earlier version stored this question and compared shapes as they lie. Now they are aligned "

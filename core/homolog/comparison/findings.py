@@ -1,8 +1,8 @@
 """What an answer says: size, shape, place, each in a sentence, and what its tests could have found."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import floor, log10, sqrt
+from math import floor, log10, prod, sqrt
 
 import numpy as np
 from scipy import optimize, stats
@@ -10,7 +10,7 @@ from scipy import optimize, stats
 from homolog.comparison.answer import Answer
 from homolog.comparison.places import SurfaceCarrier, significant_regions
 from homolog.comparison.question import NOUNS
-from homolog.statistics.cautions import LEVEL, cautions_of, p_text
+from homolog.statistics.cautions import LEVEL, caution_sentences, p_text
 from homolog.statistics.comparison import Comparison
 from homolog.statistics.effects import Effect
 
@@ -20,6 +20,7 @@ __all__ = [
     "Finding",
     "Place",
     "Seen",
+    "answer_text",
     "cautions",
     "covariate_rows",
     "decimals",
@@ -46,13 +47,14 @@ class Seen:
 
     Attributes
     ----------
-    distance : float or None
-        Of the whole shape, in the unit of `Comparison.distance`.
+    whole : float or None
+        Of the whole shape, by its randomization test, in a typical direction of the variation between
+        subjects: root mean square over the particles [mm].
     displacement : float or None
         Of a single particle, in the median over the surface after Bonferroni's correction [mm].
     """
 
-    distance: float | None
+    whole: float | None
     displacement: float | None
 
     @classmethod
@@ -60,17 +62,30 @@ class Seen:
         """Return what the tests of a comparison could have found."""
         test, local = comparison.test, comparison.pointwise
         level = LEVEL / max(len(answer.pairwise), 1)
-        distance = displacement = None
-        if test.t_squared and test.mahalanobis and test.dof[1] >= 1:
-            scale = test.t_squared / test.mahalanobis**2
-            distance = sqrt(_needed(test.dof[0], test.dof[1], level) / scale)
+        whole = displacement = None
+        if len(local.covariance):
+            limit = float(np.quantile(test.whole.null, 1.0 - level, method="higher"))
+            whole = sqrt(_noncentral(limit, *test.noise) / len(local.effect[0]))
         if len(local.covariance):
             within = float(np.median(local.dof)) - local.variables + 1.0
             if within >= 1.0:
                 error = np.sqrt(np.trace(local.covariance, axis1=1, axis2=2) / 3.0)
                 needed = _needed(local.variables, within, level / len(error))
                 displacement = sqrt(needed) * float(np.median(error))
-        return cls(distance, displacement)
+        return cls(whole, displacement)
+
+
+def _noncentral(limit: float, trace: float, square: float) -> float:
+    """Return the squared effect whose sum of squares exceeds its limit in `POWER` of cohorts.
+
+    The tested sum of squares is normal with the mean ``trace + effect`` and the variance
+    ``2 square + 4 effect square / trace``: of a covariance with these traces, and an effect along it.
+    """
+    beyond = (limit - 1.0) * trace
+    deviate = float(stats.norm.ppf(POWER)) ** 2
+    middle = beyond + 2.0 * deviate * square / trace
+    root = sqrt(max(middle**2 - beyond**2 + 2.0 * deviate * square, 0.0))
+    return max(middle + root, 0.0)
 
 
 def _needed(between: float, within: float, level: float) -> float:
@@ -169,10 +184,12 @@ def _finding(answer: Answer, comparison: Comparison, carrier: SurfaceCarrier | N
     who = ", ".join(f"{count} {name}" for name, count in counts.items())
     if question.kind == "regression":
         who = f"{counts['all']} subjects"
+    elif question.kind == "formula":
+        who = f"{counts['all']} shapes"
     title = f"{comparison.title} ({who})" if len(counts) <= 2 else who
     seen = Seen.of(answer, comparison)
     covariates = ""
-    if comparison is answer.overall and comparison.covariates:
+    if comparison.covariates:
         covariates = "; ".join(" ".join(row) for row in _covariate_texts(answer)) + "."
     return Finding(
         title,
@@ -180,16 +197,17 @@ def _finding(answer: Answer, comparison: Comparison, carrier: SurfaceCarrier | N
         _shape(answer, comparison),
         _place(answer, comparison, place_of(answer, comparison, carrier)),
         covariates,
-        _sees(answer, seen),
+        _sees(answer, comparison, seen),
         NOUNS[question.alignment],
         comparison.p_adjusted <= LEVEL,
     )
 
 
 def step_of(answer: Answer, title: str) -> tuple[float, str]:
-    """Return the step of a variable in which its effect is told, and its text: ``" per 10 of age"``."""
-    step = answer.steps.get(title)
-    return (1.0, "") if step is None else (step, f" per {step:g} of {title}")
+    """Return the step in which an effect is told, and its text: ``" per 10 of age"``; 1 and none else."""
+    along = [part for part in title.split(":") if part in answer.steps]
+    step = prod(answer.steps[part] for part in along)
+    return step, f" per {step:g} of {' x '.join(along)}" if along else ""
 
 
 def decimals(width: float, edge: float = 0.0) -> int:
@@ -242,8 +260,12 @@ def _size(answer: Answer, comparison: Comparison) -> str:
     if (between := comparison.size_variance) is not None:
         verb = "the groups differ" if p <= LEVEL else "no difference is shown"
         return f"{verb} (F({between.dof[0]:g}, {between.dof[1]:.3g}) = {between.f:.1f}, {tested})."
-    step, per = step_of(answer, answer.question.column)
+    if not np.isfinite(size.value):
+        return f"{'an effect' if p <= LEVEL else 'no effect'} is shown, {tested}."
+    step, per = step_of(answer, comparison.title)
     effect = effect_text(size, f" mm{per}", ci="95 % CI ", edge=answer.edge, step=step, sign=True)
+    if answer.question.kind == "formula":
+        return f"{'an effect' if p <= LEVEL else 'no effect'} is shown: {effect}, {tested}."
     if answer.question.kind == "regression":
         return f"{'changes' if p <= LEVEL else 'no change is shown'}: {effect}, {tested}."
     first, second = answer.question.between if answer.question.kind == "pairs" else comparison.counts
@@ -254,19 +276,20 @@ def _size(answer: Answer, comparison: Comparison) -> str:
 def _shape(answer: Answer, comparison: Comparison) -> str:
     test, far = comparison.test, comparison.distance
     p = p_text(comparison.p_adjusted, test.permutations)
-    slope = answer.question.kind == "regression"
-    step, per = step_of(answer, answer.question.column)
+    step, per = step_of(answer, comparison.title)
     noun = NOUNS[answer.question.alignment]
+    what, of, verb = {
+        "regression": ("change", "of", f"{noun} changes"),
+        "formula": ("effect", "on", f"an effect on {noun} is shown"),
+    }.get(answer.question.kind, ("difference", "of", f"the groups differ in {noun}"))
     if comparison.p_adjusted <= LEVEL:
-        verb = f"{noun} changes" if slope else f"the groups differ in {noun}"
         stated = "" if far is None else f"D = {effect_text(far, per, ci='90 % CI ', step=step)}, "
         return f"{verb}: {stated}{p}."
-    what = "change" if slope else "difference"
     if far is None:
-        return f"no {what} of {noun} is shown: {p}."
+        return f"no {what} {of} {noun} is shown: {p}."
     most = step * far.high
     limit = f"{most:.{decimals(2.0 * most)}f}{per}"
-    return f"no {what} of {noun} is shown: {p}; {what}s up to D = {limit} are not excluded."
+    return f"no {what} {of} {noun} is shown: {p}; {what}s up to D = {limit} are not excluded."
 
 
 def place_of(answer: Answer, comparison: Comparison, carrier: SurfaceCarrier | None = None) -> Place:
@@ -275,7 +298,7 @@ def place_of(answer: Answer, comparison: Comparison, carrier: SurfaceCarrier | N
     largest = ""
     if carrier is not None and (regions := significant_regions(answer, comparison, carrier)):
         region = regions[0]
-        step, per = step_of(answer, answer.question.column)
+        step, per = step_of(answer, comparison.title)
         moves = effect_text(region.mean_outward, " mm", edge=answer.edge, step=step, sign=True)
         way = region.direction(region.mean_outward)
         largest = f"{region.where}, mean {moves}{per}, {way}"
@@ -295,7 +318,7 @@ def share_of_surface(answer: Answer, comparison: Comparison) -> float:
 
 
 def _place(answer: Answer, comparison: Comparison, place: Place) -> str:
-    verb = "change" if answer.question.kind == "regression" else "differ"
+    verb = "change" if step_of(answer, comparison.title)[1] else "differ"
     noun = f"{place.particles} particles"
     likely = f"{place.likely} at a false discovery rate of 5 %"
     if not place.certain:
@@ -309,16 +332,16 @@ def _place(answer: Answer, comparison: Comparison, place: Place) -> str:
     return f"{sentence} Largest: {place.largest}." if place.largest else sentence
 
 
-def _sees(answer: Answer, seen: Seen) -> str:
-    step, per = step_of(answer, answer.question.column)
+def _sees(answer: Answer, comparison: Comparison, seen: Seen) -> str:
+    step, per = step_of(answer, comparison.title)
     parts = []
-    if seen.distance is not None and np.isfinite(seen.distance):
-        parts.append(f"D = {step * seen.distance:.2g}{per} (F test in the modes)")
+    if seen.whole is not None:
+        parts.append(f"{step * seen.whole:.2g} mm{per} of the whole shape (root mean square)")
     if seen.displacement is not None and np.isfinite(seen.displacement):
         parts.append(f"{step * seen.displacement:.2g} mm{per} at a typical particle")
     if not parts:
         return ""
-    return f"four of five such cohorts show {' and '.join(parts)}."
+    return f"four of five such cohorts show {' or '.join(parts)}."
 
 
 def covariate_rows(answer: Answer) -> Iterator[tuple[str, ...]]:
@@ -351,6 +374,19 @@ def _covariate_texts(answer: Answer) -> Iterator[tuple[str, ...]]:
 
 
 def cautions(answer: Answer) -> list[str]:
-    """Return the cautions of an answer."""
-    raised = [item for comparison in answer.comparisons for item in cautions_of(comparison, answer.names)]
+    """Return the cautions of an answer, each once with the comparisons that it is about."""
+    titles: dict[str, list[str]] = {}
+    for comparison in answer.comparisons:
+        for sentence in caution_sentences(comparison, answer.names):
+            titles.setdefault(sentence, []).append(comparison.title)
+    raised = [f"{'; '.join(titles[sentence])}: {sentence}" for sentence in titles]
     return [*raised, *answer.notes]
+
+
+def answer_text(answer: Answer, sentences: Sequence[Finding]) -> str:
+    """Return an answer as it is printed, with its findings."""
+    lines = [answer.question.title, *(f"  {line}" for line in answer.table_lines)]
+    for finding in sentences:
+        lines += [f"  {finding.title}", *(f"    {sentence}" for sentence in finding.sentences)]
+    lines += [f"  {line}" for line in answer.further_lines]
+    return "\n".join([*lines, *(f"  Caution: {caution}" for caution in cautions(answer)), f"  {CONTROLS}"])

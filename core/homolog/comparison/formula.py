@@ -1,41 +1,48 @@
-"""Questions written as formulas: the analysis of variance of shapes, and what differs."""
+"""Questions written as formulas: each term tested as size, shape and place, and the analysis of variance."""
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from itertools import permutations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.cohort.column_types import CATEGORY, plain_name
-from homolog.comparison.precision import Precision
-from homolog.comparison.question import ALIGNED
-from homolog.comparison.sample import SHAPE_SIZE, SIZE, Sample
+from homolog.comparison.answer import Answer, TextTable, column_notes, steps_of, surface_areas
+from homolog.comparison.findings import answer_text, findings
+from homolog.comparison.question import Question
+from homolog.comparison.sample import LOG_SIZE, SHAPE_SIZE, SIZE, Sample
 from homolog.errors import InputError
 from homolog.io.project import OUT_OF_DATE
 from homolog.io.tables import write_table
-from homolog.parameters import fault_text
 from homolog.progress import Tick, no_tick, part_of
-from homolog.statistics.anova import AnovaRow, Difference, differences, mode_scores, procrustes_anova
-from homolog.statistics.cautions import LEVEL, p_text
+from homolog.statistics.anova import (
+    Allometry,
+    AnovaRow,
+    Difference,
+    allometry,
+    differences,
+    mode_scores,
+    procrustes_anova,
+    unequal_slopes,
+)
+from homolog.statistics.cautions import p_text
+from homolog.statistics.checks import refuse_duplicates
+from homolog.statistics.comparison import Comparison, prepare_shapes, run_comparison
+from homolog.statistics.data_notes import exclusion_notes
 from homolog.statistics.design import (
     Design,
     Hypothesis,
-    Squares,
+    Term,
     is_missing,
     make_design,
     parsed,
     refuse_repeated,
 )
-from homolog.statistics.procrustes import Alignment, aligned
-from homolog.statistics.randomization import Randomization
+from homolog.statistics.procrustes import rms_radii
 
-__all__ = ["Differences", "FormulaAnswer", "FormulaQuestion", "ask_formula", "design_of", "formula_questions"]
+__all__ = ["Differences", "FormulaAnswer", "ask_formula", "columns_of", "design_of", "difference_rows"]
 
 _ANOVA = {
     "on": "coordinates: all coordinates of the particles; modes: scores in the retained modes, each with a "
@@ -61,62 +68,20 @@ _DIFFERENCES = {
     "Z": _ANOVA["Z"],
     "p": _ANOVA["p"],
     "p_corrected": "p corrected for the number of differences in the same column `of` (Holm)",
+    "size_effect_mm": "difference of size [mm, or mm per unit]; empty if size is a column of the formula",
+    "size_effect_mm_low_95": "lower bound of its 95 % confidence interval",
+    "size_effect_mm_high_95": "upper bound of its 95 % confidence interval",
+    "size_p_permutation": "permutation p of size, not corrected",
 }
-
-
-class FormulaQuestion(Precision):
-    """A linear model of shapes, as a formula.
-
-    Attributes
-    ----------
-    formula : str
-        Such as ``"~ group * age + sex"``; see `homolog.statistics.design.make_design`.
-    subject, strata : str or None
-        Columns of the subject of repeated measures, and of strata such as sites.
-    squares : Squares
-        Type of the sums of squares.
-    alignment : Alignment
-        Alignment of the shapes before the comparison.
-    complete_cases : bool
-        Whether rows without a value in one of these columns are excluded.
-    """
-
-    formula: str
-    subject: str | None = None
-    strata: str | None = None
-    squares: Squares = Squares.MARGINAL
-    alignment: Alignment = Alignment.SIMILARITY
-    complete_cases: bool = False
-
-    @property
-    def name(self) -> str:
-        """A name of a folder for the question, of its words and a digest of all that it says."""
-        file_stem = re.sub(r"[^\w.-]+", "_", self.formula).strip("._")[:60]
-        digest = sha256(self.model_dump_json(exclude={"permutations"}).encode()).hexdigest()[:8]
-        return f"formula_{file_stem}_{digest}"
-
-
-def formula_questions(
-    alignments: Sequence[str],
-    **given: Any,  # noqa: ANN401 - checked
-) -> tuple[FormulaQuestion, ...]:
-    """Return the question for each of several alignments; raises InputError if a value is invalid.
-
-    `squares` is written ``I``, ``II`` or ``III``.
-    """
-    types = {"I": Squares.SEQUENTIAL, "II": Squares.MARGINAL, "III": Squares.PARTIAL}
-    if given["squares"] not in types:
-        raise InputError(f"squares {given['squares']!r}: choose I, II or III")
-    known = [item.value for item in Alignment]
-    for alignment in alignments:
-        if alignment not in known:
-            raise InputError(f"alignment {alignment!r}: choose one or several of {', '.join(known)}")
-    given = {**given, "squares": types[given["squares"]]}
-    try:
-        return tuple(FormulaQuestion.model_validate({**given, "alignment": item}) for item in alignments)
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(f"{first['loc'][0]} {first['input']}: {fault_text(first)}") from error
+_ALLOMETRY = {
+    "number": "number of the formula along which shape changes",
+    "name": "subject",
+    "value": "the subject's number",
+    "regression_score_mm": "its shape along the mean slope (Drake and Klingenberg 2008), as root mean square "
+    "over the particles [mm]",
+    "predicted_mm": "first principal component of the shape that the design predicts (Adams and Nistri 2010) "
+    "[mm]",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,110 +103,140 @@ class Differences:
     each: tuple[Difference, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FormulaAnswer:
-    """The analysis of variance of a formula, and what differs. Arrays are read-only.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FormulaAnswer(Answer):
+    """The answer to a formula: what each term does to size, shape and places. Arrays are read-only.
 
     Attributes
     ----------
-    question : FormulaQuestion
-        The question.
     design : Design
-        Its terms, with degrees of freedom and variance inflation.
-    names : tuple of str
-        The rows, M in number.
+        The terms, with degrees of freedom and variance inflation.
+    terms : tuple of Comparison
+        The tests of each term.
     coordinates : tuple of AnovaRow
-        The terms, tested on all coordinates; squares in mm².
+        Analysis of variance on all coordinates; squares in mm².
     modes : tuple of AnovaRow
         The same on the retained modes, squares in SD²; empty if no mode is retained.
     differences : tuple of Differences
         Differences of adjusted means, slopes, and differences of slopes.
-    notes : tuple of str
-        Remarks, each a sentence.
+    allometry : tuple of (str, Allometry)
+        How shape changes along each number of the design.
+    rows : (m,) int array
+        Subjects of the sample that the design has.
     """
 
-    question: FormulaQuestion
     design: Design
-    names: tuple[str, ...]
+    terms: tuple[Comparison, ...]
     coordinates: tuple[AnovaRow, ...]
     modes: tuple[AnovaRow, ...]
     differences: tuple[Differences, ...]
-    notes: tuple[str, ...]
+    allometry: tuple[tuple[str, Allometry], ...]
+    rows: IntArray
+
+    @property
+    def comparisons(self) -> tuple[Comparison, ...]:
+        """The tests of each term."""
+        return self.terms
+
+    @property
+    def between_two(self) -> tuple[Comparison, ...]:
+        """The tests of each term."""
+        return self.terms
 
     @property
     def text(self) -> str:
-        """What ``homolog analyze --formula`` prints, a line for each term first."""
-        kind = {1: "I", 2: "II", 3: "III"}[self.question.squares]
-        lines = [f"{self.design.formula}; {ALIGNED[self.question.alignment]}"]
-        lines += [f"  {len(self.names)} shapes, sums of squares of type {kind}, on all coordinates"]
-        lines += [f"  {line}" for line in _aligned_lines(self.coordinates)]
-        lines += [f"  {sentence}" for sentence in self._said()]
-        return "\n".join([*lines, *(f"  Note: {note}" for note in self.notes)])
+        """What ``homolog analyze --formula`` prints, without the place of the tables."""
+        return answer_text(self, findings(self))
 
-    def _said(self) -> Iterator[str]:
-        """Yield what the terms and the differences say."""
-        for row in self.coordinates:
-            if row.p is None:
-                continue
-            shown, p = row.p <= LEVEL, p_text(row.p, self.question.permutations)
-            if ":" not in row.term:
-                effect = "Shapes differ with" if shown else "No difference of shapes is shown with"
-                yield f"{effect} {row.term} ({p})."
-                continue
-            last, *others = reversed(row.term.split(":"))
-            effect = "depends" if shown else "is not shown to depend"
-            yield f"The effect of {last} {effect} on {' and '.join(reversed(others))} ({p})."
-        for family in self.differences:
-            for item in family.each:
-                per = "" if family.number is None else f" per unit of {family.number}"
-                far = item.distance
-                d = f" (D = {far.value:.2g}, 90 % CI {far.low:.2g} to {far.high:.2g})" if far else ""
-                p = p_text(item.p_adjusted, self.question.permutations)
-                name = "" if item.name == family.number else f": {item.name}"
-                yield f"{family.of[0].upper()}{family.of[1:]}{name}: {item.length:.2g} mm{d}{per}, {p}."
+    @property
+    def table_lines(self) -> list[str]:
+        """The analysis of variance as lines of equally wide columns."""
+        kind = self.question.type_of_squares
+        head = f"{self.design.formula}: {len(self.rows)} shapes, squares of type {kind}, on all coordinates"
+        return [head, *_aligned_lines(self.coordinates)]
+
+    @property
+    def further_lines(self) -> list[str]:
+        """The differences of means and slopes, a line each."""
+        return [f"{name}: {'; '.join(filter(None, rest))}." for name, *rest in difference_rows(self)]
+
+    @property
+    def tables(self) -> Iterator[TextTable]:
+        """Analysis of variance, differences and allometry, with the meaning of their columns."""
+        yield (
+            "anova.csv",
+            _ANOVA,
+            [
+                [on, row.term, row.dof, row.squares, row.mean_square, row.r_squared, row.f, row.z, row.p]
+                for on, rows in (("coordinates", self.coordinates), ("modes", self.modes))
+                for row in rows
+            ],
+        )
+        yield (
+            "differences.csv",
+            _DIFFERENCES,
+            [
+                [
+                    family.of,
+                    item.name,
+                    "difference" if family.number is None else f"per unit of {family.number}",
+                    item.length,
+                    *((far.value, far.low, far.high) if (far := item.distance) else (None, None, None)),
+                    item.z,
+                    item.p,
+                    item.p_adjusted,
+                    *((of.value, of.low, of.high, of.p) if (of := item.size) else (None,) * 4),
+                ]
+                for family in self.differences
+                for item in family.each
+            ],
+        )
+        if self.allometry:
+            names = [self.names[row] for row in self.rows.tolist()]
+            yield (
+                "allometry.csv",
+                _ALLOMETRY,
+                [
+                    [number, *row]
+                    for number, along in self.allometry
+                    for row in zip(
+                        names,
+                        self.design.numbers[number].tolist(),
+                        along.scores.tolist(),
+                        along.predicted.tolist(),
+                        strict=True,
+                    )
+                ],
+            )
 
     def write(self, folder: Path) -> None:
-        """Write ``anova.csv``, ``differences.csv`` and their dictionary ``columns.csv``.
+        """Write ``anova.csv``, ``differences.csv``, ``allometry.csv`` and their dictionary ``columns.csv``.
 
         Raises
         ------
         InputError
             If the folder can't be written to.
         """
-        tables: list[tuple[str, dict[str, str], list[list[str | float | int | None]]]] = [
-            (
-                "anova.csv",
-                _ANOVA,
-                [
-                    [on, row.term, row.dof, row.squares, row.mean_square, row.r_squared, row.f, row.z, row.p]
-                    for on, rows in (("coordinates", self.coordinates), ("modes", self.modes))
-                    for row in rows
-                ],
-            ),
-            (
-                "differences.csv",
-                _DIFFERENCES,
-                [
-                    [
-                        family.of,
-                        item.name,
-                        "difference" if family.number is None else f"per unit of {family.number}",
-                        item.length,
-                        *((far.value, far.low, far.high) if (far := item.distance) else (None, None, None)),
-                        item.z,
-                        item.p,
-                        item.p_adjusted,
-                    ]
-                    for family in self.differences
-                    for item in family.each
-                ],
-            ),
-        ]
-        for name, columns, lines in tables:
+        meanings = []
+        for name, columns, lines in self.tables:
             write_table(folder / name, list(columns), lines)
-        meanings = [[name, *item] for name, columns, _ in tables for item in columns.items()]
+            meanings += [[name, *item] for item in columns.items()]
         write_table(folder / "columns.csv", ["file", "column", "meaning"], meanings)
         (folder / OUT_OF_DATE).unlink(missing_ok=True)
+
+
+def difference_rows(answer: FormulaAnswer) -> Iterator[tuple[str, str, str]]:
+    """Yield each difference: its name; its length in mm, D, p; that of size, if it was tested."""
+    draws = answer.question.permutations
+    for family in answer.differences:
+        per = "" if family.number is None else f" per unit of {family.number}"
+        for item in family.each:
+            far, size = item.distance, item.size
+            d = f" (D = {far.value:.2g}, 90 % CI {far.low:.2g} to {far.high:.2g})" if far else ""
+            larger = f"{size.value:+.2g} mm (95 % CI {size.low:.2g} to {size.high:.2g})" if size else ""
+            name = family.of if item.name == family.number else f"{family.of}: {item.name}"
+            p = p_text(item.p_adjusted, draws)
+            yield name, f"{item.length:.2g} mm{d}{per}, {p}", larger and f"size {larger}{per}"
 
 
 def _aligned_lines(rows: Sequence[AnovaRow]) -> list[str]:
@@ -260,7 +255,16 @@ def _aligned_lines(rows: Sequence[AnovaRow]) -> list[str]:
     return lines
 
 
-def design_of(sample: Sample, question: FormulaQuestion) -> tuple[Design, IntArray]:
+def columns_of(sample: Sample) -> tuple[dict[str, list[str | float]], set[str]]:
+    """Return the columns that a formula may name, and which are declared categories."""
+    titles = {plain_name(name) if name.endswith(CATEGORY) else name: name for name in sample.columns}
+    categories = {plain for plain, name in titles.items() if name.endswith(CATEGORY)}
+    columns = {plain: sample.column(name) for plain, name in titles.items()}
+    columns |= {name: sample.column(name) for name in (SIZE, SHAPE_SIZE, LOG_SIZE) if name not in columns}
+    return columns, categories
+
+
+def design_of(sample: Sample, question: Question) -> tuple[Design, IntArray]:
     """Return the design of a question and its rows of the sample; refuse what can't be estimated.
 
     Raises
@@ -268,16 +272,13 @@ def design_of(sample: Sample, question: FormulaQuestion) -> tuple[Design, IntArr
     InputError
         If the formula or a column is wrong, rows of one subject are not declared, or as `make_design`.
     """
-    titles = {plain_name(name) if name.endswith(CATEGORY) else name: name for name in sample.columns}
-    categories = {plain for plain, name in titles.items() if name.endswith(CATEGORY)}
-    columns = {plain: sample.column(name) for plain, name in titles.items()}
-    columns |= {name: sample.column(name) for name in (SIZE, SHAPE_SIZE) if name not in columns}
+    columns, categories = columns_of(sample)
     named = [item for item in (question.subject, question.strata) if item is not None]
     for name in named:
         if name not in columns:
             raise InputError(f"no column {name!r}; the cohort has: {', '.join(columns)}")
-    in_question = {name for term in parsed(question.formula) for name in term}
-    used = [*named, *(name for name in columns if name in in_question)]
+    factors = {name for term in parsed(question.formula) for name in term}
+    used = [*named, *(name for name in columns if name in factors)]
     rows = np.arange(len(sample.names))
     if question.complete_cases:
         rows = np.flatnonzero([not any(is_missing(columns[name][row]) for name in used) for row in rows])
@@ -305,63 +306,114 @@ def design_of(sample: Sample, question: FormulaQuestion) -> tuple[Design, IntArr
             f"{design.rows - design.matrix.shape[1]} degrees of freedom; use fewer modes"
         )
     if question.subject is None:
-        unused = {name: own for name, own in table.items() if name not in {*used, SIZE, SHAPE_SIZE}}
+        own = {SIZE, SHAPE_SIZE, LOG_SIZE}
+        unused = {name: values for name, values in table.items() if name not in {*used, *own}}
         refuse_repeated(names, unused, {name: table[name] for name in used})
     return design, rows
 
 
-def ask_formula(
-    sample: Sample, question: FormulaQuestion, designed: tuple[Design, IntArray], tick: Tick = no_tick
-) -> FormulaAnswer:
-    """Answer a question.
+def ask_formula(sample: Sample, question: Question, tick: Tick = no_tick) -> FormulaAnswer:
+    """Answer a formula.
 
     Parameters
     ----------
     sample : Sample
         The shapes and what is known of them.
-    question : FormulaQuestion
-        The question.
-    designed : Design and (M,) array
-        From `design_of`.
+    question : Question
+        The question, of the kind ``formula``.
     tick : Tick
         Progress and cancellation.
+
+    Raises
+    ------
+    InputError
+        As `design_of`, and if two subjects have the same shape.
     """
-    design, rows = designed
-    shapes = aligned(sample.compared(question.alignment)[rows], question.alignment)
-    notes = []
-    if len(rows) < len(sample.names):
-        out = [name for row, name in enumerate(sample.names) if row not in rows]
-        notes.append(f"{len(out)} without values are not used: {', '.join(out)}.")
+    design, rows = design_of(sample, question)
+    compared = sample.compared(question.alignment)
+    refuse_duplicates(compared[rows], [sample.names[row] for row in rows])
+    shapes, size = prepare_shapes(compared[rows], question.options), rms_radii(compared[rows])
+    if LOG_SIZE in design.numbers and LOG_SIZE not in sample.columns:
+        size = np.log(size)  # which the design then explains, so that size is not tested
     draws, seed, squares = question.permutations, question.seed, question.squares
-    coordinates = procrustes_anova(
-        shapes, design, squares=squares, permutations=draws, seed=seed, tick=part_of(tick, 0.0, 0.4)
+    terms = []
+    for number, term in enumerate(design.terms):
+        low, high = 0.6 * number / len(design.terms), 0.6 * (number + 1) / len(design.terms)
+        hypothesis = design.hypothesis(term.name, squares)
+        terms.append(
+            run_comparison(
+                compared,
+                rows,
+                hypothesis,
+                _title(design, term),
+                {"all": len(rows)},
+                question.options,
+                part_of(tick, low, high),
+                data=shapes,
+                size=size,
+                nested=False,
+            )
+        )
+    tests = {term.name: item.test.whole for term, item in zip(design.terms, terms, strict=True)}
+    coordinates = procrustes_anova(shapes, design, squares=squares, tested=tests)
+    notes = exclusion_notes(
+        left_out := {
+            name: "no value in a column of the formula"
+            for row, name in enumerate(sample.names)
+            if row not in rows
+        }
     )
+    notes += column_notes(sample, list(design.levels), list(design.numbers))
     modes: tuple[AnovaRow, ...] = ()
     scores: FloatArray | None = None
     try:
-        scores = mode_scores(shapes, design, modes=question.modes, seed=question.seed)
+        scores = mode_scores(shapes, design, modes=question.modes, seed=seed)
     except InputError as error:
         notes.append(f"On modes nothing is tested: {error}.")
     else:
         modes = procrustes_anova(
-            scores, design, squares=squares, permutations=draws, seed=seed, tick=part_of(tick, 0.4, 0.5)
+            scores, design, squares=squares, permutations=draws, seed=seed, tick=part_of(tick, 0.6, 0.65)
         )
-    repeated = design.rows > int(design.units.max()) + 1
-    if repeated:
-        notes.append("Intervals of D need one row for each subject; they are not given.")
-    in_question = list(_families(design))
-    comparisons = []
-    for number, (of, along, hypotheses) in enumerate(in_question):
-        part = part_of(
-            tick, 0.5 + 0.4 * number / len(in_question), 0.5 + 0.4 * (number + 1) / len(in_question)
-        )
+    if design.rows > int(design.units.max()) + 1:
+        notes.append("D needs one row for each subject; it is not given.")
+        scores = None
+    families = list(_families(design))
+    apart = []
+    for number, (of, along, hypotheses) in enumerate(families):
+        low, high = 0.65 + 0.3 * number / len(families), 0.65 + 0.3 * (number + 1) / len(families)
         each = differences(
-            shapes, None if repeated else scores, hypotheses, permutations=draws, seed=seed, tick=part
+            shapes, scores, size, hypotheses, permutations=draws, seed=seed, tick=part_of(tick, low, high)
         )
-        comparisons.append(Differences(of, along, each))
-    notes += _unequal_slopes(shapes, design, question, part_of(tick, 0.9, 1.0))
-    names = tuple(sample.names[row] for row in rows)
-    return FormulaAnswer(question, design, names, coordinates, modes, tuple(comparisons), tuple(notes))
+        apart.append(Differences(of, along, each))
+    notes += unequal_slopes(shapes, design, permutations=draws, seed=seed, tick=part_of(tick, 0.95, 1.0))
+    labels = sample.texts(next(iter(design.levels))) if design.levels else [""] * len(sample.names)
+    return FormulaAnswer(
+        question=question,
+        overall=terms[0],
+        pairwise=(),
+        labels=tuple(labels),
+        left_out=left_out,
+        areas=surface_areas(sample),
+        names=sample.names,
+        notes=tuple(notes),
+        steps=steps_of(design.numbers),
+        edge=sample.edge,
+        design=design,
+        terms=tuple(terms),
+        coordinates=coordinates,
+        modes=modes,
+        differences=tuple(apart),
+        allometry=tuple((number, allometry(shapes, design, number)) for number in design.numbers),
+        rows=rows,
+    )
+
+
+def _title(design: Design, term: Term) -> str:
+    """Return the name of a term, with the levels whose difference it is."""
+    if term.dof > 1 or len(term.factors) > 1 or term.name not in design.levels:
+        return term.name
+    first, second = design.levels[term.name]
+    return f"{term.name}: {second} - {first}"
 
 
 def _families(design: Design) -> Iterator[tuple[str, str | None, list[Hypothesis]]]:
@@ -383,31 +435,3 @@ def _families(design: Design) -> Iterator[tuple[str, str | None, list[Hypothesis
             yield f"slopes of {number} by {factor}", number, design.slopes(number, factor)
             between = design.slope_differences(number, factor)
             yield f"differences of slopes of {number} by {factor}", number, between
-
-
-def _unequal_slopes(shapes: FloatArray, design: Design, question: FormulaQuestion, tick: Tick) -> list[str]:
-    """Return a note for each number whose slope differs between levels, although the design has one slope."""
-    rows = shapes.reshape(len(shapes), -1)
-    together = {frozenset(pair) for term in design.terms for pair in permutations(term.factors, 2)}
-    notes = []
-    for number in design.numbers:
-        for factor in design.levels:
-            if frozenset((number, factor)) in together:
-                continue
-            try:
-                hypothesis = design.common_slope(number, factor)
-            except InputError:
-                notes.append(
-                    f"Whether {number} has one slope in all of {factor} can't be tested: too few rows."
-                )
-                continue
-            test = Randomization(
-                hypothesis, rows, draws=question.permutations, seed=question.seed, tick=tick
-            ).ratio(rows)
-            if test.p <= LEVEL:
-                p = p_text(test.p, question.permutations)
-                notes.append(
-                    f"The slope of {number} differs between levels of {factor} ({p}): their "
-                    f"means differ otherwise elsewhere along {number}; ask for {factor}:{number}."
-                )
-    return notes

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from homolog.comparison.answer import Answer, ask
-from homolog.comparison.findings import CONTROLS, Finding, cautions, findings
+from homolog.comparison.answer import Answer
+from homolog.comparison.ask import ask
+from homolog.comparison.findings import Finding, answer_text, cautions, findings
 from homolog.comparison.places import SurfaceCarrier, directions_of
 from homolog.comparison.question import Question, questions
 from homolog.comparison.sample import Sample, levels
@@ -64,12 +65,9 @@ class StudyAnswer:
     @property
     def text(self) -> str:
         """The output of ``homolog analyze``."""
-        lines = [self.title]
-        for finding in self.findings:
-            lines += [f"  {finding.title}", *(f"    {sentence}" for sentence in finding.sentences)]
-        lines += [f"  Caution: {caution}" for caution in self.cautions]
+        lines = [answer_text(self.answer, self.findings)]
         lines += [f"  {line}" for line in spread_text(self.seeds)]
-        return "\n".join([*lines, f"  {CONTROLS}", f"  tables: {self.folder}"])
+        return "\n".join([*lines, f"  tables: {self.folder}"])
 
 
 def questions_of(
@@ -80,6 +78,7 @@ def questions_of(
     regress: str | None = None,
     between: Sequence[str] = (),
     pairs: str | None = None,
+    formula: str | None = None,
     **given: object,
 ) -> tuple[Question, ...]:
     """Return the questions of ``homolog analyze``, one for each alignment.
@@ -96,6 +95,8 @@ def questions_of(
         Groups, the reference first; by default all, controls first.
     pairs : str, optional
         Column that identifies pairs.
+    formula : str, optional
+        Terms to test, in place of groups.
     **given
         Covariates and precision: further attributes of `Question`.
 
@@ -104,6 +105,8 @@ def questions_of(
     InputError
         If they are invalid.
     """
+    if formula is not None:
+        return questions(alignments, kind="formula", column="", formula=formula, **given)
     if pairs and regress:
         raise InputError("pairs compare two groups and can't be combined with a regression; give one of them")
     if regress and between:

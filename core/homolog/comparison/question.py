@@ -10,11 +10,13 @@ from homolog.comparison.precision import Precision
 from homolog.errors import InputError
 from homolog.parameters import fault_text, parameters
 from homolog.statistics.comparison import Options
+from homolog.statistics.design import Squares, parsed
 from homolog.statistics.procrustes import Alignment
 
 __all__ = ["ALIGNED", "NOUNS", "Question", "questions"]
 
 _FORMER = ("answers", "null_repeats")
+_TYPES = {"I": Squares.SEQUENTIAL, "II": Squares.MARGINAL, "III": Squares.PARTIAL}
 _LONGEST = 90
 ALIGNED = {
     Alignment.AS_IT_LIES: "as the shapes lie",
@@ -32,9 +34,10 @@ class Question(Precision):
     ----------
     kind : str
         ``groups`` compares the groups of a column, ``regression`` tests the linear effect of a column,
-        ``pairs`` compares the two subjects that share a value of `pairs`.
+        ``pairs`` compares the two subjects that share a value of `pairs`, ``formula`` tests each term of a
+        formula.
     column : str
-        Column of the groups, or the variable.
+        Column of the groups, or the variable; empty for a formula.
     between : tuple of str
         The groups in order: differences are relative to the first; two of them for pairs.
     pairs : str or None
@@ -42,6 +45,12 @@ class Question(Precision):
     covariates : tuple of str
         Columns of the adjustment; in ``COLUMN:c`` numbers are codes of categories, ``shape-size`` is the size
         of the shapes (so is ``size``, if the cohort has no column of that name).
+    formula : str
+        Such as ``"~ group * age + sex"``; see `homolog.statistics.design.make_design`.
+    subject, strata : str or None
+        For a formula, columns of the subject of repeated measures, and of strata such as sites.
+    squares : Squares
+        For a formula, the type of the sums of squares, also as ``I``, ``II`` or ``III``.
     alignment : Alignment
         Alignment of the shapes before the comparison: by similarities (shape alone, the default), rigid
         (form: size and shape), or none. Size is always tested beside it.
@@ -51,11 +60,15 @@ class Question(Precision):
         Whether an earlier version stored the question; it did not align shapes rigidly.
     """
 
-    kind: Literal["groups", "regression", "pairs"] = "groups"
+    kind: Literal["groups", "regression", "pairs", "formula"] = "groups"
     column: str = "group"
     between: tuple[str, ...] = ()
     pairs: Annotated[str | None, Field(json_schema_extra={"if_none": "none"})] = None
     covariates: tuple[str, ...] = ()
+    formula: str = ""
+    subject: Annotated[str | None, Field(json_schema_extra={"if_none": "none"})] = None
+    strata: Annotated[str | None, Field(json_schema_extra={"if_none": "none"})] = None
+    squares: Squares = Squares.MARGINAL
     alignment: Alignment = Alignment.SIMILARITY
     complete_cases: bool = False
     earlier: bool = False
@@ -67,6 +80,7 @@ class Question(Precision):
         if not isinstance(values, dict):
             return values
         values = {name: value for name, value in values.items() if name not in _FORMER}
+        values |= {"squares": _TYPES.get(values["squares"], values["squares"])} if "squares" in values else {}
         if "scaling" in values:
             alignment = Alignment.SIMILARITY if values.pop("scaling") is True else Alignment.RIGID
             values = {"alignment": alignment, "earlier": alignment is Alignment.RIGID} | values
@@ -79,6 +93,9 @@ class Question(Precision):
             "groups": f"{self.column}: {', '.join(self.between)}",
             "regression": f"effect of {self.column}",
             "pairs": f"{self.column}: {' and '.join(self.between)}, paired by {self.pairs}",
+            "formula": self.formula
+            + (f", rows of one {self.subject} together" if self.subject else "")
+            + (f", within {self.strata}" if self.strata else ""),
         }[self.kind]
 
     @property
@@ -90,7 +107,12 @@ class Question(Precision):
     @property
     def arguments(self) -> list[str]:
         """The equivalent options of ``homolog analyze``."""
-        options = ["--regress", self.column] if self.kind == "regression" else ["--group", self.column]
+        options = {"regression": ["--regress", self.column], "formula": ["--formula", self.formula]}.get(
+            self.kind, ["--group", self.column]
+        )
+        options += ["--subject", self.subject] if self.subject else []
+        options += ["--strata", self.strata] if self.strata else []
+        options += ["--squares", self.type_of_squares] if self.squares is not Squares.MARGINAL else []
         options += ["--between", *self.between] if self.between else []
         options += ["--pairs", self.pairs] if self.pairs else []
         options += ["--covariates", *self.covariates] if self.covariates else []
@@ -102,9 +124,24 @@ class Question(Precision):
         return [*options, "--alignment", self.alignment.value]
 
     @property
+    def named_columns(self) -> tuple[str, ...]:
+        """Covariates, or the columns of the formula."""
+        if self.kind != "formula":
+            return self.covariates
+        return tuple(dict.fromkeys(name for term in parsed(self.formula) for name in term))
+
+    @property
+    def type_of_squares(self) -> str:
+        """Type of the sums of squares as it is written."""
+        return next(text for text, kind in _TYPES.items() if kind is self.squares)
+
+    @property
     def name(self) -> str:
         """A file name for the question; `homolog.comparison.stored.folder_of` resolves collisions."""
-        parts = [self.kind, self.column, *self.between]
+        parts = [self.kind, self.formula.strip("~ ") or self.column, *self.between]
+        parts += ["subject", self.subject] if self.subject else []
+        parts += ["within", self.strata] if self.strata else []
+        parts += ["type", self.type_of_squares] if self.squares is not Squares.MARGINAL else []
         parts += ["paired_by", self.pairs] if self.pairs else []
         parts += ["for", *self.covariates] if self.covariates else []
         tail = ["complete_cases"] if self.complete_cases else []
@@ -151,6 +188,8 @@ def questions(alignments: Sequence[str], **given: Any) -> tuple[Question, ...]: 
     for alignment in alignments:
         if alignment not in known:
             raise InputError(f"alignment {alignment!r}: choose one or several of {', '.join(known)}")
+    if given.get("squares", "II") not in _TYPES:
+        raise InputError(f"squares {given['squares']!r}: choose I, II or III")
     if not alignments or len(set(alignments)) < len(alignments):
         raise InputError(f"alignment {', '.join(alignments) or 'none'}: give one or more, each once")
     try:

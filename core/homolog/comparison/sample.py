@@ -1,5 +1,6 @@
 """What a question is asked of: shapes with their names and columns, of a project or of arrays."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from homolog.comparison.answer import Answer
 
 __all__ = [
+    "LOG_SIZE",
     "SHAPE_SIZE",
     "SIZE",
     "VOXEL",
@@ -29,12 +31,15 @@ __all__ = [
     "category_of",
     "column_of",
     "levels",
+    "matched_rows",
     "sample_rows",
     "voxel_text",
 ]
 
 SIZE = "size"
 SHAPE_SIZE = "shape-size"
+LOG_SIZE = "log_size"
+"""Column of the natural logarithm of the size in mm, for allometry."""
 VOXEL = "voxel"
 """Variable whose categories are edges of voxels [mm], the shortest first."""
 _MOST_CATEGORIES = 8
@@ -112,7 +117,7 @@ class Sample:
     def column(self, name: str) -> list[_Cell]:
         """Return a column, missing values as empty text.
 
-        ``shape-size`` always exists; so does ``size``, unless the table has such a column.
+        ``shape-size`` always exists; so do ``size`` and ``log_size``, unless the table has such columns.
 
         Raises
         ------
@@ -121,6 +126,8 @@ class Sample:
         """
         if name not in self.columns and f"{name}{CATEGORY}" in self.columns:
             name = f"{name}{CATEGORY}"  # as declared by the table
+        if name == LOG_SIZE and name not in self.columns:
+            return [repr(float(size)) for size in np.log(rms_radii(self.own_size))]
         if name == SHAPE_SIZE or (name == SIZE and SIZE not in self.columns):
             return [repr(float(size)) for size in rms_radii(self.own_size)]
         if name not in self.columns:
@@ -155,6 +162,41 @@ def column_of(result: Result, column: str) -> list[str]:
 def levels(values: Sequence[_Cell]) -> list[str]:
     """Return the distinct values in the order of their first occurrence, without missing ones."""
     return [str(value) for value in dict.fromkeys(values) if not is_missing(value)]
+
+
+def matched_rows(
+    names: Sequence[str], columns: Mapping[str, Sequence[object]], index: Sequence[object] | None = None
+) -> list[int]:
+    """Return the row of a table for each of the subjects.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The subjects.
+    columns : mapping of str to sequences
+        The table's columns; ``name`` or ``subject`` may have the subjects' names.
+    index : sequence, optional
+        Names of the rows.
+
+    Raises
+    ------
+    InputError
+        If neither column nor the index has the subjects' names, or a subject no row or several.
+    """
+    offered = [("name", columns.get("name")), ("subject", columns.get("subject")), ("the index", index)]
+    keys = {where: [str(value).strip() for value in own] for where, own in offered if own is not None}
+    where = max(keys, key=lambda item: len(set(names) & set(keys[item])), default="")
+    if not where or not set(names) & set(keys[where]):
+        raise InputError(
+            "data: rows can't be matched to the subjects; add a column 'name' with their names, such as "
+            f"{', '.join(names[:3])}"
+        )
+    counts = Counter(keys[where])
+    for name in names:
+        if counts[name] != 1:
+            own = f"{counts[name]} rows are" if counts[name] else "no row is"
+            raise InputError(f"data: by {where}, {own} of {name}; give each subject one row")
+    return [keys[where].index(name) for name in names]
 
 
 def category_of(column: str, known: "Mapping[str, object]") -> tuple[str, bool]:
@@ -201,14 +243,14 @@ def sample_rows(answer: "Answer", result: Result) -> list[SampleRow]:
     question, sample = answer.question, Sample.of(result)
     taking = [index for index, name in enumerate(result.names) if name not in answer.left_out]
     groups: dict[str, list[int]] = {"all": taking}
-    if question.kind != "regression":
+    if question.between:
         groups = {
             item: [index for index in taking if answer.labels[index] == item] for item in question.between
         }
     known = sample.columns
     variables = [SHAPE_SIZE, *([question.column] if question.kind == "regression" else [])]
     variables += [
-        covariate for covariate in question.covariates if category_of(covariate, known)[0] not in variables
+        covariate for covariate in question.named_columns if category_of(covariate, known)[0] not in variables
     ]
     named = {category_of(variable, known)[0] for variable in variables} | {question.column, question.pairs}
     for column in sorted(set(known) - named - {"group"}):

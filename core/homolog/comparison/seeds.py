@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from homolog.cohort import Cohort
-from homolog.comparison.answer import Answer, ask
+from homolog.comparison.answer import Answer
+from homolog.comparison.ask import ask
 from homolog.comparison.question import Question
 from homolog.comparison.sample import Sample
 from homolog.errors import Cancelled, InputError

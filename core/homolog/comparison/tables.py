@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from homolog.comparison.answer import Answer
-from homolog.comparison.findings import Seen
+from homolog.comparison.findings import Seen, step_of
 from homolog.comparison.places import Directions, SurfaceCarrier, directions_of, significant_regions
 from homolog.comparison.question import Question
 from homolog.comparison.sample import SHAPE_SIZE, Sample, sample_rows
@@ -108,17 +108,24 @@ def write_tables(
     for name, columns, lines in _tables(answer, result, carrier, origin):
         write_table(folder / name, columns, lines)
         written[name] = list(columns)
+    own: list[list[str]] = []
+    for name, described, lines in answer.tables:
+        write_table(folder / name, list(described), lines)
+        own += [[name, *item] for item in described.items()]
     if (folder / FILE).is_file():
         written[FILE] = COLUMNS
     meanings = _meanings()
     write_table(
         folder / "columns.csv",
         ["file", "column", "meaning"],
-        (
-            [name, column, _meaning(column, meanings)]
-            for name, columns in written.items()
-            for column in columns
-        ),
+        [
+            *(
+                [name, column, _meaning(column, meanings)]
+                for name, columns in written.items()
+                for column in columns
+            ),
+            *own,
+        ],
     )
 
 
@@ -195,6 +202,11 @@ def _unit(covariate: Comparison) -> dict[str, _Cell]:
     return {"unit": "difference" if is_difference else f"per unit of {covariate.title}"}
 
 
+def _unit_text(answer: Answer, comparison: Comparison) -> str:
+    _, per = step_of(answer, comparison.title)
+    return f"per unit of {per.rpartition(' of ')[2]}" if per else "difference"
+
+
 def _provenance(question: Question, provenance: Provenance, is_primary: bool) -> dict[str, _Cell]:
     return {
         "question": question.title,
@@ -215,16 +227,15 @@ def _test_row(answer: Answer, comparison: Comparison) -> dict[str, _Cell]:
     spread, between = comparison.dispersion, comparison.size_variance
     significant = comparison.p_fwe <= LEVEL
     area = float(answer.areas[significant].sum())
-    regression = answer.question.kind == "regression"
     seen = Seen.of(answer, comparison)
     return {
         "comparison": comparison.title,
         "n": sum(comparison.counts.values()),
-        "unit": f"per unit of {answer.question.column}" if regression else "difference",
+        "unit": _unit_text(answer, comparison),
         "modes": test.modes,
         "modes_chosen_by": "option" if answer.question.modes is not None else "parallel analysis",
         **_effect("mahalanobis_d_corrected", comparison.distance),
-        "mahalanobis_d_found_in_80_percent": seen.distance,
+        "rms_found_in_80_percent_mm": seen.whole,
         "displacement_found_in_80_percent_mm": seen.displacement,
         **_effect("omega_squared", comparison.explained),
         "mahalanobis_d_plain": test.mahalanobis,
@@ -284,7 +295,7 @@ def _particles(
     answer: Answer, comparison: Comparison, result: Result, carrier: SurfaceCarrier
 ) -> tuple[list[str], Iterator[list[_Cell]]]:
     """Return columns and rows of a comparison's particles: mean position, effects with intervals, p and q."""
-    per = "_per_unit" if answer.question.kind == "regression" else ""
+    per = "_per_unit" if step_of(answer, comparison.title)[1] else ""
     columns = ["particle", "area_mm2", "mean_x_mm", "mean_y_mm", "mean_z_mm"]
     values = [answer.areas[:, None], comparison.mean]
     for index, effect in enumerate(comparison.pointwise.effect, start=1):
@@ -396,12 +407,13 @@ def _subjects(answer: Answer, result: Result) -> tuple[list[str], Iterator[list[
         scores = item.discriminant.cross_validated.tolist()
         places.append(dict(zip(item.subjects.tolist(), scores, strict=True)))
     size = [float(cell) for cell in Sample.of(result).texts(SHAPE_SIZE)]
-    columns = ["name", answer.question.column, "takes_part", "left_out_because", "shape_size_mm"]
+    labelled = [answer.question.column] if answer.question.column else []
+    columns = ["name", *labelled, "takes_part", "left_out_because", "shape_size_mm"]
     columns += [f"discriminant_{line.title}_mm" for line in lines]
     return columns, (
         [
             name,
-            answer.labels[index],
+            *([answer.labels[index]] if labelled else []),
             int(name not in answer.left_out),
             answer.left_out.get(name, ""),
             size[index],

@@ -1,17 +1,19 @@
 """Procrustes analysis of variance of a design, differences of its means and slopes, and allometry."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import permutations as ordered_pairs
 
 import numpy as np
 
 from homolog.arrays import FloatArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
+from homolog.statistics.cautions import LEVEL, p_text
 from homolog.statistics.design import Design, Hypothesis, Squares
-from homolog.statistics.effects import Effect, corrected_distance
+from homolog.statistics.effects import Effect, corrected_distance, size_effect
 from homolog.statistics.parallel import parallel_analysis
-from homolog.statistics.randomization import Randomization
+from homolog.statistics.randomization import Randomization, RandomizationTest
 from homolog.statistics.shape_model import leading_scores
 from homolog.statistics.wilks import hotelling
 
@@ -25,6 +27,7 @@ __all__ = [
     "mahalanobis",
     "mode_scores",
     "procrustes_anova",
+    "unequal_slopes",
 ]
 
 
@@ -64,6 +67,7 @@ def procrustes_anova(
     design: Design,
     *,
     squares: Squares = Squares.MARGINAL,
+    tested: Mapping[str, RandomizationTest] | None = None,
     permutations: int = 10_000,
     seed: int = 0,
     tick: Tick = no_tick,
@@ -78,6 +82,8 @@ def procrustes_anova(
         Its formula.
     squares : Squares
         Type of the sums of squares.
+    tested : mapping of str to RandomizationTest, optional
+        Tests of the terms, if they are known.
     permutations, seed : int
         Number of randomizations of each term, and their seed.
     tick : Tick
@@ -104,7 +110,9 @@ def procrustes_anova(
         hypothesis = design.hypothesis(term.name, squares)
         explained = float(np.square(hypothesis.tested.T @ values).sum())
         part = part_of(tick, number / len(design.terms), (number + 1) / len(design.terms))
-        test = Randomization(hypothesis, values, draws=permutations, seed=seed, tick=part).ratio(values)
+        test = (tested or {}).get(term.name) or Randomization(
+            hypothesis, values, draws=permutations, seed=seed, tick=part
+        ).ratio(values)
         f = explained / term.dof / left if left > 0.0 else float("inf")
         rows.append(row(term.name, term.dof, explained, f, test.z, test.p))
     return (*rows, row("residuals", dof, rest), row("total", len(values) - 1, total))
@@ -158,6 +166,8 @@ class Difference:
     distance : Effect or None
         Mahalanobis distance in the modes, corrected for bias, with its 90 % interval; None without scores
         or with too few degrees of freedom.
+    size : Effect or None
+        The same of size, with its 95 % interval and p [mm]; None if size is a column of the design.
     z, p : float
         Effect size and p-value of residual randomization on all variables.
     p_adjusted : float
@@ -168,6 +178,7 @@ class Difference:
     effect: FloatArray
     length: float
     distance: Effect | None
+    size: Effect | None
     z: float
     p: float
     p_adjusted: float
@@ -180,6 +191,7 @@ class Difference:
 def differences(
     shapes: FloatArray,
     scores: FloatArray | None,
+    size: FloatArray,
     hypotheses: Sequence[Hypothesis],
     *,
     permutations: int = 10_000,
@@ -194,6 +206,8 @@ def differences(
         Aligned shapes [mm].
     scores : (M, k) array or None
         Their scores in the retained modes, from `mode_scores`; without them no distance is told.
+    size : (M,) array
+        Their sizes [mm].
     hypotheses : sequence of Hypothesis
         From `Design.differences`, `Design.slopes` or `Design.slope_differences`.
     permutations, seed, tick
@@ -207,7 +221,8 @@ def differences(
         effect = hypothesis.coefficients(rows)[0]
         length = float(np.sqrt(np.square(effect).sum() / shapes.shape[1]))
         distance = None if scores is None else mahalanobis(scores, hypothesis)
-        statistic.append((hypothesis.name, effect, length, distance, test.z, test.p))
+        larger = size_effect(size, hypothesis, shapes=rows, permutations=permutations, seed=seed)
+        statistic.append((hypothesis.name, effect, length, distance, larger, test.z, test.p))
     adjusted = holm(np.array([item[-1] for item in statistic]))
     return tuple(Difference(*item, float(p)) for item, p in zip(statistic, adjusted, strict=True))
 
@@ -234,6 +249,54 @@ def holm(p: FloatArray) -> FloatArray:
     return adjusted
 
 
+def unequal_slopes(
+    shapes: FloatArray,
+    design: Design,
+    factors: Sequence[str] | None = None,
+    *,
+    permutations: int = 10_000,
+    seed: int = 0,
+    tick: Tick = no_tick,
+) -> list[str]:
+    """Return a note for each number whose slope differs between levels, although the design has one slope.
+
+    Parameters
+    ----------
+    shapes : (M, N, 3) array
+        Aligned shapes [mm].
+    design : Design
+        The slope of each of its numbers is compared between the levels of each category that has no
+        interaction with it.
+    factors : sequence of str, optional
+        Some of these categories.
+    permutations, seed, tick
+        As in `procrustes_anova`.
+    """
+    rows = shapes.reshape(len(shapes), -1)
+    joined = {pair for term in design.terms for pair in ordered_pairs(term.factors, 2)}
+    notes = []
+    for number, factor in (
+        (number, factor) for number in design.numbers for factor in factors or design.levels
+    ):
+        if (number, factor) in joined:
+            continue
+        try:
+            hypothesis = design.common_slope(number, factor)
+        except InputError:
+            notes.append(
+                f"Whether {number} has one slope in all of {factor} can't be tested: too few subjects."
+            )
+            continue
+        test = Randomization(hypothesis, rows, draws=permutations, seed=seed, tick=tick).ratio(rows)
+        if test.p <= LEVEL:
+            notes.append(
+                f"The slope of {number} differs between levels of {factor} ({p_text(test.p, permutations)}): "
+                f"adjusted means differ otherwise elsewhere along {number}; ask the formula with "
+                f"{factor}:{number}."
+            )
+    return notes
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Allometry:
     """How shape changes along a number, such as size, for a plot. Arrays are read-only.
@@ -241,12 +304,13 @@ class Allometry:
     Attributes
     ----------
     slope : (P,) array
-        Mean change of shape per unit of the number.
+        Mean change of shape per unit of the number [mm].
     scores : (M,) array
-        Regression score of each row: its shape along the slope (Drake and Klingenberg 2008).
+        Regression score of each row: its shape along the slope (Drake and Klingenberg 2008), as root mean
+        square displacement of the particles [mm].
     predicted : (M,) array
-        First principal component of the shapes that the design predicts (Adams and Nistri 2010); against the
-        number, rows of one group lie on a line, parallel if slopes are common.
+        First principal component of the shapes that the design predicts (Adams and Nistri 2010) [mm]; against
+        the number, rows of one group lie on a line, parallel if slopes are common.
     """
 
     slope: FloatArray
@@ -273,11 +337,12 @@ def allometry(shapes: FloatArray, design: Design, number: str) -> Allometry:
     """
     rows = shapes.reshape(len(shapes), -1)
     rows = rows - rows.mean(axis=0)
-    (along,) = design.slopes(number)
-    slope = along.coefficients(rows)[0]
+    (hypothesis,) = design.slopes(number)
+    slope = hypothesis.coefficients(rows)[0]
     basis = np.linalg.qr(design.matrix)[0]
     fitted = basis @ (basis.T @ rows)
     predicted = leading_scores(fitted - fitted.mean(axis=0), 1)[0][:, 0]
     if np.dot(predicted, design.numbers[number] - design.numbers[number].mean()) < 0.0:
         predicted = -predicted
-    return Allometry(slope, rows @ slope / max(float(np.linalg.norm(slope)), np.finfo(float).tiny), predicted)
+    along = rows @ slope / max(float(np.linalg.norm(slope)), np.finfo(float).tiny)
+    return Allometry(slope, along / np.sqrt(shapes.shape[1]), predicted / np.sqrt(shapes.shape[1]))

@@ -61,7 +61,7 @@ class Dispersion:
         fewer than three subjects.
     effect : Effect or None
         For two groups, the ratio of the second's mean distance to the first's; for a variable, the change of
-        the distance per unit [mm]; with 95 % interval. None for more groups, which have `intervals`.
+        the distance per unit [mm]; with 95 % interval. None for several tested columns.
     """
 
     distances: FloatArray
@@ -132,7 +132,9 @@ def dispersion_test(
     if members:
         intervals, effect = _of_groups(held_out, by_group, members)
     else:
-        intervals, effect = {}, _along(held_out, distances, float(np.linalg.norm(design.columns[:, 0])))
+        intervals, effect = {}, None
+        if design.tested.shape[1] == 1:
+            effect = _along(held_out, distances, float(np.linalg.norm(design.columns)))
     return Dispersion(distances, by_group, observed, p, len(null_statistics), intervals, effect)
 
 

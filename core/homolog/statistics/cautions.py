@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "LEVEL",
+    "caution_sentences",
     "cautions_of",
     "dispersion_caution",
     "outlier_caution",
@@ -36,6 +37,11 @@ def cautions_of(comparison: "Comparison", names: Sequence[str] | None = None) ->
     names : sequence of str, optional
         Names of all subjects; subject 1, 2 … by default.
     """
+    return tuple(f"{comparison.title}: {sentence}" for sentence in caution_sentences(comparison, names))
+
+
+def caution_sentences(comparison: "Comparison", names: Sequence[str] | None = None) -> tuple[str, ...]:
+    """Return the cautions about a comparison without its title; see `cautions_of`."""
     of_size = comparison.reports_size and comparison.size is not None
     sentences = [
         *comparison.test.warnings,
@@ -44,7 +50,7 @@ def cautions_of(comparison: "Comparison", names: Sequence[str] | None = None) ->
         outlier_caution(comparison.outliers, comparison.counts, names, comparison.without_outliers),
         *comparison.notes,
     ]
-    return tuple(f"{comparison.title}: {sentence}" for sentence in sentences if sentence)
+    return tuple(filter(None, sentences))
 
 
 def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int]) -> str:
@@ -58,7 +64,7 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
     p = p_text(dispersion.p, dispersion.permutations)
     if not numbers:
         return (
-            f"covariances change with the variable ({p}). The tests of the whole shape, particles and size "
+            f"covariances change along the design ({p}). The tests of the whole shape, particles and size "
             "hold nevertheless; T², F and the interval of D do not."
         )
     mean = ", ".join(f"{name} {value:.2f} mm" for name, value in dispersion.by_group.items())

@@ -311,7 +311,9 @@ def _compared(sample: _Sample, options: Options, tick: Tick) -> Comparison:
         pointwise=pointwise,
         size=effect,
         distance=_distance(test, design),
-        explained=explained_variance(
+        explained=None
+        if design.n_units < len(design.units)
+        else explained_variance(
             test.wilks, test.modes, design.tested.shape[1], design.error_dof, len(design.tested)
         ),
         dispersion=dispersion_test(data, design, test.modes, sample.members, **drawn),
@@ -319,8 +321,12 @@ def _compared(sample: _Sample, options: Options, tick: Tick) -> Comparison:
         p_adjusted=min(options.answers * test.p_permutation, 1.0),
         p_fwe=np.minimum(options.answers * pointwise.p_fwe, 1.0),
         size_p_adjusted=None if effect is None else effect.p,
-        size_variance=size_variance(size, design, alike) if several else None,
-        size_standardized=None if effect is None else standardized_size(size, design),
+        size_variance=size_variance(size, design, alike)
+        if several and design.n_units == len(design.units)
+        else None,
+        size_standardized=standardized_size(size, design)
+        if effect is not None and design.n_units == len(design.units)
+        else None,
         size_skewness=size_skewness(size, data, design, sample.members),
         outliers=sample.subjects[outliers],
         outlier_distances=tuple(distances[outliers].tolist()),
@@ -335,6 +341,8 @@ def prepare_shapes(shapes: FloatArray, options: Options) -> FloatArray:
 
 
 def _distance(test: ModeTest, design: Hypothesis) -> Effect | None:
+    if design.n_units < len(design.units):
+        return None
     if test.t_squared is None:
         columns = design.tested.shape[1]
         return distance_of_several(test.lawley, test.modes, columns, design.error_dof, len(design.tested))

@@ -208,7 +208,7 @@ class Squares(IntEnum):
     MARGINAL = 2
     """All terms that do not contain it (the default)."""
     PARTIAL = 3
-    """All other terms, with categories coded to sum to zero."""
+    """All other terms, with categories coded as differences whose levels sum to zero."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -571,9 +571,7 @@ class Design:
         if rest and not any(set(item) == set(rest) for item in self._factors):
             return np.eye(count)
         coding = np.eye(count)[:, 1:]
-        if sums:
-            coding = np.vstack([np.eye(count)[:-1, :-1], np.full(count - 1, -1.0)])
-        return coding
+        return coding - 1.0 / count if sums else coding
 
     def _block(self, factors: tuple[str, ...], *, sums: bool = False) -> FloatArray:
         """Return the columns (M, d) of a term."""
@@ -778,7 +776,9 @@ _BY_CHANCE = 0.001
 
 
 def refuse_repeated(
-    names: Sequence[str], unused: Mapping[str, Sequence[str | float]], used: Mapping[str, Sequence[str | float]]
+    names: Sequence[str],
+    unused: Mapping[str, Sequence[str | float]],
+    used: Mapping[str, Sequence[str | float]],
 ) -> None:
     """Refuse rows of the same subject in a design without a `subject`: 32 to 58 % false findings.
 
@@ -822,9 +822,7 @@ def _numbers_rows(column: Sequence[str], values: Sequence[str]) -> bool:
     """Return whether no two rows with the same of some values agree in a column, although many would."""
     if len(set(zip(values, column, strict=True))) < len(column):
         return False
-    pairs, alike = (
-        sum(count * (count - 1) for count in Counter(own).values()) for own in (values, column)
-    )
+    pairs, alike = (sum(count * (count - 1) for count in Counter(own).values()) for own in (values, column))
     agree = alike / (len(column) * (len(column) - 1))
     return (1.0 - agree) ** (pairs / 2) <= _BY_CHANCE
 

@@ -21,7 +21,7 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.statistics.checks import checked_particles
 from homolog.statistics.design import Hypothesis
 from homolog.statistics.parallel import Null, ParallelAnalysis, parallel_analysis
-from homolog.statistics.randomization import Randomization
+from homolog.statistics.randomization import Randomization, RandomizationTest
 from homolog.statistics.shape_model import leading_scores
 from homolog.statistics.wilks import hotelling, rao_f, wilks_p
 from homolog.threads import on_one_thread
@@ -32,7 +32,7 @@ _MIN_DOF_PER_MODE = 3
 """Degrees of freedom of the error per mode below which a test gets a warning about low power."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class ModeTest:
     """Result of a test of whole shapes.
 
@@ -47,29 +47,24 @@ class ModeTest:
     lawley : float
         Hotelling and Lawley's trace: sums of squares of the tested effect over those within, summed.
     t_squared : float or None
-        Hotelling's T², for one tested column (two groups, a continuous variable, pairs).
+        Hotelling's T², for one tested column (two groups, a continuous variable, pairs) of independent rows.
     mahalanobis : float or None
         Effect size for one tested column: length of its coefficient in units of the standard deviation
         within groups; for two groups the distance of their means.
     f, dof : float, (float, float)
         F statistic and its degrees of freedom; for Wilks' lambda of more than two modes and columns Rao's
-        approximation. Both 0 if no mode is retained.
+        approximation. Both 0 if no mode is retained, and for repeated measures.
     p : float
         Parametric p-value of F; for groups it assumes equal covariances.
     r_squared : float
         Share of the sum of squares of all coordinates, without nuisance columns, that the effect explains.
-    studentized : float
-        Tested sum of squares of all coordinates divided by the one expected without an effect.
-    z : float
-        Standard deviates of its logarithm from the null distribution.
-    p_permutation : float
-        p of the whole shape, on all coordinates.
+    whole : RandomizationTest
+        The test on all coordinates: the tested sum of squares divided by the one expected without an effect.
+    noise : (float, float)
+        Trace of the covariance of the effect of one tested column in all coordinates, as residuals show it,
+        and trace of its square [mm², mm⁴].
     p_modes : float
-        The same in the retained modes, scaled to unit variance.
-    permutations : int
-        Number of randomizations.
-    exact : bool
-        Whether these are all distinct ones.
+        p in the retained modes, scaled to unit variance.
     permuted : bool
         Whether rows were permuted, as with up to ten rows along a number; otherwise signs were flipped.
     parallel : ParallelAnalysis
@@ -88,15 +83,37 @@ class ModeTest:
     dof: tuple[float, float]
     p: float
     r_squared: float
-    studentized: float
-    z: float
-    p_permutation: float
+    whole: RandomizationTest
+    noise: tuple[float, float]
     p_modes: float
-    permutations: int
-    exact: bool
     permuted: bool
     parallel: ParallelAnalysis
     warnings: tuple[str, ...]
+
+    @property
+    def studentized(self) -> float:
+        """Statistic of the whole shape."""
+        return self.whole.statistic
+
+    @property
+    def z(self) -> float:
+        """Standard deviates of its logarithm from the null distribution."""
+        return self.whole.z
+
+    @property
+    def p_permutation(self) -> float:
+        """P of the whole shape, on all coordinates."""
+        return self.whole.p
+
+    @property
+    def permutations(self) -> int:
+        """Number of randomizations."""
+        return len(self.whole.null)
+
+    @property
+    def exact(self) -> bool:
+        """Whether these are all distinct ones."""
+        return self.whole.exact
 
 
 @on_one_thread
@@ -157,7 +174,9 @@ def mode_test(
     f, between, within = (
         float(value) for value in rao_f(np.array(wilks), max(n_modes, 1), columns, hypothesis.error_dof)
     )
-    t_squared = float(hotelling(wilks, hypothesis.error_dof)) if columns == 1 else None
+    independent = hypothesis.n_units == len(rows)
+    t_squared = float(hotelling(wilks, hypothesis.error_dof)) if columns == 1 and independent else None
+    has_f = n_modes > 0 and independent
     unit = float(np.linalg.norm(hypothesis.columns))
     total = float(np.square(residuals).sum())
     return ModeTest(
@@ -167,20 +186,27 @@ def mode_test(
         lawley=_lawley(projected[0]),
         t_squared=t_squared,
         mahalanobis=None if t_squared is None else float(np.sqrt(t_squared) / unit),
-        f=f if n_modes else 0.0,
-        dof=(between, within) if n_modes else (0.0, 0.0),
-        p=float(wilks_p(np.array(wilks), n_modes, columns, hypothesis.error_dof)) if n_modes else 1.0,
+        f=f if has_f else 0.0,
+        dof=(between, within) if has_f else (0.0, 0.0),
+        p=float(wilks_p(np.array(wilks), n_modes, columns, hypothesis.error_dof)) if has_f else 1.0,
         r_squared=float(np.square(hypothesis.tested.T @ residuals).sum()) / total if total else 0.0,
-        studentized=whole.statistic,
-        z=whole.z,
-        p_permutation=whole.p,
+        whole=whole,
+        noise=_noise(residuals - hypothesis.tested @ (hypothesis.tested.T @ residuals), hypothesis),
         p_modes=drawn.ratio(scores).p if n_modes else 1.0,
-        permutations=drawn.count,
-        exact=drawn.exact,
         permuted=drawn.permuted,
         parallel=parallel,
         warnings=_warnings(n_modes, hypothesis),
     )
+
+
+def _noise(rest: FloatArray, hypothesis: Hypothesis) -> tuple[float, float]:
+    """Return the traces of the effect's covariance and its square, unbiased, from residuals (M, P)."""
+    dof = hypothesis.error_dof
+    products = rest @ rest.T / max(float(np.square(hypothesis.columns).sum()), np.finfo(float).tiny)
+    trace = float(np.trace(products)) / dof
+    square = float(np.square(products).sum()) / dof**2
+    unbiased = (square - trace**2 / dof) * dof**2 / max((dof - 1.0) * (dof + 2.0), 1.0)
+    return trace, max(unbiased, trace**2 / rest.shape[1])
 
 
 def _unit_columns(columns: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from homolog.comparison.answer import ask
+from homolog.comparison.ask import ask
 from homolog.comparison.findings import Seen, decimals, findings
 from homolog.comparison.places import EDGE, INNER, OUTER, Region, SurfaceCarrier, directions_of
 from homolog.comparison.question import Question
@@ -147,7 +147,7 @@ def test_what_a_test_can_see_shrinks_with_the_number_of_subjects():
         question = Question(between=("a", "b"), alignment="as-it-lies", modes=2, permutations=99)
         answer = ask(sample, question)
         seen.append(Seen.of(answer, answer.overall))
-    assert 1.5 < seen[0].distance / seen[1].distance < 6.0
+    assert 1.5 < seen[0].whole / seen[1].whole < 6.0
     assert 1.5 < seen[0].displacement / seen[1].displacement < 6.0
 
 

@@ -324,7 +324,7 @@ def test_other_questions_asked_of_the_same_result_are_counted(compare, bean_proj
 
 
 def test_pairs_of_subjects_are_compared_as_the_command_line_does(explore, bean_project, window, wait):
-    from homolog.comparison.answer import ask
+    from homolog.comparison.ask import ask
     from homolog.comparison.question import Question
     from homolog.comparison.sample import Sample
 

@@ -75,7 +75,7 @@ def test_shape_moves_with_the_number_as_the_beans_were_made(page, window, wait):
 def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait):
     from dataclasses import replace
 
-    from homolog.comparison.answer import ask
+    from homolog.comparison.ask import ask
     from homolog.comparison.question import Question
     from homolog.comparison.sample import Sample
 

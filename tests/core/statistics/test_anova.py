@@ -8,7 +8,7 @@ import pytest
 from homolog.geometry import fit_rotation
 from homolog.statistics.anova import allometry, differences, mode_scores, procrustes_anova
 from homolog.statistics.design import Squares, make_design
-from homolog.statistics.procrustes import align
+from homolog.statistics.procrustes import align, rms_radii
 
 PLETHODON = os.environ.get("HOMOLOG_PLETHODON", "")
 """A table of the 40 salamanders of geomorph's `plethodon`: species, site, x1, y1 … x12, y12."""
@@ -62,12 +62,14 @@ def test_an_effect_is_found_in_its_term_and_in_the_difference_of_its_levels(corr
     assert found["group"].p < 0.01 < 0.05 < found["size"].p
     assert found["group"].z > 2.0
     scores = mode_scores(shapes, design, modes=3)
-    (apart,) = differences(shapes, scores, design.differences("group"), permutations=999)
+    size = rms_radii(shapes)
+    (apart,) = differences(shapes, scores, size, design.differences("group"), permutations=999)
     assert (apart.name, apart.p_adjusted) == ("b - a", apart.p)
     assert apart.p == pytest.approx(found["group"].p)
     assert 0.0 < apart.distance.low < apart.distance.value < apart.distance.high
     moved = np.sqrt(np.square(apart.effect).sum() / shapes.shape[1])
     assert apart.length == pytest.approx(moved)
+    assert apart.size.low < apart.size.value < apart.size.high
 
 
 def test_change_compared_between_groups_counts_subjects_not_rows():
