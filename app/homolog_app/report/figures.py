@@ -160,13 +160,14 @@ def study_figures(
         step = step_of(study, item.title)[0]
         figure = map_figure(item, carrier, limit=limit, clip=clip, step=step)
         yield ReportFigure(f"{stem}_map", figure, caption)
-    for number, along in study.allometry if isinstance(study, FormulaAnswer) else ():
-        yield ReportFigure(
-            file_stems([f"{study.question.name}_{number}_allometry"])[0],
-            allometry_figure(study, number, along),
-            f"Shape along {number}: regression scores, and the lines that the formula predicts.",
-            small=True,
-        )
+    if isinstance(study, FormulaAnswer):
+        for number, along in study.allometry:
+            yield ReportFigure(
+                file_stems([f"{study.question.name}_{number}_allometry"])[0],
+                allometry_figure(study, number, along),
+                f"Shape along {number}: regression scores, and the lines that the formula predicts.",
+                small=True,
+            )
     for item, stem in zip(study.comparisons, stems, strict=True):
         if item.discriminant is not None:
             yield ReportFigure(

@@ -237,8 +237,9 @@ def _covariances(
         whole = np.square(described - described.mean(axis=1, keepdims=True)).sum(axis=(1, 2))
         error = whole - np.square(columns[:, 1:].T @ described).sum(axis=(1, 2))
         explained = np.square(changing.T @ described).sum(axis=(1, 2))
-        f: FloatArray = explained / np.maximum(error, np.finfo(float).tiny)
-        return f * (design.error_dof / changing.shape[1])
+        scale = design.error_dof / changing.shape[1]
+        f: FloatArray = scale * explained / np.maximum(error, np.finfo(float).tiny)
+        return f
 
     generator, null = np.random.default_rng(seed), np.empty(permutations)
     chunk = max(1, min(_CHUNK, _CHUNK_VALUES // (len(scores) * len(first))))

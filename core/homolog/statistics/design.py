@@ -824,7 +824,7 @@ def _numbers_rows(column: Sequence[str], values: Sequence[str]) -> bool:
         return False
     pairs, alike = (sum(count * (count - 1) for count in Counter(own).values()) for own in (values, column))
     agree = alike / (len(column) * (len(column) - 1))
-    return (1.0 - agree) ** (pairs / 2) <= _BY_CHANCE
+    return float((1.0 - agree) ** (pairs / 2)) <= _BY_CHANCE
 
 
 def group_design(
