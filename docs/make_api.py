@@ -184,16 +184,17 @@ def _plain(text: str) -> str:
 
 def _settings() -> Iterator[str]:
     yield "#### Settings\n"
-    yield "What `**settings` takes; `homolog run` has the same as options.\n"
-    yield "| name | default | values | unit | |"
-    yield "|---|---|---|---|---|"
+    yield "What `**settings` takes; `homolog run --help` has the same options with their bounds.\n"
+    yield "| name | default | |"
+    yield "|---|---|---|"
     for model in (GroomSettings, OptimizeSettings):
         for setting in parameters(model):
             if setting.name == "particles":
                 continue
-            values = ", ".join(setting.choices) if setting.choices else setting.bounds
             default = getattr(setting.default, "value", setting.default)
-            yield f"| `{setting.name}` | `{default!r}` | {values} | {setting.unit} | {setting.help} |"
+            unit = f" {setting.unit}" if setting.unit and default is not None else ""
+            choices = f" ({', '.join(setting.choices)})" if setting.choices else ""
+            yield f"| `{setting.name}` | `{default!r}`{unit} | {setting.help}{choices} |"
     yield ""
 
 

@@ -5,149 +5,153 @@ The window's exports are this command in a child process, so that both give the 
 
 import argparse
 import sys
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from pydantic import BaseModel
 
 from homolog.io.project import ProjectFolder
+from homolog.progress import Tick
 from homolog_app.cli.analysis import add_report, run_report
 from homolog_app.cli.export_pictures import (
-    add_film,
-    add_group_option,
-    add_kind,
-    add_plot,
-    add_screenshot,
-    add_still,
-    exporting,
-    run_film,
-    run_plot,
-    run_screenshot,
-    run_still,
+    add_motion_options,
+    add_plot_options,
+    add_scene_option,
+    export_film,
+    export_plot,
+    export_screenshot,
+    export_still,
 )
-from homolog_app.cli.options import add_options, with_options
-from homolog_app.cli.patient import add_patient_report, run_patient_report
-from homolog_app.exports.settings import MeshSettings, ParticleSettings, TableSettings
-
-if TYPE_CHECKING:
-    from homolog.progress import Tick
+from homolog_app.cli.options import add_options, add_progress_option, show_progress, with_options
+from homolog_app.cli.patient import add_patient_report, write_patient_report
+from homolog_app.exports.settings import (
+    FilmSettings,
+    MeshSettings,
+    ParticleSettings,
+    PlotSettings,
+    ScreenshotSettings,
+    StillSettings,
+    TableSettings,
+)
 
 __all__ = ["add_export", "run_export"]
 
 
-def add_cohort(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the kind."""
-    add_kind(
-        kinds,
-        "cohort",
-        "names, files, groups and covariates as CSV",
-        "Write the table of the project's subjects; it can be read as a cohort again.",
-        "FILE.csv",
-    )
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """A kind of export.
+
+    Attributes
+    ----------
+    write : callable
+        Writes to ``arguments.out``, or to the new folder given instead, and returns facts for the last line.
+    summary, description : str
+        Help.
+    out : str
+        What is written: ``"FOLDER"``, or ``"FILE"`` with remarks on its suffix.
+    settings : type of BaseModel or None
+        Settings whose options it has.
+    group : str
+        Help of ``--group COLUMN A B``; empty without that option.
+    options : callable
+        Declares further options.
+    """
+
+    write: Callable[[argparse.Namespace, Any, Path, Tick], str]
+    summary: str
+    description: str
+    out: str
+    settings: type[BaseModel] | None = None
+    group: str = ""
+    options: Callable[[argparse.ArgumentParser], None] = lambda parser: None
+
+    def add(self, name: str, kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+        """Declare the kind."""
+        parser = kinds.add_parser(name, help=self.summary, description=self.description)
+        parser.add_argument("project", type=Path, help="project folder")
+        what = "a new or empty folder" if self.out == "FOLDER" else f"{self.out}; replaced if it exists"
+        metavar = self.out.partition(" ")[0]
+        parser.add_argument("--out", type=Path, required=True, metavar=metavar, help=what)
+        add_progress_option(parser)
+        if self.group:
+            parser.add_argument("--group", nargs=3, metavar=("COLUMN", "A", "B"), help=self.group)
+        self.options(parser)
+        if self.settings is not None:
+            add_options(parser, self.settings)
+
+    def run(self, arguments: argparse.Namespace) -> int:
+        """Export, and print where to; return the exit code."""
+        from homolog.io.atomic import replace_folder
+
+        settings = None if self.settings is None else with_options(self.settings(), arguments)
+        with _exporting(arguments) as tick:
+            if self.out == "FOLDER":
+                with replace_folder(arguments.out) as folder:
+                    facts = self.write(arguments, settings, folder, tick)
+            else:
+                facts = self.write(arguments, settings, arguments.out, tick)
+        sys.stderr.write(f"{arguments.out}{f': {facts}' if facts else ''}\n")
+        return 0
 
 
-def run_cohort(arguments: argparse.Namespace) -> int:
-    """Write the table; return the exit code."""
+@contextmanager
+def _exporting(arguments: argparse.Namespace) -> Iterator[Tick]:
+    """Yield the tick of an export; report completion at the end."""
+    with show_progress(arguments.progress) as progress:
+        progress.tick(0.0, "preparing")
+        yield progress.tick
+        progress.tick(1.0, "done")
+
+
+def _groups(arguments: argparse.Namespace) -> tuple[str, ...] | None:
+    return tuple(arguments.group) if arguments.group else None
+
+
+def _write_cohort(arguments: argparse.Namespace, _: None, out: Path, tick: Tick) -> str:
     from homolog_app.exports.tables import write_cohort
 
-    with exporting(arguments):
-        write_cohort(arguments.out, ProjectFolder(arguments.project).cohort())
-    sys.stderr.write(f"{arguments.out}\n")
-    return 0
+    write_cohort(out, ProjectFolder(arguments.project).cohort())
+    return ""
 
 
-def add_table(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the kind."""
-    parser = add_kind(
-        kinds,
-        "table",
-        "scores, modes, measures and group results as CSV",
-        "Write scores.csv, modes.csv and subjects.csv (volume, area, size, distance from the mean), and a "
-        "folder of tables for each study that homolog analyze stored, or for the groups given here.",
-        "FOLDER",
-    )
-    add_group_option(parser, "compare two groups of a column instead of exporting the stored studies")
-    add_options(parser, TableSettings)
-
-
-def run_table(arguments: argparse.Namespace) -> int:
-    """Write the tables; return the exit code."""
-    settings = with_options(TableSettings(), arguments)
-    from homolog.io.atomic import replace_folder
+def _write_tables(arguments: argparse.Namespace, settings: TableSettings, out: Path, tick: Tick) -> str:
     from homolog_app.exports.tables import write_tables
 
-    groups = tuple(arguments.group) if arguments.group else None
-    with exporting(arguments) as tick, replace_folder(arguments.out) as folder:
-        write_tables(ProjectFolder(arguments.project), folder, settings, groups, tick)
-    sys.stderr.write(f"{arguments.out}\n")
-    return 0
+    write_tables(ProjectFolder(arguments.project), out, settings, _groups(arguments), tick)
+    return ""
 
 
-def add_measures(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the kind."""
-    parser = add_kind(
-        kinds,
-        "measures",
-        "distances, volume, surface area and wall thickness of each subject as CSV",
-        "Write measures of each subject: the Euclidean distance between two particles; volume, surface area "
-        "and mean wall thickness of the groomed surface at its original size; mean distance of the aligned "
-        "particles from the mean surface. Print means, standard deviations and Welch's test by group.",
-        "FILE.csv",
-    )
-    parser.add_argument(
-        "--particles",
-        nargs=2,
-        type=int,
-        required=True,
-        metavar=("P", "Q"),
-        help="numbers of two particles, from 0",
-    )
+def _add_particles(parser: argparse.ArgumentParser) -> None:
+    numbers = "numbers of two particles, from 0"
+    parser.add_argument("--particles", nargs=2, type=int, required=True, metavar=("P", "Q"), help=numbers)
 
 
-def run_measures(arguments: argparse.Namespace) -> int:
-    """Write the table; return the exit code."""
+def _write_measures(arguments: argparse.Namespace, _: None, out: Path, tick: Tick) -> str:
     from homolog.io.results import read_result, read_surface
     from homolog_app.exports.tables import distances_from_mean, group_lines, measure_meshes, write_measures
 
     project = ProjectFolder(arguments.project)
-    with exporting(arguments) as tick:
-        result, record = read_result(project), project.read().result
-        assert record is not None, "a result that was read has a record"
-        meshes = [read_surface(project, subject) for subject in record.subjects]
-        apart = distances_from_mean(result.world, result.world.mean(axis=0), result.mean_surface)
-        measures = measure_meshes(meshes, apart, tick)
-        write_measures(arguments.out, result, measures, *arguments.particles)
-        lines = group_lines(result, measures, *arguments.particles)
-    sys.stdout.writelines(f"{line}\n" for line in lines)
-    sys.stderr.write(f"{arguments.out}\n")
-    return 0
+    result, record = read_result(project), project.read().result
+    assert record is not None, "a result that was read has a record"
+    meshes = [read_surface(project, subject) for subject in record.subjects]
+    apart = distances_from_mean(result.world, result.world.mean(axis=0), result.mean_surface)
+    measures = measure_meshes(meshes, apart, tick)
+    write_measures(out, result, measures, *arguments.particles)
+    sys.stdout.writelines(f"{line}\n" for line in group_lines(result, measures, *arguments.particles))
+    return ""
 
 
-def add_distances(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the kind."""
-    parser = add_kind(
-        kinds,
-        "distances",
-        "a surface with its distance from another one",
-        "Write a surface with the signed distance of each vertex from another surface (distance_mm, negative "
-        "inside), and print mean, root mean square, 95th percentile and maximum, both ways. A surface "
-        "is a subject's name, mean, 'mean of GROUP', or a mesh file in aligned coordinates (LPS mm).",
-        "FILE (.vtp or .ply)",
-    )
-    parser.add_argument(
-        "--surface", required=True, help="surface that is written, with a distance at each vertex"
-    )
-    parser.add_argument(
-        "--from",
-        dest="other",
-        required=True,
-        metavar="SURFACE",
-        help="surface from which distances are measured",
-    )
+def _add_surfaces(parser: argparse.ArgumentParser) -> None:
+    written = "surface that is written, with a distance at each vertex"
+    parser.add_argument("--surface", required=True, help=written)
+    other = "surface from which distances are measured"
+    parser.add_argument("--from", dest="other", required=True, metavar="SURFACE", help=other)
 
 
-def run_distances(arguments: argparse.Namespace) -> int:
-    """Write the surface and print the statistics; return the exit code."""
+def _write_distances(arguments: argparse.Namespace, _: None, out: Path, tick: Tick) -> str:
     from homolog.progress import part_of
     from homolog_app.exports.meshes import write_distances
     from homolog_app.scenes.shapes import aligned_surfaces, named_surface
@@ -155,135 +159,164 @@ def run_distances(arguments: argparse.Namespace) -> int:
     from homolog_app.studies.model_shape import fit_model_shape
 
     project = ProjectFolder(arguments.project)
-    with exporting(arguments) as tick:
-        loaded = load_result(project, part_of(tick, 0.0, 0.4))
-        result = loaded.result
-        shape = fit_model_shape(project.folder.name, loaded.method, result, part_of(tick, 0.4, 0.9))
-        own = aligned_surfaces(loaded)
-        pair = [named_surface(n, shape, own, result.groups)[0] for n in (arguments.surface, arguments.other)]
-        text = write_distances(arguments.out, *pair)
-    sys.stdout.write(f"{text}\n")
-    sys.stderr.write(f"{arguments.out}\n")
-    return 0
+    loaded = load_result(project, part_of(tick, 0.0, 0.4))
+    result = loaded.result
+    shape = fit_model_shape(project.folder.name, loaded.method, result, part_of(tick, 0.4, 0.9))
+    own = aligned_surfaces(loaded)
+    pair = [named_surface(n, shape, own, result.groups)[0] for n in (arguments.surface, arguments.other)]
+    sys.stdout.write(f"{write_distances(out, *pair)}\n")
+    return ""
 
 
-def add_meshes(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the kind."""
-    parser = add_kind(
-        kinds,
-        "meshes",
-        "surfaces as VTP, PLY, STL or GLB",
-        "Write the mean and both ends of the modes, and on request group means and subjects, aligned, in LPS "
-        "and mm. VTP, PLY and GLB also contain the outward displacement [mm]; VTP and PLY also p and q. "
-        "meshes.csv describes the files.",
-        "FOLDER",
-    )
-    add_group_option(parser, "also the means of two groups of a column, with p and q of their difference")
-    add_options(parser, MeshSettings)
-
-
-def run_meshes(arguments: argparse.Namespace) -> int:
-    """Write the meshes; return the exit code."""
-    settings = with_options(MeshSettings(), arguments)
-    from homolog.io.atomic import replace_folder
+def _write_meshes(arguments: argparse.Namespace, settings: MeshSettings, out: Path, tick: Tick) -> str:
     from homolog_app.exports.meshes import write_meshes
 
-    groups = tuple(arguments.group) if arguments.group else None
-    with exporting(arguments) as tick, replace_folder(arguments.out) as folder:
-        count = write_meshes(ProjectFolder(arguments.project), folder, settings, groups, tick)
-    sys.stderr.write(f"{arguments.out}: {count} surfaces\n")
-    return 0
+    count = write_meshes(ProjectFolder(arguments.project), out, settings, _groups(arguments), tick)
+    return f"{count} surfaces"
 
 
-_POINTS = {
-    "particles": (
-        "one .particles file per subject",
-        "Write each subject's particles and the mean's: one 'x y z' per line in mm, LPS; equal line numbers "
-        "correspond.",
-    ),
-    "markups": (
-        "point lists for 3D Slicer",
-        "Write each subject's particles and the mean's as .mrk.json, in mm, LPS, labelled by their numbers.",
-    ),
-    "morphometrics": (
-        "points of all subjects as TPS, NTS and Morphologika",
-        "Write all subjects' particles as .tps, .nts and Morphologika files, in mm, for geomorph and Morpho "
-        "in R, MorphoJ and PAST.",
-    ),
-}
-"""Kinds of files of points: help and description."""
-
-
-def add_points(kind: str, kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare a kind of files of points."""
-    add_options(add_kind(kinds, kind, *_POINTS[kind], "FOLDER"), ParticleSettings)
-
-
-def add_shapeworks(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the kind."""
-    add_kind(
-        kinds,
-        "shapeworks",
-        "a project that ShapeWorks opens",
-        "Write a .swproj with particles, groomed surfaces and alignments.",
-        "FOLDER",
-    )
-
-
-def run_points(arguments: argparse.Namespace) -> int:
-    """Write the points; return the exit code."""
-    from homolog.io.atomic import replace_folder
-
-    with exporting(arguments) as tick, replace_folder(arguments.out) as folder:
-        if arguments.what == "shapeworks":
-            from homolog.io.shapeworks_export import write_shapeworks
-
-            write_shapeworks(ProjectFolder(arguments.project), folder, tick)
-        else:
-            _write_points(arguments, folder, tick)
-    sys.stderr.write(f"{arguments.out}\n")
-    return 0
-
-
-def _write_points(arguments: argparse.Namespace, folder: Path, tick: "Tick") -> None:
+def _write_points(arguments: argparse.Namespace, settings: ParticleSettings, out: Path, tick: Tick) -> str:
     from homolog.io.markups import write_markups
     from homolog.io.morphometrics import write_morphometrics
     from homolog.io.names import file_stems
     from homolog.io.particles import write_particles
     from homolog.io.results import read_result
 
-    settings = with_options(ParticleSettings(), arguments)
     result = read_result(ProjectFolder(arguments.project))
     if arguments.what == "morphometrics":
-        write_morphometrics(folder, result.names, getattr(result, settings.coordinates), result.groups)
-        return
+        write_morphometrics(out, result.names, getattr(result, settings.coordinates), result.groups)
+        return ""
     points = dict(zip(result.names, getattr(result, settings.coordinates), strict=True))
     if settings.coordinates == "world":  # only aligned shapes have a mean
         points["mean"] = result.world.mean(axis=0)
     for index, (stem, point) in enumerate(zip(file_stems(list(points)), points.values(), strict=True)):
         tick(index / len(points), f"writing {stem}")
         if arguments.what == "particles":
-            write_particles(folder / f"{stem}_{settings.coordinates}.particles", point)
+            write_particles(out / f"{stem}_{settings.coordinates}.particles", point)
         else:
-            write_markups(folder / f"{stem}.mrk.json", point, title=f"{stem} particles")
+            write_markups(out / f"{stem}.mrk.json", point, title=f"{stem} particles")
+    return ""
 
 
-_KINDS: dict[str, tuple[Callable[[Any], None], Callable[[argparse.Namespace], int]]] = {
-    "film": (add_film, run_film),
-    "still": (add_still, run_still),
-    "screenshot": (add_screenshot, run_screenshot),
-    "plot": (add_plot, run_plot),
-    "meshes": (add_meshes, run_meshes),
-    "cohort": (add_cohort, run_cohort),
-    "table": (add_table, run_table),
-    "measures": (add_measures, run_measures),
-    "distances": (add_distances, run_distances),
-    **{kind: (partial(add_points, kind), run_points) for kind in _POINTS},
-    "shapeworks": (add_shapeworks, run_points),
-    "report": (add_report, run_report),
-    "patient": (add_patient_report, run_patient_report),
+def _write_shapeworks(arguments: argparse.Namespace, _: None, out: Path, tick: Tick) -> str:
+    from homolog.io.shapeworks_export import write_shapeworks
+
+    write_shapeworks(ProjectFolder(arguments.project), out, tick)
+    return ""
+
+
+_KINDS = {
+    "film": _Kind(
+        export_film,
+        "animation as MP4, GIF or numbered pictures",
+        "Animate the mean shape along modes, from one group's mean to another's, or on a turntable; "
+        "along mode 1 by default.",
+        "FILE (.mp4, .gif, or no suffix for a folder of PNG pictures)",
+        FilmSettings,
+        options=add_motion_options,
+    ),
+    "still": _Kind(
+        export_still,
+        "picture of any size as PNG",
+        "Draw the mean shape moved along modes or between group means: one frame of the film with the same "
+        "options.",
+        "FILE (.png)",
+        StillSettings,
+        options=add_motion_options,
+    ),
+    "screenshot": _Kind(
+        export_screenshot,
+        "the window's views as PNG",
+        "Draw the views as Screenshot does in the window. SCENE is JSON with page, shapes and cameras, as "
+        'the dialog shows it. The shortest is \'{"view": {"page": "modes"}}\'; pages are subjects, '
+        "modes, groups, measure and check. SCENE may also be a file NAME.views.npz, which the window writes "
+        "with pictures of views that a project does not contain, such as those of a run in progress.",
+        "FILE (.png)",
+        ScreenshotSettings,
+        options=add_scene_option,
+    ),
+    "plot": _Kind(
+        export_plot,
+        "a plot as SVG, PDF or PNG",
+        "Write a plot of the result.",
+        "FILE (.svg, .pdf or .png)",
+        PlotSettings,
+        "two groups of a column, for --kind difference and discriminant",
+        add_plot_options,
+    ),
+    "meshes": _Kind(
+        _write_meshes,
+        "surfaces as VTP, PLY, STL or GLB",
+        "Write the mean and both ends of the modes, and on request group means and subjects, aligned, in LPS "
+        "and mm. VTP, PLY and GLB also contain the outward displacement [mm]; VTP and PLY also p and q. "
+        "meshes.csv describes the files.",
+        "FOLDER",
+        MeshSettings,
+        "also the means of two groups of a column, with p and q of their difference",
+    ),
+    "cohort": _Kind(
+        _write_cohort,
+        "names, files, groups and covariates as CSV",
+        "Write the table of the project's subjects; it can be read as a cohort again.",
+        "FILE.csv",
+    ),
+    "table": _Kind(
+        _write_tables,
+        "scores, modes, measures and group results as CSV",
+        "Write scores.csv, modes.csv and subjects.csv (volume, area, size, distance from the mean), and a "
+        "folder of tables for each study that homolog analyze stored, or for the groups given here.",
+        "FOLDER",
+        TableSettings,
+        "compare two groups of a column instead of exporting the stored studies",
+    ),
+    "measures": _Kind(
+        _write_measures,
+        "distances, volume, surface area and wall thickness of each subject as CSV",
+        "Write measures of each subject: the Euclidean distance between two particles; volume, surface area "
+        "and mean wall thickness of the groomed surface at its original size; mean distance of the aligned "
+        "particles from the mean surface. Print means, standard deviations and Welch's test by group.",
+        "FILE.csv",
+        options=_add_particles,
+    ),
+    "distances": _Kind(
+        _write_distances,
+        "a surface with its distance from another one",
+        "Write a surface with the signed distance of each vertex from another surface (distance_mm, negative "
+        "inside), and print mean, root mean square, 95th percentile and maximum, both ways. A surface "
+        "is a subject's name, mean, 'mean of GROUP', or a mesh file in aligned coordinates (LPS mm).",
+        "FILE (.vtp or .ply)",
+        options=_add_surfaces,
+    ),
+    "particles": _Kind(
+        _write_points,
+        "one .particles file per subject",
+        "Write each subject's particles and the mean's: one 'x y z' per line in mm, LPS; equal line numbers "
+        "correspond.",
+        "FOLDER",
+        ParticleSettings,
+    ),
+    "markups": _Kind(
+        _write_points,
+        "point lists for 3D Slicer",
+        "Write each subject's particles and the mean's as .mrk.json, in mm, LPS, labelled by their numbers.",
+        "FOLDER",
+        ParticleSettings,
+    ),
+    "morphometrics": _Kind(
+        _write_points,
+        "points of all subjects as TPS, NTS and Morphologika",
+        "Write all subjects' particles as .tps, .nts and Morphologika files, in mm, for geomorph and Morpho "
+        "in R, MorphoJ and PAST.",
+        "FOLDER",
+        ParticleSettings,
+    ),
+    "shapeworks": _Kind(
+        _write_shapeworks,
+        "a project that ShapeWorks opens",
+        "Write a .swproj with particles, groomed surfaces and alignments.",
+        "FOLDER",
+    ),
 }
-"""Functions that declare and write each kind."""
 
 
 def add_export(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
@@ -293,10 +326,19 @@ def add_export(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         description="Export a project's result. If you press Ctrl-C, partial files are removed.",
     )
     kinds = parser.add_subparsers(dest="what", metavar="WHAT", title="what to export", required=True)
-    for add, _ in _KINDS.values():
-        add(kinds)
+    for name, kind in _KINDS.items():
+        kind.add(name, kinds)
+    add_report(kinds)
+    add_patient_report(kinds)
 
 
 def run_export(arguments: argparse.Namespace) -> int:
     """Export; return the exit code."""
-    return _KINDS[arguments.what][1](arguments)
+    if arguments.what == "report":
+        return run_report(arguments)
+    if arguments.what == "patient":
+        with _exporting(arguments) as tick:
+            facts = write_patient_report(arguments, tick)
+        sys.stderr.write(f"{facts}\n{arguments.out}\n")
+        return 0
+    return _KINDS[arguments.what].run(arguments)

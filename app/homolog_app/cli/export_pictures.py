@@ -1,22 +1,14 @@
-"""``homolog export film``, ``still``, ``screenshot`` and ``plot``: pictures of a project's result."""
+"""Options and files of ``homolog export film``, ``still``, ``screenshot`` and ``plot``."""
 
 import argparse
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
-from homolog.progress import Tick
-from homolog_app.cli.options import (
-    add_former_name,
-    add_options,
-    add_progress_option,
-    show_progress,
-    with_options,
-)
+from homolog.progress import Tick, part_of
+from homolog_app.cli.options import add_former_name
 from homolog_app.exports.settings import (
     SIGHTS,
     FilmSettings,
@@ -36,42 +28,14 @@ if TYPE_CHECKING:
     from homolog_app.scenes.states import Snapshot
 
 __all__ = [
-    "add_film",
-    "add_group_option",
-    "add_kind",
-    "add_plot",
-    "add_screenshot",
-    "add_still",
-    "exporting",
-    "run_film",
-    "run_plot",
-    "run_screenshot",
-    "run_still",
+    "add_motion_options",
+    "add_plot_options",
+    "add_scene_option",
+    "export_film",
+    "export_plot",
+    "export_screenshot",
+    "export_still",
 ]
-
-
-def add_kind(kinds: Any, name: str, summary: str, description: str, out: str) -> argparse.ArgumentParser:  # noqa: ANN401
-    """Declare a kind of export with its common options: project, output, progress."""
-    parser: argparse.ArgumentParser = kinds.add_parser(name, help=summary, description=description)
-    parser.add_argument("project", type=Path, help="project folder")
-    what = "a new or empty folder" if out == "FOLDER" else f"{out}; replaced if it exists"
-    parser.add_argument("--out", type=Path, required=True, metavar=out.partition(" ")[0], help=what)
-    add_progress_option(parser)
-    return parser
-
-
-def add_group_option(parser: argparse.ArgumentParser, summary: str) -> None:
-    """Declare ``--group COLUMN A B``."""
-    parser.add_argument("--group", nargs=3, metavar=("COLUMN", "A", "B"), help=summary)
-
-
-@contextmanager
-def exporting(arguments: argparse.Namespace) -> Iterator[Tick]:
-    """Yield the tick of an export; report completion at the end."""
-    with show_progress(arguments.progress) as progress:
-        progress.tick(0.0, "preparing")
-        yield progress.tick
-        progress.tick(1.0, "done")
 
 
 def add_motion_options(parser: argparse.ArgumentParser) -> None:
@@ -125,121 +89,71 @@ def chosen_motions(arguments: argparse.Namespace, deviations: float) -> "Sequenc
     return [static_motion(result)]
 
 
-def add_film(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the kind."""
-    parser = add_kind(
-        kinds,
-        "film",
-        "animation as MP4, GIF or numbered pictures",
-        "Animate the mean shape along modes, from one group's mean to another's, or on a turntable; "
-        "along mode 1 by default.",
-        "FILE (.mp4, .gif, or no suffix for a folder of PNG pictures)",
-    )
-    add_motion_options(parser)
-    add_options(parser, FilmSettings)
-
-
-def run_film(arguments: argparse.Namespace) -> int:
-    """Write the film; return the exit code."""
-    settings = with_options(FilmSettings(), arguments)
-    from homolog.progress import part_of
+def export_film(arguments: argparse.Namespace, settings: FilmSettings, out: Path, tick: Tick) -> str:
+    """Write the film; return the facts about it."""
     from homolog_app.exports.film import Film
     from homolog_app.exports.pictures import FILM_SUFFIXES, write_film
     from homolog_app.rendering.draw import renderer_name
 
-    if arguments.out.suffix.lower() not in FILM_SUFFIXES:
-        raise InputError(f"--out {arguments.out}: use .mp4 or .gif, or no suffix for a folder of PNG frames")
+    if out.suffix.lower() not in FILM_SUFFIXES:
+        raise InputError(f"--out {out}: use .mp4 or .gif, or no suffix for a folder of PNG frames")
     if not (arguments.mode or arguments.group or settings.turntable):
         arguments.mode = [1]
-    with exporting(arguments) as tick:
-        motions = chosen_motions(arguments, settings.deviations)
-        film = Film(motions, arguments.view, settings, turntable=settings.turntable)
-        write_film(
-            arguments.out,
-            lambda index: film.moment(index, settings),
-            settings.frames,
-            settings.fps,
-            part_of(tick, 0.05, 0.99),
-        )
-    facts = f"{settings.frames} frames at {settings.fps} fps, drawn with {renderer_name()}"
-    sys.stderr.write(f"{arguments.out}: {facts}\n")
-    return 0
-
-
-def add_still(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the kind."""
-    parser = add_kind(
-        kinds,
-        "still",
-        "picture of any size as PNG",
-        "Draw the mean shape moved along modes or between group means: one frame of the film with the same "
-        "options.",
-        "FILE (.png)",
+    motions = chosen_motions(arguments, settings.deviations)
+    film = Film(motions, arguments.view, settings, turntable=settings.turntable)
+    write_film(
+        out,
+        lambda index: film.moment(index, settings),
+        settings.frames,
+        settings.fps,
+        part_of(tick, 0.05, 0.99),
     )
-    add_motion_options(parser)
-    add_options(parser, StillSettings)
+    return f"{settings.frames} frames at {settings.fps} fps, drawn with {renderer_name()}"
 
 
-def run_still(arguments: argparse.Namespace) -> int:
-    """Write the picture; return the exit code."""
-    settings = with_options(StillSettings(), arguments)
+def export_still(arguments: argparse.Namespace, settings: StillSettings, out: Path, tick: Tick) -> str:
+    """Write the picture; return the facts about it."""
     from homolog_app.exports.film import Film
     from homolog_app.exports.pictures import write_still
     from homolog_app.rendering.draw import renderer_name
 
-    with exporting(arguments) as tick:
-        motions = chosen_motions(arguments, settings.deviations)
-        low, high = motions[0].low, motions[0].high
-        at = high if settings.at is None else settings.at
-        if not low <= at <= high:
-            raise InputError(f"--at {at:g}: must be from {low:g} to {high:g}")
-        film = Film(motions, arguments.view, settings, transparent=settings.transparent)
-        tick(0.5, "drawing")
-        write_still(arguments.out, film.draw((at - low) / (high - low) if high > low else 0.0))
-    facts = f"{settings.width} x {settings.height} pixels, drawn with {renderer_name()}"
-    sys.stderr.write(f"{arguments.out}: {facts}\n")
-    return 0
+    motions = chosen_motions(arguments, settings.deviations)
+    low, high = motions[0].low, motions[0].high
+    at = high if settings.at is None else settings.at
+    if not low <= at <= high:
+        raise InputError(f"--at {at:g}: must be from {low:g} to {high:g}")
+    film = Film(motions, arguments.view, settings, transparent=settings.transparent)
+    tick(0.5, "drawing")
+    write_still(out, film.draw((at - low) / (high - low) if high > low else 0.0))
+    return f"{settings.width} x {settings.height} pixels, drawn with {renderer_name()}"
 
 
-def add_screenshot(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the kind."""
-    parser = add_kind(
-        kinds,
-        "screenshot",
-        "the window's views as PNG",
-        "Draw the views as Screenshot does in the window. SCENE is JSON with page, shapes and cameras, as "
-        'the dialog shows it. The shortest is \'{"view": {"page": "modes"}}\'; pages are subjects, '
-        "modes, groups, measure and check. SCENE may also be a file NAME.views.npz, which the window writes "
-        "with pictures of views that a project does not contain, such as those of a run in progress.",
-        "FILE (.png)",
-    )
-    scene = parser.add_argument(
-        "--scene", required=True, metavar="SCENE", help="JSON, or a file that contains it"
-    )
+def add_scene_option(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--scene``."""
+    what = "JSON, or a file that contains it"
+    scene = parser.add_argument("--scene", required=True, metavar="SCENE", help=what)
     add_former_name(parser, "--view", scene)
-    add_options(parser, ScreenshotSettings)
 
 
-def run_screenshot(arguments: argparse.Namespace) -> int:
-    """Write the picture; return the exit code."""
-    settings = with_options(ScreenshotSettings(), arguments)
+def export_screenshot(
+    arguments: argparse.Namespace, settings: ScreenshotSettings, out: Path, tick: Tick
+) -> str:
+    """Write the picture; return the facts about it."""
     from homolog_app.exports.pictures import write_still
     from homolog_app.rendering.content import KEPT, open_page, read_shown
     from homolog_app.rendering.draw import with_opengl
     from homolog_app.scenes.snapshot import view_contents_of
 
-    with exporting(arguments) as tick:
-        if arguments.scene.endswith(KEPT):
-            shown, canvas = read_shown(Path(arguments.scene))
-        else:
-            snapshot = _snapshot(arguments.scene)
-            shown = view_contents_of(ProjectFolder(arguments.project), snapshot, tick)
-            canvas = snapshot.canvas
-        tick(0.9, "drawing")
-        pixels = with_opengl(_drawn, *open_page(shown, canvas), settings.scale, settings.transparent)
-        write_still(arguments.out, pixels)
-    sys.stderr.write(f"{arguments.out}: {pixels.shape[1]} x {pixels.shape[0]} pixels\n")
-    return 0
+    if arguments.scene.endswith(KEPT):
+        shown, canvas = read_shown(Path(arguments.scene))
+    else:
+        snapshot = _snapshot(arguments.scene)
+        shown = view_contents_of(ProjectFolder(arguments.project), snapshot, tick)
+        canvas = snapshot.canvas
+    tick(0.9, "drawing")
+    pixels = with_opengl(_drawn, *open_page(shown, canvas), settings.scale, settings.transparent)
+    write_still(out, pixels)
+    return f"{pixels.shape[1]} x {pixels.shape[0]} pixels"
 
 
 def _drawn(shown: "ViewContents", canvas: "Canvas", scale: int, transparent: bool) -> "NDArray[np.uint8]":
@@ -268,34 +182,21 @@ def _snapshot(text: str) -> "Snapshot":
 _PLOT_SUFFIXES = (".svg", ".pdf", ".png")
 
 
-def add_plot(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the kind."""
-    parser = add_kind(
-        kinds, "plot", "a plot as SVG, PDF or PNG", "Write a plot of the result.", "FILE (.svg, .pdf or .png)"
-    )
-    add_group_option(parser, "two groups of a column, for --kind difference and discriminant")
-    parser.add_argument(
-        "--colour-by",
-        metavar="COLUMN",
-        default="group",
-        help="column for the colours of scores (default group)",
-    )
-    add_options(parser, PlotSettings)
+def add_plot_options(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--colour-by``."""
+    what = "column for the colours of scores (default group)"
+    parser.add_argument("--colour-by", metavar="COLUMN", default="group", help=what)
 
 
-def run_plot(arguments: argparse.Namespace) -> int:
-    """Write the plot; return the exit code."""
-    settings = with_options(PlotSettings(), arguments)
-    if arguments.out.suffix.lower() not in _PLOT_SUFFIXES:
-        raise InputError(f"--out {arguments.out}: must end in {', '.join(_PLOT_SUFFIXES)}")
-    from homolog.io.atomic import atomic_write
+def export_plot(arguments: argparse.Namespace, settings: PlotSettings, out: Path, tick: Tick) -> str:
+    """Write the plot; return no facts."""
+    if out.suffix.lower() not in _PLOT_SUFFIXES:
+        raise InputError(f"--out {out}: must end in {', '.join(_PLOT_SUFFIXES)}")
     from homolog_app.exports.pictures import draw_plot
     from homolog_app.pictures import write_picture
 
-    with exporting(arguments) as tick:
-        groups = tuple(arguments.group) if arguments.group else None
-        figure = draw_plot(ProjectFolder(arguments.project), settings, groups, arguments.colour_by, tick)
-        with atomic_write(arguments.out) as part:
-            write_picture(figure, part)
-    sys.stderr.write(f"{arguments.out}\n")
-    return 0
+    groups = tuple(arguments.group) if arguments.group else None
+    write_picture(
+        draw_plot(ProjectFolder(arguments.project), settings, groups, arguments.colour_by, tick), out
+    )
+    return ""

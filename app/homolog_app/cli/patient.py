@@ -7,7 +7,7 @@ from typing import Any
 
 from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
-from homolog_app.cli.export_pictures import exporting
+from homolog.progress import Tick
 from homolog_app.cli.options import add_anyway_option, add_progress_option, show_progress
 
 __all__ = [
@@ -15,8 +15,8 @@ __all__ = [
     "add_patient_report",
     "add_reference",
     "run_patient",
-    "run_patient_report",
     "run_reference",
+    "write_patient_report",
 ]
 
 
@@ -68,8 +68,8 @@ def run_reference(arguments: argparse.Namespace) -> int:
     from homolog.inspection.verdict import refuse_unusable
     from homolog.io.results import read_result
     from homolog.patient.build import make_reference
+    from homolog.patient.findings import reference_text
     from homolog.patient.reference import check_name
-    from homolog_app.report.patient_texts import reference_text
 
     check_name(arguments.out)
     project = ProjectFolder(arguments.project)
@@ -230,22 +230,19 @@ def add_patient_report(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the
     add_progress_option(parser)
 
 
-def run_patient_report(arguments: argparse.Namespace) -> int:
-    """Write the report; return the exit code."""
+def write_patient_report(arguments: argparse.Namespace, tick: Tick) -> str:
+    """Write the report; return the findings."""
     if arguments.out.suffix.lower() not in _SUFFIXES:
         raise InputError(f"{arguments.out}: the report is written as .pdf or .html; choose such a name")
     from homolog.patient.reference import Reference
     from homolog_app.report.patient import PatientRequest, write_report_file
 
-    with exporting(arguments) as tick:
-        request = PatientRequest(
-            (arguments.file,),
-            given_covariates(arguments),
-            arguments.side or "",
-            arguments.label,
-            arguments.force,
-            cut_off=arguments.cut_off,
-        )
-        summary = write_report_file(arguments.out, Reference.load(arguments.reference), request, tick)
-    sys.stderr.write(f"{summary}\n{arguments.out}\n")
-    return 0
+    request = PatientRequest(
+        (arguments.file,),
+        given_covariates(arguments),
+        arguments.side or "",
+        arguments.label,
+        arguments.force,
+        cut_off=arguments.cut_off,
+    )
+    return write_report_file(arguments.out, Reference.load(arguments.reference), request, tick)

@@ -25,11 +25,21 @@ __all__ = [
     "Link",
     "Page",
     "Picture",
+    "template_text",
     "write_index",
 ]
 
 
 _DPI = 150
+
+
+def template_text(name: str, context: Mapping[str, object]) -> str:
+    """Return the text that a template of the resources gives; a name that it lacks is an error."""
+    environment = Environment(
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+    )
+    source = (files("homolog_resources") / name).read_text(encoding="utf-8")
+    return environment.from_string(source).render(context)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,11 +124,11 @@ class Page:
     ) -> None:
         """Add a table; cells are left-aligned if they are text, and a table with a summary is collapsed.
 
-        Columns whose cells are all `omit` are omitted. A table with a caption is numbered, and omitted if
-        it has no rows.
+        Columns whose cells are all `omit` are omitted, and so is a table without rows. A table with a caption
+        is numbered.
         """
         rows = list(rows)
-        if (caption or summary) and not rows:
+        if not rows:
             return
         kept = [index for index in range(len(columns)) if any(row[index] != omit for row in rows)]
         columns = [columns[index] for index in kept]

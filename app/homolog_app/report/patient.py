@@ -1,21 +1,15 @@
 """Patients' reports, tables and surfaces on disk."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from homolog.arrays import Array
-from homolog.cohort import (
-    TABLE_SUFFIXES,
-    Subject,
-    is_series,
-    read_cohort,
-    subject_at,
-    suffix_of,
-)
+from homolog.cohort import Subject
 from homolog.errors import InputError, NumericalError
 from homolog.geometry import inverse_matrices
 from homolog.io.atomic import write_text
@@ -24,21 +18,11 @@ from homolog.io.names import file_stems
 from homolog.io.particles import write_particles
 from homolog.io.tables import write_table
 from homolog.patient import FollowUp, PatientComparison, Reference, compare_patient, compare_times
-from homolog.progress import Tick, no_tick, part_of
-from homolog.settings import GroomSettings
-from homolog_app.report import NOTICE
-from homolog_app.report.figures import ReportFigure
-from homolog_app.report.follow_up import check_times, write_follow_up
-from homolog_app.report.page import Page
-from homolog_app.report.patient_pages import map_pictures, percentiles_figure, write_pdf
-from homolog_app.report.patient_texts import (
+from homolog.patient.files import patient_at, patients_of, with_label
+from homolog.patient.findings import (
     GROUP_CAUTION,
     GROUP_COLUMNS,
-    MARKS,
-    METHOD,
-    REGION_COLUMNS,
     GroupRow,
-    cut_off_text,
     finding,
     group_rows,
     group_sentence,
@@ -48,11 +32,18 @@ from homolog_app.report.patient_texts import (
     region_rows,
     who_text,
 )
+from homolog.progress import Tick, no_tick, part_of
+from homolog_app.report import NOTICE
+from homolog_app.report.figures import ReportFigure
+from homolog_app.report.follow_up import check_times, write_follow_up
+from homolog_app.report.page import Page, template_text
+from homolog_app.report.patient_figures import maps_figure, percentiles_figure
+from homolog_app.report.sheets import write_page
 
 __all__ = [
     "PatientRequest",
     "PatientSummary",
-    "patients_of",
+    "patient_page",
     "write_patient",
     "write_patients",
     "write_report_file",
@@ -80,6 +71,12 @@ _SUMMARY = (
     "nearest_controls",
     "remarks",
     "error",
+)
+_REGIONS = ("region", "area (mm²)", "mean (mm)", "peak (mm)", "z at peak", "place", "particles")
+_NUMBERS = ("", "value", "percentile of controls (95 % interval)", "p")
+_MARKS = (
+    "Marks: controls fitted as patients; band: their middle 90 %; dashed: limit; diamond: this subject, "
+    "red where p is 0.05 or less or where it is beyond the limit."
 )
 
 
@@ -203,17 +200,14 @@ def write_report_file(path: Path, reference: Reference, request: PatientRequest,
         If the files are not those of one patient, the patient can't be compared, or the report can't be
                 written.
     """
-    subjects = patients_of(request.files)
-    if len(subjects) != 1:
-        raise InputError(f"{request.files[0]}: contains {len(subjects)} subjects; choose one file")
-    reference = with_label(reference, request.label)
-    comparison = _compared(reference, subjects[0], request, part_of(tick, 0.0, 0.7))
-    maps = map_pictures(comparison)
+    subject, reference = patient_at(request.files[0]), with_label(reference, request.label)
+    comparison = _compared(reference, subject, request, part_of(tick, 0.0, 0.7))
+    page = patient_page(comparison, reference)
     tick(0.9, "writing the report")
     if path.suffix.lower() == ".pdf":
-        write_pdf(path, comparison, reference, maps)
+        write_page(path, page)
     else:
-        write_text(path, patient_page(comparison, reference, maps.figure()).html)
+        write_text(path, page.html)
     return finding(comparison, reference)
 
 
@@ -224,40 +218,6 @@ def _compared(
     values = {**request.covariates, **{key: item for key, item in subject.columns.items() if item}}
     side, cut_off, force = request.side, request.cut_off, request.force
     return compare_patient(reference, subject, values, side=side, cut_off=cut_off, force=force, tick=tick)
-
-
-def patients_of(files: Sequence[Path]) -> tuple[Subject, ...]:
-    """Return the patients of files, folders and tables.
-
-    Raises
-    ------
-    InputError
-        If a path does not exist, or two patients have the same name.
-    """
-    subjects: list[Subject] = []
-    for path in files:
-        if not path.exists():
-            raise InputError(f"{path}: does not exist; correct the path")
-        table = path.is_file() and suffix_of(path) in TABLE_SUFFIXES
-        if table or (path.is_dir() and not is_series(path)):
-            subjects += read_cohort(path).subjects
-        else:
-            subjects.append(subject_at(path))
-    names = [subject.name for subject in subjects]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise InputError(f"several patients have the name {', '.join(twice)}; names must be unique")
-    return tuple(subjects)
-
-
-def with_label(reference: Reference, label: str | None) -> Reference:
-    """Return the reference with another structure for patients' files, if given."""
-    if label is None:
-        return reference
-    number = label.strip().isdecimal()
-    structure = {"label": int(label) if number else None, "segment": None if number else label}
-    groom = GroomSettings.model_validate(reference.provenance.groom.model_dump() | structure)
-    return replace(reference, provenance=replace(reference.provenance, groom=groom))
 
 
 def write_patient(
@@ -286,10 +246,10 @@ def write_patient(
         If the folder can't be written to.
     """
     tick(0.0, "drawing the maps")
-    maps = map_pictures(comparison)
+    page = patient_page(comparison, reference, groups)
     tick(0.5, "writing the report")
-    write_text(folder / "report.html", patient_page(comparison, reference, maps.figure(), groups).html)
-    write_pdf(folder / "report.pdf", comparison, reference, maps, [group_sentence(row) for row in groups])
+    write_text(folder / "report.html", page.html)
+    write_page(folder / "report.pdf", page)
     if groups:
         write_table(folder / "groups.csv", GROUP_COLUMNS, groups)
     tick(0.8, "writing tables and surfaces")
@@ -343,47 +303,35 @@ def write_patient(
 
 
 def patient_page(
-    comparison: PatientComparison, reference: Reference, maps: object, groups: Sequence[GroupRow] = ()
+    comparison: PatientComparison, reference: Reference, groups: Sequence[GroupRow] = ()
 ) -> Page:
-    """Return a patient's report as a page; `maps` is the figure of the maps."""
-    from matplotlib.figure import Figure
-
-    assert isinstance(maps, Figure)
-    page = Page(f"Shape of {comparison.name} against a reference", NOTICE, footer=NOTICE)
-    page.paragraph(who_text(comparison, reference))
-    page.heading("Finding")
-    page.paragraph(finding(comparison, reference))
-    for text in comparison.remarks:
-        page.caution(text)
-    caption = (
+    """Return a patient's report."""
+    context = {
+        "comparison": comparison,
+        "who": who_text(comparison, reference),
+        "finding": finding(comparison, reference),
+        "remarks": [text for text in comparison.remarks if text not in comparison.cautions],
+        "nearest": nearest_controls_text(comparison, reference),
+        "groups": [group_sentence(row) for row in groups],
+        "group_caution": GROUP_CAUTION,
+    }
+    grey = " Grey: cut off; the expected shape is shown there, without assessment."
+    maps = (
         "Difference in mm on the subject's own surface: blue is outward, yellow inward. Top: difference from "
         "the shape that the reference expects of this subject, faint within the limit. Bottom: difference "
-        f"from the mean of the reference.{cut_off_text(comparison)}"
+        f"from the mean of the reference.{grey if comparison.missing.any() else ''}"
     )
-    page.figures([ReportFigure("maps", maps, caption)])
-    page.heading("Regions beyond the limit")
-    rows = region_rows(comparison, reference)
-    if rows:
-        page.table(REGION_COLUMNS, rows)
-    else:
-        page.paragraph("None.")
-    page.heading("Among the controls")
-    page.figures([ReportFigure("percentiles", percentiles_figure(comparison, reference), MARKS)])
-    page.table(
-        ("", "value", "percentile of controls (95 % interval)", "p"), measure_rows(comparison, reference)
-    )
-    if nearest := nearest_controls_text(comparison, reference):
-        page.paragraph(nearest)
-    if groups:
-        page.heading("Groups")
-        page.caution(GROUP_CAUTION)
-        for row in groups:
-            page.paragraph(group_sentence(row))
-    page.heading("Method")
-    for text in METHOD:
-        page.paragraph(text)
-    page.heading("Reference")
-    page.table(("", ""), reference_rows(reference), as_text=True)
+    figures = {
+        "maps": [ReportFigure("maps", maps_figure(comparison), maps)],
+        "percentiles": [ReportFigure("percentiles", percentiles_figure(comparison, reference), _MARKS)],
+    }
+    tables: dict[str, Mapping[str, Any]] = {
+        "regions": {"columns": _REGIONS, "rows": region_rows(comparison, reference)},
+        "numbers": {"columns": _NUMBERS, "rows": measure_rows(comparison, reference)},
+        "reference": {"columns": ("", "value"), "rows": reference_rows(reference)},
+    }
+    page = Page(f"Shape of {comparison.name} against a reference", NOTICE, footer=NOTICE)
+    page.write(template_text("patient_text.jinja", context), figures, tables)
     return page
 
 

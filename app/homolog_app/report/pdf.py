@@ -4,8 +4,11 @@ import io
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.backends import backend_pdf
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_mixed import MixedModeRenderer
 from matplotlib.backends.backend_pdf import Op, PdfPages
 from matplotlib.figure import Figure
 
@@ -25,7 +28,7 @@ class Bookmark(NamedTuple):
 
 
 class EmbeddedFigure(Artist):
-    """A figure that is drawn as a part of another one, in PDF only.
+    """A figure that is drawn as a part of another one: as vector graphics in PDF, as a picture elsewhere.
 
     Parameters
     ----------
@@ -43,9 +46,13 @@ class EmbeddedFigure(Artist):
         for artist in figure.findobj():
             artist.set_rasterized(False)  # pixels of colour bars would be misplaced
 
-    def draw(self, renderer: Any) -> None:  # noqa: ANN401 - of the PDF, which matplotlib does not type
+    def draw(self, renderer: Any) -> None:  # noqa: ANN401 - matplotlib does not type it
         """Draw the figure in its own coordinates, to which those of the page are changed temporarily."""
         left, bottom, scale = self.place
+        takes_vectors = isinstance(renderer, backend_pdf.RendererPdf | MixedModeRenderer)
+        if not takes_vectors:
+            self._draw_picture(renderer)
+            return
         file, state = renderer.file, renderer.gc
         file.output(*state.finalize())
         before = renderer.new_gc()
@@ -59,6 +66,18 @@ class EmbeddedFigure(Artist):
             self.content.dpi = dpi
         file.output(*state.finalize(), Op.grestore)
         state.copy_properties(before)
+
+    def _draw_picture(self, renderer: Any) -> None:  # noqa: ANN401
+        left, bottom, scale = self.place
+        dpi, page = self.content.dpi, renderer.dpi / _POINTS
+        canvas: Any = FigureCanvasAgg(self.content)
+        try:
+            self.content.dpi = renderer.dpi * scale
+            canvas.draw()
+            pixels = np.asarray(canvas.buffer_rgba())[::-1]
+        finally:
+            self.content.dpi = dpi
+        renderer.draw_image(renderer.new_gc(), round(left * page), round(bottom * page), pixels)
 
 
 def pdf_of(figures: Sequence[Figure], title: str, bookmarks: Sequence[Bookmark] = ()) -> bytes:

@@ -14,35 +14,23 @@ from matplotlib.figure import Figure
 from homolog import __version__
 from homolog.arrays import Array
 from homolog.io.atomic import atomic_write
-from homolog_app.pictures.layout import Panel, draw_displacement_bar
-from homolog_app.rendering.colours import LIGHT
 from homolog_app.rendering.text import complete_texts, shortened, typeset
 from homolog_app.report import NOTICE
 from homolog_app.report.page import Link, Page
 from homolog_app.report.pdf import Bookmark, EmbeddedFigure, pdf_of
 
-__all__ = [
-    "BOTTOM",
-    "EDGE",
-    "HIGH",
-    "WIDE",
-    "Sheet",
-    "drawn_sheets",
-    "sheets_of",
-    "write_page",
-    "write_sheets",
-]
+__all__ = ["drawn_sheets", "sheets_of", "write_page"]
 
-WIDE, HIGH = 8.27, 11.69
+_WIDE, _HIGH = 8.27, 11.69
 """Of A4 [inches]."""
-EDGE = 0.6
+_EDGE = 0.6
 """Margin [inches]."""
 _LINE = 0.17
 _WRAP = 108  # characters per line of small text
 _ROW_LINE = 0.145  # line height in a table's cell
 _ROW_GAP = 0.04
 _ACROSS = 15.0  # characters per inch in a table's cell
-BOTTOM = HIGH - 0.65
+_BOTTOM = _HIGH - 0.65
 """Lower end of the content of a page [inches]."""
 _ORANGE, _GREY = "#a03c00", "#5a5a62"
 _SMALLEST = 0.75
@@ -65,9 +53,9 @@ class Sheet:
 
     def __init__(self, title: str, *, running: bool = False) -> None:
         """Begin a sheet with its title and the notice, or with a small running title."""
-        self.figure = Figure(figsize=(WIDE, HIGH), facecolor="white")
+        self.figure = Figure(figsize=(_WIDE, _HIGH), facecolor="white")
         FigureCanvasAgg(self.figure)
-        self.y = EDGE
+        self.y = _EDGE
         if running:
             self.line(shortened(typeset(title), _WRAP), 7.5, colour=_GREY)
             self.y += 0.08
@@ -79,7 +67,7 @@ class Sheet:
     def foot(self, number: int, pages: int) -> None:
         """Write the page number at the bottom."""
         foot = f"{NOTICE} Homolog {__version__}. Page {number} of {pages}"
-        self.figure.text(0.5, 0.35 / HIGH, foot, ha="center", fontsize=7)
+        self.figure.text(0.5, 0.35 / _HIGH, foot, ha="center", fontsize=7)
 
     def text(self, content: str, size: float = 8.5, *, bold: bool = False, colour: str = "#1a1a1e") -> None:
         """Add a paragraph."""
@@ -90,8 +78,8 @@ class Sheet:
     def line(self, content: str, size: float = 8.5, *, bold: bool = False, colour: str = "#1a1a1e") -> None:
         """Add a line."""
         self.figure.text(
-            EDGE / WIDE,
-            1.0 - self.y / HIGH,
+            _EDGE / _WIDE,
+            1.0 - self.y / _HIGH,
             content,
             fontsize=size,
             va="top",
@@ -105,21 +93,13 @@ class Sheet:
         self.y += 0.1
         self.text(content, 10.5, bold=True)
 
-    def rows(
-        self, rows: Sequence[Sequence[str]], starts: Sequence[float], *, has_header: bool = True
-    ) -> None:
-        """Add a table, whose first row may be a header; `starts` are the columns' distances from the left."""
-        for number, row in enumerate(rows):
-            self.row(row, starts, bold=has_header and number == 0)
-        self.y += 0.05
-
     def row(self, row: Sequence[str], starts: Sequence[float], *, bold: bool = False) -> None:
         """Add a row of a table."""
         cells = wrapped_cells(row, starts, _BOLD if bold else 1.0)
         for parts, start in zip(cells, starts, strict=True):
             self.figure.text(
-                (EDGE + start) / WIDE,
-                1.0 - self.y / HIGH,
+                (_EDGE + start) / _WIDE,
+                1.0 - self.y / _HIGH,
                 "\n".join(parts),
                 fontsize=8,
                 va="top",
@@ -128,47 +108,11 @@ class Sheet:
             )
         self.y += row_height(cells)
 
-    def panels(self, panels: Sequence[Panel], limit: float, most: float = HIGH) -> None:
-        """Add a row of pictures of at most the height `most`, with the colour bar."""
-        width = (WIDE - 2.0 * EDGE - 1.05) / len(panels)
-        slopes = [panel.image.shape[0] / panel.image.shape[1] for panel in panels]
-        wide = min(width - 0.06, most / max(slopes))
-        tall = max(slopes) * wide
-        for index, (panel, slope) in enumerate(zip(panels, slopes, strict=True)):
-            left, top = EDGE + index * width, self.y + (tall - slope * wide) / 2.0
-            self.picture(panel.image, left + (width - 0.06 - wide) / 2.0, top, wide)
-            self.figure.text(
-                (left + width / 2.0) / WIDE,
-                1.0 - (self.y + tall + 0.03) / HIGH,
-                panel.caption,
-                fontsize=7.5,
-                ha="center",
-                va="top",
-            )
-        long = max(min(tall, 1.6) - 0.5, 0.5)
-        bar = self.figure.add_axes(
-            (
-                (WIDE - EDGE - 0.6) / WIDE,
-                1.0 - (self.y + (tall + long) / 2.0) / HIGH,
-                0.11 / WIDE,
-                long / HIGH,
-            )
-        )
-        draw_displacement_bar(bar, limit, LIGHT, 6.5)
-        self.y += max(tall, long + 0.5) + 0.28
-
     def embed(self, figure: Figure, left: float, top: float, width: float) -> None:
         """Place a figure as vector graphics."""
         scale = width / figure.get_figwidth()
-        bottom = HIGH - top - scale * figure.get_figheight()
+        bottom = _HIGH - top - scale * figure.get_figheight()
         self.figure.add_artist(EmbeddedFigure(figure, left, bottom, scale), clip=False)
-
-    def picture(self, image: Array, left: float, top: float, width: float) -> None:
-        """Place a picture."""
-        high = image.shape[0] / image.shape[1] * width
-        place = self.figure.add_axes((left / WIDE, 1.0 - (top + high) / HIGH, width / WIDE, high / HIGH))
-        place.imshow(image, interpolation="antialiased", aspect="auto")
-        place.axis("off")
 
 
 def wrapped(content: str, size: float = 8.5) -> list[str]:
@@ -178,7 +122,7 @@ def wrapped(content: str, size: float = 8.5) -> list[str]:
 
 def wrapped_cells(row: Sequence[str], starts: Sequence[float], width: float = 1.0) -> list[list[str]]:
     """Return the lines of each cell of a row; `width` is the letters' width relative to regular ones."""
-    ends = [*starts[1:], WIDE - 2 * EDGE]
+    ends = [*starts[1:], _WIDE - 2 * _EDGE]
     lines = []
     for cell, start, end in zip(row, starts, ends, strict=True):
         most = max(4, int((end - start) * _ACROSS / width * len(cell) / max(_length(cell), 1.0)))
@@ -197,13 +141,6 @@ def _breakable(cell: str) -> str:
 def row_height(cells: Sequence[Sequence[str]]) -> float:
     """Return the height of a table's row [inches] from the lines of its cells."""
     return _ROW_LINE * max(map(len, cells)) + _ROW_GAP
-
-
-def write_sheets(path: Path, title: str, sheets: Sequence[Sheet], contents: Sequence[Bookmark] = ()) -> None:
-    """Write pages to a PDF, completely or not at all; raises InputError if it can't be written."""
-    content = pdf_of(_finished(sheets), title, contents)
-    with atomic_write(path) as part:
-        part.write_bytes(content)
 
 
 def drawn_sheets(sheets: Sequence[Sheet], dpi: float) -> list[Array]:
@@ -234,7 +171,9 @@ def write_page(path: Path, page: Page) -> None:
         If the file can't be written.
     """
     flow = _flow(page)
-    write_sheets(path, page.title, flow.sheets, flow.contents)
+    content = pdf_of(_finished(flow.sheets), page.title, flow.contents)
+    with atomic_write(path) as part:
+        part.write_bytes(content)
 
 
 def sheets_of(page: Page) -> list[Sheet]:
@@ -295,7 +234,7 @@ class _Flow:
 
     def room(self, height: float) -> None:
         """Start a new sheet if the current one has less space [inches], and write the pending headings."""
-        if self.sheet.y + height + 0.35 * len(self._headings) > BOTTOM:
+        if self.sheet.y + height + 0.35 * len(self._headings) > _BOTTOM:
             self.sheets.append(Sheet(self._title, running=True))
         headings, self._headings = self._headings, []
         for text, level in headings:
@@ -326,14 +265,14 @@ class _Flow:
         heights = [row_height(wrapped_cells(columns, starts, _BOLD))]
         heights += [row_height(wrapped_cells(row, starts)) for row in rows[:_MOST_ROWS]]
         whole = sum(heights)
-        self.room(whole if whole < _UNCUT * (BOTTOM - EDGE) else sum(heights[:3]))
+        self.room(whole if whole < _UNCUT * (_BOTTOM - _EDGE) else sum(heights[:3]))
         self.sheet.row(columns, starts, bold=True)
         for row, high in zip(rows, heights[1:], strict=False):
-            if self.sheet.y + high > BOTTOM:
+            if self.sheet.y + high > _BOTTOM:
                 if name:
                     number = _NUMBER.match(name)
                     self._headings.append((f"{number[0] if number else name} (continued)", 0))
-                self.room(BOTTOM)
+                self.room(_BOTTOM)
                 self.sheet.row(columns, starts, bold=True)
             self.sheet.row(row, starts)
         self.sheet.y += 0.08
@@ -342,7 +281,7 @@ class _Flow:
 
     def figures(self, figures: Iterable[dict[str, Any]]) -> None:
         """Add figures with captions, side by side if they fit, also when slightly reduced."""
-        items, room = [(item["figure"], str(item["caption"])) for item in figures], WIDE - 2 * EDGE
+        items, room = [(item["figure"], str(item["caption"])) for item in figures], _WIDE - 2 * _EDGE
         widths = [figure.get_figwidth() for figure, _ in items]
         smaller = (room - 0.1 * len(items)) / max(sum(widths), room)
         is_row = len(items) > 1 and smaller > _SMALLEST
@@ -354,14 +293,14 @@ class _Flow:
         left = 0.0
         below = 0.0
         for figure, caption, width, high, needed in placed:
-            if not left or left + width > room or self.sheet.y + needed > BOTTOM:
+            if not left or left + width > room or self.sheet.y + needed > _BOTTOM:
                 self.sheet.y += below
                 left = below = 0.0
                 self.room(row if is_row else needed)
-            self.sheet.embed(figure, EDGE + left, self.sheet.y, width)
+            self.sheet.embed(figure, _EDGE + left, self.sheet.y, width)
             self.sheet.figure.text(
-                (EDGE + left) / WIDE,
-                1.0 - (self.sheet.y + high + 0.03) / HIGH,
+                (_EDGE + left) / _WIDE,
+                1.0 - (self.sheet.y + high + 0.03) / _HIGH,
                 caption,
                 fontsize=7.5,
                 va="top",
@@ -374,7 +313,7 @@ class _Flow:
 def _placed(figure: Figure, text: str, width: float) -> tuple[Figure, str, float, float, float]:
     """Return a figure with its wrapped caption, its width and height, and the height of both [inches]."""
     high = figure.get_figheight() / figure.get_figwidth() * width
-    if high > (limit := BOTTOM - 2.2):
+    if high > (limit := _BOTTOM - 2.2):
         width, high = width * limit / high, limit
     caption = textwrap.wrap(typeset(text), max(20, int(width * _ACROSS)))
     return figure, "\n".join(caption), width, high, high + 0.05 + _LINE * len(caption)
@@ -394,7 +333,7 @@ def _starts(rows: Sequence[Sequence[str]]) -> list[float]:
     whole = np.array(
         [3 + _letters([column[0].split(" "), *([cell] for cell in column[1:])]) for column in columns]
     )
-    room = (WIDE - 2 * EDGE) * _ACROSS
+    room = (_WIDE - 2 * _EDGE) * _ACROSS
     left = max(room - least.sum(), 0.0)
     widths = least + (whole - least) * min(1.0, left / max((whole - least).sum(), 1))
     headers = np.array([3 + _letters([[column[0]]]) for column in columns])

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
-from jinja2 import Environment, StrictUndefined
-
 from homolog.comparison.answer import Answer
 from homolog.comparison.ask import ask
 from homolog.comparison.findings import CONTROLS, Finding, findings
@@ -49,11 +47,12 @@ from homolog_app.report.model_section import (
     settings_rows,
     write_correspondence,
 )
-from homolog_app.report.page import Page
+from homolog_app.report.page import Page, template_text
 from homolog_app.report.sheets import write_page
 
 __all__ = ["write_report"]
 
+_TEMPLATE = "report_text.jinja"
 _TABLES = ("quality.csv", "correspondence.csv", "measures.csv", "settings.csv")
 """Files next to the page."""
 _ALIGNED = {
@@ -188,12 +187,7 @@ def _answered(
 
 def _text(context: Mapping[str, object], version: str) -> str:
     """Return the report's texts, with numbers in place of citations, and the references at the end."""
-    resources = files("homolog_resources")
-    environment = Environment(
-        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
-    template = environment.from_string((resources / "report_text.jinja").read_text(encoding="utf-8"))
-    with (resources / "references.csv").open(encoding="utf-8") as stream:
+    with (files("homolog_resources") / "references.csv").open(encoding="utf-8") as stream:
         known = {row["key"]: row["text"].format(version) for row in csv.DictReader(stream)}
     cited: list[str] = []
 
@@ -205,9 +199,9 @@ def _text(context: Mapping[str, object], version: str) -> str:
         return f"[{', '.join(str(cited.index(key) + 1) for key in keys)}]"
 
     pattern = re.compile(r"\[([a-z]+(?:, [a-z]+)*)\]")
-    pattern.sub(number, template.render(context, references=()))
+    pattern.sub(number, template_text(_TEMPLATE, {**context, "references": ()}))
     references = [f"{place}. {known[key]}" for place, key in enumerate(cited, start=1)]
-    return pattern.sub(number, template.render(context, references=references))
+    return pattern.sub(number, template_text(_TEMPLATE, {**context, "references": references}))
 
 
 def _of_model(

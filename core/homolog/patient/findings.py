@@ -1,27 +1,32 @@
-"""Texts about a reference and a patient: rows and sentences."""
+"""What is said of a reference, a patient and its later times, alike in every interface."""
 
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 
 import numpy as np
 
+from homolog.arrays import BoolArray
 from homolog.errors import InputError, NumericalError
 from homolog.geometry import rms_radius
-from homolog.patient import PatientComparison, Percentile, Reference, Region, Typicality, typicality
 from homolog.patient.checks import unlike_controls_text
-from homolog_app.rendering.text import signed
+from homolog.patient.compare import PatientComparison
+from homolog.patient.distribution import Percentile
+from homolog.patient.follow_up import Change, FollowUp
+from homolog.patient.local import Region
+from homolog.patient.reference import Reference
+from homolog.patient.typicality import Typicality, typicality
 
 __all__ = [
     "GROUP_CAUTION",
     "GROUP_COLUMNS",
-    "MARKS",
-    "METHOD",
-    "REGION_COLUMNS",
     "GroupRow",
-    "cut_off_text",
+    "beyond_limit",
+    "change_sentence",
+    "change_sentences",
     "finding",
     "group_rows",
     "group_sentence",
+    "limit_text",
     "measure_rows",
     "nearest_controls_text",
     "reference_rows",
@@ -35,24 +40,6 @@ _USUALLY_NEAR = 0.95
 """Fraction of particles in place above which there is no caution."""
 _COARSE = 0.12
 """Fraction of the size (root mean square radius); a larger limit detects gross changes only."""
-
-REGION_COLUMNS = ("region", "area (mm²)", "mean (mm)", "peak (mm)", "z at peak", "place", "particles")
-
-MARKS = (
-    "Marks: controls fitted as patients; band: their middle 90 %; dashed: limit; diamond: this subject, "
-    "red where p is 0.05 or less or where it is beyond the limit."
-)
-
-METHOD = (
-    "The surface was groomed with the settings of the controls, registered rigidly, and the reference's "
-    "mean and modes were fitted to it with robust weights (Geman and McClure), so that a part that the "
-    "modes do not explain has little weight in the fit and stands out from it. The map is the distance from "
-    "the shape that the reference expects of this subject, along its normals, outward positive; z is that "
-    "distance in standard deviations of controls.",
-    "Every control was fitted in the same way, from its own surface alone, to the model of the other "
-    "controls. Percentiles refer to those fits. The limit of z is such that 5 % of healthy subjects exceed "
-    "it anywhere on the surface. Intervals of percentiles are 95 % (Clopper and Pearson).",
-)
 
 
 def who_text(comparison: PatientComparison, reference: Reference) -> str:
@@ -209,13 +196,6 @@ def _places(comparison: PatientComparison, reference: Reference) -> str:
     )
 
 
-def cut_off_text(comparison: PatientComparison) -> str:
-    """Explain the grey part of maps; empty if nothing is cut off."""
-    if not comparison.missing.any():
-        return ""
-    return " Grey: cut off; the expected shape is shown there, without assessment."
-
-
 def nearest_controls_text(comparison: PatientComparison, reference: Reference) -> str:
     """Name the controls that are most similar to the patient; empty if the reference has no scores."""
     nearest = reference.nearest(comparison.fit.scores)
@@ -245,9 +225,9 @@ def region_rows(comparison: PatientComparison, reference: Reference) -> list[tup
         (
             str(number),
             f"{region.area:.0f}",
-            signed(region.mean, 1),
-            signed(region.peak, 1),
-            signed(region.z, 1),
+            f"{region.mean:+.1f}",
+            f"{region.peak:+.1f}",
+            f"{region.z:+.1f}",
             _place(comparison, region),
             " ".join(map(str, comparison.nearest_particles(region, reference).tolist())),
         )
@@ -341,3 +321,88 @@ def _row(item: Typicality) -> GroupRow:
         item.held_outside,
         "",
     )
+
+
+def beyond_limit(change: Change, follow_up: FollowUp) -> BoolArray | None:
+    """Return the vertices (V,) beyond the controls' limit or, without one, beyond the measurement error.
+
+    None if neither is known.
+    """
+    if change.expected is not None and follow_up.expected is not None:
+        return np.abs(change.expected.z) > follow_up.expected.limit
+    if change.z is not None and follow_up.limit is not None:
+        return np.abs(change.z) > follow_up.limit
+    return None
+
+
+def limit_text(follow_up: FollowUp) -> str:
+    """Name the limit in the maps."""
+    return f"the limit of {'controls' if follow_up.expected is not None else 'measuring'}"
+
+
+def change_sentence(change: Change, follow_up: FollowUp) -> str:
+    """Describe the change from the first time to a later one."""
+    since = f"{change.name} since {follow_up.comparisons[0].name}"
+    volume = f"volume {100.0 * (change.volume - 1.0):+.1f} %"
+    if change.z is None:
+        return (
+            f"{since}: {volume}; surface {change.distance.min():+.1f} to "
+            f"{change.distance.max():+.1f} mm, without a limit."
+        )
+    if not change.regions:
+        return f"{since}: {volume}; no part of the surface changed by more than the limit."
+    most = change.regions[0]
+    count = len(change.regions)
+    return (
+        f"{since}: {volume}; {count} region{'s' * (count != 1)} beyond the limit, the most extreme by "
+        f"{most.peak:+.1f} mm (|z| {abs(most.z):.1f}, limit {follow_up.limit:.1f})."
+    )
+
+
+def _expected_sentence(change: Change, follow_up: FollowUp) -> str:
+    """Compare a change with those of the controls; empty if these are not known."""
+    against, expected = change.expected, follow_up.expected
+    if against is None or expected is None:
+        return ""
+    rms, volume = against.beyond, against.volume
+    local = "no part of the surface is beyond their limit"
+    if against.regions:
+        most, count = against.regions[0], len(against.regions)
+        local = (
+            f"{count} region{'s' * (count != 1)} beyond their limit, the most extreme by "
+            f"{most.peak:+.1f} mm (|z| {abs(most.z):.1f}, limit {expected.limit:.1f})"
+        )
+    return (
+        f"Against {expected.pairs} controls scanned twice ({expected.between}): {rms.value:.2f} mm (rms) "
+        f"from their mean change, percentile {rms.percent:.0f} ({rms.low:.0f} to {rms.high:.0f}); volume "
+        f"percentile {volume.percent:.0f} ({volume.low:.0f} to {volume.high:.0f}); {local}."
+    )
+
+
+def _error_text(follow_up: FollowUp) -> str:
+    """Describe the measurement error and the scope of its limit."""
+    if follow_up.error is None:
+        return (
+            "No measurement error is known: no repeated segmentations were given. A difference may be "
+            "due to scanning or segmenting twice."
+        )
+    repeats = f"{follow_up.repeats} repeated segmentation{'s' * (follow_up.repeats != 1)}"
+    size = f"{float(follow_up.error.mean()):.2f} mm on average"
+    if follow_up.everywhere:
+        return (
+            f"Measurement error from {repeats}: standard deviation {size}. The limit (|z| = "
+            f"{follow_up.limit:.1f}) is exceeded anywhere on the surface in 5 % of repeated measurements."
+        )
+    return (
+        f"Measurement error from {repeats}: standard deviation {size}. The limit (|z| = "
+        f"{follow_up.limit:.2f}) applies to each position separately: some positions exceed it by chance. "
+        "Three or more repeats give a limit for the whole surface."
+    )
+
+
+def change_sentences(follow_up: FollowUp) -> list[str]:
+    """Return the findings, followed by the measurement error."""
+    sentences = []
+    for change in follow_up.changes:
+        sentences += [change_sentence(change, follow_up), _expected_sentence(change, follow_up)]
+    return [*filter(None, sentences), _error_text(follow_up)]

@@ -1,0 +1,87 @@
+"""Figures of a patient's report: maps on the surface, the patient among the controls."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from homolog.geometry import inverse_matrices
+from homolog.patient import Change, FollowUp, PatientComparison, Reference
+from homolog.patient.findings import beyond_limit
+from homolog_app.pictures.layout import Panel, arrange, view_of_region
+from homolog_app.plots import draw_percentiles, new_figure
+from homolog_app.rendering.camera import VIEWS, View, frame_around, three_quarter_view
+from homolog_app.rendering.colours import LIGHT, common_limit, displacement_scale, page_colours
+from homolog_app.rendering.draw import draw
+from homolog_app.rendering.rays import hollows
+from homolog_app.rendering.scene import Scene, Surface, surface
+
+__all__ = ["change_figure", "maps_figure", "percentiles_figure"]
+
+_ANATOMICAL = ("anterior", "posterior", "superior")
+
+
+def maps_figure(comparison: PatientComparison, width: int = 400) -> Figure:
+    """Draw the differences from the expected shape and from the mean on the patient's own surface.
+
+    Parameters
+    ----------
+    comparison : PatientComparison
+    width : int
+        Pixels of a panel's width.
+    """
+    own = comparison.own
+    beyond = np.zeros(len(comparison.z), dtype=bool)
+    for region in comparison.regions:
+        beyond[region.vertices] = True
+    limit = common_limit([comparison.residual, comparison.total])
+    scale, grey = displacement_scale(limit), own.marked(comparison.missing)
+    views, shadow = _views(comparison), hollows(own.mesh)
+    rows = [
+        _row(surface(own.mesh, scale.colours(own.carried(values), grey, faint) / 255.0, shadow), views, width)
+        for values, faint in ((comparison.residual, ~own.marked(beyond)), (comparison.total, None))
+    ]
+    labels = ("from the expected shape", "from the mean")
+    return arrange(rows, row_labels=labels, limit=limit, theme=LIGHT)
+
+
+def change_figure(follow_up: FollowUp, change: Change, width: int = 400) -> Figure:
+    """Draw a later time's change on the first surface, in the file's frame (LPS); faint within the limit.
+
+    Colours end at the same value for all times.
+    """
+    limit = common_limit([item.distance for item in follow_up.changes])
+    own, beyond = follow_up.comparisons[0].own, beyond_limit(change, follow_up)
+    oblique = replace(three_quarter_view(own.mesh.vertices), name="oblique")
+    faint = None if beyond is None else ~own.marked(beyond)
+    colours = displacement_scale(limit).colours(own.carried(change.distance), None, faint) / 255.0
+    views = [oblique, *(VIEWS[name] for name in _ANATOMICAL)]
+    row = _row(surface(own.mesh, colours, hollows(own.mesh)), views, width)
+    return arrange([row], row_labels=[change.name], limit=limit, theme=LIGHT)
+
+
+def percentiles_figure(comparison: PatientComparison, reference: Reference) -> Figure:
+    """Draw the patient's global numbers among those of the controls."""
+    figure = new_figure(6.6, 2.6, colours := page_colours(LIGHT))
+    draw_percentiles(figure.subplots(4, 1), comparison, reference, colours)
+    return figure
+
+
+def _views(comparison: PatientComparison) -> list[View]:
+    """Return a view of the most extreme region, or an oblique one, and anatomical views."""
+    first = replace(three_quarter_view(comparison.own.mesh.vertices), name="oblique")
+    if comparison.regions:
+        region = comparison.regions[0]
+        matched = comparison.matched.placed(inverse_matrices(comparison.placement))
+        first = replace(view_of_region(matched, region.vertices, region.centre), name="towards region 1")
+    return [first, *(VIEWS[name] for name in _ANATOMICAL)]
+
+
+def _row(solid: Surface, views: Sequence[View], width: int) -> tuple[Panel, ...]:
+    widest = max(frame_around([solid.vertices], view).width for view in views)
+    panels = []
+    for view in views:
+        frame = frame_around([solid.vertices], view, width=widest)
+        panels.append(Panel(draw(Scene((solid,)), frame, width), view.name))
+    return tuple(panels)
