@@ -106,8 +106,11 @@ def _exporting(arguments: argparse.Namespace) -> Iterator[Tick]:
         progress.tick(1.0, "done")
 
 
-def _groups(arguments: argparse.Namespace) -> tuple[str, ...] | None:
-    return tuple(arguments.group) if arguments.group else None
+def _groups(arguments: argparse.Namespace) -> tuple[str, str, str] | None:
+    if not arguments.group:
+        return None
+    column, first, second = arguments.group
+    return column, first, second
 
 
 def _write_cohort(arguments: argparse.Namespace, _: None, out: Path, tick: Tick) -> str:
